@@ -1,0 +1,85 @@
+# Everything runs from a virtual environment in .venv; nothing needs root, and nothing outside this directory changes.
+#   make demo         train and evaluate on a small budget
+#   make test         lint, types, import rules and the default tests
+#   make test-slow    the tests that the default run leaves out
+#   make format       rewrite the sources in the house format
+#   make constraints  resolve all dependencies anew (needs uv)
+#   make clean        remove the environment and caches, keep runs/
+
+PYTHON ?= python3
+PYTEST_ARGS ?= -n 2
+UV ?= uv
+
+BIN := .venv/bin
+PROJECT := pyproject.toml constraints/build.in
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+COMPILE := $(UV) pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 --no-emit-index-url
+
+.PHONY: help demo test test-slow lint format venv venv-run constraints clean
+
+help:
+	@sed -n 's/^#   //p' Makefile
+
+# The interpreter is checked before anything is created, and a half-made environment is not left behind.
+.venv/pyvenv.cfg:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "This project needs Python 3.11 or newer, and '$(PYTHON)' is not: name one with 'make PYTHON=python3.12 ...'." >&2; exit 1; }
+	@$(PYTHON) -m venv .venv || { rm -rf .venv; \
+	  echo "'$(PYTHON)' cannot create virtual environments: on Debian and Ubuntu install python3-venv." >&2; exit 1; }
+	@touch $@
+
+# The development set contains the running set with the same versions, so either stamp serves `make demo`.
+.venv/run.stamp: .venv/pyvenv.cfg constraints/run.txt pyproject.toml
+	@if [ -e .venv/dev.stamp ] && [ .venv/dev.stamp -nt constraints/run.txt ] && [ .venv/dev.stamp -nt pyproject.toml ]; then :; else \
+	  echo "installing the dependencies into .venv" && \
+	  $(PIP_INSTALL) --require-hashes -r constraints/run.txt && \
+	  $(PIP_INSTALL) --no-deps --no-build-isolation --editable .; fi
+	@touch $@
+
+.venv/dev.stamp: .venv/pyvenv.cfg constraints/dev.txt pyproject.toml
+	@echo "installing the dependencies for development into .venv"
+	@$(PIP_INSTALL) --require-hashes -r constraints/dev.txt
+	@$(PIP_INSTALL) --no-deps --no-build-isolation --editable .
+	@touch $@
+
+venv-run: .venv/run.stamp
+
+venv: .venv/dev.stamp
+
+# A second demo goes to a directory of its own.
+demo: venv-run
+	@out=runs/demo; if [ -e "$$out" ]; then out="runs/demo-$$(date +%Y%m%d-%H%M%S)"; fi; \
+	  $(BIN)/python -m rlcas_jax.train --config configs/quick.yaml --out "$$out/train" && \
+	  $(BIN)/python -m eval.monte_carlo --policy "$$out/train/policy.safetensors" --encounters 10000 --out "$$out/evaluation"
+
+lint: venv
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/basedpyright
+	$(BIN)/lint-imports --no-logo --no-cache
+
+test: lint
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+test-slow: venv
+	$(BIN)/python -m pytest -m slow
+
+format: venv
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+# Versions move only on `make constraints UPGRADE=--upgrade`.
+constraints:
+	$(COMPILE) --generate-hashes $(UPGRADE) --extra train --extra sim --extra report --extra tensorboard \
+	  $(PROJECT) -o constraints/run.txt
+	$(COMPILE) --generate-hashes $(UPGRADE) --extra train --extra sim --extra report --extra tensorboard --extra dev \
+	  -c constraints/run.txt $(PROJECT) -o constraints/dev.txt
+	$(COMPILE) --no-annotate $(UPGRADE) --extra peers -c constraints/run.txt pyproject.toml -o constraints/peers.txt
+	@{ echo "# Versions without hashes: torch is built anew for each platform and processor (CPU builds carry a local"; \
+	  echo "# version such as +cpu), so one list of hashes would refuse most of them. Use it to constrain an install:"; \
+	  echo "#    pip install -c constraints/peers.txt '.[peers]'"; \
+	  cat constraints/peers.txt; } > constraints/peers.tmp && mv constraints/peers.tmp constraints/peers.txt
+
+clean:
+	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,1 @@
+"""The world: kinematics, observation, encounters, outcome and their adapters."""

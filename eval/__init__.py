@@ -1,0 +1,1 @@
+"""Evaluation: simulated encounters, statistics, figures and reports."""

@@ -1,0 +1,1 @@
+"""Training application: configuration, loop, checkpoints, metrics and figures."""
