@@ -1,0 +1,62 @@
+"""The array namespaces that the world is written over.
+
+Every function of the core takes ``xp``: ``numpy`` (evaluation), ``jax.numpy`` (training) or :data:`FLOATS`
+(plain Python floats, where one aircraft is advanced thousands of times and array overhead would dominate).
+"""
+
+import math
+from typing import Any
+
+__all__ = ["FLOATS", "FloatNamespace"]
+
+
+class FloatNamespace:
+    """The part of the array namespace that the core uses, for plain floats and booleans.
+
+    Both branches of :meth:`where` are evaluated before the choice, as with arrays, so callers guard
+    denominators instead of relying on the condition.
+    """
+
+    pi = math.pi
+    inf = math.inf
+    sqrt = staticmethod(math.sqrt)
+    floor = staticmethod(math.floor)
+    copysign = staticmethod(math.copysign)
+    abs = staticmethod(abs)
+    minimum = staticmethod(min)
+    maximum = staticmethod(max)
+
+    @staticmethod
+    def where(condition: bool, yes: float, no: float) -> float:
+        """Return ``yes`` if ``condition`` holds, else ``no``."""
+        return yes if condition else no
+
+    @staticmethod
+    def clip(value: float, low: float, high: float) -> float:
+        """Return ``value`` limited to ``[low, high]``."""
+        return low if value < low else high if value > high else value
+
+    @staticmethod
+    def logical_and(a: bool, b: bool) -> bool:
+        """Return whether both conditions hold."""
+        return a and b
+
+    @staticmethod
+    def logical_or(a: bool, b: bool) -> bool:
+        """Return whether either condition holds."""
+        return a or b
+
+    @staticmethod
+    def logical_not(a: bool) -> bool:
+        """Return whether the condition does not hold."""
+        return not a
+
+    @staticmethod
+    def stack(values: list[float], axis: int = -1) -> list[float]:
+        """Return the values as a list, the float counterpart of a vector."""
+        if axis != -1:
+            raise ValueError(f"stack of floats has one axis, got axis {axis}")
+        return list(values)
+
+
+FLOATS: Any = FloatNamespace()

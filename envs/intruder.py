@@ -1,0 +1,105 @@
+"""The intruder: a PID waypoint controller on the same kinematics, and a change of its intent.
+
+The paper's intruder flies a passive trajectory by a "simplified PID-based waypoint controller"; changing its
+intent is the paper's future work and here a part of every encounter (switched off by a change of 0 rad).
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from envs.angles import atan2, sincos, wrap
+from envs.kinematics import Limits, VehicleState, advance
+
+__all__ = [
+    "GAINS",
+    "INTRUDER_LIMITS",
+    "LOOKAHEAD",
+    "Gains",
+    "Intent",
+    "IntruderState",
+    "start",
+    "step",
+]
+
+LOOKAHEAD = 10_000_000.0
+"""Distance of the waypoint, m: nobody reaches it and turns back, and a turn's own displacement does not bend the
+course flown after it (with 50 km, a change of 120 degrees at 1 degree/s would end at 131)."""
+
+INTRUDER_LIMITS = Limits(0.0, 150.0, -0.5, 0.5, math.radians(3.0))
+"""Real traffic is slower than the surrogate's ownship at times; the turn limit is that of a passive intruder."""
+
+
+class Gains(NamedTuple):
+    """PID gains from the heading error (rad) to the yaw rate (rad/s)."""
+
+    proportional: float = 0.5
+    integral: float = 0.0
+    derivative: float = 0.0
+
+
+GAINS = Gains()
+
+
+class Intent(NamedTuple):
+    """A planned change of course; fields ``[..., K]``."""
+
+    onset: Any
+    """s after the start; the controller notices it at its next step."""
+    heading_change: Any
+    """rad, positive to the left, within +-pi; 0 for a passive intruder."""
+    turn_rate: Any
+    """Largest turn rate used, rad/s, positive."""
+
+
+class IntruderState(NamedTuple):
+    """Vehicle and controller; fields ``[..., K]``."""
+
+    vehicle: VehicleState
+    waypoint_x: Any
+    waypoint_y: Any
+    error: Any
+    """Heading error of the step before, rad."""
+    error_sum: Any
+    """Integrated heading error, rad s."""
+
+
+def start(vehicle: VehicleState, xp: Any) -> IntruderState:
+    """Return an intruder at the beginning of its flight, its waypoint straight ahead."""
+    sine, cosine = sincos(vehicle.heading, xp)
+    return IntruderState(
+        vehicle,
+        vehicle.x + LOOKAHEAD * cosine,
+        vehicle.y + LOOKAHEAD * sine,
+        vehicle.heading * 0.0,
+        vehicle.heading * 0.0,
+    )
+
+
+def step(state: IntruderState, intent: Intent, time: Any, dt: float, xp: Any, gains: Gains = GAINS) -> IntruderState:
+    """Advance the intruder by one controller step.
+
+    Args:
+        state: ``[..., K]``.
+        intent: ``[..., K]``.
+        time: s since the start at the beginning of the step, ``[..., 1]`` or broadcastable.
+        dt: duration of the step, s.
+        xp: array namespace.
+        gains: of the heading controller.
+    """
+    vehicle = state.vehicle
+    # The intent changes in the one step that begins at or within dt after the onset.
+    changes = xp.logical_and(time >= intent.onset, time - dt < intent.onset)
+    sine, cosine = sincos(wrap(vehicle.heading + intent.heading_change, xp), xp)
+    waypoint_x = xp.where(changes, vehicle.x + LOOKAHEAD * cosine, state.waypoint_x)
+    waypoint_y = xp.where(changes, vehicle.y + LOOKAHEAD * sine, state.waypoint_y)
+
+    error = wrap(atan2(waypoint_y - vehicle.y, waypoint_x - vehicle.x, xp) - vehicle.heading, xp)
+    error_sum = state.error_sum + error * dt
+    command = (
+        gains.proportional * error
+        + gains.integral * error_sum
+        + gains.derivative * wrap(error - state.error, xp) * (1.0 / dt)
+    )
+    yaw_rate = xp.clip(command, -intent.turn_rate, intent.turn_rate)
+    moved = advance(vehicle, error * 0.0, yaw_rate, dt, INTRUDER_LIMITS, xp)
+    return IntruderState(moved, waypoint_x, waypoint_y, error, error_sum)

@@ -1,0 +1,114 @@
+"""Motion of an aircraft in the horizontal plane: a mass-less Dubins vehicle with speed control.
+
+The exact solution for constant acceleration and yaw rate replaces an Euler step, which would shift every
+turn by up to 50 m (source: the paper's surrogate, section "Surrogate Environment"; closed form ours).
+Frame: local ENU, x east and y north in metres; heading counter-clockwise from east in [-pi, pi).
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from envs.angles import sincos, wrap
+
+__all__ = ["C208_PUBLISHED", "SURROGATE", "Limits", "VehicleState", "advance", "commands", "velocity"]
+
+
+class VehicleState(NamedTuple):
+    """Position, heading and speed of one or many aircraft; every field has the batch shape ``[...]``."""
+
+    x: Any
+    """East position, m."""
+    y: Any
+    """North position, m."""
+    heading: Any
+    """Direction of the velocity, rad counter-clockwise from east, in [-pi, pi)."""
+    speed: Any
+    """Speed along the heading, m/s."""
+
+
+class Limits(NamedTuple):
+    """What a vehicle can do; floats, or arrays that broadcast against the state."""
+
+    speed_min: Any
+    """m/s."""
+    speed_max: Any
+    """m/s."""
+    acceleration_min: Any
+    """Strongest deceleration, m/s^2, negative."""
+    acceleration_max: Any
+    """m/s^2."""
+    yaw_rate_max: Any
+    """Largest turn rate to either side, rad/s."""
+
+
+SURROGATE = Limits(50.0, 100.0, -0.5, 0.5, math.radians(3.0))
+"""The surrogate's conservative limits (paper, table "Surrogate vs. true dynamic parameters")."""
+
+C208_PUBLISHED = Limits(31.0, 100.0, -0.8, 0.5, math.radians(5.0))
+"""The true Cessna 208's limits as the paper states them (same table)."""
+
+
+def commands(action: Any, limits: Limits, xp: Any) -> tuple[Any, Any]:
+    """Translate an action into an acceleration (m/s^2) and a yaw rate (rad/s).
+
+    Args:
+        action: a pair of ``[...]`` in [-1, 1] (acceleration, yaw rate; values beyond are clipped).
+        limits: full deflection of either component.
+        xp: array namespace.
+    """
+    throttle = xp.clip(action[0], -1.0, 1.0)
+    steering = xp.clip(action[1], -1.0, 1.0)
+    acceleration = xp.where(throttle >= 0.0, throttle * limits.acceleration_max, -throttle * limits.acceleration_min)
+    return acceleration, steering * limits.yaw_rate_max
+
+
+def velocity(state: VehicleState, xp: Any) -> tuple[Any, Any]:
+    """Return the velocity's east and north components, m/s, ``[...]`` each."""
+    sine, cosine = sincos(state.heading, xp)
+    return state.speed * cosine, state.speed * sine
+
+
+def advance(state: VehicleState, acceleration: Any, yaw_rate: Any, dt: Any, limits: Limits, xp: Any) -> VehicleState:
+    """Move the vehicle by ``dt`` seconds under constant acceleration and yaw rate.
+
+    The speed stops at its limit inside the step: the motion is one accelerated arc up to that moment and one
+    at constant speed after it, both exact. A speed outside the limits stays until it is commanded inwards.
+
+    Args:
+        state: ``[...]``.
+        acceleration: m/s^2, ``[...]``; only the speed limits are applied here, not those on commands.
+        yaw_rate: rad/s, positive to the left, ``[...]``; ``|yaw_rate| * dt`` must not exceed 1 rad.
+        dt: s, broadcasts.
+        limits: speed limits.
+        xp: array namespace.
+    """
+    # The gap and not the limit is chosen: of two plain numbers numpy would make float64.
+    gap = xp.where(acceleration > 0.0, limits.speed_max - state.speed, limits.speed_min - state.speed)
+    # The guard makes a zero acceleration reach its limit after an age, not never.
+    rate = xp.where(xp.abs(acceleration) < 1e-9, -1e-9, acceleration)
+    accelerated = xp.clip(gap / rate, 0.0, dt)
+    steady = dt - accelerated
+    speed = state.speed + acceleration * accelerated
+
+    east_1, north_1 = _arc(state.heading, state.speed, acceleration, yaw_rate, accelerated, xp)
+    east_2, north_2 = _arc(state.heading + yaw_rate * accelerated, speed, 0.0, yaw_rate, steady, xp)
+    heading = wrap(state.heading + yaw_rate * dt, xp)
+    return VehicleState(state.x + east_1 + east_2, state.y + north_1 + north_2, heading, speed)
+
+
+def _arc(heading: Any, speed: Any, acceleration: Any, yaw_rate: Any, duration: Any, xp: Any) -> tuple[Any, Any]:
+    """Return the displacement (m) of an arc, in the frame of its middle heading and then in ENU.
+
+    With h half the duration and theta = yaw_rate h, integrating the velocity about the middle of the arc gives
+    2 h v_m sin(theta)/theta along the middle heading and 2 h^2 a (sin(theta) - theta cos(theta))/theta^2 to its
+    left. Both quotients are power series here, exact to 1e-10 for |theta| <= 0.5 and without a pole at 0.
+    """
+    half = 0.5 * duration
+    theta = yaw_rate * half
+    square = theta * theta
+    sinc = 1.0 - square * (1.0 / 6.0) * (1.0 - square * (1.0 / 20.0) * (1.0 - square * (1.0 / 42.0)))
+    slant = theta * (1.0 / 3.0) * (1.0 - square * (1.0 / 10.0) * (1.0 - square * (1.0 / 28.0)))
+    along = duration * (speed + acceleration * half) * sinc
+    left = duration * half * acceleration * slant
+    sine, cosine = sincos(heading + theta, xp)
+    return along * cosine - left * sine, along * sine + left * cosine

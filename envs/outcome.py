@@ -1,0 +1,62 @@
+"""The rules of an encounter: when it ends, how, and what reward the paper gives (its tables 2 and 3)."""
+
+from typing import Any, NamedTuple
+
+__all__ = ["RULES", "Outcome", "Rules", "judge", "reward"]
+
+
+class Rules(NamedTuple):
+    """Numbers of the task; floats, so that they can be data of a compiled function."""
+
+    dt: Any = 1.0
+    """Time step, s."""
+    t_max: Any = 300.0
+    """Duration after which the route counts as missed, s."""
+    separation: Any = 1000.0
+    """Required horizontal separation, m."""
+    goal_radius: Any = 500.0
+    """Distance from the goal at which the ownship has rejoined its route, m (the paper leaves it open)."""
+    reward_violation: Any = -100.0
+    reward_goal: Any = 100.0
+    reward_timeout: Any = -10.0
+
+
+RULES = Rules()
+
+
+class Outcome(NamedTuple):
+    """How an encounter stands after a step: at most one of the three holds; fields are bool ``[...]``."""
+
+    violation: Any
+    reached: Any
+    timeout: Any
+
+    def ended(self, xp: Any) -> Any:
+        """Return whether the encounter is over, ``[...]``."""
+        return xp.logical_or(self.violation, xp.logical_or(self.reached, self.timeout))
+
+
+def judge(separation: Any, goal_distance: Any, time: Any, rules: Rules, xp: Any) -> Outcome:
+    """Judge a step.
+
+    A violation outweighs everything else in the same step; the goal outweighs the time limit.
+
+    Args:
+        separation: smallest distance to any intruder during the step, m, ``[...]``.
+        goal_distance: distance to the goal at the end of the step, m, ``[...]``.
+        time: time since the start at the end of the step, s, ``[...]``.
+        rules: the task's numbers.
+        xp: array namespace.
+    """
+    violation = separation < rules.separation
+    reached = xp.logical_and(goal_distance <= rules.goal_radius, xp.logical_not(violation))
+    going_on = xp.logical_not(xp.logical_or(violation, reached))
+    # Half a step of tolerance keeps the count of steps exact when time is a sum of float32 steps.
+    timeout = xp.logical_and(time > rules.t_max - 0.5 * rules.dt, going_on)
+    return Outcome(violation, reached, timeout)
+
+
+def reward(outcome: Outcome, rules: Rules, xp: Any) -> Any:
+    """Return the sparse reward of the step, ``[...]`` (paper, table "Surrogate environment reward function")."""
+    missed = xp.where(outcome.timeout, rules.reward_timeout, 0.0)
+    return xp.where(outcome.violation, rules.reward_violation, xp.where(outcome.reached, rules.reward_goal, missed))

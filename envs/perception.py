@@ -1,0 +1,64 @@
+"""What the ownship knows of an intruder: a report that is late and noisy, dead-reckoned to now.
+
+Reports carry their time of validity (as ADS-B's do), so a decider extrapolates them straight ahead over their
+age. What remains is the noise, grown by the velocity error times the age, and the intruder's manoeuvres since.
+"""
+
+from typing import Any, NamedTuple
+
+from envs.angles import atan2
+from envs.kinematics import VehicleState, velocity
+from envs.relative import distance
+
+__all__ = ["Sensor", "carried_back", "perceive"]
+
+
+class Sensor(NamedTuple):
+    """Quality of the intruder's reports; floats or ``[..., 1]``."""
+
+    position_std: Any = 0.0
+    """One sigma per axis, m."""
+    velocity_std: Any = 0.0
+    """One sigma per axis, m/s."""
+    latency: Any = 0.0
+    """Age of a report when it is used, s, within [0, 2]."""
+
+
+def carried_back(state: VehicleState, seconds: float, xp: Any) -> VehicleState:
+    """Return where the vehicle was some seconds ago if it flew straight until now, ``[...]``."""
+    vx, vy = velocity(state, xp)
+    return state._replace(x=state.x - vx * seconds, y=state.y - vy * seconds)
+
+
+def perceive(
+    now: VehicleState,
+    before: VehicleState,
+    before_that: VehicleState,
+    sensor: Sensor,
+    noise: Any,
+    dt: float,
+    xp: Any,
+) -> VehicleState:
+    """Return the intruder as the ownship believes it to be, ``[...]``.
+
+    Args:
+        now, before, before_that: true states at this step and one and two steps ago, ``[...]``; where the flight
+            has not lasted so long, the present state carried back along its course (:func:`carried_back`).
+        sensor: its latency must not exceed ``2 dt``.
+        noise: standard normal draws, four components ``[...]`` each (x, y, vx, vy).
+        dt: duration of a step, s.
+        xp: array namespace.
+    """
+    steps = sensor.latency * (1.0 / dt)
+    recent = xp.clip(steps, 0.0, 1.0)
+    older = xp.clip(steps - 1.0, 0.0, 1.0)
+
+    def at_report(a: Any, b: Any, c: Any) -> Any:
+        return a + (b - a) * recent + (c - b) * older
+
+    velocities = [velocity(state, xp) for state in (now, before, before_that)]
+    vx = at_report(*(v[0] for v in velocities)) + sensor.velocity_std * noise[2]
+    vy = at_report(*(v[1] for v in velocities)) + sensor.velocity_std * noise[3]
+    x = at_report(now.x, before.x, before_that.x) + sensor.position_std * noise[0] + vx * sensor.latency
+    y = at_report(now.y, before.y, before_that.y) + sensor.position_std * noise[1] + vy * sensor.latency
+    return VehicleState(x, y, atan2(vy, vx, xp), distance(vx, vy, xp))
