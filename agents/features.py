@@ -1,0 +1,105 @@
+"""Inputs that the network derives from the observation inside its own forward pass.
+
+Eight raw numbers hide what a conflict is about: whether, when and on which side the aircraft will pass. The
+block computes it from the observation alone, in the ownship's frame (rotation-invariant), for any backend.
+"""
+
+from typing import Any
+
+from envs.observation import decode
+
+__all__ = ["FEATURE_SETS", "features", "size"]
+
+FEATURE_SETS = ("none", "cpa")
+"""``none``: the bare observation (the paper's set-up); ``cpa``: geometry and closest point of approach."""
+
+_SIZES = {"none": 8, "cpa": 22}
+
+
+def size(feature_set: str) -> int:
+    """Return the number of inputs of the first layer.
+
+    Raises:
+        ValueError: the set is unknown.
+    """
+    if feature_set not in _SIZES:
+        raise ValueError(f"feature set {feature_set!r} is unknown; expected one of {', '.join(FEATURE_SETS)}")
+    return _SIZES[feature_set]
+
+
+def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
+    """Return the inputs of the network's first layer.
+
+    Args:
+        observation: the eight components of the contract, ``[...]`` each.
+        feature_set: one of :data:`FEATURE_SETS`.
+        xp: array namespace.
+
+    Returns:
+        :func:`size` components ``[...]``, all within about [-3, 3].
+    """
+    size(feature_set)
+    if feature_set == "none":
+        return list(observation)
+    geometry = decode(observation, xp)
+    x, y = geometry.intruder_x, geometry.intruder_y
+    far = observation[5] + 1.0
+    goal_far = observation[7] + 1.0
+    guard = 1e-3
+    goal_range = goal_far * 10_000.0 + guard
+    goal_cosine, goal_sine = geometry.goal_x / goal_range, geometry.goal_y / goal_range
+    intruder_range = far * 10_000.0 + guard
+
+    vx, vy = geometry.intruder_vx - geometry.own_speed, geometry.intruder_vy
+    ahead = _passing(x, y, vx, vy, xp)
+    # The same question for the course that leads straight to the goal: is it time to turn back?
+    homeward = _passing(
+        x,
+        y,
+        geometry.intruder_vx - geometry.own_speed * goal_cosine,
+        geometry.intruder_vy - geometry.own_speed * goal_sine,
+        xp,
+    )
+    return [
+        observation[0],
+        observation[2],
+        geometry.intruder_vx * 0.01,
+        geometry.intruder_vy * 0.01,
+        x / intruder_range,
+        y / intruder_range,
+        observation[5],
+        _soft((intruder_range - 1_000.0) * (1.0 / 1_000.0), xp),
+        goal_cosine,
+        goal_sine,
+        observation[7],
+        _soft(goal_range * (1.0 / 1_000.0), xp),
+        vx * 0.01,
+        (x * vx + y * vy) / (intruder_range * 100.0),
+        *ahead,
+        *homeward,
+    ]
+
+
+def _passing(x: Any, y: Any, vx: Any, vy: Any, xp: Any) -> tuple[Any, Any, Any, Any]:
+    """Describe how an aircraft at (x, y) with relative velocity (vx, vy) passes on a straight course.
+
+    Returns the time to the closest approach, the signed miss distance at two scales (left positive) and how deep
+    the 1000 m disc is entered ahead. One m/s of relative speed is added so that nothing divides by zero.
+    """
+    square = vx * vx + vy * vy + 1.0
+    time = -(x * vx + y * vy) / square
+    miss = (x * vy - y * vx) / xp.sqrt(square)
+    ahead = xp.clip(time, 0.0, 300.0)
+    closest_x, closest_y = x + vx * ahead, y + vy * ahead
+    closest = xp.sqrt(closest_x * closest_x + closest_y * closest_y + 1.0)
+    return (
+        _soft(time * (1.0 / 60.0), xp),
+        _soft(miss * (1.0 / 1_000.0), xp),
+        xp.clip(miss * (1.0 / 5_000.0), -1.0, 1.0),
+        xp.clip(1.5 - closest * (1.0 / 1_000.0), -1.0, 1.5),
+    )
+
+
+def _soft(value: Any, xp: Any) -> Any:
+    """Squash to (-1, 1) with most resolution around 0."""
+    return value / (1.0 + xp.abs(value))

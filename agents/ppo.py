@@ -1,0 +1,223 @@
+"""Proximal policy optimisation (Schulman et al. 2017): advantages, losses and the update, apart from any loop.
+
+Time runs along the first axis of a rollout, encounters along the second: ``[T, N]``.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+
+from agents.networks import Actor, Critic
+
+__all__ = [
+    "Batch",
+    "Learner",
+    "LearnerState",
+    "PpoSettings",
+    "advantages",
+    "explained_variance",
+    "gaussian_log_prob",
+    "initial_state",
+    "learner",
+    "losses",
+    "update",
+]
+
+_LOG_SQRT_TWO_PI = 0.9189385332046727
+
+
+@dataclass(frozen=True)
+class PpoSettings:
+    """Numbers of the algorithm that are fixed when it is compiled."""
+
+    epochs: int = 4
+    minibatches: int = 32
+    segment: int = 16
+    """Steps that stay together when a rollout is shuffled; sorting single samples is slow on a CPU."""
+    clip: float = 0.2
+    entropy: float = 0.0
+    value: float = 0.5
+    max_grad_norm: float = 0.5
+    adam_epsilon: float = 1e-5
+    normalize_advantage: bool = True
+
+
+class Learner(NamedTuple):
+    """The networks and the optimiser: functions only."""
+
+    actor: Actor
+    critic: Critic
+    optimizer: optax.GradientTransformation
+
+    def policy(self, variables: Any, observation: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
+        applied: Any = self.actor.apply(variables, observation)
+        return applied
+
+    def value(self, variables: Any, observation: jax.Array) -> jax.Array:
+        """Return the value of observations ``[..., 8]``, ``[...]``."""
+        applied: Any = self.critic.apply(variables, observation)
+        return applied
+
+
+class LearnerState(NamedTuple):
+    """What learning changes."""
+
+    actor: Any
+    critic: Any
+    optimizer: Any
+
+
+class Batch(NamedTuple):
+    """Samples for the losses; leading axes are free."""
+
+    observation: jax.Array
+    """``[..., 8]``."""
+    action: jax.Array
+    """As drawn, before it is clipped to the limits, ``[..., 2]``."""
+    log_prob: jax.Array
+    """Of that action under the policy that drew it, ``[...]``."""
+    advantage: jax.Array
+    target: jax.Array
+    """Return that the critic is fitted to, ``[...]``."""
+
+
+def learner(actor: Actor, critic: Critic, settings: PpoSettings) -> Learner:
+    """Return networks with Adam and global-norm clipping; the learning rate is applied by :func:`update`."""
+    optimizer = optax.chain(
+        optax.clip_by_global_norm(settings.max_grad_norm),
+        optax.scale_by_adam(eps=settings.adam_epsilon),
+    )
+    return Learner(actor, critic, optimizer)
+
+
+def initial_state(parts: Learner, key: jax.Array, observation_size: int) -> LearnerState:
+    """Initialise parameters and optimiser from a key."""
+    actor_key, critic_key = jax.random.split(key)
+    blank = jnp.zeros((1, observation_size))
+    actor, critic = parts.actor.init(actor_key, blank), parts.critic.init(critic_key, blank)
+    return LearnerState(actor, critic, parts.optimizer.init((actor, critic)))
+
+
+def gaussian_log_prob(action: jax.Array, mean: jax.Array, log_std: jax.Array) -> jax.Array:
+    """Return the log density of a diagonal Gaussian, summed over the last axis."""
+    z = (action - mean) * jnp.exp(-log_std)
+    return jnp.sum(-0.5 * z * z - log_std - _LOG_SQRT_TWO_PI, axis=-1)
+
+
+def gaussian_entropy(log_std: jax.Array) -> jax.Array:
+    """Return the entropy of a diagonal Gaussian, summed over the last axis, nats."""
+    return jnp.sum(log_std + 0.5 + _LOG_SQRT_TWO_PI, axis=-1)
+
+
+def advantages(
+    reward_t: jax.Array,
+    value_t: jax.Array,
+    value_tp1: jax.Array,
+    terminated_t: jax.Array,
+    truncated_t: jax.Array,
+    discount: float,
+    gae_lambda: float,
+) -> jax.Array:
+    """Return generalised advantage estimates, ``[T, N]`` (Schulman et al. 2016).
+
+    Args:
+        reward_t: of each step, ``[T, N]``.
+        value_t: of the observation before the step, ``[T, N]``.
+        value_tp1: of the observation after the step and before any reset, ``[T, N]``.
+        terminated_t: the step ended the episode for good: nothing is worth anything after it, ``[T, N]``.
+        truncated_t: the step was the episode's last for a reason outside the task: its value goes on, ``[T, N]``.
+        discount: per step.
+        gae_lambda: decay of the estimate; cut at either kind of end.
+    """
+    goes_on = 1.0 - terminated_t
+    delta_t = reward_t + discount * value_tp1 * goes_on - value_t
+    decay_t = discount * gae_lambda * goes_on * (1.0 - truncated_t)
+
+    def backward(carry: jax.Array, now: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        delta, decay = now
+        estimate = delta + decay * carry
+        return estimate, estimate
+
+    _, estimates = jax.lax.scan(backward, jnp.zeros_like(delta_t[0]), (delta_t, decay_t), reverse=True)
+    return estimates
+
+
+def losses(parameters: tuple[Any, Any], batch: Batch, parts: Learner, settings: PpoSettings) -> tuple[jax.Array, dict]:
+    """Return the scalar loss of a minibatch and its parts (means over the samples)."""
+    actor_variables, critic_variables = parameters
+    mean, log_std = parts.policy(actor_variables, batch.observation)
+    value = parts.value(critic_variables, batch.observation)
+
+    advantage = batch.advantage
+    if settings.normalize_advantage:
+        advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+    log_prob = gaussian_log_prob(batch.action, mean, log_std)
+    log_ratio = log_prob - batch.log_prob
+    ratio = jnp.exp(log_ratio)
+    clipped = jnp.clip(ratio, 1.0 - settings.clip, 1.0 + settings.clip)
+    policy_loss = -jnp.mean(jnp.minimum(ratio * advantage, clipped * advantage))
+    value_loss = 0.5 * jnp.mean(jnp.square(value - batch.target))
+    entropy = gaussian_entropy(log_std)
+    loss = policy_loss + settings.value * value_loss - settings.entropy * entropy
+    return loss, {
+        "loss": loss,
+        "policy_loss": policy_loss,
+        "value_loss": value_loss,
+        "entropy": entropy,
+        "neg_log_prob": -jnp.mean(log_prob),
+        "approx_kl": jnp.mean(ratio - 1.0 - log_ratio),
+        "clip_fraction": jnp.mean(jnp.abs(ratio - 1.0) > settings.clip),
+    }
+
+
+def update(
+    state: LearnerState,
+    rollout: Batch,
+    key: jax.Array,
+    learning_rate: jax.Array,
+    parts: Learner,
+    settings: PpoSettings,
+) -> tuple[LearnerState, dict]:
+    """Improve the networks by some epochs over a rollout.
+
+    Args:
+        state: parameters and optimiser.
+        rollout: ``[N, T, ...]``, encounters first, so that a segment of time is contiguous.
+        key: of the shuffles.
+        learning_rate: of this update.
+        parts: networks and optimiser.
+        settings: ``segment`` must divide T, and ``minibatches`` the number of segments.
+
+    Returns:
+        The new state and the mean of each part of the loss over the last epoch, with the gradient's norm.
+    """
+    encounters, steps = rollout.log_prob.shape
+    segments = encounters * steps // settings.segment
+    per_minibatch = segments // settings.minibatches
+    rows = jax.tree.map(lambda a: a.reshape(segments, settings.segment, *a.shape[2:]), rollout)
+
+    def minibatch(carry: LearnerState, chosen: jax.Array) -> tuple[LearnerState, dict]:
+        batch = jax.tree.map(lambda a: a[chosen].reshape(-1, *a.shape[2:]), rows)
+        gradient_of = jax.grad(partial(losses, parts=parts, settings=settings), has_aux=True)
+        gradient, parts_of_loss = gradient_of((carry.actor, carry.critic), batch)
+        direction, optimizer = parts.optimizer.update(gradient, carry.optimizer)
+        actor, critic = jax.tree.map(lambda p, d: p - learning_rate * d, (carry.actor, carry.critic), direction)
+        parts_of_loss["grad_norm"] = optax.global_norm(gradient)
+        return LearnerState(actor, critic, optimizer), parts_of_loss
+
+    def epoch(carry: LearnerState, epoch_key: jax.Array) -> tuple[LearnerState, dict]:
+        order = jax.random.permutation(epoch_key, segments).reshape(settings.minibatches, per_minibatch)
+        return jax.lax.scan(minibatch, carry, order)
+
+    state, logged = jax.lax.scan(epoch, state, jax.random.split(key, settings.epochs))
+    return state, {name: jnp.mean(values[-1]) for name, values in logged.items()}
+
+
+def explained_variance(value: jax.Array, target: jax.Array) -> jax.Array:
+    """Return the share of the returns' variance that the critic explains, 1 at best."""
+    return 1.0 - jnp.var(target - value) / (jnp.var(target) + 1e-8)
