@@ -84,9 +84,10 @@ def _passing(x: Any, y: Any, vx: Any, vy: Any, xp: Any) -> tuple[Any, Any, Any, 
     """Describe how an aircraft at (x, y) with relative velocity (vx, vy) passes on a straight course.
 
     Returns the time to the closest approach, the signed miss distance at two scales (left positive) and how deep
-    the 1000 m disc is entered ahead. One m/s of relative speed is added so that nothing divides by zero.
+    the 1000 m disc is entered ahead. Relative speeds below some 5 m/s are softened: there the quotients would
+    amplify the rounding of float32 beyond what backends can agree on.
     """
-    square = vx * vx + vy * vy + 1.0
+    square = vx * vx + vy * vy + 25.0
     time = -(x * vx + y * vy) / square
     miss = (x * vy - y * vx) / xp.sqrt(square)
     ahead = xp.clip(time, 0.0, 300.0)

@@ -1,0 +1,300 @@
+"""The numpy network decides as the flax one did, in any batch, and refuses what is no observation."""
+
+import threading
+from dataclasses import replace
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from threadpoolctl import threadpool_limits
+
+from agents import inference
+from agents.export import to_policy_file
+from agents.inference import PARITY_TOLERANCE, Policy
+from agents.networks import Actor
+from agents.policy_file import PolicyFileError, write
+from envs import surrogate
+from envs.encounters import scenario
+from envs.kinematics import SURROGATE
+from envs.observation import NAMES
+from envs.outcome import RULES
+
+HIDDEN = (64, 64)
+ACTOR = Actor(HIDDEN)
+
+
+@cache
+def variables():
+    """Return parameters of an actor whose actions are as large as a trained one's."""
+    # Shapes from flax, values from numpy: compiling the orthogonal initialisation would take most of the test's time.
+    shapes = jax.eval_shape(ACTOR.init, jax.random.key(3), jnp.zeros((1, 8)))
+    rng = np.random.default_rng(3)
+    return jax.tree.map(lambda leaf: rng.normal(0.0, 1.4 / np.sqrt(leaf.shape[0]), leaf.shape).astype("f4"), shapes)
+
+
+@cache
+def content():
+    return to_policy_file(variables(), HIDDEN, "cpa", SURROGATE, {"seed": 0}, steps=0)
+
+
+@cache
+def policy(dtype="float32"):
+    return Policy(content(), dtype)
+
+
+@cache
+def random_observations():
+    return np.random.default_rng(0).uniform(-1.0, 1.0, (5000, 8)).astype(np.float32)
+
+
+@cache
+def flown_observations():
+    """Return what the actor sees while it flies 64 encounters of the surrogate for 80 s, ``[80 * 64, 8]``."""
+    world = surrogate.World(RULES, SURROGATE)
+
+    def step(state, _):
+        observation = surrogate.observe(state)
+        mean, _ = ACTOR.apply(variables(), observation)
+        state, _ = surrogate.step(state, (mean[:, 0], mean[:, 1]), world)
+        return state, observation
+
+    @jax.jit
+    def fly(key):
+        pool = surrogate.redraw_pool(key, [scenario("circle")], [1.0], 1, 64)
+        start = surrogate.reset(jax.tree.map(lambda field: field[0], pool))
+        return jax.lax.scan(step, start, length=80)[1]
+
+    return np.asarray(fly(jax.random.key(1))).reshape(-1, 8)
+
+
+OBSERVATIONS = [random_observations, flown_observations]
+
+
+def flax_actions(observation):
+    mean, _ = jax.jit(ACTOR.apply)(variables(), observation)
+    return np.clip(np.asarray(mean), -1.0, 1.0)
+
+
+@pytest.mark.parametrize("observations", OBSERVATIONS)
+def test_float32_parity_with_flax(observations):
+    expected = flax_actions(jnp.asarray(observations()))
+    assert expected.std() > 0.1
+    difference = np.abs(policy()(observations()) - expected).max(-1)
+    assert difference.max() < PARITY_TOLERANCE
+
+
+@pytest.mark.parametrize("observations", OBSERVATIONS)
+def test_float64_parity_with_flax(observations):
+    with jax.enable_x64(True):
+        wide = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float64), variables())
+        mean, _ = jax.jit(ACTOR.apply)(wide, jnp.asarray(observations(), jnp.float64))
+        expected = np.clip(np.asarray(mean), -1.0, 1.0)
+    actions = policy("float64")(observations())
+    assert actions.dtype == expected.dtype == np.float64
+    np.testing.assert_allclose(actions, expected, rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("observations", OBSERVATIONS)
+def test_single_observations_agree_with_the_batch(dtype, observations):
+    some = observations()[::10]
+    batch = policy(dtype)(some)
+    single = np.array([policy(dtype)(row) for row in some])
+    assert single.dtype == batch.dtype == dtype
+    difference = np.abs(single - batch).max(-1)
+    assert difference.max() < (PARITY_TOLERANCE if dtype == "float32" else 1e-8)
+
+
+def test_decide_is_the_call_in_plain_floats():
+    for row in random_observations()[:50]:
+        action = policy().decide(row.tolist())
+        assert [type(part) for part in action] == [float, float]
+        np.testing.assert_array_equal(np.array(action, np.float32), policy()(row))
+
+
+@pytest.mark.parametrize("shape", [(8,), (1, 8), (3, 8), (2, 3, 8), (0, 8), (4, 0, 8), (1, 1, 1, 8)])
+def test_shapes(shape):
+    observation = np.random.default_rng(2).uniform(-1.0, 1.0, shape)
+    action = policy()(observation)
+    assert action.shape == (*shape[:-1], 2)
+    assert action.dtype == np.float32
+    flat = [policy()(row) for row in observation.reshape(-1, 8)]
+    np.testing.assert_allclose(action.reshape(-1, 2), np.array(flat).reshape(-1, 2), atol=PARITY_TOLERANCE)
+
+
+def test_lists_integers_and_strided_views_are_observations():
+    corner = [1, 0, -1, 0, 0, 1, 0, 1]
+    np.testing.assert_allclose(policy()(corner), policy()(np.array(corner, float)), atol=PARITY_TOLERANCE)
+    assert policy()([[0.5] * 8, [0] * 8]).shape == (2, 2)
+    wide = random_observations()[:20]
+    np.testing.assert_array_equal(policy()(np.asfortranarray(wide)), policy()(wide))
+    np.testing.assert_array_equal(policy()(np.repeat(wide, 2, axis=1)[:, ::2]), policy()(wide))
+
+
+def test_observation_is_not_written_to_and_calls_repeat():
+    observation = random_observations()[:100].copy()
+    observation[0, 0] = 1.0 + 5e-6
+    before = observation.copy()
+    first = policy()(observation)
+    np.testing.assert_array_equal(policy()(observation), first)
+    np.testing.assert_array_equal(observation, before)
+
+
+def test_actions_are_clipped():
+    head = np.full(2, 50.0, np.float32) * [1, -1]
+    loud = {**content().actor, "head/bias": head.astype(np.float32)}
+    expected = np.broadcast_to(np.float32([1, -1]), content().parity_action.shape)
+    extreme = Policy(replace(content(), actor=loud, parity_action=expected))
+    np.testing.assert_array_equal(extreme(random_observations()[:10]), expected[:10])
+    assert extreme.decide([0.0] * 8) == (1.0, -1.0)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 16, 63, 255, 256, 257, 511, 700])
+def test_tiled_rows_have_the_same_bits_in_any_company(count):
+    with threadpool_limits(1, user_api="blas"):
+        everything = policy().tiled(random_observations()[:1000])
+        order = np.random.default_rng(count).permutation(1000)[:count]
+        np.testing.assert_array_equal(policy().tiled(random_observations()[order]), everything[order])
+        np.testing.assert_array_equal(policy().tiled(random_observations()[:count]), everything[:count])
+
+
+def test_tiled_one_row_calls_have_the_same_bits():
+    with threadpool_limits(1, user_api="blas"):
+        for dtype in ("float32", "float64"):
+            everything = policy(dtype).tiled(random_observations()[:300])
+            for i in range(0, 300, 7):
+                np.testing.assert_array_equal(policy(dtype).tiled(random_observations()[i : i + 1])[0], everything[i])
+
+
+def test_tiled_agrees_with_the_call():
+    observation = random_observations()[:600]
+    np.testing.assert_allclose(policy().tiled(observation), policy()(observation), atol=PARITY_TOLERANCE)
+    np.testing.assert_allclose(policy().tiled(observation, tile=7), policy()(observation), atol=PARITY_TOLERANCE)
+    assert policy().tiled(observation[:0]).shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("observation", "tile", "message"),
+    [
+        (np.zeros(8), 256, r"shape \(8,\), expected \[N, 8\]"),
+        (np.zeros((2, 3, 8)), 256, r"expected \[N, 8\]"),
+        (np.zeros((2, 8)), 0, "tile is 0"),
+    ],
+)
+def test_tiled_refuses(observation, tile, message):
+    with pytest.raises(ValueError, match=message):
+        policy().tiled(observation, tile)
+
+
+@given(
+    st.integers(0, 7), st.sampled_from([np.nan, np.inf, -np.inf, 1.001, -1.00002, 1e300]), st.sampled_from([(), (3,)])
+)
+def test_bad_components_are_named(component, value, batch):
+    observation = np.zeros((*batch, 8))
+    observation[(*(0 for _ in batch), component)] = value
+    expected = f"'{NAMES[component]}'" + (r" of row \[0\]" if batch else "") + " is .*expected a value in"
+    with pytest.raises(ValueError, match=expected):
+        policy()(observation)
+    if batch:
+        with pytest.raises(ValueError, match=expected):
+            policy().tiled(observation)
+    else:
+        with pytest.raises(ValueError, match=expected):
+            policy().decide(observation.tolist())
+
+
+@pytest.mark.parametrize(
+    ("observation", "message"),
+    [
+        (0.5, r"shape \(\), expected a last axis of 8"),
+        (np.zeros(7), r"shape \(7,\)"),
+        (np.zeros((8, 2)), r"shape \(8, 2\)"),
+        (np.zeros((0, 9)), r"shape \(0, 9\)"),
+        (np.zeros(8, complex), "dtype complex128, expected real numbers"),
+        (np.zeros((2, 8), bool), "dtype bool"),
+        (["0"] * 8, "dtype <U1"),
+        ([None] * 8, "dtype object"),
+        ([[0.0] * 8, [0.0] * 7], "inhomogeneous"),
+    ],
+)
+def test_what_is_no_observation(observation, message):
+    with pytest.raises(ValueError, match=message):
+        policy()(observation)
+
+
+@pytest.mark.parametrize("observation", [[0.0] * 7, [0.0] * 9, [], [None] * 8, ["0"] * 8, [[0.0] * 8] * 8, 0.5])
+def test_decide_refuses(observation):
+    with pytest.raises(ValueError, match="expected"):
+        policy().decide(observation)
+
+
+def test_slightly_outside_is_clipped():
+    """A distance of a hair below -1 would otherwise pass through 0 inside the features."""
+    for excess in (1e-7, 1e-6, 9e-6):
+        for sign in (-1.0, 1.0):
+            outside = np.full(8, sign * (1.0 + excess))
+            np.testing.assert_array_equal(policy("float64")(outside), policy("float64")(np.full(8, sign)))
+            np.testing.assert_array_equal(policy()(outside[None]), policy()(np.full((1, 8), sign)))
+
+
+def test_one_policy_serves_many_threads():
+    rows = random_observations()[:200].tolist()
+    expected = [policy().decide(row) for row in rows]
+    results = [[] for _ in range(4)]
+    threads = [threading.Thread(target=lambda r=r: r.extend(policy().decide(row) for row in rows)) for r in results]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert results == [expected] * 4
+
+
+def test_load(tmp_path):
+    path = tmp_path / "p.safetensors"
+    write(path, content())
+    loaded = Policy.load(path)
+    assert loaded.sha256 == content().sha256
+    assert loaded.limits == SURROGATE
+    assert loaded.metadata["training"]["config"] == {"seed": 0}
+    assert loaded.dtype == np.float32
+    np.testing.assert_array_equal(loaded(random_observations()[:9]), policy()(random_observations()[:9]))
+    assert Policy.load(str(path), np.float64).dtype == np.float64
+    with pytest.raises(ValueError, match="dtype is float16, expected float32 or float64"):
+        Policy.load(path, np.float16)
+
+
+def test_shipped_policy_that_is_absent_is_said_so(monkeypatch):
+    monkeypatch.setattr(inference, "_SHIPPED", "data/absent.safetensors")
+    with pytest.raises(PolicyFileError, match=r"agents/data/absent\.safetensors: .*ships no policy"):
+        Policy.load()
+
+
+def test_parity_vectors_are_checked(tmp_path):
+    """A file in perfect order whose network decides otherwise than the training framework did."""
+    path = tmp_path / "p.safetensors"
+    write(path, replace(content(), parity_action=np.clip(content().parity_action * 0.999, -1, 1)))
+    with pytest.raises(PolicyFileError, match=r"p\.safetensors: the network in float64 gives action .* expected"):
+        Policy.load(path)
+    other = replace(content(), actor={**content().actor, "head/bias": content().actor["head/bias"] + np.float32(1e-4)})
+    with pytest.raises(PolicyFileError, match="for parity vector"):
+        Policy(other)
+
+
+def test_other_features_are_noticed(monkeypatch):
+    """A later release that computes a derived input differently must not fly an older policy."""
+    monkeypatch.setattr(inference, "features", lambda *a: [1.01 * f for f in original(*a)])
+    with pytest.raises(PolicyFileError, match="the network in float64"):
+        Policy(content())
+
+
+original = inference.features
+
+
+def test_single_path_is_checked_too(monkeypatch):
+    monkeypatch.setattr(Policy, "decide", lambda *_: (0.0, 0.0))
+    with pytest.raises(PolicyFileError, match="one by one"):
+        Policy(content())
