@@ -207,7 +207,7 @@ def update(
         gradient, parts_of_loss = gradient_of((carry.actor, carry.critic), batch)
         direction, optimizer = parts.optimizer.update(gradient, carry.optimizer)
         actor, critic = jax.tree.map(lambda p, d: p - learning_rate * d, (carry.actor, carry.critic), direction)
-        parts_of_loss["grad_norm"] = optax.global_norm(gradient)
+        parts_of_loss["grad_norm"] = optax.tree.norm(gradient)
         return LearnerState(actor, critic, optimizer), parts_of_loss
 
     def epoch(carry: LearnerState, epoch_key: jax.Array) -> tuple[LearnerState, dict]:

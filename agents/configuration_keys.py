@@ -1,0 +1,187 @@
+"""What a configuration's keys are: name, kind of value, range, default and meaning, read from the models.
+
+The texts are the docstrings under the fields, so that ``--help``, the documentation and the error sentences
+cannot disagree with the code.
+"""
+
+import difflib
+import types
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+__all__ = ["Key", "expected", "field_at", "help_text", "keys", "markdown", "nearest", "nested_model", "shown"]
+
+_KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", Path: "a path"}
+_BOUNDS = {
+    "gt": "above {}",
+    "ge": "at least {}",
+    "lt": "below {}",
+    "le": "at most {}",
+    "min_length": "at least {} of them",
+    "max_length": "at most {} of them",
+    "multiple_of": "a multiple of {}",
+}
+
+
+class Key(NamedTuple):
+    """One key of a configuration."""
+
+    name: str
+    """Dotted; ``[]`` stands for each item of a list."""
+    expected: str
+    """Kind and range of its value."""
+    default: str
+    """As YAML would write it; ``required`` if there is none."""
+    text: str
+    """What it does, with its unit."""
+
+
+def keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
+    """Yield every key of a configuration, those of nested models after the key that holds them.
+
+    A key that merely groups others is left out unless it has a docstring of its own.
+    """
+    for name, field in model.model_fields.items():
+        nested, listed = _nested(field.annotation)
+        dotted = prefix + name
+        if nested is None or listed or field.description:
+            yield Key(dotted, expected(field), _default(field), " ".join((field.description or "").split()))
+        if nested is not None:
+            yield from keys(nested, f"{dotted}[]." if listed else f"{dotted}.")
+
+
+def help_text(model: type[BaseModel]) -> str:
+    """Return the keys as plain text for the end of a ``--help``."""
+    lines = ["configuration keys (in the YAML file or as --set KEY=VALUE):"]
+    for key in keys(model):
+        lines += [f"  {key.name}: {key.expected} (default: {key.default})", f"      {key.text}"]
+    return "\n".join(lines)
+
+
+def markdown(model: type[BaseModel]) -> str:
+    """Return the keys as a Markdown table."""
+    rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
+    for key in keys(model):
+        cells = (f"`{key.name}`", key.expected, f"`{key.default}`", key.text)
+        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(rows) + "\n"
+
+
+def field_at(model: type[BaseModel], path: Sequence[str | int]) -> FieldInfo | type[BaseModel] | None:
+    """Return the field that a path of keys and list indices leads to, the model itself for an empty path.
+
+    Where a path ends inside a list or tuple of plain values, the answer is the field that holds it; None if the
+    path leads nowhere.
+    """
+    here: FieldInfo | type[BaseModel] | None = model
+    for step in path:
+        if isinstance(here, FieldInfo):
+            nested, listed = _nested(here.annotation)
+            if isinstance(step, int) or (listed and step.isdecimal()):
+                here = nested if listed and nested is not None else here
+                continue
+            # Anything else that pydantic puts into a location names a branch of a union, not a key.
+            here = nested
+        if here is None:
+            return None
+        fields = here.model_fields
+        if step not in fields:
+            return None
+        here = fields[str(step)]
+    return here
+
+
+def nearest(word: str, words: Iterable[str]) -> str | None:
+    """Return the one of the words that is most like the given one, None if none is."""
+    return next(iter(difflib.get_close_matches(word, list(words), n=1, cutoff=0.5)), None)
+
+
+def expected(field: FieldInfo) -> str:
+    """Say what values a field takes: ``a number above 0 and at most 1``.
+
+    Where a validator knows more than the annotation, ``Field(json_schema_extra={"expected": ...})`` says it.
+    """
+    extra = field.json_schema_extra
+    if isinstance(extra, dict) and "expected" in extra:
+        return str(extra["expected"])
+    kind, null, _ = _kind(field.annotation).partition(" or null")
+    bounds = _bounds(field.metadata)
+    return f"{kind}{',' if bounds and kind.startswith('a list') else ''} {bounds}".strip() + null
+
+
+def nested_model(field: FieldInfo) -> type[BaseModel] | None:
+    """Return the model that a field holds, itself or in a list; None if it holds plain values."""
+    return _nested(field.annotation)[0]
+
+
+def shown(value: Any) -> str:
+    """Return a value as an error sentence quotes it: YAML in one line, texts in quotes, cut when long."""
+    text = repr(value) if isinstance(value, str) else _written(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _kind(annotation: Any) -> str:
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return f"{_kind(arguments[0])} {_bounds(arguments[1:])}".strip()
+    if origin is Literal:
+        return "one of " + ", ".join(str(a) for a in arguments)
+    if origin in (Union, types.UnionType):
+        return " or ".join("null" if a is type(None) else _kind(a) for a in arguments)
+    if origin is tuple and arguments[-1] is not Ellipsis:
+        same = len(set(arguments)) == 1
+        inside = f"{_kind(arguments[0])} each" if same else ", ".join(_kind(a) for a in arguments)
+        return f"a list of {len(arguments)} values ({inside})"
+    if origin in (list, tuple, Sequence):
+        return f"a list ({_kind(arguments[0])} each)"
+    if origin in (dict, Mapping):
+        return f"a group of keys ({_kind(arguments[1])} each)"
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return "a group of keys"
+    return _KINDS.get(annotation, getattr(annotation, "__name__", str(annotation)))
+
+
+def _bounds(metadata: Iterable[Any]) -> str:
+    flat = [part for one in metadata for part in (one.metadata if isinstance(one, FieldInfo) else [one])]
+    parts = [
+        text.format(f"{value:.10g}")
+        for constraint in flat
+        for name, text in _BOUNDS.items()
+        if (value := getattr(constraint, name, None)) is not None
+    ]
+    return " and ".join(parts)
+
+
+def _nested(annotation: Any) -> tuple[type[BaseModel] | None, bool]:
+    """Return the model inside an annotation, if there is one, and whether a list holds it."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation, False
+    for argument in get_args(annotation):
+        model, listed = _nested(argument)
+        if model is not None:
+            return model, listed or get_origin(annotation) in (list, tuple, Sequence)
+    in_list = get_origin(annotation) in (list, tuple, Sequence)
+    return None, in_list
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    default = field.get_default(call_default_factory=True)
+    return "the keys below" if isinstance(default, BaseModel) else _written(default)
+
+
+def _written(value: Any) -> str:
+    if value is None or isinstance(value, bool):
+        return "null" if value is None else str(value).lower()
+    if isinstance(value, BaseModel):
+        value = value.model_dump(exclude_unset=True)
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{k}: {_written(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_written(v) for v in value) + "]"
+    return str(value)

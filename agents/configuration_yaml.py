@@ -1,0 +1,131 @@
+"""YAML as configurations write it: the plain core of YAML 1.2, and the conversions that lose nothing.
+
+PyYAML follows YAML 1.1, where ``3e-4`` is a text, ``no`` is false, ``1:30`` is 90 and a key that stands twice is
+no error. Here a number is what looks like one, only ``true`` and ``false`` are booleans, and a repeated key is
+refused.
+"""
+
+import re
+import types
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Union, get_args, get_origin
+
+import yaml
+
+__all__ = ["YamlError", "coerced", "read", "write"]
+
+
+class YamlError(ValueError):
+    """Text that is not the YAML of a configuration; the message says where and why."""
+
+
+_RESOLVERS = (
+    ("null", r"~|null|", ["~", "n", ""]),
+    ("bool", r"true|false", ["t", "f"]),
+    ("int", r"[-+]?(?:0|[1-9][0-9_]*)", list("-+0123456789")),
+    (
+        "float",
+        r"[-+]?(?:(?:[0-9][0-9_]*\.[0-9_]*|\.[0-9][0-9_]*)(?:[eE][-+]?[0-9]+)?|[0-9][0-9_]*[eE][-+]?[0-9]+|\.inf)|\.nan",
+        list("-+0123456789."),
+    ),
+)
+
+
+class _Loader(yaml.SafeLoader):
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            line = key_node.start_mark.line + 1
+            if not isinstance(key, str):
+                raise YamlError(f"line {line}: key {key!r} is no text")
+            if key in seen:
+                raise YamlError(f"line {line}: key {key} stands twice")
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+class _Dumper(yaml.SafeDumper):
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+for _class in (_Loader, _Dumper):
+    _class.yaml_implicit_resolvers = {}
+    for _tag, _pattern, _first in _RESOLVERS:
+        _class.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), _first)
+
+
+def _sequence(dumper: yaml.SafeDumper, items: Any) -> yaml.Node:
+    flat = all(not isinstance(item, (list, tuple, Mapping)) for item in items)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=flat)
+
+
+_Dumper.add_representer(list, _sequence)
+_Dumper.add_representer(tuple, _sequence)
+_Dumper.add_multi_representer(Path, lambda dumper, path: dumper.represent_str(str(path)))
+
+
+def read(source: Path | str) -> Any:
+    """Read a YAML file (a mapping; empty counts as one without keys) or, from a text, one value.
+
+    Raises:
+        YamlError: there is no such file, or it is not the YAML of a configuration.
+    """
+    if isinstance(source, str):
+        return _parsed(source, repr(source))
+    try:
+        text = source.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise YamlError(f"{source}: there is no such file") from None
+    except (OSError, UnicodeDecodeError) as problem:
+        raise YamlError(f"{source}: cannot be read ({problem})") from None
+    values = _parsed(text, str(source))
+    if values is None:
+        return {}
+    if not isinstance(values, dict):
+        raise YamlError(f"{source}: expected keys with values, got {values!r:.60}")
+    return values
+
+
+def _parsed(text: str, name: str) -> Any:
+    try:
+        return yaml.load(text, _Loader)  # a SafeLoader
+    except YamlError as problem:
+        raise YamlError(f"{name}: {problem}") from None
+    except (yaml.YAMLError, ValueError) as problem:
+        mark = getattr(problem, "problem_mark", None)
+        where = f"line {mark.line + 1}: " if mark is not None else ""
+        what = getattr(problem, "problem", None) or str(problem)
+        raise YamlError(f"{name}: {where}not valid YAML ({what})") from None
+
+
+def write(values: Any) -> str:
+    """Return plain values (also tuples and paths) as YAML text that :func:`read` gives back."""
+    return yaml.dump(values, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
+
+
+def coerced(value: Any, annotation: Any) -> Any:
+    """Convert a value to the annotated type where that loses nothing, and else return it as it is.
+
+    Whole floats become int, sequences list or tuple as annotated, texts paths.
+    """
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return coerced(value, arguments[0])
+    if origin in (Union, types.UnionType):
+        if type(value) in arguments:
+            return value
+        changed = (coerced(value, argument) for argument in arguments)
+        return next((new for new in changed if new is not value), value)
+    if origin in (list, tuple) and isinstance(value, (list, tuple)):
+        kinds = arguments if origin is tuple and arguments[-1] is not Ellipsis else (arguments[0],) * len(value)
+        if len(kinds) == len(value):
+            value = [coerced(item, kind) for item, kind in zip(value, kinds, strict=True)]
+        return origin(value)
+    if annotation is int and isinstance(value, float) and value.is_integer():
+        return int(value)
+    if annotation is Path and isinstance(value, str):
+        return Path(value)
+    return value

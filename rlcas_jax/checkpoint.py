@@ -1,0 +1,186 @@
+"""Checkpoints: any pytree of arrays in one safetensors file, whole or not there at all.
+
+A file is written under another name, flushed to the disk and renamed, so that a kill or a power cut at any moment
+leaves the checkpoints before it as they were. A digest tells a damaged file from a good one.
+"""
+
+import hashlib
+import json
+import logging
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load as load_tensors
+from safetensors.numpy import save as save_tensors
+
+__all__ = ["CheckpointError", "latest", "restore", "save"]
+
+SCHEMA = "rlcas-checkpoint-1"
+_HEADER = "rlcas-checkpoint"
+_NAME = "checkpoint-{:010d}.safetensors"
+_NAMES = re.compile(r"checkpoint-(\d{10,})\.safetensors")
+_log = logging.getLogger(__name__)
+
+
+class CheckpointError(ValueError):
+    """A checkpoint that cannot be used; the message says which and why."""
+
+
+def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any], *, keep: int = 2) -> Path:
+    """Write a checkpoint and remove all but the newest ones.
+
+    Args:
+        directory: of the run's checkpoints; made if it is not there.
+        number: orders the checkpoints, for instance the number of updates done, >= 0.
+        tree: a pytree whose leaves are arrays (any backend, jax's typed PRNG keys among them) or Python numbers.
+        meta: anything that JSON can hold.
+        keep: how many of the newest checkpoints stay, >= 1.
+
+    Returns:
+        The file's path.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    tensors = {name: _plain(leaf) for name, leaf in _leaves(tree).items()}
+    written = json.dumps(dict(meta))
+    header = {"schema": SCHEMA, "meta": written, "sha256": _digest(tensors, written)}
+    path = directory / _NAME.format(number)
+    # All under one key: safetensors writes several in an order that changes from run to run.
+    _write_atomically(path, save_tensors(tensors, {_HEADER: json.dumps(header)}))
+    for old in _stored(directory)[keep:]:
+        old.unlink()
+    return path
+
+
+def latest(directory: Path) -> Path:
+    """Return the newest checkpoint that is whole; those that are not are passed over with a warning.
+
+    Raises:
+        CheckpointError: there is none.
+    """
+    stored = _stored(directory)
+    for path in stored:
+        try:
+            _read(path)
+        except CheckpointError as problem:
+            _log.warning("%s; taking the one before it", problem)
+        else:
+            return path
+    what = f"none of its {len(stored)} checkpoints is whole" if stored else "there is no checkpoint"
+    raise CheckpointError(f"{directory}: {what}")
+
+
+def restore(path: Path, like: Any) -> tuple[Any, dict[str, Any]]:
+    """Read a checkpoint.
+
+    Args:
+        path: the file.
+        like: a pytree with the structure, shapes, dtypes and kinds of leaves that are expected; its values do not
+            matter, so ``jax.eval_shape`` makes a good one where there are no typed PRNG keys.
+
+    Returns:
+        The tree, bit for bit as saved, and the meta data.
+
+    Raises:
+        CheckpointError: the file is not there, not whole, or not of this structure.
+    """
+    tensors, meta = _read(path)
+    expected = _leaves(like)
+    for name in [*(n for n in expected if n not in tensors), *(n for n in tensors if n not in expected)]:
+        has, lacks = (path, "this run") if name in tensors else ("this run", path)
+        raise CheckpointError(f"{path}: made by another structure ({name} is in {has} and not in {lacks})")
+    restored = [_like(tensors[name], leaf, f"{path}: {name}") for name, leaf in expected.items()]
+    return jax.tree.unflatten(jax.tree.structure(like), restored), meta
+
+
+def _leaves(tree: Any) -> dict[str, Any]:
+    """Return a tree's leaves by the path that leads to each, in the tree's order."""
+    return {jax.tree_util.keystr(path) or "root": leaf for path, leaf in jax.tree_util.tree_leaves_with_path(tree)}
+
+
+def _is_key(leaf: Any) -> bool:
+    return hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+
+
+def _plain(leaf: Any) -> np.ndarray:
+    array = np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf)
+    array = np.ascontiguousarray(array).reshape(array.shape)  # the former turns a scalar into a vector
+    return array.view(_stored_dtype(array.dtype))
+
+
+def _stored_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """Return the dtype itself, or for one that numpy does not know (bfloat16) an integer of its width."""
+    return np.dtype(f"u{dtype.itemsize}") if dtype.kind == "V" else dtype
+
+
+def _like(stored: np.ndarray, leaf: Any, name: str) -> Any:
+    """Return a stored array as the kind of leaf that is expected."""
+    is_number = isinstance(leaf, (bool, int, float))
+    plain: Any = np.asarray(leaf) if is_number else leaf
+    if _is_key(leaf):
+        plain = jax.eval_shape(jax.random.key_data, leaf)
+    dtype = np.dtype(plain.dtype)
+    if (stored.shape, stored.dtype) != (plain.shape, _stored_dtype(dtype)):
+        raise CheckpointError(f"{name} is {stored.dtype}{list(stored.shape)}; expected {dtype}{list(plain.shape)}")
+    stored = stored.view(dtype)
+    if is_number:
+        return stored.item()
+    if isinstance(leaf, np.ndarray):
+        return stored
+    array = jnp.asarray(stored)
+    return jax.random.wrap_key_data(array, impl=jax.random.key_impl(leaf)) if _is_key(leaf) else array
+
+
+def _digest(tensors: Mapping[str, np.ndarray], meta: str) -> str:
+    """Return the SHA-256 over everything that a checkpoint says."""
+    digest = hashlib.sha256(json.dumps([SCHEMA, meta]).encode())
+    for name in sorted(tensors):
+        array = tensors[name]
+        digest.update(json.dumps([name, str(array.dtype), array.shape]).encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Return a checkpoint's arrays and meta data after checking that it is whole."""
+    try:
+        content = path.read_bytes()
+        tensors = load_tensors(content)
+        length = int.from_bytes(content[:8], "little")
+        header = json.loads(json.loads(content[8 : 8 + length]).get("__metadata__", {}).get(_HEADER, "{}"))
+    except FileNotFoundError:
+        raise CheckpointError(f"{path}: there is no such checkpoint") from None
+    except (OSError, SafetensorError, ValueError) as problem:
+        raise CheckpointError(f"{path}: not a whole checkpoint ({problem})") from None
+    if header.get("schema") != SCHEMA:
+        raise CheckpointError(f"{path}: its schema is {header.get('schema')!r}; expected {SCHEMA!r}")
+    if _digest(tensors, header["meta"]) != header["sha256"]:
+        raise CheckpointError(f"{path}: not a whole checkpoint (its digest does not match its content)")
+    return tensors, json.loads(header["meta"])
+
+
+def _stored(directory: Path) -> list[Path]:
+    """Return the checkpoints of a directory, newest first."""
+    found = [path for path in directory.glob("*.safetensors") if _NAMES.fullmatch(path.name)]
+    return sorted(found, key=lambda path: int(path.stem.rpartition("-")[2]), reverse=True)
+
+
+def _write_atomically(path: Path, content: bytes) -> None:
+    # One fixed name: what a killed run left behind is overwritten by the next save.
+    temporary = path.with_name("checkpoint.partial")
+    with temporary.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)  # makes the new name itself survive a power cut
+    finally:
+        os.close(folder)

@@ -1,0 +1,130 @@
+"""The command line of training: what it accepts, and everything that can be wrong before training begins."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from agents.configuration import ConfigError, Parser, dump, load
+from agents.configuration_keys import help_text
+from rlcas_jax.config import SEED_END, TrainConfig
+
+__all__ = ["Job", "Options", "parse", "prepare"]
+
+_DESCRIPTION = """\
+Train a conflict resolution policy in the surrogate.
+
+  python -m rlcas_jax.train --config configs/quick.yaml
+  python -m rlcas_jax.train --config configs/quick.yaml --set ppo.learning_rate=3e-4 --seeds 3
+  python -m rlcas_jax.train --resume runs/quick-20260131T120000-0
+"""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One training run."""
+
+    config: TrainConfig
+    directory: Path
+    resume: bool
+    """Go on from the directory's newest checkpoint."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line asks for."""
+
+    directory: Path
+    jobs: tuple[Job, ...]
+    """One for each seed; the job of a single seed has :attr:`directory` for its own."""
+    quiet: bool
+
+
+def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> Options:
+    """Read the command line; nothing is written.
+
+    Args:
+        argv: arguments without the program's name; those of the process by default.
+        now: moment in the default name of the directory.
+
+    Raises:
+        ConfigError: the arguments, the configuration or the directory are not usable.
+    """
+    given = _parser().parse_args(argv)
+    if given.resume is not None:
+        for name in ("config", "set", "steps", "seeds", "out"):
+            if getattr(given, name):
+                raise ConfigError(
+                    f"--{name} cannot change a run that is resumed; leave it out, or start a new run without --resume"
+                )
+        return Options(given.resume, _resumed(given.resume), given.quiet)
+    overrides = given.set + ([f"steps={given.steps}"] if given.steps else [])
+    config = load(TrainConfig, given.config, overrides)
+    seeds = 1 if given.seeds is None else given.seeds
+    if not 1 <= seeds <= SEED_END - config.seed:
+        raise ConfigError(f"--seeds is {seeds}; expected 1 to {SEED_END - config.seed} (seeds are below {SEED_END})")
+    moment = datetime.now(UTC) if now is None else now
+    directory = given.out or Path("runs") / f"{config.name}-{moment:%Y%m%dT%H%M%S}-{config.seed}"
+    if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+        raise ConfigError(f"--out {directory} exists and is not empty; name another, or go on with it by --resume")
+    return Options(directory, _fresh(config, directory, seeds), given.quiet)
+
+
+def prepare(options: Options) -> None:
+    """Make the directories and write each run's configuration, so that a run of several seeds can be resumed.
+
+    Raises:
+        ConfigError: that is not possible.
+    """
+    for job in options.jobs:
+        file = job.directory / "config.yaml"
+        try:
+            job.directory.mkdir(parents=True, exist_ok=True)
+            if not file.exists():
+                file.write_text(dump(job.config), encoding="utf-8")
+        except OSError as problem:
+            raise ConfigError(f"--out {job.directory} cannot be written ({problem.strerror})") from None
+
+
+def _fresh(config: TrainConfig, directory: Path, seeds: int) -> tuple[Job, ...]:
+    if seeds == 1:
+        return (Job(config, directory, resume=False),)
+    seeds_of_jobs = range(config.seed, config.seed + seeds)
+    return tuple(
+        Job(config.model_copy(update={"seed": seed}), directory / f"seed-{i}", resume=False)
+        for i, seed in enumerate(seeds_of_jobs)
+    )
+
+
+def _resumed(directory: Path) -> tuple[Job, ...]:
+    single = directory / "config.yaml"
+    numbered = {path.parent.name.removeprefix("seed-"): path for path in directory.glob("seed-*/config.yaml")}
+    many = [numbered[number] for number in sorted((n for n in numbered if n.isdecimal()), key=int)]
+    files = [single] if single.is_file() else many
+    if not files:
+        what = "there is no such directory" if not directory.is_dir() else "it holds no config.yaml, so it is no run"
+        raise ConfigError(f"--resume {directory}: {what}")
+    return tuple(Job(load(TrainConfig, file), file.parent, _has_checkpoint(file.parent)) for file in files)
+
+
+def _has_checkpoint(directory: Path) -> bool:
+    return any((directory / "checkpoints").glob("checkpoint-*.safetensors"))
+
+
+def _parser() -> Parser:
+    parser = Parser(prog="python -m rlcas_jax.train", description=_DESCRIPTION, epilog=help_text(TrainConfig))
+    add = parser.add_argument
+    add("--config", type=Path, metavar="FILE", help="YAML file with what differs from the defaults")
+    add(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change one key, e.g. ppo.learning_rate=3e-4 or scenarios.0.weight=2; may be given many times",
+    )
+    add("--steps", metavar="N", help="length of the training, environment steps; short for --set steps=N")
+    add("--seeds", type=int, metavar="N", help="train N seeds one after another (seed, seed + 1, ...; default: 1)")
+    add("--out", type=Path, metavar="DIR", help="new directory of the run (default: runs/NAME-TIME-SEED)")
+    add("--resume", type=Path, metavar="DIR", help="go on with the run of this directory, as it was configured")
+    add("--quiet", action="store_true", help="show no progress")
+    return parser

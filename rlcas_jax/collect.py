@@ -1,0 +1,77 @@
+"""Rollouts of the stochastic policy in many environments at once, and the advantages that they give."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from agents.ppo import Batch, Learner, LearnerState, advantages, explained_variance, gaussian_log_prob
+
+__all__ = ["Environment", "Step", "collect"]
+
+
+class Step(NamedTuple):
+    """What an environment's step yields besides its new state; fields ``[N]``."""
+
+    reward: jax.Array
+    """For learning, in scaled units, shaping included."""
+    terminated: jax.Array
+    statistics: Any
+    """Anything that the caller wants stacked over time."""
+
+
+class Environment(NamedTuple):
+    """A batch of environments as pure functions."""
+
+    observe: Callable[[Any, jax.Array], jax.Array]
+    """(state, key) -> observations ``[N, O]``."""
+    step: Callable[[Any, jax.Array], tuple[Any, Step]]
+    """(state, action ``[N, 2]``) -> (state, Step)."""
+    restart: Callable[[Any, jax.Array], Any]
+    """(state, index of the step in the rollout) -> state with a fresh episode wherever the last step ended one."""
+
+
+def collect(
+    state: LearnerState,
+    environment_state: Any,
+    key: jax.Array,
+    environment: Environment,
+    parts: Learner,
+    steps: int,
+    discount: float,
+    gae_lambda: float,
+) -> tuple[Any, Batch, Any, dict]:
+    """Roll the policy out and prepare the samples of an update.
+
+    Returns:
+        The environments' new state, the samples ``[N, T, ...]``, the stacked statistics ``[T, ...]`` and figures
+        of the rollout.
+    """
+    noise_key, observe_key = jax.random.split(key)
+    count = jax.eval_shape(environment.observe, environment_state, key).shape[0]
+    noise = jax.random.normal(noise_key, (steps, count, 2))
+
+    def forward(world: Any, now: tuple[jax.Array, jax.Array]) -> tuple[Any, Any]:
+        index, epsilon = now
+        world = environment.restart(world, index)
+        observation = environment.observe(world, jax.random.fold_in(observe_key, index))
+        mean, log_std = parts.policy(state.actor, observation)
+        world, result = environment.step(world, mean + jnp.exp(log_std) * epsilon)
+        return world, (observation, mean, result)
+
+    world, (observation, mean, result) = jax.lax.scan(forward, environment_state, (jnp.arange(steps), noise))
+    last = environment.observe(world, jax.random.fold_in(observe_key, steps))
+    log_std = state.actor["params"]["log_std"]
+    action = mean + jnp.exp(log_std) * noise
+    log_prob = gaussian_log_prob(action, mean, log_std)
+    # One wide product over the whole rollout instead of a narrow one per step.
+    value = parts.value(state.critic, jnp.concatenate([observation, last[None]]))
+    terminated = result.terminated.astype(value.dtype)
+    estimate = advantages(
+        result.reward, value[:-1], value[1:], terminated, jnp.zeros_like(terminated), discount, gae_lambda
+    )
+    target = estimate + value[:-1]
+    samples = Batch(observation, action, log_prob, estimate, target)
+    samples = jax.tree.map(lambda a: jnp.swapaxes(a, 0, 1), samples)
+    return world, samples, result.statistics, {"explained_variance": explained_variance(value[:-1], target)}

@@ -1,0 +1,195 @@
+"""What a training run can be told: the models behind ``configs/*.yaml`` and ``--set``."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from agents.configuration import ConfigError, Strict
+from agents.configuration_world import ScenarioConfig, VehicleConfig
+from envs.kinematics import Limits
+from envs.outcome import RULES, Rules
+
+__all__ = [
+    "SEED_END",
+    "CheckpointConfig",
+    "EvaluationConfig",
+    "NetworkConfig",
+    "PpoConfig",
+    "ShapingConfig",
+    "TrainConfig",
+    "WorldConfig",
+]
+
+SEED_END = 2**31
+"""Seeds are below this."""
+
+
+class NetworkConfig(Strict):
+    """Actor and critic; they share the shape and no weights."""
+
+    hidden: tuple[Annotated[int, Field(ge=1, le=8192)], ...] = Field(default=(256, 256), min_length=1, max_length=8)
+    """Widths of the hidden layers of actor and of critic (paper: two of 256)."""
+    feature_set: Literal["cpa", "none"] = "cpa"
+    """What the first layer sees: the bare observation (none), or geometry and closest point of approach derived from
+    it inside the network (cpa)."""
+    log_std_initial: float = Field(default=-0.5, ge=-5.0, le=2.0)
+    """Natural logarithm of the initial standard deviation of both actions (full deflection is 1)."""
+
+
+class PpoConfig(Strict):
+    """Proximal policy optimisation."""
+
+    environments: int = Field(default=1024, ge=1)
+    """Encounters that are flown at the same time."""
+    rollout: int = Field(default=128, ge=1)
+    """Time steps that each of them is flown between two updates, 1 s each."""
+    epochs: int = Field(default=4, ge=1, le=100)
+    """Passes over a rollout in an update."""
+    minibatch: int = Field(default=4096, ge=2)
+    """Samples a gradient step; a divisor of environments times rollout."""
+    segment: int = Field(default=16, ge=1)
+    """Consecutive samples of one environment that stay together in a shuffle (shuffling single samples is slow on a
+    CPU), time steps; a divisor of rollout and of minibatch."""
+    learning_rate: float = Field(default=7e-4, gt=0.0, le=1.0)
+    """Step size of Adam at the start."""
+    learning_rate_final: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Step size at the end; it changes linearly with the steps."""
+    discount: float = Field(default=0.995, gt=0.0, le=1.0)
+    """Worth of a reward one time step (1 s) later."""
+    gae_lambda: float = Field(default=0.95, ge=0.0, le=1.0)
+    """Decay of the generalised advantage estimate: 0 trusts the critic alone, 1 the returns alone."""
+    clip: float = Field(default=0.2, gt=0.0, le=1.0)
+    """How far an update may move the ratio of new to old action probability from 1 before its gradient stops."""
+    entropy: float = Field(default=0.0, ge=0.0)
+    """Weight of the entropy bonus in the loss."""
+    value: float = Field(default=0.5, gt=0.0)
+    """Weight of the critic's squared error in the loss."""
+    max_grad_norm: float = Field(default=0.5, gt=0.0)
+    """Gradients are scaled down to this global norm."""
+    adam_epsilon: float = Field(default=1e-5, gt=0.0)
+    """Adam's guard against a division by zero."""
+    reward_scale: float = Field(default=0.01, gt=0.0)
+    """Factor on the task's reward before learning; logged scores are unscaled."""
+    normalize_advantage: bool = True
+    """Shift and scale the advantages of each minibatch to mean 0 and deviation 1."""
+
+    @property
+    def samples(self) -> int:
+        """Samples of an update."""
+        return self.environments * self.rollout
+
+    @property
+    def minibatches(self) -> int:
+        """Gradient steps of an epoch."""
+        return self.samples // self.minibatch
+
+    @model_validator(mode="after")
+    def _check(self) -> "PpoConfig":
+        for name, whole_name, whole in (
+            ("minibatch", "environments times rollout", self.samples),
+            ("segment", "rollout", self.rollout),
+            ("segment", "minibatch", self.minibatch),
+        ):
+            part = getattr(self, name)
+            if whole % part:
+                raise ConfigError(
+                    f"{name} is {part}; expected a divisor of {whole_name}, {whole}, such as {_divisor(whole, part)}"
+                )
+        return self
+
+
+class WorldConfig(Strict):
+    """The task and the vehicle."""
+
+    vehicle: VehicleConfig = Field(
+        default=VehicleConfig(), json_schema_extra={"expected": "the path of a YAML file, or a group of keys"}
+    )
+    """Limits of the ownship. A path is looked for beside the configuration file, then in the working directory."""
+    t_max: float = Field(default=RULES.t_max, ge=1.0, le=3600.0, multiple_of=1.0)
+    """Time after which the goal counts as missed, s."""
+    separation: float = Field(default=RULES.separation, gt=0.0)
+    """Distance to an intruder below which an encounter is lost, m; training may ask for more than evaluation."""
+    goal_radius: float = Field(default=RULES.goal_radius, gt=0.0)
+    """Distance from the goal at which it counts as reached, m."""
+    reward_violation: float = RULES.reward_violation
+    """Reward when the separation is lost."""
+    reward_goal: float = RULES.reward_goal
+    """Reward when the goal is reached."""
+    reward_timeout: float = RULES.reward_timeout
+    """Reward when t_max passes."""
+
+    def limits(self) -> Limits:
+        """Return the ownship's limits as the world's functions take them."""
+        return self.vehicle.limits()
+
+    def rules(self) -> Rules:
+        """Return the task's numbers as the world's functions take them."""
+        return Rules(**self.model_dump(exclude={"vehicle"}))
+
+
+class ShapingConfig(Strict):
+    """Potential-based hints in units of the scaled reward; they leave the optimal policy and the score as they are."""
+
+    goal: float = Field(default=0.0, ge=0.0)
+    """Worth of 10 km less to the goal."""
+    conflict: float = Field(default=0.0, ge=0.0)
+    """Worth of a predicted closest approach at the required separation instead of at 0 m."""
+
+
+class EvaluationConfig(Strict):
+    """Evaluations of the deterministic policy on encounters that training never sees."""
+
+    every_steps: int = Field(default=2_000_000, ge=1)
+    """Environment steps between evaluations during training."""
+    encounters: int = Field(default=1_000, ge=1)
+    """Encounters of each of them."""
+    final_encounters: int = Field(default=10_000, ge=1)
+    """Encounters of the evaluation after training."""
+    seed: int = Field(default=1_000_003, ge=0, lt=2**63)
+    """Of the encounters; the same whatever the seed of the training, so that runs are compared on equal terms."""
+    separation: float = Field(default=RULES.separation, gt=0.0)
+    """Distance to an intruder below which an encounter is lost, m, whatever the training asks for."""
+
+    def rules(self, world: WorldConfig) -> Rules:
+        """Return the task by which policies are judged."""
+        return world.rules()._replace(separation=self.separation)
+
+
+class CheckpointConfig(Strict):
+    """Checkpoints, from which ``--resume`` goes on."""
+
+    every_seconds: float = Field(default=60.0, ge=0.0)
+    """Least time between checkpoints, s; 0: after every update."""
+    keep: int = Field(default=2, ge=1)
+    """How many are kept."""
+
+
+class TrainConfig(Strict):
+    """A training run; the defaults train the paper's circle encounters."""
+
+    name: str = Field(
+        default="train",
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$",
+        json_schema_extra={"expected": "a text of at most 64 letters, digits, dots, dashes and underscores"},
+    )
+    """What the run is called; part of the default name of its folder."""
+    seed: int = Field(default=0, ge=0, lt=SEED_END)
+    """Everything random in the run follows from it."""
+    steps: int = Field(default=10_000_000, ge=1)
+    """Length of the training, environment steps; rounded down to whole updates, of which there is at least one."""
+    network: NetworkConfig = NetworkConfig()
+    ppo: PpoConfig = PpoConfig()
+    world: WorldConfig = WorldConfig()
+    scenarios: tuple[ScenarioConfig, ...] = Field(default=(ScenarioConfig(name="circle"),), min_length=1)
+    """The mixture of encounters that training draws from."""
+    pool_rows: int = Field(default=16, ge=1)
+    """Encounters that are drawn per environment and update; an encounter that ends goes on with the next of them."""
+    shaping: ShapingConfig = ShapingConfig()
+    evaluation: EvaluationConfig = EvaluationConfig()
+    checkpoint: CheckpointConfig = CheckpointConfig()
+
+
+def _divisor(whole: int, near: int) -> int:
+    """Return the divisor of a number that is nearest to another number."""
+    divisors = {d for small in range(1, int(whole**0.5) + 1) if whole % small == 0 for d in (small, whole // small)}
+    return min(divisors, key=lambda d: (abs(d - near), d))

@@ -1,0 +1,169 @@
+"""The paper's four training figures, each beside the success rate, for one run or for several seeds of it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rlcas_jax.metrics import read
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["FIGURES", "training_figures"]
+
+PAPER_SCORE = 75.0
+"""Average episode reward that the paper reports at the end of its training."""
+
+_BLUE, _GREEN, _ORANGE, _GREY = "#0072b2", "#00795a", "#d55e00", "#767676"  # apart for every kind of colour vision
+_STYLE: dict[Any, Any] = {
+    "font.size": 9.0,
+    "axes.titlesize": 10.0,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "svg.hashsalt": "rlcas",  # the same data give the same file
+}
+_STEPS = "environment steps, millions"
+
+
+class _Panel(NamedTuple):
+    metric: str
+    title: str
+    unit: str
+
+
+FIGURES = {
+    "episode_reward": _Panel("score", "Average episode reward", "sparse return"),
+    "loss": _Panel("loss", "Training loss", "scaled reward"),
+    "entropy": _Panel("entropy", "Entropy of the policy", "nats"),
+    "neg_log_probability": _Panel("neg_log_prob", "Negative log-probability of the actions", "nats"),
+}
+"""The figures by the name of their file."""
+
+
+def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
+    """Draw the figures of a training as PNG and SVG: one a metric, and ``training`` with all of them.
+
+    Args:
+        runs: directories (or metrics files) of the seeds of one configuration; with several, each is a thin line
+            and their mean a thick one.
+        out: directory of the files; made if it is not there.
+
+    Returns:
+        The files.
+
+    Raises:
+        ValueError: no run has a metric yet.
+    """
+    import matplotlib as mpl
+
+    logs = [log for log in map(read, runs) if "step" in log]
+    if not logs:
+        raise ValueError(f"no metrics to draw in {', '.join(map(str, runs))}")
+    out.mkdir(parents=True, exist_ok=True)
+    with mpl.rc_context(_STYLE):
+        files = [file for name, panel in FIGURES.items() for file in _save(_side_by_side(logs, panel), out / name)]
+        return files + _save(_sheet(logs), out / "training")
+
+
+def _side_by_side(logs: Sequence[dict[str, np.ndarray]], panel: _Panel) -> "Figure":
+    """Return a metric with the success rate to its right."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    _draw_metric(left, logs, panel)
+    _draw_success(right, logs)
+    return figure
+
+
+def _sheet(logs: Sequence[dict[str, np.ndarray]]) -> "Figure":
+    """Return all metrics above the success rate."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 9.0), layout="constrained")
+    axes = figure.subplot_mosaic([["a", "b"], ["c", "d"], ["success", "success"]])
+    for name, panel in zip("abcd", FIGURES.values(), strict=True):
+        _draw_metric(axes[name], logs, panel)
+    _draw_success(axes["success"], logs)
+    return figure
+
+
+def _draw_metric(axes: "Axes", logs: Sequence[dict[str, np.ndarray]], panel: _Panel) -> None:
+    _lines(axes, logs, panel.metric, _BLUE, None)
+    if panel.metric == "score":
+        axes.axhline(PAPER_SCORE, color=_GREY, linewidth=1.0, linestyle=(0, (4, 3)))
+        axes.annotate(
+            f"paper: +{PAPER_SCORE:.0f}",
+            (0.0, PAPER_SCORE),  # at the left end, where the curve is still far below
+            xycoords=("axes fraction", "data"),
+            xytext=(3, 2),
+            textcoords="offset points",
+            ha="left",
+            va="bottom",
+            color=_GREY,
+            fontsize=8.0,
+        )
+    axes.set(title=panel.title, xlabel=_STEPS, xlim=_span(logs), ylabel=panel.unit)
+
+
+def _draw_success(axes: "Axes", logs: Sequence[dict[str, np.ndarray]]) -> None:
+    _lines(axes, logs, "success", _GREEN, "stochastic policy, while training")
+    evaluated = [log for log in logs if "eval_success" in log]
+    for log in evaluated:
+        known = np.isfinite(log["eval_success"])
+        axes.plot(
+            log["step"][known] * 1e-6,
+            100.0 * log["eval_success"][known],
+            color=_ORANGE,
+            linewidth=0.8,
+            marker="o",
+            markersize=4.0,
+            alpha=1.0 if len(evaluated) == 1 else 0.6,
+            label="deterministic policy, evaluations" if log is evaluated[0] else None,
+        )
+    axes.set(title="Success rate", xlabel=_STEPS, xlim=_span(logs), ylabel="%", ylim=(0.0, 102.0))
+    if axes.get_legend_handles_labels()[0]:  # before the first episode ends there is nothing to show
+        axes.legend(loc="lower right")
+
+
+def _span(logs: Sequence[dict[str, np.ndarray]]) -> tuple[float, float]:
+    return 0.0, 1.02e-6 * max(log["step"][-1] for log in logs)
+
+
+def _lines(axes: "Axes", logs: Sequence[dict[str, np.ndarray]], metric: str, color: str, label: str | None) -> None:
+    """Draw a metric over the steps; success rates in per cent."""
+    factor = 100.0 if metric == "success" else 1.0
+    curves = []
+    for log in logs:
+        values = log.get(metric, np.full_like(log["step"], np.nan))
+        known = np.isfinite(values)
+        if known.any():
+            curves.append((log["step"][known] * 1e-6, factor * values[known]))
+    if len(curves) > 1:
+        for steps, values in curves:
+            axes.plot(steps, values, color=color, linewidth=0.7, alpha=0.4)
+        # Seeds that were stopped early do not bend the mean: it ends with the shortest.
+        common = curves[0][0]
+        common = common[(common >= max(c[0][0] for c in curves)) & (common <= min(c[0][-1] for c in curves))]
+        mean = np.mean([np.interp(common, *curve) for curve in curves], axis=0)
+        axes.plot(common, mean, color=color, linewidth=1.8, label=label and f"{label}: mean of {len(curves)} seeds")
+    elif curves:
+        # A run of one update is a point, which a line would not show.
+        marker = "o" if len(curves[0][0]) == 1 else None
+        axes.plot(*curves[0], color=color, linewidth=1.5, marker=marker, label=label)
+
+
+def _save(figure: "Figure", path: Path) -> list[Path]:
+    files = [path.with_suffix(".png"), path.with_suffix(".svg")]
+    figure.savefig(files[0], dpi=150)
+    figure.savefig(files[1], metadata={"Date": None})
+    return files

@@ -1,0 +1,117 @@
+"""What a training leaves behind: the policy file, the final evaluation, the figures and a summary."""
+
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from agents import policy_file
+from agents.export import write
+from agents.resolvability import Verdict, classify
+from envs.encounters import SCENARIOS
+from envs.starts import numbered
+from rlcas_jax.config import TrainConfig
+from rlcas_jax.figures import training_figures
+from rlcas_jax.loop import Run, outcomes, rates
+
+__all__ = ["POLICY", "export", "finish", "judge", "table"]
+
+POLICY = "policy.safetensors"
+
+
+def finish(run: Run) -> dict[str, Any]:
+    """Judge the trained policy, write it, its summary and the training figures; return the summary."""
+    evaluation = judge(run)
+    path = export(run, evaluation["score_mean"])
+    figures = training_figures([run.directory], run.directory / "figures")
+    summary = {
+        "name": run.config.name,
+        "seed": run.config.seed,
+        "finished": run.finished,
+        "steps": int(run.state.update) * run.task.steps_per_update,
+        "training_score": run.score,
+        "evaluation": evaluation,
+        "wall_s": run.wall_s,
+        "policy": path.name,
+        "policy_sha256": policy_file.read(path).sha256,
+        "figures": sorted(str(figure.relative_to(run.directory)) for figure in figures),
+    }
+    (run.directory / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    return summary
+
+
+def judge(run: Run) -> dict[str, Any]:
+    """Fly the deterministic policy through the final encounters and count the successes, of all and of the resolvable.
+
+    What is not proven unresolvable counts as resolvable, so a weak search cannot flatter the rate.
+    """
+    began = time.monotonic()
+    settings = run.config.evaluation
+    encounters = numbered(SCENARIOS["circle"], settings.seed, 0, settings.final_encounters)
+    outcome = outcomes(run.task, run.state, encounters)
+    solved = np.asarray(outcome.reached)
+    verdict = classify(encounters, run.task.rules, run.config.world.limits(), solved=solved).verdict
+    resolvable = int(np.sum(verdict != Verdict.UNRESOLVABLE))
+    found = rates(outcome, run.task.rules)
+    return {
+        "encounters": settings.final_encounters,
+        "seed": settings.seed,
+        "score_mean": found["eval_score"],
+        "success_rate": found["eval_success"],
+        "violation_rate": found["eval_violation"],
+        "timeout_rate": found["eval_timeout"],
+        "unresolvable_proven": int(np.sum(verdict == Verdict.UNRESOLVABLE)),
+        "undecided": int(np.sum(verdict == Verdict.UNDECIDED)),
+        "success_given_resolvable": float(np.sum(solved)) / max(resolvable, 1),
+        "wall_s": time.monotonic() - began,
+    }
+
+
+def export(run: Run, score: float | None) -> Path:
+    """Write the policy file of a run and return its path."""
+    config: TrainConfig = run.config
+    path = run.directory / POLICY
+    write(
+        path,
+        jax.device_get(run.state.learner.actor),
+        hidden=tuple(config.network.hidden),
+        feature_set=config.network.feature_set,
+        limits=config.world.limits(),
+        config=config.model_dump(mode="json"),
+        steps=int(run.state.update) * run.task.steps_per_update,
+        score=score,
+    )
+    return path
+
+
+def table(directory: Path, summaries: Sequence[dict[str, Any]]) -> str:
+    """Return what a person wants to know at the end, as text."""
+    lines = []
+    for summary in summaries:
+        judged = summary["evaluation"]
+        state = "" if summary["finished"] else ", interrupted"
+        lines.append(f"seed {summary['seed']}: {summary['steps']:,} steps in {summary['wall_s']:.0f} s{state}")
+        rows = {
+            "training score (stochastic policy, last 5 % of the episodes)": f"{summary['training_score']:+.1f}",
+            f"deterministic policy, {judged['encounters']} encounters: mean score": f"{judged['score_mean']:+.1f}",
+            "resolved, of all": f"{judged['success_rate']:.2%}",
+            "resolved, of the resolvable": f"{judged['success_given_resolvable']:.2%}",
+            "separation violated": f"{judged['violation_rate']:.2%}",
+            "out of time": f"{judged['timeout_rate']:.2%}",
+            "proven unresolvable": f"{judged['unresolvable_proven']}",
+            "undecided (counted as resolvable)": f"{judged['undecided']}",
+        }
+        lines += [f"  {name:<64}{value:>9}" for name, value in rows.items()]
+    if len(summaries) > 1:
+        scores = [summary["training_score"] for summary in summaries]
+        given = [summary["evaluation"]["success_given_resolvable"] for summary in summaries]
+        lines.append(
+            f"{len(summaries)} seeds: training score {min(scores):+.1f} to {max(scores):+.1f}, "
+            f"resolved of the resolvable {min(given):.2%} to {max(given):.2%}"
+        )
+    lines.append(f"policy, summary, metrics and figures: {directory}")
+    return "\n".join(lines)

@@ -1,0 +1,167 @@
+"""The training run: updates, metrics, evaluations and checkpoints until the steps are done or somebody stops it."""
+
+import json
+import math
+import signal
+import time
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from agents.configuration import ConfigError, dump
+from envs.encounters import SCENARIOS, Encounter
+from envs.outcome import Outcome, Rules, reward
+from envs.starts import numbered
+from rlcas_jax import checkpoint, metrics, progress
+from rlcas_jax.config import TrainConfig
+from rlcas_jax.task import Task, TrainState, build
+from rlcas_jax.versions import versions
+
+__all__ = ["Run", "TrainingError", "outcomes", "rates", "run"]
+
+
+class TrainingError(RuntimeError):
+    """Training that cannot go on; the message says why and what is left."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A training run's end."""
+
+    directory: Path
+    state: TrainState
+    task: Task
+    config: TrainConfig
+    finished: bool
+    """False when it was interrupted."""
+    score: float
+    """Mean sparse return of the stochastic policy over the last twentieth of the steps."""
+    wall_s: float
+    """Time spent in this process, compilation included."""
+
+
+def run(config: TrainConfig, directory: Path, reporter: progress.Reporter, *, resume: bool = False) -> Run:
+    """Train.
+
+    Args:
+        config: what to train.
+        directory: of the run; exists.
+        reporter: shows how it goes.
+        resume: go on from the directory's newest checkpoint instead of starting.
+
+    Raises:
+        TrainingError: a loss or a parameter is no longer finite.
+        CheckpointError: there is nothing to resume from.
+    """
+    began = time.monotonic()
+    saved = directory / "checkpoints"
+    task = build(config)
+    state = task.initial()
+    if resume:
+        state, meta = checkpoint.restore(checkpoint.latest(saved), like=state)
+        _check_same(config, meta, directory)
+    else:
+        (directory / "versions.json").write_text(json.dumps(versions(), indent=2) + "\n", encoding="utf-8")
+
+    update = int(state.update)
+    per_update = task.steps_per_update
+    judged = numbered(SCENARIOS["circle"], config.evaluation.seed, 0, config.evaluation.encounters)
+    log = metrics.Writer(directory, resume_update=update if resume else None)
+    reporter.start(total_steps=task.updates * per_update, step=update * per_update)
+
+    def save() -> None:
+        checkpoint.save(saved, int(state.update), state, {"config": dump(config)}, keep=config.checkpoint.keep)
+
+    last_saved = time.monotonic()
+    with _interruptible() as interrupted, log, ExitStack() as stack:
+        stack.callback(reporter.stop)
+        if not resume:
+            save()
+        while update < task.updates and not interrupted():
+            tick = time.monotonic()
+            following, figures = task.update(state)
+            row = {name: float(value) for name, value in jax.device_get(figures).items()}
+            if not row.pop("finite"):
+                raise TrainingError(
+                    f"a loss or a parameter is not finite after update {update + 1} "
+                    f"(step {(update + 1) * per_update}); the last good checkpoint is {checkpoint.latest(saved)}"
+                )
+            state = following
+            before, update = update, update + 1
+            row = {"step": update * per_update, "update": update} | row
+            row |= {"wall_s": time.monotonic() - began, "steps_per_s": per_update / (time.monotonic() - tick)}
+            if _crosses(before, update, per_update, config.evaluation.every_steps):
+                row |= rates(outcomes(task, state, judged), task.rules)
+            log.write(row)
+            reporter.update(row)
+            if time.monotonic() - last_saved >= config.checkpoint.every_seconds:
+                save()
+                last_saved = time.monotonic()
+        save()
+    return Run(
+        directory,
+        state,
+        task,
+        config,
+        update >= task.updates,
+        _final_score(metrics.read(directory / "metrics.jsonl")),
+        time.monotonic() - began,
+    )
+
+
+def outcomes(task: Task, state: TrainState, judged: Encounter) -> Outcome:
+    """Return how the deterministic policy ends encounters ``[N]``."""
+    single = jax.tree.map(lambda field: field.astype(np.float32) if field.dtype == np.float64 else field, judged)
+    return Outcome(*jax.device_get(task.evaluate(state.learner.actor, single)))
+
+
+def rates(outcome: Outcome, rules: Rules) -> dict[str, float]:
+    """Return the shares of the outcomes ``[N]`` and the mean sparse score."""
+    return {
+        "eval_success": float(np.mean(outcome.reached)),
+        "eval_violation": float(np.mean(outcome.violation)),
+        "eval_timeout": float(np.mean(outcome.timeout)),
+        "eval_score": float(np.mean(reward(outcome, rules, np))),
+    }
+
+
+def _crosses(before: int, after: int, per_update: int, every_steps: int) -> bool:
+    return before * per_update // every_steps != after * per_update // every_steps
+
+
+def _final_score(log: dict[str, np.ndarray]) -> float:
+    """Return the episodes' mean return over the last twentieth of the updates, each episode weighing the same."""
+    if not log:
+        return math.nan
+    tail = max(1, len(log["step"]) // 20)
+    score, episodes = log["score"][-tail:], log["episodes"][-tail:]
+    known = episodes > 0
+    return float(np.average(score[known], weights=episodes[known])) if known.any() else math.nan
+
+
+def _check_same(config: TrainConfig, meta: dict[str, Any], directory: Path) -> None:
+    if meta["config"] != dump(config):
+        raise ConfigError(f"{directory}: its checkpoint was made with another configuration than its config.yaml")
+
+
+@contextmanager
+def _interruptible() -> Generator[Callable[[], bool]]:
+    """Turn the first Ctrl-C (or SIGTERM) into a question that the loop asks between updates; the second one kills."""
+    asked = False
+
+    def ask(number: int, _frame: Any) -> None:
+        nonlocal asked
+        asked = True
+        signal.signal(number, signal.SIG_DFL if number == signal.SIGTERM else signal.default_int_handler)
+
+    previous = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: asked
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)

@@ -1,0 +1,152 @@
+"""The figures of a training run: one JSON object a line, and TensorBoard where it is installed."""
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+import numpy as np
+
+__all__ = ["FILE", "METRICS", "WALL_CLOCK", "Writer", "read"]
+
+FILE = "metrics.jsonl"
+
+METRICS = {
+    "step": "Environment steps since the start of the training.",
+    "update": "Updates since the start of the training.",
+    "wall_s": "Time since this process began the run, s. Starts anew when a run is resumed.",
+    "steps_per_s": "Environment steps a second over the whole update (flying and learning).",
+    "score": "Mean return of the episodes that ended during the update: the task's sparse reward, undiscounted, without"
+    " any shaping. The policy is the stochastic one that learns; the paper's training figure is this.",
+    "success": "Share of those episodes that reached the goal.",
+    "violation": "Share of those episodes that lost the separation.",
+    "timeout": "Share of those episodes that ran out of time.",
+    "episodes": "How many episodes ended during the update.",
+    "episode_length": "Environment steps of the update per episode that ended in it, 1 s each.",
+    "loss": "What the optimiser minimises: policy_loss + ppo.value * value_loss - ppo.entropy * entropy; mean over the"
+    " last epoch of the update.",
+    "policy_loss": "PPO's clipped surrogate objective, negated.",
+    "value_loss": "Half the critic's mean squared error, in units of the scaled reward squared.",
+    "entropy": "Entropy of the action distribution, nats; it falls as the policy makes up its mind.",
+    "neg_log_prob": "Mean negative logarithm of the density of the actions taken, nats.",
+    "approx_kl": "Estimate of the divergence between the policy before and after the update, nats; above about 0.05 the"
+    " updates are too large.",
+    "clip_fraction": "Share of the samples whose probability ratio left 1 +- ppo.clip.",
+    "explained_variance": "Share of the returns' variance that the critic predicts: 1 at best, at or below 0 it is of"
+    " no use.",
+    "learning_rate": "Step size of Adam in this update.",
+    "grad_norm": "Global norm of the gradient before it is limited to ppo.max_grad_norm, mean over the last epoch.",
+    "std_acceleration": "Standard deviation of the acceleration action; full deflection is 1.",
+    "std_yaw_rate": "Standard deviation of the yaw rate action; full deflection is 1.",
+    "eval_success": "Share of the evaluation's encounters in which the deterministic policy reaches the goal.",
+    "eval_violation": "Share of them in which it loses the separation.",
+    "eval_timeout": "Share of them in which it runs out of time.",
+    "eval_score": "Mean sparse return of the deterministic policy over them; not comparable with score.",
+}
+"""What is logged, by name, with its meaning and unit."""
+
+WALL_CLOCK = ("wall_s", "steps_per_s")
+"""The only metrics in which two runs of one configuration differ."""
+
+
+class Writer:
+    """Appends a run's metrics to ``metrics.jsonl`` in its directory, flushed line by line.
+
+    Where tensorboardX is installed, the same figures go to ``tensorboard/`` beside it.
+    """
+
+    def __init__(self, directory: Path, *, resume_update: int | None = None, tensorboard: bool = True) -> None:
+        """Open the file.
+
+        Args:
+            directory: of the run; exists.
+            resume_update: number of updates that the run goes on after; lines of later ones are removed, so that
+                a resumed run leaves the file of an uninterrupted one. None begins a new file.
+            tensorboard: write for TensorBoard too, if that is possible.
+        """
+        path = directory / FILE
+        kept = (
+            [] if resume_update is None else [one for one in _lines(path) if json.loads(one)["update"] <= resume_update]
+        )
+        with path.open("ab") as file:
+            file.truncate(sum(map(len, kept)))
+        self._file: IO[str] = path.open("a", encoding="utf-8")
+        self._board: Any = None
+        if tensorboard and find_spec("tensorboardX") is not None:
+            from tensorboardX import SummaryWriter
+
+            last_step = json.loads(kept[-1])["step"] if kept else -1
+            self._board = SummaryWriter(str(directory / "tensorboard"), purge_step=last_step + 1)
+
+    def write(self, row: Mapping[str, Any]) -> None:
+        """Write the figures of an update.
+
+        Args:
+            row: numbers by name, among them ``step`` and ``update``; what is not finite becomes null.
+
+        Raises:
+            KeyError: a name is not described in :data:`METRICS`.
+        """
+        for name in row:
+            if name not in METRICS:
+                raise KeyError(f"metric {name!r} has no description in rlcas_jax.metrics.METRICS")
+        figures = {name: _number(name, value) for name, value in row.items()}
+        self._file.write(json.dumps(figures) + "\n")
+        self._file.flush()
+        if self._board is not None:
+            for name, value in figures.items():
+                if value is not None and name not in ("step", "update"):
+                    self._board.add_scalar(name, value, global_step=figures["step"])
+
+    def close(self) -> None:
+        """Close the files."""
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._file.close()
+        if self._board is not None:
+            self._board.close()
+
+    def __enter__(self) -> "Writer":
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Close the files."""
+        self.close()
+
+
+def read(path: Path) -> dict[str, np.ndarray]:
+    """Return a run's metrics by name, float64 ``[updates]``, not-a-number where a line lacks one.
+
+    Args:
+        path: of the JSONL file or of the run's directory. A last line that is only half written is left out.
+    """
+    rows = [json.loads(line) for line in _lines(path / FILE if path.is_dir() else path)]
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {
+        name: np.array([math.nan if row.get(name) is None else row[name] for row in rows], np.float64) for name in names
+    }
+
+
+def _lines(path: Path) -> list[bytes]:
+    """Return the file's whole lines, with their line ends."""
+    lines = path.read_bytes().splitlines(keepends=True) if path.exists() else []
+    return lines[:-1] if lines and not lines[-1].endswith(b"\n") else lines
+
+
+def _number(name: str, value: Any) -> int | float | None:
+    if name in ("step", "update", "episodes"):
+        return int(value)
+    number = float(value)
+    if not math.isfinite(number):
+        return None
+    # A float32 goes by the shortest text that names it: 0.1, not 0.10000000149011612.
+    with np.errstate(over="ignore"):
+        single = np.float32(number)
+    return float(str(single)) if float(single) == number else number

@@ -1,0 +1,33 @@
+"""Potential-based shaping (Ng, Harada, Russell 1999): hints that leave the optimal policy as it is."""
+
+import jax
+import jax.numpy as jnp
+
+from envs.kinematics import VehicleState
+from envs.relative import distance, straight_cpa
+from envs.surrogate import State
+
+__all__ = ["potential", "shaped"]
+
+
+def potential(state: State, goal_weight: float, conflict_weight: float, separation: float) -> jax.Array:
+    """Return the potential of each encounter, ``[N]``, in units of the scaled reward.
+
+    Args:
+        state: encounters in progress.
+        goal_weight: worth of 10 km less to the goal.
+        conflict_weight: worth of a predicted closest approach at the separation instead of at 0 m.
+        separation: m.
+    """
+    total = -goal_weight * distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp) * 1e-4
+    if conflict_weight:
+        own = VehicleState(*(field[:, None] for field in state.own))
+        cpa = straight_cpa(own, state.intruders.vehicle, jnp)
+        depth = jnp.where(state.mask, jnp.clip(1.0 - cpa.distance / separation, 0.0, 1.0), 0.0)
+        total = total - conflict_weight * depth.max(axis=-1)
+    return total
+
+
+def shaped(before: jax.Array, after: jax.Array, terminated: jax.Array, discount: float) -> jax.Array:
+    """Return the shaping reward of a step: the discounted gain in potential, which is 0 once terminated."""
+    return discount * jnp.where(terminated, 0.0, after) - before

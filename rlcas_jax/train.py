@@ -1,0 +1,56 @@
+"""Train a policy: ``python -m rlcas_jax.train --config configs/quick.yaml`` (``--help`` lists everything)."""
+
+import sys
+from collections.abc import Sequence
+
+from agents.configuration import ConfigError, run_cli
+from rlcas_jax.cli import Options, parse, prepare
+
+__all__ = ["main"]
+
+INTERRUPTED = 130
+FAILED = 1
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit status: 0 done, 1 training failed, 130 interrupted."""
+    options = parse(argv)
+    prepare(options)
+    return _train(options)
+
+
+def _train(options: Options) -> int:
+    # Imported here: --help and bad input must not wait for JAX.
+    from rlcas_jax.checkpoint import CheckpointError
+    from rlcas_jax.figures import training_figures
+    from rlcas_jax.finish import finish, table
+    from rlcas_jax.loop import TrainingError, run
+    from rlcas_jax.progress import Reporter
+
+    summaries = []
+    interrupted = False
+    for job in options.jobs:
+        reporter = Reporter(quiet=options.quiet)
+        reporter.note(f"training {job.config.name}, seed {job.config.seed}, in {job.directory}")
+        try:
+            done = run(job.config, job.directory, reporter, resume=job.resume)
+        except CheckpointError as problem:
+            raise ConfigError(str(problem)) from None
+        except TrainingError as problem:
+            print(f"error: {problem}", file=sys.stderr)
+            return FAILED
+        reporter.note("judging the policy")
+        summaries.append(finish(done))
+        if not done.finished:
+            interrupted = True
+            break
+    if len(options.jobs) > 1:
+        training_figures([job.directory for job in options.jobs[: len(summaries)]], options.directory / "figures")
+    print(table(options.directory, summaries))
+    if interrupted:
+        print(f"interrupted: go on with  python -m rlcas_jax.train --resume {options.directory}")
+    return INTERRUPTED if interrupted else 0
+
+
+if __name__ == "__main__":
+    run_cli(main)

@@ -1,0 +1,290 @@
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import Field, ValidationError, model_validator
+
+from agents.configuration import ConfigError, Parser, Strict, dump, load, run_cli
+from agents.configuration_keys import help_text, keys, markdown
+from agents.configuration_yaml import read, write
+
+
+class Inner(Strict):
+    rate: float = Field(default=7e-4, gt=0.0, le=1.0)
+    """Rate, 1/s."""
+    count: int = Field(default=4, ge=1)
+    """Count."""
+    kind: Literal["cpa", "none"] = "cpa"
+    """Kind."""
+    hidden: tuple[Annotated[int, Field(ge=1)], ...] = (256, 256)
+    """Widths."""
+    pair: tuple[float, float] | None = None
+    """Range, m."""
+    flag: bool = True
+    """Flag."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "Inner":
+        if self.count == 13:
+            raise ConfigError("count is 13; expected a lucky number")
+        return self
+
+
+class Item(Strict):
+    name: str
+    """Name."""
+    weight: float = 1.0
+    """Weight."""
+
+
+class Outer(Strict):
+    name: str = "x"
+    """Name of it all."""
+    path: Path | None = None
+    """A file."""
+    inner: Inner = Inner()
+    items: tuple[Item, ...] = Field(default=(Item(name="circle"),), min_length=1)
+    """Several."""
+
+
+@pytest.mark.parametrize(
+    ("written", "value"),
+    [
+        ("3e-4", 3e-4),
+        ("3.e-4", 3e-4),
+        (".5", 0.5),
+        ("1", 1.0),
+        ("1_0e-2", 0.1),
+    ],
+)
+def test_numbers_that_yaml_1_1_reads_as_texts_are_numbers(written: str, value: float):
+    assert load(Outer, overrides=[f"inner.rate={written}"]).inner.rate == value
+
+
+@pytest.mark.parametrize("written", ["10000000", "10_000_000", "1e7", "1.0e+7", "10000000.0"])
+def test_whole_numbers_may_be_written_as_people_write_them(written: str):
+    count = load(Outer, overrides=[f"inner.count={written}"]).inner.count
+    assert count == 10_000_000
+    assert type(count) is int
+
+
+def test_lists_become_tuples_with_converted_items():
+    config = load(Outer, overrides=["inner.hidden=[1, 2e1]", "inner.pair=[1, 2.5]", "path=a/b.yaml"])
+    assert config.inner.hidden == (1, 20)
+    assert config.inner.pair == (1.0, 2.5)
+    assert config.path == Path("a/b.yaml")
+    hash(config)
+
+
+@pytest.mark.parametrize("name", ["1e7", "007", "no", "a: b", "", "2026-01-01"])
+def test_a_text_is_taken_as_it_is_written(name: str):
+    assert load(Outer, overrides=[f"name={name}"]).name == name
+
+
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        ("inner.rat=1", "--set: inner.rat is unknown (its value is 1); did you mean inner.rate?"),
+        ("quux=1", "--set: quux is unknown (its value is 1); expected one of name, path, inner, items"),
+        ("quux.a=1", "--set: quux is unknown (its value is {a: 1}); expected one of name, path, inner, items"),
+        ("inner.rate=2", "--set: inner.rate is 2; expected a number above 0 and at most 1"),
+        ("inner.rate=fast", "--set: inner.rate is 'fast'; expected a number above 0 and at most 1"),
+        ("inner.rate='3e-4'", "--set: inner.rate is '3e-4'; expected a number above 0 and at most 1"),
+        ("inner.rate=true", "--set: inner.rate is true; expected a number above 0 and at most 1"),
+        ("inner.rate=.nan", "--set: inner.rate is nan; expected a number above 0 and at most 1"),
+        ("inner.rate=", "--set: inner.rate is null; expected a number above 0 and at most 1"),
+        ("inner.count=1.5", "--set: inner.count is 1.5; expected a whole number at least 1"),
+        ("inner.count=13", "--set: inner.count is 13; expected a lucky number"),
+        ("inner.kind=cpo", "--set: inner.kind is 'cpo'; expected one of cpa, none; did you mean cpa?"),
+        ("inner.kind=7", "--set: inner.kind is 7; expected one of cpa, none"),
+        ("inner.flag=yes", "--set: inner.flag is 'yes'; expected true or false"),
+        ("inner.hidden=3", "--set: inner.hidden is 3; expected a list (a whole number at least 1 each)"),
+        (
+            "inner.hidden=[0]",
+            "--set: inner.hidden.0 is 0; expected inner.hidden to be a list (a whole number at least 1 each)",
+        ),
+        ("inner.pair=[1]", "--set: inner.pair.1 is missing; expected a list of 2 values (a number each) or null"),
+        ("inner=3", "--set: inner is 3; expected a group of keys"),
+        ("inner.rate.x=3", "--set inner.rate.x=3: inner.rate is 0.0007 and has no key 'x'"),
+        ("items=[]", "--set: items is []; expected a list (a group of keys each), at least 1 of them"),
+        ("items=[{weight: 1}]", "--set: items.0.name is missing; expected a text"),
+        ("items.0.wight=1", "--set: items.0.wight is unknown (its value is 1); did you mean items.0.weight?"),
+        ("items.1.weight=2", "--set items.1.weight=2: '1' is no item of a list of 1; expected 0, 1, ..."),
+        ("items.x=2", "--set items.x=2: 'x' is no item of a list of 1; expected 0, 1, ..."),
+        ("name", "--set name: expected KEY=VALUE, such as --set name=x"),
+        ("inner..rate=1", "--set inner..rate=1: expected KEY=VALUE, such as --set name=x"),
+        (
+            "inner.rate={a: b: c",
+            "--set inner.rate: '{a: b: c': line 1: not valid YAML (expected ',' or '}', but got ':')",
+        ),
+    ],
+)
+def test_a_bad_override_is_refused_in_one_sentence(override: str, sentence: str):
+    with pytest.raises(ConfigError) as caught:
+        load(Outer, overrides=[override])
+    assert str(caught.value) == sentence
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ("inner: {rate: 2}", "inner.rate is 2; expected a number above 0 and at most 1"),
+        ("inner: {rate: 2, count: 0}", "inner.rate is 2; expected a number above 0 and at most 1 (and 1 more)"),
+        (
+            "inner: {count: 0, cont: 1}",
+            "inner.cont is unknown (its value is 1); did you mean inner.count? (and 1 more)",
+        ),
+        ("name: 7", "name is 7; expected a text"),
+        ("- 1", "expected keys with values, got [1]"),
+        ("name: a\nname: b", "line 2: key name stands twice"),
+        ("1: a", "line 1: key 1 is no text"),
+        ("a: [", "line 1: not valid YAML (expected the node content, but found '<stream end>')"),
+        ("a: !!python/object:os.system x", "line 1: not valid YAML (could not determine a constructor for the tag"),
+    ],
+)
+def test_a_bad_file_is_refused_by_its_name(tmp_path: Path, content: str, sentence: str):
+    path = tmp_path / "config.yaml"
+    path.write_text(content)
+    with pytest.raises(ConfigError) as caught:
+        load(Outer, path)
+    assert str(caught.value).startswith(f"{path}: {sentence}")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path):
+    with pytest.raises(ConfigError, match=r"none\.yaml: there is no such file"):
+        load(Outer, tmp_path / "none.yaml")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load(Outer, tmp_path)
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match=r"binary\.yaml: cannot be read"):
+        load(Outer, tmp_path / "binary.yaml")
+    (tmp_path / "control.yaml").write_bytes(b"name: \x07")
+    with pytest.raises(ConfigError, match=r"control\.yaml: not valid YAML"):
+        load(Outer, tmp_path / "control.yaml")
+
+
+def test_an_empty_file_means_the_defaults(tmp_path: Path):
+    path = tmp_path / "config.yaml"
+    path.write_text("# nothing\n")
+    assert load(Outer, path) == Outer()
+
+
+def test_overrides_win_over_the_file_and_later_ones_over_earlier_ones(tmp_path: Path):
+    path = tmp_path / "config.yaml"
+    path.write_text("inner: {rate: 0.1, count: 2}\n")
+    config = load(Outer, path, ["inner.rate=0.2", "inner.rate=0.3", "items.0.weight=2"])
+    assert (config.inner.rate, config.inner.count) == (0.3, 2)
+    assert config.items == (Item(name="circle", weight=2.0),)
+
+
+def test_models_are_frozen():
+    with pytest.raises(ValidationError):
+        Outer().name = "y"  # pyright: ignore[reportAttributeAccessIssue]
+
+
+numbers = st.floats(min_value=0.0, max_value=1.0, exclude_min=True)
+printable = st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=20)
+configs = st.builds(
+    Outer,
+    name=printable,
+    path=st.none() | st.just(Path("a/b")),
+    inner=st.builds(
+        Inner,
+        rate=numbers,
+        count=st.integers(1, 2**62).filter(lambda n: n != 13),
+        kind=st.sampled_from(["cpa", "none"]),
+        hidden=st.lists(st.integers(1, 9), max_size=3).map(tuple),
+        pair=st.none() | st.tuples(numbers, st.floats(allow_nan=False, allow_infinity=False)),
+        flag=st.booleans(),
+    ),
+    items=st.lists(st.builds(Item, name=printable, weight=numbers), min_size=1, max_size=3).map(tuple),
+)
+
+
+@given(configs)
+def test_loading_a_dump_gives_the_same_configuration(tmp_path_factory: pytest.TempPathFactory, config: Outer):
+    path = tmp_path_factory.getbasetemp() / "dump.yaml"
+    path.write_text(dump(config), encoding="utf-8")
+    assert load(Outer, path) == config
+
+
+@given(configs)
+def test_overrides_can_say_every_configuration(config: Outer):
+    values = config.model_dump()
+    overrides = [f"name={config.name}", f"path={write(values['path'])}"]
+    overrides += [f"inner.{key}={write(value)}" for key, value in values["inner"].items()]
+    overrides += [f"items={write(values['items'])}"]
+    assert load(Outer, overrides=overrides) == config
+
+
+@given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | printable, st.lists))
+def test_yaml_gives_back_what_was_written(value: object):
+    assert read(write(value)) == value
+
+
+def test_help_and_documentation_list_every_key_with_its_text():
+    names = [key.name for key in keys(Outer)]
+    assert names == [
+        "name",
+        "path",
+        "inner.rate",
+        "inner.count",
+        "inner.kind",
+        "inner.hidden",
+        "inner.pair",
+        "inner.flag",
+        "items",
+        "items[].name",
+        "items[].weight",
+    ]
+    assert "  inner.rate: a number above 0 and at most 1 (default: 0.0007)\n      Rate, 1/s.\n" in help_text(Outer)
+    assert "| `items[].name` | a text | `required` | Name. |\n" in markdown(Outer)
+
+
+def program(body: str) -> subprocess.CompletedProcess[str]:
+    text = f"from agents.configuration import *\ndef main():\n    {body}\nrun_cli(main, KeyError)"
+    return subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
+
+
+def test_a_program_turns_bad_input_into_one_line_and_exit_status_2():
+    result = program("raise ConfigError('bad\\n  thing')")
+    assert (result.returncode, result.stdout, result.stderr) == (2, "", "error: bad thing\n")
+    assert program("raise KeyError('k')").returncode == 2
+
+
+def test_a_program_keeps_the_traceback_of_a_defect():
+    result = program("1 / 0")
+    assert result.returncode == 1
+    assert "ZeroDivisionError" in result.stderr
+
+
+@pytest.mark.parametrize(("status", "expected"), [(None, 0), (0, 0), (3, 3)])
+def test_a_program_exits_with_its_status(status: int | None, expected: int):
+    with pytest.raises(SystemExit) as caught:
+        run_cli(lambda: status)
+    assert caught.value.code == expected
+
+
+def test_a_program_that_is_interrupted_exits_with_130(capsys: pytest.CaptureFixture[str]):
+    def main() -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(SystemExit) as caught:
+        run_cli(main)
+    assert caught.value.code == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_bad_arguments_are_one_sentence():
+    parser = Parser(prog="prog")
+    parser.add_argument("--seeds", type=int)
+    with pytest.raises(ConfigError) as caught:
+        parser.parse_args(["--seeds", "x"])
+    assert str(caught.value) == "argument --seeds: invalid int value: 'x' (see prog --help)"
+    with pytest.raises(ConfigError, match="unrecognized arguments: --see"):
+        parser.parse_args(["--see", "1"])

@@ -1,0 +1,130 @@
+import math
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from agents.configuration import ConfigError, Strict, dump, load
+from agents.configuration_world import ScenarioConfig, VehicleConfig
+from envs.encounters import SCENARIOS, Scenario
+from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits
+
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+
+
+class World(Strict):
+    vehicle: VehicleConfig = VehicleConfig()
+
+
+@pytest.mark.parametrize(("name", "limits"), [("surrogate", SURROGATE), ("c208_published", C208_PUBLISHED)])
+def test_vehicle_files_hold_the_published_limits(name: str, limits: Limits):
+    assert load(VehicleConfig, CONFIGS / f"vehicle_{name}.yaml").limits() == limits
+
+
+def test_the_default_vehicle_is_the_surrogate():
+    assert VehicleConfig().limits() == SURROGATE
+
+
+def test_a_vehicle_is_found_beside_the_configuration_and_its_values_are_taken_over(tmp_path: Path):
+    (tmp_path / "slow.yaml").write_text("speed_max_mps: 60\n")
+    path = tmp_path / "config.yaml"
+    path.write_text("vehicle: slow.yaml\n")
+    config = load(World, path)
+    assert config.vehicle.limits() == SURROGATE._replace(speed_max=60.0)
+    assert "slow.yaml" not in dump(config)
+
+
+def test_a_vehicle_is_found_in_the_working_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "slow.yaml").write_text("speed_max_mps: 60\n")
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "config.yaml").write_text("")
+    monkeypatch.chdir(tmp_path)
+    config = load(World, Path("sub/config.yaml"), ["vehicle=slow.yaml"])
+    assert config.vehicle.speed_max_mps == 60.0
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "sentence"),
+    [
+        ("none.yaml", "--set: vehicle: none.yaml: there is no such file"),
+        ("{speed_min_mps: 100}", "--set: vehicle.speed_min_mps is 100.0; expected less than speed_max_mps, 100.0"),
+        (
+            "{acceleration_min_mps2: 0.5}",
+            "--set: vehicle.acceleration_min_mps2 is 0.5; expected a number at least -20 and below 0",
+        ),
+        (
+            "{yaw_rate_max: 3}",
+            "--set: vehicle.yaw_rate_max is unknown (its value is 3); did you mean vehicle.yaw_rate_max_deg_s?",
+        ),
+    ],
+)
+def test_a_bad_vehicle_is_refused(vehicle: str, sentence: str):
+    with pytest.raises(ConfigError) as caught:
+        load(World, overrides=[f"vehicle={vehicle}"])
+    assert str(caught.value) == sentence
+
+
+def test_a_bad_vehicle_file_is_named(tmp_path: Path):
+    path = tmp_path / "fast.yaml"
+    path.write_text("speed_max: 60\n")
+    with pytest.raises(
+        ConfigError, match=r"vehicle: .*fast\.yaml: speed_max is unknown .* did you mean speed_max_mps\?"
+    ):
+        load(World, overrides=[f"vehicle={path}"])
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_unchanged_scenario_is_exactly_the_scenario(name: str):
+    assert ScenarioConfig(name=name).scenario() == SCENARIOS[name]
+
+
+def test_every_number_of_a_scenario_can_be_changed():
+    degrees = {"course_difference": "_deg", "turn_rate": "_deg_s", "heading_change": "_deg"}
+    numbers = {field.name + degrees.get(field.name, "") for field in fields(Scenario)} - {"name"}
+    assert set(ScenarioConfig.model_fields) - {"name", "weight"} == numbers
+
+
+def test_changes_reach_the_scenario_in_radians():
+    config = load(
+        ScenarioConfig,
+        overrides=[
+            "course_difference_deg=[-54, 54]",
+            "turn_rate_deg_s=2",
+            "heading_change_deg=90",
+            "conflicts_closer_than=1e9",
+            "intruders=[2, 3]",
+        ],
+    )
+    scenario = config.scenario()
+    assert scenario.course_difference == pytest.approx((-0.3 * math.pi, 0.3 * math.pi))
+    assert scenario.turn_rate == pytest.approx(math.radians(2.0))
+    assert scenario.heading_change == pytest.approx(math.pi / 2)
+    assert scenario.conflicts_closer_than == 1e9
+    assert scenario.intruders == (2, 3)
+
+
+def test_a_dump_holds_only_what_differs_from_the_scenario():
+    assert (
+        dump(ScenarioConfig(name="head_on", latency=(0.0, 1.0))) == "name: head_on\nweight: 1.0\nlatency: [0.0, 1.0]\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        (
+            "name=circl",
+            f"--set: name: 'circl' is unknown; expected one of {', '.join(SCENARIOS)}; did you mean circle?",
+        ),
+        ("weight=0", "--set: weight is 0; expected a number above 0"),
+        ("own_speed=[100, 50]", "own_speed is [100.0, 50.0]; expected [low, high] within 1.0 to 400.0"),
+        ("intruders=[0, 1]", "intruders is [0, 1]; expected [low, high] within 1 to 8"),
+        ("latency=[0, 3]", "latency is [0.0, 3.0]; expected [low, high] within 0.0 to 2.0"),
+        ("latency=[0]", "--set: latency.1 is missing; expected a list of 2 values (a number each) or null"),
+        ("turn_rate_deg_s=60", "--set: turn_rate_deg_s is 60; expected a number at least 0 and at most 57 or null"),
+    ],
+)
+def test_a_bad_scenario_is_refused(override: str, sentence: str):
+    with pytest.raises(ConfigError) as caught:
+        load(ScenarioConfig, overrides=[override])
+    assert str(caught.value) == sentence

@@ -1,0 +1,182 @@
+"""The training run as a whole: repeatable, resumable after anything, and loud when it goes wrong."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from agents.configuration import load
+from agents.inference import Policy
+from rlcas_jax import checkpoint, metrics
+from rlcas_jax.config import TrainConfig
+from rlcas_jax.task import build
+
+TINY = """\
+name: tiny
+steps: 25600
+network: {hidden: [8, 8]}
+ppo: {environments: 16, rollout: 16, minibatch: 64, segment: 8, epochs: 2}
+pool_rows: 4
+evaluation: {every_steps: 5120, encounters: 8, final_encounters: 16}
+checkpoint: {every_seconds: 0.0}
+"""
+UPDATES = 100
+
+
+@pytest.fixture(scope="module")
+def config_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("config") / "tiny.yaml"
+    path.write_text(TINY)
+    return path
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "rlcas_jax.train", *map(str, arguments)]
+
+
+def train(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command(*arguments), capture_output=True, text=True, timeout=300, check=False, env=environment()
+    )
+
+
+def environment() -> dict[str, str]:
+    """Return the environment of a training: all of them share what JAX has compiled."""
+    cache = Path(tempfile.gettempdir()) / f"rlcas-test-compiled-{os.getuid()}"
+    return os.environ | {
+        "JAX_COMPILATION_CACHE_DIR": str(cache),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    }
+
+
+def stop_midway(out: Path, config_file: Path, number: signal.Signals) -> tuple[int, str]:
+    """Start a training, send it a signal once two updates are logged, and return its exit status and output."""
+    process = subprocess.Popen(
+        command("--config", config_file, "--set", "steps=2_000_000_000", "--out", out),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=environment(),
+    )
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and process.poll() is None:
+        if len(metrics.read(out / metrics.FILE).get("update", ())) >= 2:
+            break
+        time.sleep(0.02)
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=120)
+    return process.returncode, output
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory: pytest.TempPathFactory, config_file: Path) -> Path:
+    out = tmp_path_factory.mktemp("runs") / "whole"
+    done = train("--config", config_file, "--out", out, "--quiet")
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def figures(directory: Path) -> list[dict[str, float | None]]:
+    """Return the logged rows without what depends on the clock."""
+    rows = [json.loads(line) for line in (directory / metrics.FILE).read_text().splitlines()]
+    return [{name: value for name, value in row.items() if name not in metrics.WALL_CLOCK} for row in rows]
+
+
+def final_state(directory: Path) -> bytes:
+    """Return the bytes of the newest checkpoint's arrays."""
+    return checkpoint.latest(directory / "checkpoints").read_bytes()
+
+
+def test_a_run_leaves_what_is_promised(uninterrupted: Path) -> None:
+    assert {"config.yaml", "versions.json", "metrics.jsonl", "policy.safetensors", "summary.json"} <= {
+        path.name for path in uninterrupted.iterdir()
+    }
+    for name in ("episode_reward", "loss", "entropy", "neg_log_probability"):
+        assert (uninterrupted / "figures" / f"{name}.png").stat().st_size > 5_000
+        assert (uninterrupted / "figures" / f"{name}.svg").exists()
+    summary = json.loads((uninterrupted / "summary.json").read_text())
+    assert summary["finished"]
+    assert summary["steps"] == 25600
+    judged = summary["evaluation"]
+    assert judged["success_rate"] + judged["violation_rate"] + judged["timeout_rate"] == pytest.approx(1.0)
+    assert judged["success_given_resolvable"] >= judged["success_rate"]
+    policy = Policy.load(uninterrupted / "policy.safetensors")
+    assert policy.sha256 == summary["policy_sha256"]
+
+
+def test_resuming_after_a_kill_equals_an_uninterrupted_run(
+    uninterrupted: Path, config_file: Path, tmp_path: Path
+) -> None:
+    killed = tmp_path / "killed"
+    process = subprocess.Popen(command("--config", config_file, "--out", killed, "--quiet"), env=environment())
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and process.poll() is None:
+        if 5 <= len(metrics.read(killed / metrics.FILE).get("update", ())) < UPDATES:
+            break
+    process.kill()
+    process.wait()
+    assert len(metrics.read(killed / metrics.FILE)["update"]) < UPDATES, "the run ended before it was killed: nothing was tested"
+
+    resumed = train("--resume", killed, "--quiet")
+    assert resumed.returncode == 0, resumed.stderr
+    assert figures(killed) == figures(uninterrupted)
+    assert final_state(killed) == final_state(uninterrupted)
+    assert (killed / "policy.safetensors").read_bytes() == (uninterrupted / "policy.safetensors").read_bytes()
+
+
+def test_ctrl_c_saves_and_exports(config_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "stopped"
+    status, output = stop_midway(out, config_file, signal.SIGINT)
+    assert status == 130, output
+    assert f"--resume {out}" in output
+    assert "Traceback" not in output
+    assert not json.loads((out / "summary.json").read_text())["finished"]
+    Policy.load(out / "policy.safetensors")
+    stored = checkpoint.latest(out / "checkpoints")
+    assert int(stored.stem.rpartition("-")[2]) == metrics.read(out)["update"][-1]
+
+
+def test_another_seed_is_another_run_and_the_same_seed_the_same(
+    uninterrupted: Path, config_file: Path, tmp_path: Path
+) -> None:
+    done = train("--config", config_file, "--seeds", 2, "--out", tmp_path / "two", "--quiet")
+    assert done.returncode == 0, done.stderr
+    assert "2 seeds" in done.stdout
+    assert (tmp_path / "two" / "figures" / "training.png").exists()
+    assert figures(tmp_path / "two" / "seed-0") == figures(uninterrupted)
+    assert figures(tmp_path / "two" / "seed-1") != figures(uninterrupted)
+
+
+def test_what_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpoint(config_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "diverged"
+    done = train("--config", config_file, "--out", out, "--set", "ppo.reward_scale=1e30", "--quiet")
+    assert done.returncode == 1
+    assert "not finite" in done.stderr
+    assert "Traceback" not in done.stderr
+    kept = checkpoint.latest(out / "checkpoints")
+    assert str(kept) in done.stderr
+    state, _ = checkpoint.restore(kept, like=build(load(TrainConfig, out / "config.yaml")).initial())
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(state.learner))
+
+
+def test_a_resumed_run_must_be_the_run_that_was_begun(uninterrupted: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "edited"
+    copy.mkdir()
+    (copy / "checkpoints").mkdir()
+    for name in ("config.yaml", "metrics.jsonl"):
+        (copy / name).write_text((uninterrupted / name).read_text())
+    newest = checkpoint.latest(uninterrupted / "checkpoints")
+    (copy / "checkpoints" / newest.name).write_bytes(newest.read_bytes())
+    (copy / "config.yaml").write_text((copy / "config.yaml").read_text().replace("discount: 0.995", "discount: 0.9"))
+    done = train("--resume", copy, "--quiet")
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "another configuration" in done.stderr

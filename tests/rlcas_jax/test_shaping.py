@@ -1,0 +1,109 @@
+"""Shaping is potential-based: whatever is flown, it adds up to minus the potential of the start."""
+
+import math
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from envs import surrogate
+from envs.encounters import padded, sample, scenario
+from envs.kinematics import SURROGATE
+from envs.outcome import RULES
+from rlcas_jax.shaping import potential, shaped
+
+WORLD = surrogate.World(RULES, SURROGATE)
+COUNT, STEPS = 128, 300
+
+
+@partial(jax.jit, static_argnums=(1, 2, 3))
+def worth(states: surrogate.State, goal: float, conflict: float, separation: float) -> jax.Array:
+    """Return the potential of states ``[..., N]``."""
+    if states.time.ndim == 1:
+        return potential(states, goal, conflict, separation)
+    return jax.vmap(lambda state: potential(state, goal, conflict, separation))(states)
+
+
+@given(st.lists(st.floats(-10.0, 10.0), min_size=2, max_size=40), st.floats(0.5, 1.0))
+def test_shaping_telescopes_to_the_starts_potential(potentials: list[float], discount: float) -> None:
+    """For any potential and any episode: sum_t discount^t shaped_t = -potential(s_0)."""
+    steps = len(potentials) - 1
+    before, after = np.float32(potentials[:-1]), np.float32(potentials[1:])
+    rewards = shaped(before, after, np.arange(steps) == steps - 1, discount)
+    total = float(np.sum(np.asarray(rewards, np.float64) * discount ** np.arange(steps)))
+    assert total == pytest.approx(-float(before[0]), abs=1e-4)
+
+
+def test_only_termination_forfeits_the_potential() -> None:
+    before, after, ended = np.float32([3.0, 3.0]), np.float32([5.0, 5.0]), np.array([False, True])
+    np.testing.assert_allclose(shaped(before, after, ended, 0.9), [0.9 * 5.0 - 3.0, -3.0], rtol=1e-6)
+
+
+def state_of(name: str, most: int = 1, count: int = COUNT) -> surrogate.State:
+    chosen = scenario(name)
+    draws = np.random.default_rng(0).random((chosen.attempts, count, chosen.dimensions))
+    starts = padded(sample(chosen, draws, np)[0], most, np)
+    return surrogate.reset(jax.tree.map(lambda a: jnp.asarray(a, bool if a.dtype == bool else jnp.float32), starts))
+
+
+@pytest.fixture(scope="module")
+def episodes() -> tuple[surrogate.State, surrogate.State, np.ndarray]:
+    """Random flights: the states before and after each step, ``[T, N]``, and whether it is the episode's last."""
+
+    def forward(state: surrogate.State, action: jax.Array) -> tuple:
+        after, _ = surrogate.step(state, (action[:, 0], action[:, 1]), WORLD)
+        return after, (state, after)
+
+    held = np.random.default_rng(1).uniform(-1.0, 1.0, (STEPS // 20, COUNT, 2))
+    actions = np.repeat(held, 20, axis=0).astype(np.float32)
+    before, after = jax.jit(lambda state: jax.lax.scan(forward, state, actions)[1])(state_of("circle"))
+    ends = np.asarray(after.ended)
+    assert np.all(ends.any(axis=0))
+    first = np.arange(STEPS)[:, None] == ends.argmax(axis=0)
+    return before, after, first
+
+
+@pytest.mark.parametrize("weights", [(1.0, 0.5), (3.0, 0.0)])
+@pytest.mark.parametrize("discount", [0.99, 1.0])
+def test_the_shaping_of_whole_episodes_depends_on_their_start_alone(episodes, weights, discount) -> None:
+    """Random flights that end by violation and by time: none gains anything by shaping."""
+    before, after, last = episodes
+    worths = [np.asarray(worth(states, *weights, RULES.separation)) for states in (before, after)]
+    rewards = np.asarray(shaped(*worths, last, discount), np.float64)
+    lasts = last.argmax(axis=0)
+    flown = np.arange(STEPS)[:, None] <= lasts
+    total = np.sum(np.where(flown, discount ** np.arange(STEPS)[:, None] * rewards, 0.0), axis=0)
+    np.testing.assert_allclose(total, -worths[0][0], atol=1e-4)
+    assert np.std(worths[0][0]) > 0.0
+    assert np.unique(lasts).size > 5
+
+
+def test_potential_by_hand() -> None:
+    """8 km from the goal with weight 2, and a collision course with weight 3 at a separation of 1000 m."""
+    state = state_of("head_on", count=2)
+    own = state.own._replace(x=jnp.zeros(2), y=jnp.zeros(2), heading=jnp.zeros(2), speed=jnp.full(2, 80.0))
+    vehicle = state.intruders.vehicle._replace(
+        x=jnp.full((2, 1), 5_000.0),
+        y=jnp.array([[0.0], [250.0]]),
+        heading=jnp.full((2, 1), -math.pi),
+        speed=jnp.full((2, 1), 80.0),
+    )
+    scene = state._replace(
+        own=own, goal_x=jnp.full(2, 8_000.0), goal_y=jnp.zeros(2), intruders=state.intruders._replace(vehicle=vehicle)
+    )
+    found = potential(scene, 2.0, 3.0, 1_000.0)
+    np.testing.assert_allclose(found, [-2.0 * 0.8 - 3.0, -2.0 * 0.8 - 3.0 * 0.75], atol=1e-4)
+    np.testing.assert_allclose(potential(scene, 2.0, 0.0, 1_000.0), [-1.6, -1.6], atol=1e-5)
+    absent = scene._replace(mask=jnp.zeros_like(scene.mask))
+    np.testing.assert_allclose(potential(absent, 2.0, 3.0, 1_000.0), [-1.6, -1.6], atol=1e-5)
+
+
+def test_the_worst_of_several_present_intruders_counts() -> None:
+    state = state_of("multi", most=8)
+    together = worth(state, 0.0, 1.0, 1_000.0)
+    singly = [worth(state._replace(mask=state.mask & (jnp.arange(8) == k)), 0.0, 1.0, 1_000.0) for k in range(8)]
+    np.testing.assert_allclose(together, np.min(singly, axis=0), atol=1e-6)

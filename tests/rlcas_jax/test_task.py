@@ -1,0 +1,218 @@
+"""The training task: what is learned from, what is reported and what policies are judged by."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from agents.configuration import load
+from envs import encounters, surrogate
+from envs.encounters import Encounter, scenario
+from envs.kinematics import SURROGATE
+from envs.outcome import RULES, Outcome
+from rlcas_jax.config import TrainConfig
+from rlcas_jax.task import Task, TrainState, build, fly
+
+SMALL = [
+    "network.hidden=[8]",
+    "ppo.environments=32",
+    "ppo.rollout=96",
+    "ppo.minibatch=768",
+    "ppo.epochs=2",
+    "ppo.learning_rate=2e-3",
+    "ppo.learning_rate_final=1e-3",
+    "pool_rows=4",
+    "steps=15360",
+]
+SHAPED = ["shaping.goal=2.0", "shaping.conflict=1.0"]
+UPDATES = 5
+
+
+def task_of(*changes: str) -> Task:
+    return build(load(TrainConfig, None, [*SMALL, *changes]))
+
+
+def run(task: Task, updates: int) -> tuple[TrainState, list[dict[str, float]]]:
+    state, log = task.initial(), []
+    for _ in range(updates):
+        state, figures = task.update(state)
+        log.append({name: float(value) for name, value in figures.items()})
+    return state, log
+
+
+@pytest.fixture(scope="module")
+def plain() -> Task:
+    return task_of()
+
+
+@pytest.fixture(scope="module")
+def trained(plain: Task) -> tuple[TrainState, list[dict[str, float]]]:
+    return run(plain, UPDATES)
+
+
+def assert_equal(a: Any, b: Any) -> None:
+    for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
+        np.testing.assert_array_equal(x, y)
+
+
+def test_steps_are_counted_in_whole_updates(plain: Task) -> None:
+    assert (plain.steps_per_update, plain.updates) == (32 * 96, UPDATES)
+    assert task_of("steps=15359").updates == UPDATES - 1
+    assert task_of("steps=1").updates == 1
+
+
+def test_a_run_repeats_bit_for_bit(plain: Task, trained) -> None:
+    state, log = run(plain, UPDATES)
+    assert_equal(state, trained[0])
+    assert log == trained[1]
+
+
+def test_another_seed_is_another_run(plain: Task) -> None:
+    one, other = plain.initial(), task_of("seed=1").initial()
+    assert np.intersect1d(one.environment.own.x, other.environment.own.x).size == 0
+    kernels = [state.learner.actor["params"]["trunk"]["head"]["kernel"] for state in (one, other)]
+    assert np.all(np.asarray(kernels[0]) != np.asarray(kernels[1]))
+
+
+def test_the_learning_rate_falls_linearly_with_the_updates(trained) -> None:
+    rates = [figures["learning_rate"] for figures in trained[1]]
+    np.testing.assert_allclose(rates, 2e-3 - 1e-3 * np.arange(UPDATES) / UPDATES, rtol=1e-5)
+    assert int(trained[0].update) == UPDATES
+
+
+def test_every_update_learns_and_draws_anew(plain: Task) -> None:
+    first = jax.tree.map(np.asarray, plain.initial())
+    second = jax.tree.map(np.asarray, plain.update(plain.initial())[0])
+    assert np.any(first.key != second.key)
+    for network in ("actor", "critic"):
+        moved = [
+            np.any(a != b)
+            for a, b in zip(*(jax.tree.leaves(getattr(s.learner, network)) for s in (first, second)), strict=True)
+        ]
+        assert all(moved)
+
+
+def test_the_reported_rates_and_score_are_those_of_the_episodes_that_ended(trained) -> None:
+    """The score is the paper's sparse one, unscaled: +100, -100 and -10 by rate."""
+    for figures in trained[1]:
+        if figures["episodes"] == 0.0:
+            continue
+        rates = [figures[name] for name in ("success", "violation", "timeout")]
+        assert sum(rates) == pytest.approx(1.0)
+        assert figures["score"] == pytest.approx(np.dot(rates, [100.0, -100.0, -10.0]), abs=1e-3)
+        assert figures["episode_length"] == pytest.approx(32 * 96 / figures["episodes"])
+    assert sum(figures["episodes"] for figures in trained[1]) > 32
+    assert all(figures["finite"] == 1.0 for figures in trained[1])
+
+
+def test_shaping_changes_what_is_learned_but_not_what_is_reported(trained) -> None:
+    """The first rollout flies the same policy through the same encounters, with and without shaping."""
+    _, shaped_log = run(task_of(*SHAPED), 1)
+    first, shaped = trained[1][0], shaped_log[0]
+    for name in ("episodes", "score", "success", "violation", "timeout"):
+        assert shaped[name] == first[name]
+    assert shaped["value_loss"] != first["value_loss"]
+
+
+def test_the_state_holds_what_the_mixture_needs() -> None:
+    """Room for the most intruders of any scenario, and a history only where reports are late."""
+    shapes = jax.eval_shape(task_of().initial)
+    assert shapes.environment.mask.shape == (32, 1)
+    assert shapes.environment.previous is None
+    mixed = jax.eval_shape(task_of("scenarios=[{name: circle}, {name: multi}, {name: noisy}]").initial)
+    assert mixed.environment.mask.shape == (32, 8)
+    assert mixed.environment.previous is not None
+
+
+def test_the_task_is_judged_by_its_own_separation_whatever_training_asks_for() -> None:
+    task = task_of("world.separation=1200.0", "world.reward_timeout=-20.0")
+    assert task.rules == RULES._replace(reward_timeout=-20.0)
+
+
+# Flying to the end.
+
+
+def starts(count: int = 32) -> Encounter:
+    circle = scenario("circle")
+    draws = np.random.default_rng(0).random((circle.attempts, count, circle.dimensions))
+    drawn, _ = encounters.sample(circle, draws, np)
+    return jax.tree.map(lambda a: jnp.asarray(a, bool if a.dtype == bool else jnp.float32), drawn)
+
+
+def straight_on(observation: jax.Array) -> jax.Array:
+    return jnp.zeros((*observation.shape[:-1], 2))
+
+
+def to_the_goal(observation: jax.Array) -> jax.Array:
+    return jnp.stack([jnp.ones_like(observation[:, 0]), jnp.clip(20.0 * observation[:, 6], -1.0, 1.0)], axis=-1)
+
+
+def flown(encounter: Encounter, policy: Any, **rules: Any) -> Outcome:
+    world = surrogate.World(RULES._replace(**rules), SURROGATE)
+    return jax.tree.map(np.asarray, jax.jit(lambda start: fly(policy, start, world))(encounter))
+
+
+@pytest.fixture(scope="module")
+def alone() -> Encounter:
+    """Encounters whose intruder is absent."""
+    drawn = starts()
+    return drawn._replace(mask=jnp.zeros_like(drawn.mask))
+
+
+def test_every_encounter_ends_in_exactly_one_way_and_it_is_the_first() -> None:
+    """Against single steps: what happens after the end is not counted."""
+    encounter = starts()
+    found = flown(encounter, to_the_goal)
+    state, first = jax.jit(surrogate.reset)(encounter), np.full(32, -1)
+    world = surrogate.World(RULES, SURROGATE)
+
+    @jax.jit
+    def one(now: surrogate.State) -> tuple[surrogate.State, Outcome]:
+        action = to_the_goal(surrogate.observe(now))
+        after, result = surrogate.step(now, (action[:, 0], action[:, 1]), world)
+        return after, result.outcome
+
+    for _ in range(300):
+        state, outcome = one(state)
+        happened = np.where(np.any(np.stack(outcome), axis=0), np.argmax(np.stack(outcome), axis=0), -1)
+        first = np.where(first < 0, happened, first)
+    np.testing.assert_array_equal(np.sum(np.stack(found), axis=0), 1)
+    np.testing.assert_array_equal(np.argmax(np.stack(found), axis=0), first)
+    assert found.violation.any()
+    assert found.reached.any()
+
+
+def test_who_flies_to_the_goal_alone_reaches_it(alone: Encounter) -> None:
+    assert flown(alone, to_the_goal).reached.all()
+
+
+def test_who_never_arrives_times_out(alone: Encounter) -> None:
+    def circling(observation: jax.Array) -> jax.Array:
+        return jnp.tile(jnp.float32([0.0, 1.0]), (observation.shape[0], 1))
+
+    assert flown(alone, circling).timeout.all()
+
+
+def test_the_rules_given_are_the_rules_flown_by() -> None:
+    """Side by side at 1100 m: fine for a separation of 1000 m, lost for one of 1200 m."""
+    drawn = starts()
+    beside = drawn.intruders._replace(
+        x=(drawn.own.x - 1_100.0 * jnp.sin(drawn.own.heading))[:, None],
+        y=(drawn.own.y + 1_100.0 * jnp.cos(drawn.own.heading))[:, None],
+        heading=drawn.own.heading[:, None],
+        speed=drawn.own.speed[:, None],
+    )
+    encounter = drawn._replace(intruders=beside)
+    assert not flown(encounter, straight_on).violation.any()
+    assert flown(encounter, straight_on, separation=1_200.0).violation.all()
+
+
+def test_evaluation_flies_the_actors_mean(plain: Task) -> None:
+    """A network whose head is a constant turn to the left flies circles until the time is up."""
+    variables = jax.tree.map(jnp.zeros_like, plain.initial().learner.actor)
+    variables["params"]["trunk"]["head"]["bias"] = jnp.float32([0.0, 5.0])
+    drawn = starts()
+    found = plain.evaluate(variables, drawn._replace(mask=jnp.zeros_like(drawn.mask)))
+    assert np.all(found.timeout)
