@@ -1,0 +1,253 @@
+"""Encounters of one's own as a CSV file: one row an intruder, rows with the same ``encounter`` belong together.
+
+The columns stand in :data:`COLUMNS` (and, for users, in docs/evaluation.md). Units are in their names: SI and
+degrees. Positions are local ENU, x east and y north; headings counter-clockwise from east, so that a track
+(clockwise from north) of T degrees is a heading of 90 - T.
+"""
+
+import csv
+import math
+import os
+import tempfile
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from envs.angles import wrap
+from envs.encounters import Encounter, EncounterError
+from envs.intruder import INTRUDER_LIMITS, Intent
+from envs.kinematics import SURROGATE, Limits, VehicleState
+from envs.perception import Sensor
+
+__all__ = ["COLUMNS", "MOST_INTRUDERS", "Column", "read", "write"]
+
+MOST_INTRUDERS = 64
+"""More rows for one encounter are refused as a mistake."""
+
+_FAR = 1_000_000.0
+_DEGREES = math.radians(1.0)
+
+
+class Column(NamedTuple):
+    """A column of numbers."""
+
+    name: str
+    low: float
+    high: float
+    """Both ends belong to the range."""
+    default: float | None
+    """Value where the column or the cell is missing; None: it is required."""
+    shared: bool
+    """Whether all rows of an encounter must agree, because it does not belong to one intruder."""
+    text: str
+    scale: float = 1.0
+    """SI value of one unit."""
+
+
+COLUMNS = (
+    Column("own_x_m", -_FAR, _FAR, None, True, "start of the ownship, east"),
+    Column("own_y_m", -_FAR, _FAR, None, True, "start of the ownship, north"),
+    Column("own_heading_deg", -360.0, 360.0, None, True, "its heading, counter-clockwise from east", _DEGREES),
+    Column("own_speed_m_s", SURROGATE.speed_min, SURROGATE.speed_max, None, True, "its speed"),
+    Column("goal_x_m", -_FAR, _FAR, None, True, "goal, east"),
+    Column("goal_y_m", -_FAR, _FAR, None, True, "goal, north"),
+    Column("intruder_x_m", -_FAR, _FAR, None, False, "start of the intruder, east"),
+    Column("intruder_y_m", -_FAR, _FAR, None, False, "start of the intruder, north"),
+    Column("intruder_heading_deg", -360.0, 360.0, None, False, "its heading, as the ownship's", _DEGREES),
+    Column("intruder_speed_m_s", INTRUDER_LIMITS.speed_min, INTRUDER_LIMITS.speed_max, None, False, "its speed"),
+    Column("turn_onset_s", 0.0, 1e6, 0.0, False, "when the intruder changes its course"),
+    Column("turn_change_deg", -180.0, 180.0, 0.0, False, "by how much, positive to the left; 0: not at all", _DEGREES),
+    Column("turn_rate_deg_s", 0.0, 30.0, 3.0, False, "its largest turn rate", _DEGREES),
+    Column("position_std_m", 0.0, 10_000.0, 0.0, True, "noise of reported positions, one sigma per axis"),
+    Column("velocity_std_m_s", 0.0, 100.0, 0.0, True, "noise of reported velocities, one sigma per axis"),
+    Column("latency_s", 0.0, 2.0, 0.0, True, "age of the reports"),
+)
+"""The columns beside ``encounter``, which holds any text that names an encounter."""
+
+_KEY = "encounter"
+_ALL = (_KEY, *(column.name for column in COLUMNS))
+
+
+def read(path: str | os.PathLike[str], limits: Limits = SURROGATE) -> tuple[Encounter, list[str]]:
+    """Read a file of encounters.
+
+    Args:
+        path: CSV in UTF-8 with a header line; lines that are empty or begin with ``#`` are skipped.
+        limits: of the ownship; a start outside its speeds is refused.
+
+    Returns:
+        The encounters ``[N]`` in the order of their first rows, float64, and their names.
+
+    Raises:
+        EncounterError: the file cannot be read or something in it is not as documented; the message names file,
+            line, column, value and what was expected.
+    """
+    source = os.fspath(path)
+    lines = _lines(source)
+    header_line, header = lines[0]
+    _check_header(header, f"{source} line {header_line}")
+    groups: dict[str, list[tuple[int, list[float]]]] = {}
+    for number, cells in lines[1:]:
+        where = f"{source} line {number}"
+        if len(cells) != len(header):
+            raise EncounterError(f"{where}: {len(cells)} cells, expected {len(header)} as in the header")
+        row = dict(zip(header, cells, strict=True))
+        name = row[_KEY].strip()
+        if not name:
+            raise EncounterError(f"{where}, column {_KEY}: empty, expected a text that names the encounter")
+        group = groups.setdefault(name, [])
+        values = [_number(row.get(column.name, ""), column, limits, where) for column in COLUMNS]
+        if group:
+            _check_shared(values, group[0], name, where)
+        if len(group) == MOST_INTRUDERS:
+            raise EncounterError(f"{where}: encounter {name!r} has more than {MOST_INTRUDERS} intruders")
+        group.append((number, values))
+    if not groups:
+        raise EncounterError(f"{source}: no encounter, expected at least one line below the header")
+    return _encounters([[values for _, values in group] for group in groups.values()]), list(groups)
+
+
+def write(path: str | os.PathLike[str], encounters: Encounter, names: Sequence[str] | None = None) -> None:
+    """Write encounters ``[N]`` atomically as a file that :func:`read` gives back (to rounding of the degrees).
+
+    Args:
+        path: of the file.
+        encounters: arrays of any float type.
+        names: of the encounters, distinct; None for 0, 1, 2, ...
+
+    Raises:
+        EncounterError: a name is empty or stands twice, an encounter has no intruder, or the file cannot be written.
+    """
+    target = Path(path)
+    count = len(encounters.goal_x)
+    names = [str(i) for i in range(count)] if names is None else [str(name) for name in names]
+    if len(names) != count or len(set(names)) != count or not all(n.strip() == n and n for n in names):
+        raise EncounterError(f"{target}: expected {count} distinct names of encounters without blanks around them")
+    if any(name.startswith("#") for name in names):
+        raise EncounterError(f"{target}: a name that begins with # would read as a comment")
+    lines: list[list[str]] = [list(_ALL)]
+    for i, name in enumerate(names):
+        present = np.flatnonzero(encounters.mask[i]).tolist()
+        if not present:
+            raise EncounterError(f"{target}: encounter {name!r} has no intruder")
+        lines += [[name, *(_text(v, c) for v, c in zip(_row(encounters, i, k), COLUMNS, strict=True))] for k in present]
+    temporary: str | None = None
+    try:
+        descriptor, temporary = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent)
+        with os.fdopen(descriptor, "w", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerows(lines)
+        Path(temporary).chmod(0o644)  # mkstemp's files are the owner's only
+        Path(temporary).replace(target)
+        temporary = None
+    except OSError as error:
+        raise EncounterError(f"{target}: cannot be written: {error.strerror}") from error
+    finally:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+
+
+def _lines(source: str) -> list[tuple[int, list[str]]]:
+    """Return the lines that hold something, split into cells, with their numbers from 1."""
+    try:
+        with Path(source).open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file, strict=True)
+            # A quoted cell may span lines: its row is named by its last one.
+            lines = [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
+    except FileNotFoundError:
+        raise EncounterError(f"{source}: there is no such file") from None
+    except UnicodeDecodeError as error:
+        raise EncounterError(f"{source}: not a text in UTF-8 (byte {error.start})") from None
+    except csv.Error as error:
+        raise EncounterError(f"{source}: not a CSV file: {error}") from None
+    except OSError as error:
+        raise EncounterError(f"{source}: cannot be read: {error.strerror}") from None
+    lines = [line for line in lines if not line[1][0].lstrip().startswith("#")]
+    if not lines:
+        raise EncounterError(f"{source}: the file is empty, expected a header line with {', '.join(_ALL)}")
+    lines[0] = (lines[0][0], [cell.strip() for cell in lines[0][1]])
+    return lines
+
+
+def _check_header(header: list[str], where: str) -> None:
+    for name in header:
+        if name not in _ALL:
+            close = get_close_matches(name, _ALL, n=1, cutoff=0.6)
+            hint = f"did you mean {close[0]}?" if close else f"expected some of {', '.join(_ALL)}"
+            raise EncounterError(f"{where}: column {name!r} is unknown; {hint}")
+        if header.count(name) > 1:
+            raise EncounterError(f"{where}: column {name} stands twice")
+    required = [_KEY, *(column.name for column in COLUMNS if column.default is None)]
+    missing = [name for name in required if name not in header]
+    if missing:
+        raise EncounterError(f"{where}: column {missing[0]} is missing; required are {', '.join(required)}")
+
+
+def _number(cell: str, column: Column, limits: Limits, where: str) -> float:
+    """Return the value of a cell in the column's own unit."""
+    low, high = column.low, column.high
+    if column.name == "own_speed_m_s":
+        low, high = float(limits.speed_min), float(limits.speed_max)
+    wanted = f"expected a number from {low:g} to {high:g}"
+    text = cell.strip()
+    if not text:
+        if column.default is None:
+            raise EncounterError(f"{where}, column {column.name}: empty, {wanted}")
+        return column.default
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    # Underscores, which float() takes, are no part of a number in a data file.
+    if not low <= value <= high or "_" in text:
+        raise EncounterError(f"{where}, column {column.name}: {text!r}, {wanted}")
+    return value
+
+
+def _check_shared(values: list[float], first: tuple[int, list[float]], name: str, where: str) -> None:
+    for column, value, before in zip(COLUMNS, values, first[1], strict=True):
+        if column.shared and value != before:
+            raise EncounterError(
+                f"{where}, column {column.name}: {value!r}, expected {before!r} as in line {first[0]}, "
+                f"the first of encounter {name!r}"
+            )
+
+
+def _encounters(groups: list[list[list[float]]]) -> Encounter:
+    most = max(len(group) for group in groups)
+    # An absent intruder repeats the first one, so that it is finite everywhere; its mask is False.
+    table = np.array([group + [group[0]] * (most - len(group)) for group in groups])
+    column = {c.name: table[:, :, i] * c.scale for i, c in enumerate(COLUMNS)}
+    own = {name: np.ascontiguousarray(values[:, 0]) for name, values in column.items()}
+    return Encounter(
+        own=VehicleState(own["own_x_m"], own["own_y_m"], wrap(own["own_heading_deg"], np), own["own_speed_m_s"]),
+        goal_x=own["goal_x_m"],
+        goal_y=own["goal_y_m"],
+        intruders=VehicleState(
+            column["intruder_x_m"],
+            column["intruder_y_m"],
+            wrap(column["intruder_heading_deg"], np),
+            column["intruder_speed_m_s"],
+        ),
+        mask=np.arange(most)[None, :] < np.array([len(group) for group in groups])[:, None],
+        intent=Intent(column["turn_onset_s"], column["turn_change_deg"], column["turn_rate_deg_s"]),
+        sensor=Sensor(*(own[name][:, None] for name in ("position_std_m", "velocity_std_m_s", "latency_s"))),
+    )
+
+
+def _row(encounters: Encounter, i: int, k: int) -> list[Any]:
+    """Return the values of one row in SI units, in the order of :data:`COLUMNS`."""
+    return [
+        *(field[i] for field in encounters.own),
+        encounters.goal_x[i],
+        encounters.goal_y[i],
+        *(field[i, k] for field in encounters.intruders),
+        *(field[i, k] for field in encounters.intent),
+        *(field[i, 0] for field in encounters.sensor),
+    ]
+
+
+def _text(value: Any, column: Column) -> str:
+    return repr(float(value) / column.scale)

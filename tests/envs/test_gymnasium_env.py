@@ -1,0 +1,409 @@
+"""The Gymnasium environments fly the surrogate's encounters and keep Gymnasium's contract."""
+
+import math
+import subprocess
+import sys
+from functools import partial
+
+import gymnasium
+import jax
+import numpy as np
+import pytest
+from gymnasium import error
+from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.passive_env_checker import env_render_passive_checker
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from envs import encounters, flight, starts, surrogate
+from envs.encounters import SCENARIOS, Encounter, EncounterError
+from envs.gymnasium_env import ENV_ID, DeconflictionEnv
+from envs.gymnasium_vector import DeconflictionVectorEnv
+from envs.intruder import Intent
+from envs.kinematics import SURROGATE, VehicleState
+from envs.outcome import RULES
+from envs.perception import Sensor
+from eval import simulate
+
+INFO_KEYS = {"separation", "min_separation", "goal_distance", "time", "outcome", "encounter"}
+STRAIGHT = np.zeros(2, np.float32)
+SHORT = RULES._replace(t_max=3.0)
+
+
+def encounter(own=(-5000.0, 0.0, 0.0, 75.0), intruder=(0.0, 8000.0, 0.0, 75.0), goal=(5000.0, 0.0)) -> Encounter:
+    return Encounter(
+        VehicleState(*own),
+        *goal,
+        VehicleState(*([value] for value in intruder)),
+        [True],
+        Intent([0.0], [0.0], [0.05]),
+        Sensor([0.0], [0.0], [0.0]),
+    )
+
+
+def batch(row: Encounter, count: int) -> Encounter:
+    one = starts.checked(row, SURROGATE)
+    return jax.tree.map(lambda field: np.repeat(field[None], count, axis=0), one)
+
+
+def actions(steps: int, *batch_shape: int) -> np.ndarray:
+    """Slowly changing commands, beyond the limits at times."""
+    phase = np.arange(steps).reshape(-1, *(1,) * len(batch_shape)) + 7.0 * np.arange(math.prod(batch_shape))
+    return np.stack([1.3 * np.sin(phase / 9.0), 1.1 * np.cos(phase / 17.0)], axis=-1).astype(np.float32)
+
+
+def vector(count: int, **options) -> DeconflictionVectorEnv:
+    made = gymnasium.make_vec(ENV_ID, num_envs=count, vectorization_mode="vector_entry_point", **options)
+    assert isinstance(made, DeconflictionVectorEnv)
+    return made
+
+
+@pytest.mark.parametrize("render_mode", [None, "rgb_array"])
+@pytest.mark.parametrize("scenario", ["circle", "noisy", "multi"])
+def test_the_environment_passes_gymnasiums_own_check(render_mode, scenario):
+    env = gymnasium.make(f"envs.gymnasium_env:{ENV_ID}", scenario=scenario, render_mode=render_mode)
+    # Every declared mode, "human" too, is checked where there is a display: test_rendering.py.
+    check_env(env.unwrapped, skip_render_check=True)
+    if render_mode:
+        env.reset(seed=0)
+        env_render_passive_checker(env.unwrapped)
+    env.close()
+
+
+def test_the_single_environment_needs_neither_jax_nor_matplotlib():
+    code = (
+        f"import sys, gymnasium; env = gymnasium.make('envs.gymnasium_env:{ENV_ID}'); env.reset(seed=0); "
+        "env.step(env.action_space.sample()); assert not {'jax', 'matplotlib'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@partial(jax.jit, static_argnums=3)
+def surrogate_flight(drawn, commands, noise, late):
+    """Observations before, and states and results after each step."""
+
+    def step(state, now):
+        action, draws = now
+        seen = surrogate.observe(state, draws if late else None)
+        state, result = surrogate.step(state, (action[:, 0], action[:, 1]), surrogate.World(RULES, SURROGATE))
+        return state, (seen, state.own, state.intruders.vehicle, result)
+
+    return jax.lax.scan(step, surrogate.reset(drawn, late_reports=late), (commands, noise))[1]
+
+
+@pytest.mark.parametrize("scenario", list(SCENARIOS))
+def test_flight_in_floats_is_the_surrogate_within_a_micrometre(scenario):
+    count, steps, late = 4, 300, scenario == "noisy"
+    drawn = starts.numbered(encounters.scenario(scenario), 11, 0, count)
+    commands = actions(steps, count)
+    noise = np.zeros((steps, 4, count, drawn.mask.shape[1]))
+    if late:
+        for step, i in np.ndindex(steps, count):
+            noise[step, :, i] = starts.report_noise(11, i, step, drawn.mask.shape[1])
+    with jax.enable_x64(True):
+        history = jax.device_get(surrogate_flight(drawn, commands.astype(float), noise, late))
+    for i in range(count):
+        flown = flight.begin(starts.taken(drawn, i))
+        for step in range(steps):
+            seen, own, traffic, result = jax.tree.map(lambda field, at=(step, i): field[at], history)
+            mine = flight.observe(flown, noise[step, :, i] if late else None)
+            np.testing.assert_allclose(mine, seen, atol=1e-7)
+            flown, one = flight.step(flown, tuple(commands[step, i].tolist()), RULES, SURROGATE)
+            assert abs(min(one.separations) - result.separation) < 1e-6
+            assert one.reward == result.reward
+            assert math.hypot(flown.own.x - own.x, flown.own.y - own.y) < 1e-6
+            for k, state in enumerate(flown.intruders):
+                assert math.hypot(state.vehicle.x - traffic.x[k], state.vehicle.y - traffic.y[k]) < 1e-6
+
+
+@pytest.mark.parametrize("scenario", ["circle", "noisy", "multi"])
+def test_the_environment_flies_what_the_evaluator_flies(scenario):
+    count, seed = 12, 5
+
+    def decide(observation: np.ndarray) -> np.ndarray:
+        # Reacts to the intruder as seen, so that the noise has its part in it.
+        return np.stack([observation[:, 5], np.clip(3.0 * observation[:, 6] - 0.3 * observation[:, 4], -1, 1)], -1)
+
+    family = encounters.scenario(scenario)
+    noise = simulate.noise(seed, 0, count, family.intruders[1]) if scenario == "noisy" else None
+    drawn = simulate.draw(family, seed, 0, count)
+    flown, _ = simulate.fly(drawn, decide, RULES, SURROGATE, noise=noise)
+    env = DeconflictionEnv(scenario)
+    for i in range(count):
+        seen, info = env.reset(seed=seed if i == 0 else None)
+        assert info["encounter"] == i
+        over = False
+        while not over:
+            seen, _, terminated, truncated, info = env.step(decide(seen[None])[0])
+            over = terminated or truncated
+        assert info["time"] == flown.duration[i]
+        assert info["outcome"].replace("goal", "reached") == simulate.OUTCOMES[flown.outcome[i]]
+        # To the last bit: the same numbers in the same order.
+        assert info["min_separation"] == flown.min_separation[i]
+
+
+@pytest.mark.parametrize("scenario", ["circle", "multi"])
+def test_vector_and_single_environment_agree_step_by_step(scenario):
+    count, steps = 5, 120
+    both = vector(count, scenario=scenario), [DeconflictionEnv(scenario) for _ in range(count)]
+    many, singles = both
+    seen, infos = many.reset(seed=21)
+    for i, env in enumerate(singles):
+        one, info = env.reset(seed=21, options={"encounter": i})
+        np.testing.assert_allclose(one, seen[i], atol=2e-6)
+        assert info["separation"] == pytest.approx(infos["separation"][i], abs=0.05)
+    commands = actions(steps, count)
+    going = np.ones(count, bool)
+    for step in range(steps):
+        seen, reward, terminated, truncated, infos = many.step(commands[step])
+        for i in np.flatnonzero(going):
+            one, gain, end, limit, info = singles[i].step(commands[step, i])
+            assert (gain, end, limit) == (reward[i], terminated[i], truncated[i])
+            over = end or limit
+            theirs = infos["final_info"] if over else infos
+            # Single precision at 10 km, over the steps flown.
+            np.testing.assert_allclose(one, infos["final_obs"][i] if over else seen[i], atol=2e-5)
+            for key in ("separation", "min_separation", "goal_distance"):
+                assert theirs[key][i] == pytest.approx(info[key], abs=0.1)
+            assert (theirs["time"][i], theirs["outcome"][i]) == (info["time"], info["outcome"])
+            assert theirs["encounter"][i] == info["encounter"] == i
+            going[i] = not over
+    assert not going.all()
+
+
+def test_infos_have_the_form_of_gymnasiums_own_vector_environment():
+    ours = vector(3, rules=SHORT)
+    theirs = SyncVectorEnv(
+        [lambda: DeconflictionEnv(rules=SHORT) for _ in range(3)], autoreset_mode=AutoresetMode.SAME_STEP
+    )
+    assert ours.metadata["autoreset_mode"] == theirs.metadata["autoreset_mode"]
+    for name in ("observation_space", "action_space", "single_observation_space", "single_action_space"):
+        assert getattr(ours, name) == getattr(theirs, name)
+
+    def form(value):
+        if isinstance(value, dict):
+            return {key: form(part) for key, part in value.items()}
+        return [type(part) for part in value] if value.dtype == object else (value.dtype, value.shape)
+
+    assert form(ours.reset(seed=0)[1]) == form(theirs.reset(seed=0)[1])
+    for _ in range(4):
+        mine, yours = ours.step(np.zeros((3, 2))), theirs.step(np.zeros((3, 2), np.float32))
+        assert [form(part) for part in mine] == [form(part) for part in yours]
+        assert ("final_obs" in mine[4]) == mine[3].any()
+
+
+def test_an_encounter_that_ends_begins_anew_in_the_same_step():
+    count, seed = 700, 3
+    rules = SHORT._replace(separation=0.0, goal_radius=0.0)
+    many = vector(count, rules=rules)
+    many.reset(seed=seed)
+    single = DeconflictionEnv(rules=rules)
+    for step in range(1, 13):
+        seen, reward, terminated, truncated, infos = many.step(np.full((count, 2), 0.5))
+        assert not terminated.any()
+        assert truncated.all() == truncated.any() == (step % 3 == 0)
+        np.testing.assert_array_equal(reward, -10.0 * truncated)
+        if not truncated.any():
+            assert "final_obs" not in infos
+            continue
+        # The starts are the seed's, each used once, through several refills of the reserve.
+        begun = count * (step // 3)
+        np.testing.assert_array_equal(infos["encounter"], begun + np.arange(count))
+        np.testing.assert_array_equal(infos["final_info"]["encounter"], begun - count + np.arange(count))
+        np.testing.assert_array_equal(infos["time"], 0.0)
+        np.testing.assert_array_equal(infos["final_info"]["time"], 3.0)
+        for index in (0, 350, count - 1):
+            first, _ = single.reset(seed=seed, options={"encounter": begun + index})
+            np.testing.assert_allclose(seen[index], first, atol=2e-6)
+            single.reset(seed=seed, options={"encounter": begun - count + index})
+            for _ in range(3):
+                last, *_ = single.step(np.full(2, 0.5))
+            np.testing.assert_allclose(infos["final_obs"][index], last, atol=5e-6)
+
+
+def test_only_what_has_ended_begins_anew():
+    close = encounter(intruder=(-3000.0, 0.0, -math.pi, 75.0))
+    rows = jax.tree.map(lambda a, b: np.stack([a, b]), *(starts.checked(e, SURROGATE) for e in (close, encounter())))
+    many = vector(2)
+    many.reset(seed=0, options={"encounter": rows})
+    for _ in range(7):
+        _, reward, terminated, _, infos = many.step(np.zeros((2, 2)))
+        if terminated.any():
+            break
+    assert terminated.tolist() == [True, False]
+    assert reward.tolist() == [-100.0, 0.0]
+    assert infos["encounter"].tolist() == [0, -1]
+    assert infos["_final_obs"].tolist() == infos["_final_info"].tolist() == [True, False]
+    assert infos["final_obs"][1] is None
+    assert infos["final_info"]["outcome"].tolist() == ["violation", None]
+    assert infos["final_info"]["separation"][0] < 1000.0 < infos["separation"][0]
+    _, after, *_ = many.step(np.zeros((2, 2)))
+    assert after.tolist() == [0.0, 0.0]
+
+
+def test_seeds_repeat_and_differ():
+    def flown(seed, scenario):
+        many, single = vector(4, scenario=scenario), DeconflictionEnv(scenario)
+        rows = [many.reset(seed=seed)[0], single.reset(seed=seed)[0]]
+        for command in actions(5, 4):
+            rows += [many.step(command)[0], single.step(command[0])[0]]
+        return np.concatenate([row.ravel() for row in [*rows, many.reset()[0], single.reset()[0]]])
+
+    for scenario in ("circle", "noisy"):
+        np.testing.assert_array_equal(flown(7, scenario), flown(7, scenario))
+        assert not np.allclose(flown(7, scenario), flown(8, scenario))
+    assert not np.allclose(DeconflictionEnv().reset()[0], DeconflictionEnv().reset()[0])
+    # The largest seed that gymnasium draws for itself is far beyond 32 bit.
+    assert vector(4, scenario="noisy").reset(seed=2**64 - 1)[0].shape == (4, 8)
+
+
+def test_noise_differs_from_step_to_step_and_goes_on_after_a_reset():
+    still = batch(encounter(), 4)._replace(sensor=Sensor(*(np.full((4, 1), value) for value in (30.0, 3.0, 1.0))))
+    many = vector(4, scenario="noisy")
+    first, _ = many.reset(seed=0, options={"encounter": still})
+    again, _ = many.reset(options={"encounter": still})
+    rows = np.concatenate([first, again])[:, 5]
+    assert len(np.unique(rows)) == 8
+    assert np.all(np.abs(rows - rows.mean()) < 0.02)
+
+
+@pytest.mark.parametrize(
+    ("name", "start", "rules", "reward", "terminated"),
+    [
+        ("violation", encounter(intruder=(-3000.0, 0.0, -math.pi, 75.0)), RULES, -100.0, True),
+        ("goal", encounter(goal=(-3900.0, 0.0)), RULES, 100.0, True),
+        ("timeout", encounter(), SHORT, -10.0, False),
+        # A violation outweighs the goal, and the goal the time limit, in the same step.
+        ("violation", encounter(intruder=(-4100.0, 0.0, 0.0, 75.0), goal=(-4450.0, 0.0)), RULES, -100.0, True),
+        ("goal", encounter(goal=(-4300.0, 0.0)), SHORT, 100.0, True),
+    ],
+)
+def test_how_an_encounter_ends(name, start, rules, reward, terminated):
+    env, many = DeconflictionEnv(rules=rules), vector(2, rules=rules)
+    env.reset(seed=0, options={"encounter": start})
+    many.reset(seed=0, options={"encounter": batch(start, 2)})
+    total, over, info = 0.0, False, {}
+    while not over:
+        assert info.get("outcome", "flying") == "flying"
+        _, gain, end, limit, info = env.step(STRAIGHT)
+        _, gains, ends, limits, infos = many.step(np.zeros((2, 2)))
+        assert (gain, end, limit) == (gains[0], ends[0], limits[0])
+        total, over = total + gain, end or limit
+    assert (info["outcome"], total, end, limit) == (name, reward, terminated, not terminated)
+    assert infos["final_info"]["outcome"][0] == name
+    assert info["encounter"] == -1
+    with pytest.raises(error.ResetNeeded, match=f"has ended \\({name}\\); call reset"):
+        env.step(STRAIGHT)
+
+
+def test_a_violation_within_a_step_counts():
+    # They pass each other head on at 200 m/s, 995 m apart only in the middle of a step.
+    start = encounter(own=(-300.0, 0.0, 0.0, 100.0), intruder=(0.0, 995.0, -math.pi, 100.0))
+    env = DeconflictionEnv()
+    _, info = env.reset(options={"encounter": start})
+    _, _, over, _, first = env.step(STRAIGHT)
+    assert not over
+    _, reward, over, _, info = env.step(STRAIGHT)
+    assert first["separation"] > 1000.0 > info["separation"]
+    assert (over, reward) == (True, -100.0)
+
+
+def test_scenario_and_number_can_be_chosen_at_reset():
+    for env in (DeconflictionEnv(), vector(2)):
+        seen, info = env.reset(seed=4, options={"scenario": "head_on", "encounter": np.int64(9)})
+        expected = starts.numbered(encounters.scenario("head_on"), 4, 9, 1)
+        own = np.ravel(seen)[1] * math.pi
+        assert own == pytest.approx(expected.own.heading[0], abs=1e-5)
+        assert np.ravel(info["encounter"])[0] == 9
+        assert np.ravel(env.reset()[1]["encounter"])[0] == 9 + np.size(info["encounter"])
+        assert env.unwrapped.scenario.name == "head_on"
+
+
+def test_one_row_of_drawn_encounters_can_be_given():
+    drawn = starts.numbered(encounters.scenario("multi"), 2, 0, 4)
+    env = DeconflictionEnv("multi")
+    given, _ = env.reset(seed=1, options={"encounter": starts.taken(drawn, 3)})
+    again, _ = env.reset(options={"encounter": starts.taken(drawn, slice(3, 4))})
+    own, _ = env.reset(seed=2, options={"encounter": 3})
+    np.testing.assert_array_equal(given, own)
+    np.testing.assert_array_equal(again, own)
+
+
+@pytest.mark.parametrize("make", [DeconflictionEnv, lambda **options: vector(2, **options)], ids=["single", "vector"])
+class TestBadInput:
+    @pytest.mark.parametrize(
+        ("action", "sentence"),
+        [
+            ([0.0, 0.0, 0.0], r"action has shape \(.*3,?\); expected \(.*2,?\)"),
+            (0.0, r"action has shape .*; expected"),
+            ([0.0, math.nan], r"is nan; expected a finite number"),
+            ([math.inf, 0.0], r"is inf; expected a finite number"),
+            (["left", "right"], r"is not numeric"),
+        ],
+    )
+    def test_actions(self, make, action, sentence):
+        env = make()
+        env.reset(seed=0)
+        wide = [action] * 2 if isinstance(env, DeconflictionVectorEnv) else action
+        with pytest.raises(error.InvalidAction, match=sentence):
+            env.step(wide)
+        # What was refused has changed nothing.
+        env.step(np.zeros(env.action_space.shape))
+
+    def test_step_before_reset(self, make):
+        with pytest.raises(error.ResetNeeded, match="step was called before reset"):
+            make().step(STRAIGHT)
+
+    @pytest.mark.parametrize(
+        ("options", "sentence"),
+        [
+            ({"scenario": "circel"}, r"scenario 'circel' is unknown; .*circle"),
+            ({"scenario": 3}, r"scenario is 3; expected a name"),
+            ({"encounters": 3}, r"reset option 'encounters' is unknown; did you mean 'encounter'\?"),
+            ({"encounter": -1}, r"encounter number is -1; expected 0 or more"),
+            ({"encounter": 1.5}, r"'encounter' is 1.5; expected a number or an Encounter"),
+            ({"encounter": encounter(own=(0.0, 0.0, 0.0, 30.0))}, r"own.speed is 30; expected within 50..100"),
+            ({"encounter": encounter(goal=(math.nan, 0.0))}, r"goal_x is nan; expected a finite number"),
+            ({"encounter": encounter()._replace(mask=[False])}, r"mask leaves an encounter without intruders"),
+            ({"encounter": encounter()._replace(goal_x=[1.0, 2.0, 3.0])}, r"goal_x has shape \(3,\); expected"),
+            ({"encounter": encounter()._replace(goal_x="far")}, r"goal_x is not numeric"),
+        ],
+    )
+    def test_options(self, make, options, sentence):
+        with pytest.raises(EncounterError, match=sentence):
+            make().reset(seed=0, options=options)
+
+    def test_constructor(self, make):
+        with pytest.raises(EncounterError, match="scenario 'spiral' is unknown"):
+            make(scenario="spiral")
+        with pytest.raises(EncounterError, match=r"reports are 2 s late and rules.dt is 0.5 s; expected a dt of 1 s"):
+            make(scenario="noisy", rules=RULES._replace(dt=0.5))
+        with pytest.raises(error.UnsupportedMode, match="render_mode is 'ansi'"):
+            make(render_mode="ansi")
+
+    def test_seed(self, make):
+        with pytest.raises(EncounterError, match=r"expected 0 <= seed < 2\*\*64"):
+            make().reset(seed=2**64)
+
+
+def test_bad_input_of_the_vector_environment_alone():
+    with pytest.raises(ValueError, match="num_envs is 0; expected 1 or more"):
+        DeconflictionVectorEnv(0)
+    many = vector(2)
+    with pytest.raises(EncounterError, match=r"seed is \[1, 2\]; expected one integer"):
+        many.reset(seed=[1, 2])
+    with pytest.raises(EncounterError, match="have 1 intruder columns and scenario 'multi', which follows them, has 8"):
+        many.reset(seed=0, options={"encounter": batch(encounter(), 2), "scenario": "multi"})
+    many.close()
+    with pytest.raises(error.ClosedEnvironmentError, match="closed; make a new one"):
+        many.step(np.zeros((2, 2)))
+
+
+def test_what_is_returned_belongs_to_the_caller():
+    many = vector(2)
+    seen, infos = many.reset(seed=0)
+    kept = seen.copy()
+    following, *_ = many.step(np.zeros((2, 2)))
+    np.testing.assert_array_equal(seen, kept)
+    following[:] = 0.0
+    infos["min_separation"][:] = 0.0
+    assert many.step(np.zeros((2, 2)))[4]["min_separation"].min() > 0.0

@@ -1,0 +1,144 @@
+"""The intruder: a passive one flies straight for a whole encounter, and a change of intent turns it as announced."""
+
+import math
+
+import numpy as np
+import pytest
+
+from envs import intruder
+from envs.intruder import Intent, IntruderState
+from envs.kinematics import VehicleState
+from tests.strategies import ARRAY_BACKENDS, Backend, angle_between, mirrored, random_states
+
+STEPS = 300
+HEADINGS = np.concatenate([np.linspace(-math.pi, math.pi, 97)[:-1], [-3.1415925, 3.1415925, 1e-6]])
+
+
+def fly(vehicle: VehicleState, intent: Intent, xp=np, steps: int = STEPS) -> list[IntruderState]:
+    """Return the states at 0, 1, ..., steps seconds."""
+    flight = [intruder.start(vehicle, xp)]
+    for time in range(steps):
+        flight.append(intruder.step(flight[-1], intent, float(time), 1.0, xp))
+    return flight
+
+
+def passive(like: np.ndarray) -> Intent:
+    return Intent(0.0 * like, 0.0 * like, 0.0 * like + math.radians(3.0))
+
+
+@pytest.mark.parametrize("backend", ARRAY_BACKENDS, ids=lambda backend: backend.name)
+def test_a_passive_intruder_keeps_its_course(backend: Backend) -> None:
+    """For 300 s at any heading and speed: 1e-6 rad, and 1 cm of a straight line in float64.
+
+    Float32 adds half a unit in the last place of a coordinate with every step, 2 mm at 45 km.
+    """
+    heading = np.repeat(HEADINGS, 3)
+    speed = np.tile([20.0, 75.0, 150.0], HEADINGS.size)
+    inputs = [backend.rounded(field) for field in (0.0 * heading + 7_000.0, 0.0 * heading - 9_000.0, heading, speed)]
+    vehicle = VehicleState(*(backend.xp.asarray(field, backend.dtype) for field in inputs))
+    flight = fly(vehicle, passive(vehicle.x), backend.xp)
+    x, y, heading, speed = inputs
+    rounding = 0.5 * float(np.spacing(np.float32(45_000.0))) if backend.dtype is np.float32 else 0.0
+    for seconds in range(0, STEPS + 1, 20):
+        at = flight[seconds].vehicle
+        assert np.max(angle_between(at.heading, heading)) <= 1e-6
+        east = np.asarray(at.x, np.float64) - x - speed * seconds * np.cos(heading)
+        north = np.asarray(at.y, np.float64) - y - speed * seconds * np.sin(heading)
+        assert np.max(np.hypot(east, north)) <= 0.01 + rounding * seconds
+        np.testing.assert_array_equal(at.speed, speed)
+
+
+def test_the_waypoint_lies_ahead_and_is_never_reached() -> None:
+    """At least 50 km ahead, which is more than 150 m/s flies in 300 s."""
+    vehicle = random_states(np.random.default_rng(0), 100)
+    begun = intruder.start(vehicle, np)
+    ahead = np.hypot(begun.waypoint_x - vehicle.x, begun.waypoint_y - vehicle.y)
+    assert np.all(ahead >= 50_000.0 - 1.0)
+    course = np.arctan2(begun.waypoint_y - vehicle.y, begun.waypoint_x - vehicle.x)
+    assert np.max(angle_between(course, vehicle.heading)) < 1e-6
+
+
+def maneuvering(count: int, seed: int) -> tuple[VehicleState, Intent]:
+    generator = np.random.default_rng(seed)
+    change = np.radians(generator.uniform(5.0, 170.0, count)) * generator.choice([-1.0, 1.0], count)
+    return random_states(generator, count), Intent(
+        onset=generator.uniform(0.0, 60.0, count),
+        heading_change=change,
+        turn_rate=np.radians(generator.uniform(1.0, 3.0, count)),
+    )
+
+
+def turned(flight: list[IntruderState]) -> np.ndarray:
+    """Return the heading change since the start, without wraps, ``[time, N]``."""
+    return np.unwrap(np.stack([state.vehicle.heading for state in flight]), axis=0) - flight[0].vehicle.heading
+
+
+def test_a_change_of_intent_turns_to_the_announced_course() -> None:
+    """In the announced direction, by the announced amount to 0.5 degrees, and it stays there to the end."""
+    vehicle, intent = maneuvering(500, seed=1)
+    change = turned(fly(vehicle, intent)) * np.sign(intent.heading_change)
+    assert np.min(change) >= -1e-6, "it turned to the other side first"
+    # P control closes the last error exponentially: 20 s after the turn at full rate nothing is left.
+    settled = np.ceil(intent.onset + np.abs(intent.heading_change) / intent.turn_rate).astype(int) + 20
+    for column in range(500):
+        after = change[settled[column] :, column]
+        np.testing.assert_allclose(np.degrees(after), np.degrees(abs(intent.heading_change[column])), atol=0.5)
+
+
+def test_a_turn_is_never_quicker_than_announced() -> None:
+    vehicle, intent = maneuvering(500, seed=2)
+    rate = np.abs(np.diff(turned(fly(vehicle, intent)), axis=0))
+    assert np.all(rate <= intent.turn_rate + 1e-9)
+    # And for most of a large turn it is just that quick.
+    large = np.abs(intent.heading_change) > math.radians(60.0)
+    np.testing.assert_allclose(np.max(rate, axis=0)[large], intent.turn_rate[large], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("onset", "first"), [(0.0, 0), (0.3, 1), (1.0, 1), (7.0, 7), (7.001, 8), (299.5, None)])
+def test_the_turn_begins_with_the_first_step_at_or_after_its_onset(onset: float, first: int | None) -> None:
+    vehicle = random_states(np.random.default_rng(3), 4)
+    intent = Intent(np.full(4, onset), np.radians([60.0, -60.0, 120.0, -120.0]), np.full(4, math.radians(2.0)))
+    moving = np.abs(np.diff(turned(fly(vehicle, intent)), axis=0)) > 1e-5
+    if first is None:
+        assert not moving.any()
+    else:
+        assert not moving[:first].any()
+        assert moving[first].all()
+
+
+@pytest.mark.parametrize("backend", ARRAY_BACKENDS, ids=lambda backend: backend.name)
+def test_no_intruder_ever_turns_back_of_its_own(backend: Backend) -> None:
+    """Over 300 s the course moves monotonically towards the announced one and never beyond by 0.5 degrees."""
+    vehicle, intent = maneuvering(64, seed=4)
+    vehicle = VehicleState(*(backend.xp.asarray(field, backend.dtype) for field in vehicle))
+    intent = Intent(*(backend.xp.asarray(field, backend.dtype) for field in intent))
+    flight = [state.vehicle.heading for state in fly(vehicle, intent, backend.xp)]
+    heading = np.unwrap(np.asarray(flight, np.float64), axis=0)
+    amount = np.abs(np.asarray(intent.heading_change, np.float64))
+    progress = (heading - heading[0]) * np.sign(np.asarray(intent.heading_change, np.float64))
+    slack = math.radians(0.5)
+    assert np.min(np.diff(progress, axis=0)) > -1e-4
+    assert np.all(progress <= amount + slack)
+    assert np.all(progress[-1] >= amount - slack)
+
+
+def test_intruders_are_mirror_symmetric() -> None:
+    vehicle, intent = maneuvering(100, seed=5)
+    other_way = intent._replace(heading_change=-intent.heading_change)
+    left, right = fly(vehicle, intent, steps=120)[-1], fly(mirrored(vehicle), other_way, steps=120)[-1]
+    expected = mirrored(left.vehicle)
+    np.testing.assert_allclose(right.vehicle.x, expected.x, atol=1e-3)
+    np.testing.assert_allclose(right.vehicle.y, expected.y, atol=1e-3)
+    assert np.max(angle_between(right.vehicle.heading, expected.heading)) < 1e-6
+
+
+def test_all_three_gains_act() -> None:
+    """By hand for one step with an error of 0.01 rad: the yaw rate is P e + I e dt + D (e - e_before) / dt."""
+    vehicle = VehicleState(np.zeros(1), np.zeros(1), np.array([-0.01]), np.full(1, 80.0))
+    state = IntruderState(vehicle, np.array([1e7]), np.zeros(1), np.array([0.004]), np.array([0.02]))
+    gains = intruder.Gains(proportional=0.3, integral=0.1, derivative=0.2)
+    after = intruder.step(state, passive(vehicle.x), 5.0, 1.0, np, gains)
+    rate = 0.3 * 0.01 + 0.1 * (0.02 + 0.01) + 0.2 * (0.01 - 0.004)
+    np.testing.assert_allclose(after.vehicle.heading, -0.01 + rate, atol=1e-7)
+    np.testing.assert_allclose(after.error, 0.01, atol=1e-7)
+    np.testing.assert_allclose(after.error_sum, 0.03, atol=1e-7)

@@ -1,0 +1,216 @@
+"""Motion: exactness against a fine integration, the symmetries of the plane, limits, and parity of the backends."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, advance, commands, velocity
+from tests.strategies import (
+    BACKENDS,
+    Backend,
+    accelerations,
+    angle_between,
+    headings,
+    mirrored,
+    moved,
+    random_states,
+    states,
+    yaw_rates,
+)
+
+RATE = math.radians(3.0)
+EVERY_LIMIT = pytest.mark.parametrize("limits", [SURROGATE, C208_PUBLISHED], ids=["surrogate", "c208"])
+
+
+def random_commands(generator: np.random.Generator, count: int, limits: Limits) -> tuple[np.ndarray, np.ndarray]:
+    """Return accelerations and yaw rates over the limits; a quarter of each sits on zero or on an end."""
+    acceleration = generator.uniform(limits.acceleration_min, limits.acceleration_max, count)
+    acceleration[: count // 4] = generator.choice([limits.acceleration_min, 0.0, limits.acceleration_max], count // 4)
+    yaw_rate = generator.uniform(-limits.yaw_rate_max, limits.yaw_rate_max, count)
+    yaw_rate[count // 8 : 3 * count // 8] = generator.choice([-1.0, 0.0, 1.0], count // 4) * limits.yaw_rate_max
+    return acceleration, yaw_rate
+
+
+def some_motion(count: int, limits: Limits = SURROGATE, seed: int = 0) -> tuple[VehicleState, np.ndarray, np.ndarray]:
+    """Return states, half of which are so near a speed limit that one step can reach it, and commands for them."""
+    generator = np.random.default_rng(seed)
+    state = random_states(generator, count)
+    near = generator.choice([limits.speed_min, limits.speed_max], count) + generator.uniform(-0.6, 0.6, count)
+    speed = generator.uniform(limits.speed_min, limits.speed_max, count)
+    speed = np.where(generator.random(count) < 0.5, near, speed)
+    speed = np.clip(speed, limits.speed_min, limits.speed_max)
+    return state._replace(speed=speed), *random_commands(generator, count, limits)
+
+
+def integrated(
+    state: VehicleState, acceleration: np.ndarray, yaw_rate: np.ndarray, duration: float, limits: Limits
+) -> VehicleState:
+    """Integrate the motion in steps of 1 ms with ordinary trigonometry (midpoint rule)."""
+    steps = round(duration * 1_000)
+    x, y, speed = state.x.copy(), state.y.copy(), state.speed.copy()
+    for step in range(steps):
+        heading = state.heading + yaw_rate * (step + 0.5) * 1e-3
+        following = np.clip(speed + acceleration * 1e-3, limits.speed_min, limits.speed_max)
+        x += 0.5 * (speed + following) * np.cos(heading) * 1e-3
+        y += 0.5 * (speed + following) * np.sin(heading) * 1e-3
+        speed = following
+    return VehicleState(x, y, state.heading + yaw_rate * duration, speed)
+
+
+def assert_same(found: VehicleState, expected: VehicleState, metres: float, radians: float = 1e-9) -> None:
+    assert np.max(np.hypot(found.x - expected.x, found.y - expected.y)) <= metres
+    assert np.max(angle_between(found.heading, expected.heading)) <= radians
+    np.testing.assert_allclose(found.speed, expected.speed, rtol=0.0, atol=metres)
+
+
+@EVERY_LIMIT
+def test_a_step_is_exact_whatever_the_command(limits: Limits) -> None:
+    """Within 2 cm of a 1 ms integration, speed limits reached inside the step included."""
+    state, acceleration, yaw_rate = some_motion(20_000, limits)
+    found = advance(state, acceleration, yaw_rate, 1.0, limits, np)
+    expected = integrated(state, acceleration, yaw_rate, 1.0, limits)
+    # The integration itself stops at a limit up to 1 ms late, which is 5e-4 m/s; the step is far better than 2 cm.
+    assert_same(found, expected, metres=2e-3)
+
+
+def test_a_limit_is_reached_inside_the_step() -> None:
+    """By hand: 99.8 m/s at 0.5 m/s^2 takes 0.4 s to 100 m/s, then flies on at that speed."""
+    state = VehicleState(np.zeros(1), np.zeros(1), np.zeros(1), np.array([99.8]))
+    found = advance(state, np.array([0.5]), np.zeros(1), 1.0, SURROGATE, np)
+    np.testing.assert_allclose(found.x, 99.8 * 0.4 + 0.5 * 0.5 * 0.4**2 + 100.0 * 0.6, atol=1e-9)
+    np.testing.assert_allclose(found.speed, 100.0, atol=1e-12)
+    np.testing.assert_allclose(found.y, 0.0, atol=1e-9)
+
+
+def test_a_turn_is_the_circle_of_its_radius() -> None:
+    """A full circle at 3 degrees/s takes 120 s, returns to its start and has the radius v / omega."""
+    state = VehicleState(np.zeros(1), np.zeros(1), np.zeros(1), np.array([80.0]))
+    track = [state]
+    for _ in range(120):
+        track.append(advance(track[-1], np.zeros(1), np.full(1, RATE), 1.0, SURROGATE, np))
+    assert_same(track[-1], state, metres=1e-6, radians=1e-9)
+    radius = [math.hypot(at.x[0], at.y[0] - 80.0 / RATE) for at in track]
+    np.testing.assert_allclose(radius, 80.0 / RATE, atol=1e-6)
+
+
+@given(states(), accelerations, yaw_rates, st.floats(0.0, 1.0))
+def test_two_steps_equal_one(state: VehicleState, acceleration: float, yaw_rate: float, share: float) -> None:
+    whole = advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np)
+    half = advance(state, acceleration, yaw_rate, share, SURROGATE, np)
+    assert_same(advance(half, acceleration, yaw_rate, 1.0 - share, SURROGATE, np), whole, metres=1e-9)
+
+
+def test_two_half_steps_equal_one_for_many_commands() -> None:
+    state, acceleration, yaw_rate = some_motion(20_000)
+    whole = advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np)
+    half = advance(state, acceleration, yaw_rate, 0.5, SURROGATE, np)
+    assert_same(advance(half, acceleration, yaw_rate, 0.5, SURROGATE, np), whole, metres=1e-9)
+
+
+@given(states(), accelerations, yaw_rates, headings, st.floats(-1e4, 1e4), st.floats(-1e4, 1e4))
+def test_motion_does_not_depend_on_place_or_direction(
+    state: VehicleState, acceleration: float, yaw_rate: float, angle: float, east: float, north: float
+) -> None:
+    there = advance(moved(state, angle, east, north), acceleration, yaw_rate, 1.0, SURROGATE, np)
+    expected = moved(advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np), angle, east, north)
+    assert_same(there, expected, metres=1e-8)
+
+
+@given(states(), accelerations, yaw_rates)
+def test_motion_is_mirror_symmetric(state: VehicleState, acceleration: float, yaw_rate: float) -> None:
+    left = advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np)
+    right = advance(mirrored(state), acceleration, -yaw_rate, 1.0, SURROGATE, np)
+    assert_same(mirrored(left), right, metres=1e-9)
+
+
+@given(states(), accelerations, yaw_rates)
+def test_motion_inside_the_limits_can_be_flown_back(state: VehicleState, acceleration: float, yaw_rate: float) -> None:
+    """Turned around at its end, with the time-reversed commands, the vehicle retraces its step."""
+    assume(SURROGATE.speed_min <= state.speed + acceleration <= SURROGATE.speed_max)
+
+    def turned(vehicle: VehicleState) -> VehicleState:
+        return vehicle._replace(heading=np.remainder(vehicle.heading + 2.0 * math.pi, 2.0 * math.pi) - math.pi)
+
+    there = advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np)
+    back = advance(turned(there), -acceleration, -yaw_rate, 1.0, SURROGATE, np)
+    assert_same(turned(back), state, metres=1e-8, radians=1e-9)
+
+
+@EVERY_LIMIT
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_speed_never_leaves_the_limits(limits: Limits, dtype: type) -> None:
+    generator = np.random.default_rng(3)
+    state = VehicleState(*(field.astype(dtype) for field in some_motion(2_000, limits)[0]))
+    for _ in range(60):
+        acceleration, yaw_rate = random_commands(generator, 2_000, limits)
+        state = advance(state, acceleration.astype(dtype), yaw_rate.astype(dtype), dtype(1.0), limits, np)
+        # One unit in the last place is what rounding a sum can cost.
+        unit = float(np.spacing(dtype(limits.speed_max)))
+        assert np.all(state.speed >= limits.speed_min - unit)
+        assert np.all(state.speed <= limits.speed_max + unit)
+        low, high = dtype(-math.pi), dtype(math.pi)
+        assert np.all((state.heading >= low) & (state.heading < high))
+
+
+@pytest.mark.parametrize(
+    ("speed", "acceleration", "expected"),
+    [(45.0, -0.5, 45.0), (45.0, 0.0, 45.0), (45.0, 0.5, 45.5), (120.0, 0.5, 120.0), (120.0, -0.5, 119.5)],
+)
+def test_a_speed_outside_the_limits_stays_until_commanded_inwards(
+    speed: float, acceleration: float, expected: float
+) -> None:
+    state = VehicleState(*(np.array([value]) for value in (0.0, 0.0, 0.3, speed)))
+    found = advance(state, np.array([acceleration]), np.zeros(1), 1.0, SURROGATE, np)
+    np.testing.assert_allclose(found.speed, expected, atol=1e-12)
+    np.testing.assert_allclose(np.hypot(found.x, found.y), 0.5 * (speed + expected), atol=1e-9)
+
+
+@pytest.mark.parametrize("backend", BACKENDS, ids=lambda backend: backend.name)
+def test_backends_move_alike(backend: Backend) -> None:
+    """One step of each against numpy in float64; 5 mm is what float32 can hold at 10 km (its unit is 1 mm)."""
+    state, acceleration, yaw_rate = some_motion(2_000, seed=5)
+    inputs = [backend.rounded(column) for column in (*state, acceleration, yaw_rate)]
+    expected = advance(VehicleState(*inputs[:4]), inputs[4], inputs[5], 1.0, SURROGATE, np)
+
+    def step(x, y, heading, speed, a, omega):
+        return advance(VehicleState(x, y, heading, speed), a, omega, 1.0, SURROGATE, backend.xp)
+
+    found = VehicleState(*backend.apply(step, *inputs))
+    single = backend.dtype is np.float32
+    assert_same(found, expected, metres=5e-3 if single else 1e-8, radians=1e-6 if single else 1e-12)
+
+
+def test_commands_scale_each_side_by_its_own_limit_and_clip() -> None:
+    throttle = np.array([-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 7.0])
+    steering = np.array([1.5, 1.0, 0.5, 0.0, -0.5, -1.0, -9.0])
+    acceleration, yaw_rate = commands((throttle, steering), C208_PUBLISHED, np)
+    np.testing.assert_allclose(acceleration, [-0.8, -0.8, -0.4, 0.0, 0.25, 0.5, 0.5], atol=1e-15)
+    np.testing.assert_allclose(np.degrees(yaw_rate), [5.0, 5.0, 2.5, 0.0, -2.5, -5.0, -5.0], atol=1e-12)
+
+
+def test_positive_steering_turns_left() -> None:
+    _, yaw_rate = commands((np.zeros(1), np.ones(1)), SURROGATE, np)
+    east = VehicleState(np.zeros(1), np.zeros(1), np.zeros(1), np.full(1, 75.0))
+    after = advance(east, np.zeros(1), yaw_rate, 1.0, SURROGATE, np)
+    assert after.y[0] > 0.0
+    np.testing.assert_allclose(after.heading, RATE, atol=1e-12)
+
+
+def test_velocity_points_along_the_heading() -> None:
+    quarter = 0.5 * math.pi
+    state = VehicleState(np.zeros(4), np.zeros(4), np.array([0.0, quarter, -math.pi, -quarter]), np.full(4, 80.0))
+    vx, vy = velocity(state, np)
+    np.testing.assert_allclose(vx, [80.0, 0.0, -80.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(vy, [0.0, 80.0, 0.0, -80.0], atol=1e-9)
+
+
+def test_limits_are_data_that_broadcast() -> None:
+    """A vehicle each: the same command meets a different speed limit in every row."""
+    count = 3
+    state = VehicleState(np.zeros(count), np.zeros(count), np.zeros(count), np.full(count, 60.0))
+    limits = SURROGATE._replace(speed_max=np.array([60.0, 60.2, 100.0]))
+    found = advance(state, np.full(count, 0.5), np.zeros(count), 1.0, limits, np)
+    np.testing.assert_allclose(found.speed, [60.0, 60.2, 60.5], atol=1e-12)

@@ -1,0 +1,189 @@
+"""Pictures show what they should, in the colours they should, and a window really opens."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import gymnasium
+import matplotlib.colors
+import numpy as np
+import pytest
+from gymnasium import error
+
+from envs.gymnasium_env import ENV_ID
+from envs.rendering import GOAL, INTRUDER, OWNSHIP, VIOLATION, Drawing, Scene, frame, view
+
+SIZE = 512
+
+
+def scene(steps=40, intruders=1, miss=2500.0, **changes) -> Scene:
+    """Own eastwards through the origin, intruders southwards at a distance behind each other."""
+    time = np.arange(steps + 1.0)
+    own = np.stack([-4000.0 + 75.0 * time, 0 * time, 0 * time, 75.0 + 0 * time], axis=-1)
+    traffic = np.stack(
+        [
+            np.stack([0 * time + 1500.0 * k, 4000.0 + miss - 75.0 * time, 0 * time - np.pi / 2, 75.0 + 0 * time], -1)
+            for k in range(intruders)
+        ],
+        axis=1,
+    )
+    separations = np.hypot(*np.moveaxis(traffic[..., :2] - own[:, None, :2], -1, 0))
+    made = Scene(own, traffic, separations, (4000.0, 0.0), 500.0, 1000.0, float(steps), "flying", "made up")
+    return made._replace(**changes)
+
+
+def pixels(picture: np.ndarray, colour: str) -> int:
+    """Pixels of exactly a colour."""
+    wanted = np.round(np.array(matplotlib.colors.to_rgb(colour)) * 255.0).astype(np.uint8)
+    return int(np.count_nonzero(np.all(picture == wanted, axis=-1)))
+
+
+@pytest.mark.parametrize("size", [512, 800])
+def test_a_frame_is_a_picture_of_the_size_asked_for(size):
+    picture = frame(scene(), size)
+    assert picture.shape == (size, size, 3)
+    assert picture.dtype == np.uint8
+    assert picture.flags.writeable
+
+
+def test_everything_is_there_in_its_colour():
+    picture = frame(scene(), SIZE)
+    for colour in (OWNSHIP, INTRUDER, GOAL):
+        assert pixels(picture, colour) > 60
+    assert pixels(picture, VIOLATION) == 0
+    assert pixels(frame(scene(intruders=6), SIZE), INTRUDER) > 3 * pixels(picture, INTRUDER)
+
+
+def test_trails_turn_red_where_separation_is_lost():
+    lost = scene(steps=60, miss=0.0)
+    assert lost.separations.min() < 1000.0 < lost.separations[30].min()
+    assert pixels(frame(lost, SIZE), VIOLATION) > 100
+    before = Scene(*(part[:31] if isinstance(part, np.ndarray) else part for part in lost))
+    assert pixels(frame(before, SIZE), VIOLATION) == 0
+
+
+@pytest.mark.parametrize(("outcome", "colour"), [("goal", GOAL), ("violation", VIOLATION)])
+def test_the_verdict_is_written_in_its_colour(outcome, colour):
+    header = SIZE // 14
+    flying, ended = (frame(scene(outcome=name), SIZE)[:header] for name in ("flying", outcome))
+    assert pixels(flying, colour) == 0
+    assert pixels(ended, colour) > 20
+
+
+def test_the_goal_has_its_radius():
+    picture = frame(scene(goal_radius=900.0), SIZE)
+    assert pixels(picture, GOAL) > pixels(frame(scene(goal_radius=450.0), SIZE), GOAL)
+
+
+def test_a_drawing_used_again_draws_what_a_new_one_draws():
+    drawing = Drawing(SIZE)
+    scenes = [scene(intruders=4), scene(steps=0), scene(steps=90, outcome="goal"), scene(intruders=2, miss=0.0)]
+    pictures = [drawing.frame(one) for one in scenes]
+    for one, picture in zip(scenes, pictures, strict=True):
+        np.testing.assert_array_equal(picture, frame(one, SIZE))
+    assert not np.array_equal(pictures[0], pictures[1])
+
+
+def test_the_view_holds_what_matters_and_only_grows():
+    whole = scene(steps=300)
+    sides = []
+    for steps in range(0, 301, 20):
+        part = Scene(*(field[: steps + 1] if isinstance(field, np.ndarray) else field for field in whole))
+        west, south, side = view(part)
+        sides.append(side)
+        for x, y in [part.own[-1, :2] / 1000.0, np.array(part.goal) / 1000.0, part.intruders[0, 0, :2] / 1000.0]:
+            assert west + 1.0 < x < west + side - 1.0
+            assert south + 1.0 < y < south + side - 1.0
+    assert sides == sorted(sides)
+
+
+def test_the_environment_draws_every_step_anew():
+    env = gymnasium.make(ENV_ID, scenario="multi", render_mode="rgb_array", render_size=SIZE)
+    with pytest.raises(error.ResetNeeded, match="render was called before reset"):
+        env.unwrapped.render()
+    env.reset(seed=0)
+    pictures = [env.render()]
+    for _ in range(3):
+        env.step(np.zeros(2, np.float32))
+        pictures.append(env.render())
+    assert len({picture.tobytes() for picture in pictures}) == 4
+    assert all(pixels(picture, OWNSHIP) > 40 for picture in pictures)
+    np.testing.assert_array_equal(env.render(), pictures[-1])
+    env.close()
+
+
+def test_no_picture_without_a_render_mode():
+    env = gymnasium.make(ENV_ID).unwrapped
+    env.reset(seed=0)
+    with pytest.warns(UserWarning, match="render draws nothing"):
+        assert env.render() is None
+
+
+def in_a_new_interpreter(code: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    clean = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY", "MPLBACKEND")}
+    command = [sys.executable, "-W", "error", "-c", code]
+    return subprocess.run(command, env=clean | variables, capture_output=True, text=True, timeout=60, check=False)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have a display without being asked")
+@pytest.mark.parametrize("backend", ["", "TkAgg"])
+def test_human_mode_without_a_display_says_what_to_do(backend):
+    code = f"""
+import gymnasium
+try:
+    gymnasium.make("envs.gymnasium_env:{ENV_ID}", render_mode="human").reset(seed=0)
+except gymnasium.error.UnsupportedMode as problem:
+    print(problem)
+"""
+    result = in_a_new_interpreter(code, **({"MPLBACKEND": backend} if backend else {}))
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith('render_mode "human": a window needs a display')
+    assert result.stdout.count("\n") == 1
+    assert 'render_mode="rgb_array"' in result.stdout
+
+
+HUMAN = f"""
+import gymnasium, numpy as np
+from gymnasium.utils.env_checker import check_env
+from PIL import ImageGrab
+env = gymnasium.make("envs.gymnasium_env:{ENV_ID}", render_mode="human").unwrapped
+check_env(env)
+env.metadata["render_fps"] = 1000
+env.close()
+env.reset(seed=0)
+for _ in range(5):
+    env.step(np.zeros(2, np.float32))
+screen = np.asarray(ImageGrab.grab().convert("RGB"))
+assert np.count_nonzero(np.all(screen == (0, 0x72, 0xb2), axis=-1)) > 60, "no ownship on the screen"
+import matplotlib.pyplot as plt
+plt.close("all")
+env.step(np.zeros(2, np.float32))
+env.reset()
+assert plt.get_fignums(), "no new window after the user has closed the old one"
+env.close()
+assert not plt.get_fignums()
+print("shown")
+"""
+
+
+def test_human_mode_shows_a_window():
+    server = shutil.which("Xvfb")
+    if server is None:
+        pytest.skip("Xvfb is not installed: the window is not tested")
+    pytest.importorskip("tkinter")
+    reading, writing = os.pipe()
+    with subprocess.Popen(
+        [server, "-displayfd", str(writing), "-screen", "0", "800x800x24", "-nolisten", "tcp"],
+        pass_fds=[writing],
+        stderr=subprocess.DEVNULL,
+    ) as display:
+        os.close(writing)
+        try:
+            with os.fdopen(reading) as pipe:
+                number = pipe.readline().strip()
+            result = in_a_new_interpreter(HUMAN, DISPLAY=f":{number}", MPLBACKEND="TkAgg")
+        finally:
+            display.terminate()
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.strip() == "shown"
