@@ -1,0 +1,41 @@
+"""What every benchmark prints beside its figures, and how a rate is taken on a noisy machine."""
+
+import json
+import platform
+import time
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+__all__ = ["machine", "report", "seconds"]
+
+
+def machine() -> dict[str, Any]:
+    """Return the processor's name and the number of cores that this process may use."""
+    import os
+
+    name = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        models = [line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if "model name" in line]
+        name = models[0] if models else name
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {"processor": name, "cores": cores, "system": platform.system()}
+
+
+def seconds(work: Callable[[], Any], repeats: int = 5) -> list[float]:
+    """Return the wall time of each repeat, s, after one that is not counted; ``work`` waits for its own result."""
+    work()
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return times
+
+
+def report(figures: dict[str, Any], packages: tuple[str, ...]) -> None:
+    """Print one JSON object with the figures, the machine and the packages' versions as the last line."""
+    versions = {"python": platform.python_version()} | {name: metadata.version(name) for name in packages}
+    print(json.dumps(figures | {"machine": machine(), "versions": versions}))
