@@ -44,7 +44,8 @@ def leg_separation(
 
     The relative position is interpolated by the parabola through both ends whose second derivative is the mean
     relative acceleration. Its minimum is found on the chord and improved by one Newton step, then compared with
-    both ends. Against a 1 ms simulation of turning aircraft the result is good to 0.05 m at 1 s.
+    both ends. Against a 1 ms simulation of turning aircraft the result is good to 0.05 m at 1 s from 100 m apart on
+    (0.2 m from 10 m on, 2 m below).
 
     Args:
         own, own_next: ownship before and after the step, ``[...]``.

@@ -14,7 +14,8 @@ import jax
 import numpy as np
 
 from agents.configuration import ConfigError, dump
-from envs.encounters import SCENARIOS, Encounter
+from envs.draws import uniforms
+from envs.encounters import SCENARIOS, Encounter, sample
 from envs.outcome import Outcome, Rules, reward
 from envs.starts import numbered
 from rlcas_jax import checkpoint, metrics, progress
@@ -23,6 +24,9 @@ from rlcas_jax.task import Task, TrainState, build
 from rlcas_jax.versions import versions
 
 __all__ = ["Run", "TrainingError", "outcomes", "rates", "run"]
+
+LEAST_ACCEPTED = 0.05
+"""Smallest share of a scenario's draws that must meet its conditions."""
 
 
 class TrainingError(RuntimeError):
@@ -60,6 +64,7 @@ def run(config: TrainConfig, directory: Path, reporter: progress.Reporter, *, re
     """
     began = time.monotonic()
     saved = directory / "checkpoints"
+    _check_scenarios(config)
     task = build(config)
     state = task.initial()
     if resume:
@@ -142,6 +147,19 @@ def _final_score(log: dict[str, np.ndarray]) -> float:
     score, episodes = log["score"][-tail:], log["episodes"][-tail:]
     known = episodes > 0
     return float(np.average(score[known], weights=episodes[known])) if known.any() else math.nan
+
+
+def _check_scenarios(config: TrainConfig) -> None:
+    """Refuse a scenario whose conditions are met too rarely to fill a pool of starts with different ones."""
+    tried = 4096
+    for number, entry in enumerate(config.scenarios):
+        family = entry.scenario()
+        _, accepted = sample(family, uniforms(0, 0, tried, (1, family.dimensions)).swapaxes(0, 1), np)
+        if accepted.mean() < LEAST_ACCEPTED:
+            raise ConfigError(
+                f"scenarios.{number}: {int(accepted.sum())} of {tried} draws meet the conditions of {entry.name}; "
+                f"expected at least {LEAST_ACCEPTED:.0%} (see min_initial_separation and conflicts_closer_than)"
+            )
 
 
 def _check_same(config: TrainConfig, meta: dict[str, Any], directory: Path) -> None:

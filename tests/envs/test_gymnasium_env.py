@@ -124,8 +124,8 @@ def test_the_environment_flies_what_the_evaluator_flies(scenario):
         return np.stack([observation[:, 5], np.clip(3.0 * observation[:, 6] - 0.3 * observation[:, 4], -1, 1)], -1)
 
     family = encounters.scenario(scenario)
-    noise = simulate.noise(seed, 0, count, family.intruders[1]) if scenario == "noisy" else None
-    drawn = simulate.draw(family, seed, 0, count)
+    noise = simulate.sensor_noise(seed, 0, count, family.intruders[1]) if scenario == "noisy" else None
+    drawn = starts.numbered(family, seed, 0, count)
     flown, _ = simulate.fly(drawn, decide, RULES, SURROGATE, noise=noise)
     env = DeconflictionEnv(scenario)
     for i in range(count):

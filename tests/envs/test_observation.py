@@ -127,6 +127,16 @@ def test_decode_recovers_what_was_not_clipped(own: VehicleState, intruder: Vehic
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=5e-3)
 
 
+def test_decode_takes_any_pair_of_courses() -> None:
+    """Their difference runs from almost -2 pi to almost 2 pi; ends of the ranges included."""
+    courses = np.concatenate([np.linspace(-1.0, 1.0, 41), [-0.999999, 0.999999]])
+    own, other = (grid.ravel() for grid in np.meshgrid(courses, courses))
+    zero = np.zeros_like(own)
+    found = decode([zero, own, zero, other, zero, zero, zero, zero], np)
+    np.testing.assert_allclose(found.intruder_vx, 75.0 * np.cos(math.pi * (other - own)), atol=1e-6)
+    np.testing.assert_allclose(found.intruder_vy, 75.0 * np.sin(math.pi * (other - own)), atol=1e-6)
+
+
 @pytest.mark.parametrize("backend", BACKENDS, ids=lambda backend: backend.name)
 def test_backends_observe_alike(backend: Backend) -> None:
     generator = np.random.default_rng(0)

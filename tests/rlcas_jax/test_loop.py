@@ -123,7 +123,8 @@ def test_resuming_after_a_kill_equals_an_uninterrupted_run(
             break
     process.kill()
     process.wait()
-    assert len(metrics.read(killed / metrics.FILE)["update"]) < UPDATES, "the run ended before it was killed: nothing was tested"
+    done = len(metrics.read(killed / metrics.FILE)["update"])
+    assert done < UPDATES, "the run ended before it was killed: nothing was tested"
 
     resumed = train("--resume", killed, "--quiet")
     assert resumed.returncode == 0, resumed.stderr

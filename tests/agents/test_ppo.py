@@ -1,0 +1,301 @@
+"""PPO's parts against plain loops and numbers computed by hand: advantages, losses, clipping, shuffling."""
+
+import itertools
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from agents import ppo
+from agents.networks import Actor, Critic
+from agents.ppo import Batch, Learner, LearnerState, PpoSettings
+
+compiled_advantages = jax.jit(ppo.advantages)
+
+
+def looped(reward, value, value_next, terminated, truncated, discount, gae_lambda) -> np.ndarray:
+    """Return generalised advantages of one episode stream ``[T]``, as the definition reads: a sum over the future."""
+    steps = len(reward)
+    estimate = np.zeros(steps)
+    for t in range(steps):
+        weight = 1.0
+        for k in range(t, steps):
+            bootstrap = 0.0 if terminated[k] else discount * value_next[k]
+            estimate[t] += weight * (reward[k] + bootstrap - value[k])
+            if terminated[k] or truncated[k]:
+                break
+            weight *= discount * gae_lambda
+    return estimate
+
+
+def compare_advantages(reward, value, value_next, terminated, truncated, discount, gae_lambda) -> None:
+    columns = [np.asarray(column, np.float32) for column in (reward, value, value_next, terminated, truncated)]
+    found = compiled_advantages(*columns, discount, gae_lambda)
+    expected = [looped(*(c[:, n] for c in columns), discount, gae_lambda) for n in range(columns[0].shape[1])]
+    np.testing.assert_allclose(found, np.stack(expected, axis=1), rtol=1e-4, atol=1e-4)
+
+
+def test_advantages_with_every_combination_of_flags() -> None:
+    """All 4^4 histories of four steps, each ending, or not, by termination, truncation or both."""
+    kinds = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
+    flags = np.array(list(itertools.product(kinds, repeat=4))).transpose(2, 1, 0)
+    generator = np.random.default_rng(0)
+    reward, value, value_next = generator.normal(size=(3, *flags.shape[1:]))
+    compare_advantages(reward, value, value_next, *flags, 0.9, 0.8)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_advantages_against_a_plain_loop(seed, discount, gae_lambda, termination, truncation) -> None:
+    generator = np.random.default_rng(seed)
+    reward, value, value_next = generator.normal(size=(3, 12, 5))
+    ends = generator.random((2, 12, 5)) < np.array([termination, truncation])[:, None, None]
+    compare_advantages(reward, value, value_next, *ends, discount, gae_lambda)
+
+
+def test_advantages_by_hand() -> None:
+    """Rewards 1, 2; values 3, 4, then 5; discount 0.5, lambda 0.5: deltas 0 and 0.5; the first looks 0.25 ahead."""
+    column = np.float32([[1.0], [2.0]]), np.float32([[3.0], [4.0]]), np.float32([[4.0], [5.0]])
+    none = np.zeros((2, 1), np.float32)
+    np.testing.assert_allclose(compiled_advantages(*column, none, none, 0.5, 0.5)[:, 0], [0.0 + 0.25 * 0.5, 0.5])
+    last = np.float32([[0.0], [1.0]])
+    np.testing.assert_allclose(compiled_advantages(*column, last, none, 0.5, 0.5)[:, 0], [0.25 * -2.0, -2.0])
+    first = np.float32([[1.0], [0.0]])
+    np.testing.assert_allclose(compiled_advantages(*column, none, first, 0.5, 0.5)[:, 0], [0.0, 0.5])
+
+
+def test_gaussian_log_prob_and_entropy_are_scipys() -> None:
+    generator = np.random.default_rng(1)
+    action, mean = generator.normal(size=(2, 50, 2)).astype(np.float32)
+    log_std = np.float32([-1.2, 0.4])
+    normal = stats.norm(mean, np.exp(log_std))
+    np.testing.assert_allclose(ppo.gaussian_log_prob(action, mean, log_std), normal.logpdf(action).sum(-1), rtol=1e-4)
+    expected = stats.norm(0.0, np.exp(log_std)).entropy().sum()
+    np.testing.assert_allclose(ppo.gaussian_entropy(jnp.asarray(log_std)), expected, rtol=1e-6)
+
+
+class MeanOfObservation:
+    """An actor whose mean is the observation times a parameter, so that ratios can be computed by hand."""
+
+    def apply(self, variables: Any, observation: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return observation * variables["gain"], variables["log_std"]
+
+
+class SumOfObservation:
+    """A critic whose value is the observation's sum times a parameter."""
+
+    def apply(self, variables: Any, observation: jax.Array) -> jax.Array:
+        return observation.sum(axis=-1) * variables["gain"]
+
+
+BY_HAND: Any = Learner(MeanOfObservation(), SumOfObservation(), optax.identity())
+UNIT = ({"gain": jnp.float32(1.0), "log_std": jnp.zeros(2)}, {"gain": jnp.float32(2.0)})
+
+
+def tiny_batch(old_ratio: list[float], advantage: list[float]) -> Batch:
+    """Return three samples drawn at their mean, whose probability ratios are the ones given."""
+    observation = np.float32([[0.5, 0.0], [0.0, -0.5], [1.0, 1.0]])
+    log_prob = -math.log(2.0 * math.pi) - np.log(np.float32(old_ratio))
+    return Batch(observation, observation, log_prob, np.float32(advantage), np.float32([0.0, 0.0, 3.0]))
+
+
+def losses(batch: Batch, **settings: Any) -> dict[str, float]:
+    loss, parts = ppo.losses(UNIT, batch, BY_HAND, PpoSettings(**settings))
+    assert loss == parts["loss"]
+    return {name: float(value) for name, value in parts.items()}
+
+
+@pytest.mark.parametrize(
+    ("ratios", "advantage", "expected", "clipped"),
+    [
+        # Inside the clip range nothing is clipped: -(1.1 - 2 * 0.9 + 3) / 3.
+        ([1.1, 0.9, 1.0], [1.0, -2.0, 3.0], -(1.1 - 1.8 + 3.0) / 3.0, 0.0),
+        # A ratio beyond the range that gains no more: 1.5 counts as 1.2; 0.5 with a negative advantage as 0.8.
+        ([1.5, 0.5, 1.0], [1.0, -2.0, 3.0], -(1.2 - 1.6 + 3.0) / 3.0, 2.0 / 3.0),
+        # The pessimistic side is never clipped: 1.5 with a negative and 0.5 with a positive advantage.
+        ([1.5, 0.5, 1.0], [-1.0, 2.0, 3.0], -(-1.5 + 1.0 + 3.0) / 3.0, 2.0 / 3.0),
+    ],
+)
+def test_policy_loss_by_hand(ratios, advantage, expected, clipped) -> None:
+    found = losses(tiny_batch(ratios, advantage), clip=0.2, normalize_advantage=False)
+    assert found["policy_loss"] == pytest.approx(expected, rel=1e-5)
+    assert found["clip_fraction"] == pytest.approx(clipped)
+    assert found["approx_kl"] == pytest.approx(np.mean([r - 1.0 - math.log(r) for r in ratios]), abs=1e-5)
+    # Drawn at the mean, with a standard deviation of 1 in two dimensions.
+    assert found["neg_log_prob"] == pytest.approx(math.log(2.0 * math.pi), rel=1e-5)
+
+
+def test_value_loss_entropy_and_total_by_hand() -> None:
+    """Values are 1, -1 and 4, targets 0, 0 and 3; two unit Gaussians have an entropy of log(2 pi e)."""
+    found = losses(tiny_batch([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]), value=0.7, entropy=0.3, normalize_advantage=False)
+    assert found["value_loss"] == pytest.approx(0.5 * (1.0 + 1.0 + 1.0) / 3.0)
+    assert found["entropy"] == pytest.approx(math.log(2.0 * math.pi * math.e), rel=1e-6)
+    assert found["loss"] == pytest.approx(-2.0 + 0.7 * 0.5 - 0.3 * math.log(2.0 * math.pi * math.e), rel=1e-5)
+
+
+def test_advantages_are_normalised_within_the_minibatch() -> None:
+    """By hand: 1, 2, 6 have mean 3 and standard deviation sqrt(14/3); shifted and scaled ones have the same loss."""
+    found = losses(tiny_batch([1.1, 0.9, 1.0], [1.0, 2.0, 6.0]), normalize_advantage=True)
+    root = math.sqrt(14.0 / 3.0)
+    assert found["policy_loss"] == pytest.approx(-(1.1 * -2.0 + 0.9 * -1.0 + 3.0) / root / 3.0, rel=1e-4)
+    again = losses(tiny_batch([1.1, 0.9, 1.0], [107.0, 112.0, 132.0]), normalize_advantage=True)
+    assert again["policy_loss"] == pytest.approx(found["policy_loss"], rel=1e-4)
+
+
+def test_the_gradient_of_a_clipped_sample_is_zero() -> None:
+    def policy_gradient(ratio: float) -> float:
+        batch = tiny_batch([ratio] * 3, [1.0, 1.0, 1.0])
+        batch = batch._replace(action=batch.action + np.float32(0.1))
+        shift = ppo.gaussian_log_prob(batch.action, batch.observation, jnp.zeros(2)) + math.log(2.0 * math.pi)
+        batch = batch._replace(log_prob=batch.log_prob + shift)
+        settings = PpoSettings(value=0.0, normalize_advantage=False)
+        gradient, _ = jax.grad(ppo.losses, has_aux=True)(UNIT, batch, BY_HAND, settings)
+        return float(gradient[0]["gain"])
+
+    assert policy_gradient(1.5) == 0.0
+    assert policy_gradient(1.1) != 0.0
+
+
+# The update.
+
+SETTINGS = PpoSettings(epochs=3, minibatches=4, segment=2, max_grad_norm=0.01)
+ENCOUNTERS, STEPS = 6, 8
+
+
+@pytest.fixture(scope="module")
+def small() -> tuple[Learner, LearnerState, Batch]:
+    parts = ppo.learner(Actor((8,), "none"), Critic((8,), "none"), SETTINGS)
+    state = ppo.initial_state(parts, jax.random.key(0), 3)
+    generator = np.random.default_rng(2)
+    shape = (ENCOUNTERS, STEPS)
+    observation, action = generator.normal(size=(*shape, 3)), generator.normal(size=(*shape, 2))
+    mean, log_std = parts.policy(state.actor, observation.astype(np.float32))
+    log_prob = ppo.gaussian_log_prob(action, mean, log_std)
+    rollout = Batch(observation, action, log_prob, generator.normal(size=shape), 10.0 * generator.normal(size=shape))
+    return parts, state, jax.tree.map(lambda a: np.asarray(a, np.float32), rollout)
+
+
+update = jax.jit(ppo.update, static_argnums=(4, 5))
+
+
+def test_a_learning_rate_of_zero_changes_no_parameter(small) -> None:
+    parts, state, rollout = small
+    after, logged = update(state, rollout, jax.random.key(1), 0.0, parts, SETTINGS)
+    for a, b in zip(*(jax.tree.leaves((each.actor, each.critic)) for each in (after, state)), strict=True):
+        np.testing.assert_array_equal(a, b)
+    # So the policy is still the one that drew the actions.
+    assert abs(float(logged["approx_kl"])) < 1e-6
+    assert float(logged["clip_fraction"]) == 0.0
+
+
+def test_learning_reduces_the_loss_and_depends_on_the_key(small) -> None:
+    parts, state, rollout = small
+    first, before = update(state, rollout, jax.random.key(1), 3e-2, parts, SETTINGS)
+    _, after = update(first, rollout, jax.random.key(2), 3e-2, parts, SETTINGS)
+    assert float(after["value_loss"]) < float(before["value_loss"])
+    again, _ = update(state, rollout, jax.random.key(1), 3e-2, parts, SETTINGS)
+    other, _ = update(state, rollout, jax.random.key(3), 3e-2, parts, SETTINGS)
+    weights = [np.asarray(s.critic["params"]["trunk"]["head"]["kernel"]) for s in (first, again, other)]
+    np.testing.assert_array_equal(weights[0], weights[1])
+    assert np.any(weights[0] != weights[2])
+
+
+def adams_first_moment(state: LearnerState) -> Any:
+    return next(part.mu for part in state.optimizer if hasattr(part, "mu"))
+
+
+def test_the_gradient_is_clipped_to_its_global_norm(small) -> None:
+    """Adam's first moment after one minibatch is a tenth of the gradient that it was given."""
+    parts, state, rollout = small
+    once = PpoSettings(epochs=1, minibatches=1, segment=2, max_grad_norm=SETTINGS.max_grad_norm)
+    after, logged = update(state, rollout, jax.random.key(1), 0.0, parts, once)
+    assert float(logged["grad_norm"]) > 100.0 * once.max_grad_norm, "the gradient is logged before it is clipped"
+    given = float(optax.tree.norm(adams_first_moment(after))) / 0.1
+    assert given == pytest.approx(once.max_grad_norm, rel=1e-3)
+    # All parameters are scaled by one factor, which keeps the gradient's direction.
+    gradient, _ = jax.grad(ppo.losses, has_aux=True)(
+        (state.actor, state.critic), jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), rollout), parts, once
+    )
+    scale = 0.1 * once.max_grad_norm / float(logged["grad_norm"])
+    for g, m in zip(jax.tree.leaves(gradient), jax.tree.leaves(adams_first_moment(after)), strict=True):
+        np.testing.assert_allclose(m, scale * np.asarray(g), rtol=1e-3, atol=1e-8)
+
+
+def test_a_gradient_within_the_norm_is_left_alone(small) -> None:
+    _, state, rollout = small
+    wide = PpoSettings(epochs=1, minibatches=1, segment=2, max_grad_norm=1e6)
+    parts = ppo.learner(Actor((8,), "none"), Critic((8,), "none"), wide)
+    after, logged = update(state, rollout, jax.random.key(1), 0.0, parts, wide)
+    assert float(optax.tree.norm(adams_first_moment(after))) / 0.1 == pytest.approx(
+        float(logged["grad_norm"]), rel=1e-3
+    )
+
+
+class Fixed:
+    """An actor that ignores its observation."""
+
+    def apply(self, variables: Any, observation: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return jnp.zeros((*observation.shape[:-1], 2)) + variables["mean"], jnp.zeros(2)
+
+
+class Table:
+    """A critic with a parameter for each sample: its gradient shows which samples a minibatch holds."""
+
+    def apply(self, variables: Any, observation: jax.Array) -> jax.Array:
+        return variables["table"][observation[..., 0].astype(jnp.int32)]
+
+
+def recorder(total: int, size: int) -> optax.GradientTransformation:
+    """Return an optimiser that only counts how often each sample was used and checks how many come at once."""
+
+    def record(gradient: Any, state: Any, params: Any = None) -> tuple[Any, Any]:
+        used = gradient[1]["table"] != 0.0
+        return gradient, (state[0] + used, state[1] + (used.sum() == size))
+
+    return optax.GradientTransformation(lambda _: (jnp.zeros(total, int), jnp.zeros((), int)), record)
+
+
+@pytest.mark.parametrize("segment", [1, 2, 4, 8])
+def test_every_epoch_uses_every_sample_once(segment: int) -> None:
+    total = ENCOUNTERS * STEPS
+    settings = PpoSettings(epochs=5, minibatches=6, segment=segment, normalize_advantage=False)
+    parts: Any = Learner(Fixed(), Table(), recorder(total, total // 6))
+    variables = {"mean": jnp.zeros(2)}, {"table": jnp.zeros(total)}
+    state = LearnerState(*variables, parts.optimizer.init(variables))
+    index = np.arange(total, dtype=np.float32).reshape(ENCOUNTERS, STEPS)
+    zeros = np.zeros((ENCOUNTERS, STEPS), np.float32)
+    action = np.zeros((ENCOUNTERS, STEPS, 2), np.float32)
+    rollout = Batch(index[..., None], action, zeros - np.float32(math.log(2.0 * math.pi)), zeros, zeros + 1.0)
+    after, _ = update(state, rollout, jax.random.key(0), 0.0, parts, settings)
+    used, full_minibatches = after.optimizer
+    np.testing.assert_array_equal(used, settings.epochs)
+    assert int(full_minibatches) == settings.epochs * settings.minibatches
+
+
+def test_initial_networks_are_those_of_the_recipe() -> None:
+    """Orthogonal hidden layers of gain sqrt(2), a head of 0.01 for the policy and 1 for the value, zero biases."""
+    parts = ppo.learner(Actor((16, 16), "none", -0.7), Critic((16, 16), "none"), PpoSettings())
+    state = ppo.initial_state(parts, jax.random.key(4), 8)
+    actor, critic = state.actor["params"], state.critic["params"]
+    np.testing.assert_allclose(actor["log_std"], -0.7)
+    for network, gain in ((actor["trunk"], 0.01), (critic["trunk"], 1.0)):
+        square = network["hidden_1"]["kernel"]
+        np.testing.assert_allclose(square.T @ square, 2.0 * np.eye(16), atol=1e-5)
+        head = network["head"]["kernel"]
+        np.testing.assert_allclose(head.T @ head, gain**2 * np.eye(head.shape[1]), atol=1e-5)
+        assert not any(np.any(layer["bias"]) for layer in network.values())
+    assert np.any(actor["trunk"]["hidden_0"]["kernel"] != critic["trunk"]["hidden_0"]["kernel"])
+
+
+def test_explained_variance() -> None:
+    target = np.float32([1.0, 2.0, 3.0, 4.0])
+    assert float(ppo.explained_variance(target, target)) == pytest.approx(1.0)
+    assert float(ppo.explained_variance(target + 5.0, target)) == pytest.approx(1.0)
+    assert float(ppo.explained_variance(0.0 * target, target)) == pytest.approx(0.0, abs=1e-6)
+    assert float(ppo.explained_variance(-target, target)) == pytest.approx(-3.0)
