@@ -1,0 +1,187 @@
+"""A family of escapes: turn, fly straight until the way to the goal is clear, turn onto the goal.
+
+Pontryagin's principle says why so small a family goes so far: the control that maximises the distance at a closest
+approach turns at full rate onto one course and holds it, at extremal acceleration with at most one switch. A second
+turn at the switch serves delayed starts, manoeuvring intruders and several of them.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from envs.encounters import Encounter
+from envs.intruder import start, step
+from envs.kinematics import Limits, VehicleState, advance, commands, velocity
+from envs.outcome import Rules
+from envs.relative import bearing, distance
+
+__all__ = ["REGARDLESS", "Flight", "Manoeuvre", "fly", "steps", "take", "takeoff", "tracks"]
+
+REGARDLESS = -1e9
+"""Slack, m, with which the way to the goal always counts as clear."""
+
+
+class Manoeuvre(NamedTuple):
+    """Parameters of one escape; fields ``[...]``, float64."""
+
+    turn: Any
+    """Heading change at full rate from the start, rad, positive to the left."""
+    throttle: Any
+    """Acceleration at first, in [-1, 1] of the limits."""
+    switch: Any
+    """Time at which the second turn is added to what is left of the first and the throttle changes, s."""
+    turn_after: Any
+    """Second turn, rad."""
+    throttle_after: Any
+    """Acceleration from the switch on, in [-1, 1]."""
+    resume: Any
+    """Earliest time at which the aircraft turns onto the goal, s."""
+    slack: Any
+    """The way to the goal is clear if it keeps the separation plus this, m, from the traffic's straight courses."""
+    throttle_home: Any
+    """Acceleration on the way to the goal, in [-1, 1]; full wherever time gets short."""
+
+
+class Flight(NamedTuple):
+    """An escape in progress; fields ``[...]``."""
+
+    own: VehicleState
+    to_turn: Any
+    """What is left of the turn, rad."""
+    switched: Any
+    """Whether the second part has begun, bool."""
+    homing: Any
+    """Whether the aircraft is on the way to the goal, bool."""
+
+
+def take(fields: Any, index: Any) -> Any:
+    """Return the rows ``index`` of every array in a tree of tuples."""
+    if isinstance(fields, tuple):
+        rows = [take(field, index) for field in fields]
+        return type(fields)(*rows) if hasattr(fields, "_fields") else tuple(rows)
+    return np.asarray(fields)[index]
+
+
+def steps(rules: Rules) -> int:
+    """Return the number of steps after which an encounter times out."""
+    return int(np.ceil(rules.t_max / rules.dt - 0.5))
+
+
+def tracks(encounter: Encounter, count: int, rules: Rules) -> VehicleState:
+    """Fly the true intruders alone (they react to nobody) for ``count`` steps.
+
+    Returns:
+        Their states at the beginning and after every step, fields ``[count + 1, ..., K]``.
+    """
+    flown = start(encounter.intruders, np)
+    states = [flown.vehicle]
+    for index in range(count):
+        flown = step(flown, encounter.intent, index * rules.dt, rules.dt, np)
+        states.append(flown.vehicle)
+    return VehicleState(*(np.stack(field) for field in zip(*states, strict=True)))
+
+
+def takeoff(own: VehicleState, manoeuvre: Manoeuvre) -> Flight:
+    """Return the escapes at their beginning, ``[M]``."""
+    never = np.zeros(np.shape(own.x), dtype=bool)
+    return Flight(own, manoeuvre.turn, never, never)
+
+
+def fly(
+    flight: Flight,
+    manoeuvre: Manoeuvre,
+    time: float,
+    goal: tuple[Any, Any],
+    traffic: VehicleState,
+    mask: Any,
+    rules: Rules,
+    limits: Limits,
+) -> Flight:
+    """Fly one step of the escapes.
+
+    Args:
+        flight: ``[M]``.
+        manoeuvre: ``[M]``.
+        time: at the beginning of the step, s after the start.
+        goal: its position, m, ``[M]`` each.
+        traffic: the true intruders now, ``[M, K]``.
+        mask: which of them exist, ``[M, K]``.
+        rules: of the task.
+        limits: of the ownship; floats.
+    """
+    own = flight.own
+    homing = flight.homing.copy()
+    asking = np.flatnonzero(~homing & (time >= manoeuvre.resume))
+    if asking.size:
+        homing[asking] = _clear(
+            take(own, asking),
+            take(goal, asking),
+            take(traffic, asking),
+            mask[asking],
+            manoeuvre.slack[asking],
+            rules,
+            limits,
+        )
+    switched = time >= manoeuvre.switch
+    to_turn = flight.to_turn + np.where(switched & ~flight.switched, manoeuvre.turn_after, 0.0)
+    full_turn = limits.yaw_rate_max * rules.dt
+    escape_turn = np.clip(to_turn, -full_turn, full_turn)
+    home_turn, home_throttle = _homing(own, goal, time, manoeuvre.throttle_home, rules, limits)
+    turn = np.where(homing, home_turn, escape_turn)
+    throttle = np.where(homing, home_throttle, np.where(switched, manoeuvre.throttle_after, manoeuvre.throttle))
+    acceleration, yaw_rate = commands((throttle, turn / full_turn), limits, np)
+    moved = advance(own, acceleration, yaw_rate, rules.dt, limits, np)
+    return Flight(moved, to_turn - escape_turn, switched, homing)
+
+
+def _homing(
+    own: VehicleState, goal: tuple[Any, Any], time: float, throttle: Any, rules: Rules, limits: Limits
+) -> tuple[Any, Any]:
+    """Return the turn (rad) and the throttle of a step on the way to the goal, ``[M]`` each."""
+    to_goal = bearing(own, *goal, np)
+    far = distance(goal[0] - own.x, goal[1] - own.y, np)
+    full_turn = limits.yaw_rate_max * rules.dt
+    # A goal inside the turning circle cannot be turned onto: fly straight until the circle has left it behind.
+    radius = own.speed / limits.yaw_rate_max
+    from_centre = distance(far * np.cos(to_goal), np.abs(far * np.sin(to_goal)) - radius, np)
+    turn = np.where(from_centre < radius - 0.5 * rules.goal_radius, 0.0, np.clip(to_goal, -full_turn, full_turn))
+    time_left = rules.t_max - time - np.abs(to_goal) / limits.yaw_rate_max
+    late = far > 0.9 * own.speed * np.maximum(time_left, rules.dt)
+    return turn, np.where(late, 1.0, throttle)
+
+
+def _clear(
+    own: VehicleState, goal: tuple[Any, Any], traffic: VehicleState, mask: Any, slack: Any, rules: Rules, limits: Limits
+) -> Any:
+    """Return whether turning onto the goal now would keep clear of the traffic's straight courses, ``[M]``.
+
+    Judged half-way through the turn and on the straight flight after it, at the present speed.
+    """
+    to_goal = bearing(own, *goal, np)
+    turning = np.abs(to_goal) / limits.yaw_rate_max
+    traffic_vx, traffic_vy = velocity(traffic, np)
+    keep = (rules.separation + slack)[:, None]
+
+    def turned(fraction: float) -> tuple[Any, Any]:
+        """Return the position after a part of the turn."""
+        arc = fraction * to_goal
+        chord = own.speed * fraction * turning * np.sinc(arc / (2.0 * np.pi))
+        middle = own.heading + 0.5 * arc
+        return own.x + chord * np.cos(middle), own.y + chord * np.sin(middle)
+
+    x, y = turned(0.5)
+    seconds = 0.5 * turning[:, None]
+    rx, ry = traffic.x + traffic_vx * seconds - x[:, None], traffic.y + traffic_vy * seconds - y[:, None]
+    clear = distance(rx, ry, np) >= keep
+
+    x, y = turned(1.0)
+    rx, ry = rx + traffic_vx * seconds, ry + traffic_vy * seconds
+    half_x, half_y = turned(0.5)
+    rx, ry = rx + (half_x - x)[:, None], ry + (half_y - y)[:, None]
+    course = own.heading + to_goal
+    vx, vy = traffic_vx - (own.speed * np.cos(course))[:, None], traffic_vy - (own.speed * np.sin(course))[:, None]
+    # The encounter ends at the goal: what would come closer only beyond it does not count.
+    flight = np.maximum(distance(goal[0] - x, goal[1] - y, np) - rules.goal_radius, 0.0) / own.speed
+    closest = np.clip(-(rx * vx + ry * vy) / np.maximum(vx * vx + vy * vy, 1e-9), 0.0, flight[:, None])
+    clear &= distance(rx + vx * closest, ry + vy * closest, np) >= keep
+    return np.all(clear | ~mask, axis=-1)

@@ -1,0 +1,125 @@
+"""Speed of the evaluation: ``python -m benchmarks.monte_carlo [--policy FILE]``.
+
+Encounters a second for a whole evaluation of circle encounters (draw, fly with and without the policy, judge, table,
+start of the processes included), and how far that is from the limit that matrix products set: the time that the
+policy's products alone would take at the rate measured in the same run, with the same tiles and as many processes.
+"""
+
+import argparse
+import itertools
+import math
+import multiprocessing
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from agents import features
+from agents.inference import Policy
+from agents.resolvability import classify
+from benchmarks.measure import report, seconds
+from envs.encounters import SCENARIOS
+from envs.outcome import RULES
+from envs.starts import numbered
+from eval.chunks import NETWORK_TILE, Evaluation, Pilot
+from eval.config import MonteCarloConfig
+from eval.simulate import direct, fly
+from eval.workers import Chunk, cores, fly_chunks
+
+
+def gemm_flops_per_s(widths: list[int]) -> float:
+    """Return the float32 rate of the network's matrix products alone, one thread, tiles as in flight."""
+    rng = np.random.default_rng(0)
+    layers = [rng.standard_normal(shape).astype(np.float32) for shape in itertools.pairwise(widths)]
+    tiles = [rng.standard_normal((NETWORK_TILE, width)).astype(np.float32) for width in widths[:-1]]
+    rounds = 200
+
+    def work() -> None:
+        for _ in range(rounds):
+            for tile, layer in zip(tiles, layers, strict=True):
+                tile @ layer  # pyright: ignore[reportUnusedExpression]
+
+    with threadpool_limits(1):
+        return rounds * NETWORK_TILE * flops(widths) / min(seconds(work, 7))
+
+
+def flops(widths: list[int]) -> int:
+    """Return the floating-point operations of the products of one evaluation of the network."""
+    return sum(2 * a * b for a, b in itertools.pairwise(widths))
+
+
+def stages(pilot: Pilot, count: int) -> dict[str, float]:
+    """Return the time of each stage of a chunk in one process, s."""
+    rules, limits = pilot.evaluation.rules, pilot.evaluation.limits
+    times = {}
+    begun = time.perf_counter()
+
+    def lap(name: str) -> None:
+        nonlocal begun
+        now = time.perf_counter()
+        times[name], begun = now - begun, now
+
+    starts = numbered(SCENARIOS["circle"], 0, 0, count)
+    lap("draw_s")
+    flown, _ = fly(starts, pilot.decide, rules, limits)
+    lap("policy_flights_s")
+    bare, _ = fly(starts, direct(limits), rules, limits)
+    lap("baseline_flights_s")
+    classify(starts, rules, limits, solved=(flown.outcome == 1) | (bare.outcome == 1))
+    lap("resolvability_s")
+    return times
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
+    parser.add_argument("--encounters", type=int, default=10_000, help="encounters of a measurement (default 10000)")
+    parser.add_argument("--repeats", type=int, default=3, help="measurements (default 3)")
+    parser.add_argument("--workers", type=int, default=cores(), help="processes (default: one for every core)")
+    options = parser.parse_args()
+
+    policy = Policy.load(options.policy)
+    evaluation = Evaluation(options.policy, SCENARIOS["circle"], None, 0, RULES, policy.limits)
+    size = MonteCarloConfig().chunk_for(options.encounters, options.workers)
+    chunks = [Chunk(first, min(size, options.encounters - first)) for first in range(0, options.encounters, size)]
+    walls, evaluations = [], 0.0
+    for _ in range(options.repeats):
+        begun = time.perf_counter()
+        tables: list[dict[str, Any]] = [
+            table for _, table in fly_chunks(evaluation, chunks, options.workers, lambda: False)
+        ]
+        walls.append(time.perf_counter() - begun)
+        # The policy acts once a second.
+        evaluations = sum(math.fsum(table["duration_s"]) for table in tables) / RULES.dt
+
+    architecture = policy.metadata["architecture"]
+    widths = [features.size(architecture["feature_set"]), *architecture["hidden"], 2]
+    with multiprocessing.get_context("spawn").Pool(options.workers) as pool:
+        rates = pool.map(gemm_flops_per_s, [widths] * options.workers, chunksize=1)
+    limit_s = evaluations * flops(widths) / sum(rates)
+    with threadpool_limits(1):
+        split = stages(Pilot.load(evaluation), min(size, options.encounters))
+    report(
+        {
+            "encounters": options.encounters,
+            "workers": options.workers,
+            "wall_s": min(walls),
+            "wall_s_all": walls,
+            "encounters_per_s": options.encounters / min(walls),
+            "policy_evaluations": evaluations,
+            "policy_evaluations_per_s": evaluations / min(walls),
+            "flop_per_evaluation": flops(widths),
+            "gemm_gflop_per_s": sum(rates) / 1e9,
+            "gemm_limit_s": limit_s,
+            "share_of_gemm_limit": limit_s / min(walls),
+            "one_chunk_in_one_process": {"encounters": min(size, options.encounters)} | split,
+        },
+        ("numpy",),
+    )
+
+
+if __name__ == "__main__":
+    main()

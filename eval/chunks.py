@@ -1,0 +1,156 @@
+"""One chunk of an evaluation: draw the encounters, fly them with and without the resolver, judge, tabulate.
+
+What a chunk yields depends on the evaluation and on the encounters' numbers only, not on the size of the chunk,
+on the process that works on it or on what it has worked on before.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from enum import IntEnum
+from functools import reduce
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.inference import Policy
+from agents.resolvability import Method, Verdict, classify
+from envs.encounters import Encounter, Scenario
+from envs.kinematics import Limits
+from envs.outcome import Rules
+from envs.starts import joined, numbered, taken
+from eval.conditions import conditions
+from eval.film import Trajectories
+from eval.simulate import OUTCOMES, direct, fly, sensor_noise
+
+__all__ = ["NETWORK_TILE", "Evaluation", "Pilot", "columns", "encounters", "trajectories"]
+
+NETWORK_TILE = 256
+"""Rows that the network takes at a time: a fixed number, because BLAS rounds a row differently in another."""
+
+
+class Evaluation(NamedTuple):
+    """All that the result of an evaluation follows from; can be sent to another process."""
+
+    policy: Path | None
+    """File of the policy; None for the shipped one."""
+    source: Scenario | Encounter
+    """A scenario to draw from, or the encounters of a file."""
+    names: tuple[str, ...] | None
+    """Names of a file's encounters."""
+    seed: int
+    rules: Rules
+    limits: Limits
+
+
+class Pilot(NamedTuple):
+    """An evaluation with its policy loaded."""
+
+    evaluation: Evaluation
+    policy: Policy
+
+    @classmethod
+    def load(cls, evaluation: Evaluation) -> "Pilot":
+        """Return the evaluation with its policy.
+
+        Raises:
+            PolicyFileError: the policy file cannot be used.
+        """
+        return cls(evaluation, Policy.load(evaluation.policy))
+
+    def decide(self, observation: np.ndarray) -> np.ndarray:
+        """Return the network's actions ``[M, 2]`` on observations ``[M, 8]``."""
+        return self.policy.tiled(observation, tile=NETWORK_TILE)
+
+
+def encounters(evaluation: Evaluation, first: int, count: int) -> Encounter:
+    """Return the encounters ``first .. first + count - 1``.
+
+    Raises:
+        EncounterError: one of them meets the scenario's conditions in none of its attempts.
+    """
+    if isinstance(evaluation.source, Scenario):
+        return numbered(evaluation.source, evaluation.seed, first, count)
+    return taken(evaluation.source, slice(first, first + count))
+
+
+def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
+    """Return the table of a chunk: a column a name, a row an encounter; docs/evaluation.md says what each means."""
+    evaluation = pilot.evaluation
+    rules, limits = evaluation.rules, evaluation.limits
+    starts = encounters(evaluation, first, count)
+    begun = conditions(starts)
+    flown, _ = fly(starts, pilot.decide, rules, limits, noise=_noise(evaluation, starts, first))
+    bare, _ = fly(starts, direct(limits), rules, limits)
+    reached, bare_reached = flown.outcome == OUTCOMES.index("reached"), bare.outcome == OUTCOMES.index("reached")
+    judged = classify(starts, rules, limits, solved=reached | bare_reached)
+
+    # The route is the straight line to the goal: what is left of it at the end counts as flown straight.
+    route = np.maximum(begun.route_length, 1.0)  # a start on the goal has none
+    excess = np.maximum((flown.path_length + flown.goal_distance) / route - 1.0, 0.0)
+    number = np.arange(first, first + count)
+    names = evaluation.names or ()
+    return {
+        "encounter": number,
+        "name": np.array([names[i] if names else None for i in number], dtype=object),
+        "outcome": np.array(OUTCOMES, dtype=object)[flown.outcome],
+        "score": flown.score,
+        "duration_s": flown.duration,
+        "min_separation_m": flown.min_separation,
+        "time_of_min_separation_s": flown.time_of_min_separation,
+        "path_length_m": flown.path_length,
+        "path_excess": np.where(reached, excess, np.nan),
+        "goal_distance_m": flown.goal_distance,
+        "heading_reversals": flown.reversals,
+        "verdict": _names(Verdict)[judged.verdict],
+        "verdict_method": _names(Method)[judged.method],
+        "baseline_outcome": np.array(OUTCOMES, dtype=object)[bare.outcome],
+        "baseline_duration_s": bare.duration,
+        "baseline_min_separation_m": bare.min_separation,
+        "intruders": begun.intruders,
+        "own_speed_m_s": begun.own_speed,
+        "intruder_speed_m_s": begun.intruder_speed,
+        "distance_m": begun.distance,
+        "bearing_deg": begun.bearing * (180.0 / math.pi),
+        "relative_heading_deg": begun.relative_heading * (180.0 / math.pi),
+        "t_cpa_s": begun.t_cpa,
+        "d_cpa_m": begun.d_cpa,
+        "route_length_m": begun.route_length,
+    }
+
+
+def trajectories(pilot: Pilot, numbers: Sequence[int]) -> tuple[Encounter, Trajectories]:
+    """Fly the encounters of some numbers again and return them, ``[M]``, with their recorded trajectories."""
+    evaluation = pilot.evaluation
+    singles = [encounters(evaluation, number, 1) for number in numbers]
+    starts = reduce(joined, singles)
+    noises = [_noise(evaluation, one, number) for one, number in zip(singles, numbers, strict=True)]
+    heard = [noise for noise in noises if noise is not None]  # all of them or none
+    _, film = fly(
+        starts,
+        pilot.decide,
+        evaluation.rules,
+        evaluation.limits,
+        noise=(lambda step: np.concatenate([noise(step) for noise in heard], axis=1)) if heard else None,
+        record=True,
+    )
+    assert film is not None
+    return starts, film
+
+
+def _names(kinds: type[IntEnum]) -> np.ndarray:
+    """Return the names of codes 0, 1, ... in lower case."""
+    return np.array([kinds(code).name.lower() for code in range(len(kinds))], dtype=object)
+
+
+def _noise(evaluation: Evaluation, starts: Encounter, first: int) -> Callable[[int], np.ndarray] | None:
+    """Return the sensors' noise, None if nobody's sensor has noise or latency.
+
+    The whole source decides, not the chunk: even a perfect report is rounded, so it must be used everywhere or nowhere.
+    """
+    source = evaluation.source
+    if isinstance(source, Scenario):
+        flawed = source.position_std > 0.0 or source.velocity_std > 0.0 or source.latency[1] > 0.0
+    else:
+        flawed = any(np.any(field) for field in source.sensor)
+    return sensor_noise(evaluation.seed, first, *starts.mask.shape) if flawed else None

@@ -1,0 +1,95 @@
+"""From the table of encounters to the numbers that matter; docs/evaluation.md defines every key."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from eval.statistics import Interval, Rate, mean_interval, rate, risk_ratio
+
+__all__ = ["SCHEMA_VERSION", "summarise"]
+
+SCHEMA_VERSION = 1
+
+
+def summarise(table: Mapping[str, np.ndarray], confidence: float, resamples: int, seed: int) -> dict[str, Any]:
+    """Return the statistics of an evaluation in JSON types; what cannot be said is None.
+
+    Args:
+        table: columns ``[N]`` as :func:`eval.chunks.columns` makes them, N >= 1.
+        confidence: of all intervals.
+        resamples: bootstrap resamples behind the intervals of means.
+        seed: of the bootstrap.
+    """
+    total = len(table["encounter"])
+    success, violation, timeout = (table["outcome"] == name for name in ("reached", "violation", "timeout"))
+    bare_violation = table["baseline_outcome"] == "violation"
+    resolvable, undecided, unresolvable = (
+        table["verdict"] == name for name in ("resolvable", "undecided", "unresolvable")
+    )
+    counts = {
+        "success": success,
+        "violation": violation,
+        "timeout": timeout,
+        "resolvable": resolvable,
+        "undecided": undecided,
+        "unresolvable": unresolvable,
+        "baseline_success": table["baseline_outcome"] == "reached",
+        "baseline_violation": bare_violation,
+        "baseline_timeout": table["baseline_outcome"] == "timeout",
+    }
+    counted = {name: int(np.count_nonzero(mask)) for name, mask in counts.items()}
+
+    def share(count: int, of: int = total) -> dict[str, Any]:
+        return _rate(rate(count, of, confidence))
+
+    possible = total - counted["unresolvable"]
+    score = mean_interval(table["score"], confidence, resamples, seed)
+    excess = table["path_excess"][success]
+    path = mean_interval(excess, confidence, resamples, seed)
+    risk = risk_ratio(violation, bare_violation, confidence, resamples, seed)
+    bare = counted["baseline_violation"]
+    return {
+        "success_rate": share(counted["success"]),
+        "violation_rate": share(counted["violation"]),
+        "timeout_rate": share(counted["timeout"]),
+        "resolvable_rate": share(possible),
+        "success_given_resolvable": share(counted["success"], possible),
+        "undecided_rate": share(counted["undecided"]),
+        "unresolvable_rate": share(counted["unresolvable"]),
+        "counts": counted,
+        "score_mean": _number(score.value),
+        "score_mean_interval": _ends(score),
+        "risk_ratio": _number(risk.value),
+        "risk_ratio_interval": _ends(risk),
+        "risk_ratio_unresolved": int(np.count_nonzero(violation & bare_violation)) / bare if bare else None,
+        "risk_ratio_induced": int(np.count_nonzero(violation & ~bare_violation)) / bare if bare else None,
+        "baseline_violation_rate": share(bare),
+        "path_excess_mean": _number(path.value),
+        "path_excess_mean_interval": _ends(path),
+        "path_excess_quantiles": _quantiles(excess, (0.5, 0.95, 1.0)),
+        "min_separation_m_quantiles": _quantiles(table["min_separation_m"], (0.0, 0.01, 0.05, 0.5)),
+        "duration_mean_s": float(np.mean(table["duration_s"])),
+        "heading_reversals_mean": float(np.mean(table["heading_reversals"])),
+    }
+
+
+def _rate(rate: Rate) -> dict[str, Any]:
+    return asdict(rate) | {"value": _number(rate.value)}
+
+
+def _ends(interval: Interval) -> dict[str, Any]:
+    return {"low": _number(interval.low), "high": _number(interval.high)}
+
+
+def _number(value: float) -> float | None:
+    """Return the value, None for not-a-number, which JSON has no word for."""
+    return None if math.isnan(value) else float(value)
+
+
+def _quantiles(values: np.ndarray, at: tuple[float, ...]) -> dict[str, float | None]:
+    """Return quantiles of values ``[M]`` by their share, which is the key."""
+    found = np.quantile(values, at) if len(values) else np.full(len(at), np.nan)
+    return {f"{q:g}": _number(float(value)) for q, value in zip(at, found, strict=True)}

@@ -1,0 +1,77 @@
+"""Policies that need no training, made of numbers put in by hand."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_limits
+
+from agents import policy_file
+from agents.inference import Policy
+from agents.policy_file import PolicyFile
+from agents.policy_schema import new_metadata
+from envs.kinematics import SURROGATE
+
+# Places in the feature set "cpa".
+GOAL_SINE, AHEAD_DEPTH, HOMEWARD_DEPTH = 9, 17, 21
+
+
+def hand_made() -> PolicyFile:
+    """Return a policy that turns right of what is ahead and else to the goal: it solves many encounters, not all."""
+    kernel = np.zeros((22, 64), np.float32)
+    bias = np.zeros(64, np.float32)
+    kernel[GOAL_SINE, 0] = 3.0
+    kernel[AHEAD_DEPTH, 1], bias[1] = 6.0, -1.2
+    kernel[HOMEWARD_DEPTH, 2], bias[2] = 6.0, -1.2
+    second = np.zeros((64, 64), np.float32)
+    # Turn to the goal, unless the way there is in conflict; turn away from a conflict ahead.
+    second[[0, 1, 2], 0] = [1.5, -1.5, 0.0]
+    second_bias = np.zeros(64, np.float32)
+    second_bias[0] = -1.5
+    second[[0, 2], 1] = [1.5, 1.5]
+    second_bias[1] = 1.5
+    head = np.zeros((64, 2), np.float32)
+    head[0, 1], head[1, 1] = 1.0, 0.9
+    actor = {
+        "hidden_0/kernel": kernel,
+        "hidden_0/bias": bias,
+        "hidden_1/kernel": second,
+        "hidden_1/bias": second_bias,
+        "head/kernel": head,
+        "head/bias": np.zeros(2, np.float32),
+        "log_std": np.zeros(2, np.float32),
+    }
+    return completed(actor, (64, 64))
+
+
+def completed(actor: dict[str, np.ndarray], hidden: tuple[int, ...]) -> PolicyFile:
+    """Return the policy file of an actor, its parity vectors computed here in float64."""
+    from agents.inference import _forward, _layers
+
+    observations = np.random.default_rng(0).uniform(-1.0, 1.0, (16, 8)).astype(np.float32)
+    metadata = new_metadata(hidden, "cpa", SURROGATE, {}, steps=0, score=None, versions={}, notes="made by hand")
+    blank = PolicyFile(actor, observations, np.zeros((16, 2), np.float32), metadata)
+    actions = _forward(observations.astype(np.float64), _layers(blank, np.float64), "cpa").astype(np.float32)
+    return PolicyFile(actor, observations, actions, metadata)
+
+
+@pytest.fixture(scope="session")
+def policy_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the hand-made policy's file."""
+    path = tmp_path_factory.mktemp("policies") / "policy.safetensors"
+    policy_file.write(path, hand_made())
+    return path
+
+
+@pytest.fixture(scope="session")
+def policy(policy_path: Path) -> Policy:
+    """Return the hand-made policy."""
+    return Policy.load(policy_path)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def one_blas_thread() -> Iterator[None]:
+    """Hold BLAS to one thread, as the evaluation does; with more, rows would depend on their company."""
+    with threadpool_limits(1):
+        yield

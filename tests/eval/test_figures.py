@@ -1,0 +1,111 @@
+"""The figures show what the table says, whatever mixture of outcomes it holds."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from agents.inference import Policy
+from envs.encounters import SCENARIOS
+from envs.kinematics import SURROGATE
+from envs.outcome import RULES
+from eval.chunks import Evaluation, Pilot, columns, trajectories
+from eval.figures import draw_all, initial_conditions, separation_histogram
+from eval.flight_sheet import PANELS, chosen
+from eval.kinds import kinds_of
+from eval.simulate import OUTCOMES
+
+
+def table_of(counts: dict[str, int]) -> dict[str, np.ndarray]:
+    """Return a table with so many encounters of each kind."""
+    kinds = np.random.default_rng(0).permutation(np.repeat(list(counts), list(counts.values())))
+    words = {"success": "reached", "time-out": "timeout"}
+    outcome = np.array([words.get(kind, "violation") for kind in kinds], dtype=object)
+    n = len(kinds)
+    return {
+        "encounter": np.arange(n),
+        "outcome": outcome,
+        "verdict": np.where(kinds == "proven unresolvable", "unresolvable", "undecided").astype(object),
+        "distance_m": np.linspace(1_000.0, 20_000.0, n),
+        "bearing_deg": np.linspace(-180.0, 179.0, n),
+        "relative_heading_deg": np.linspace(-180.0, 179.0, n),
+        "min_separation_m": np.linspace(900.0, 5_000.0, n),
+        "baseline_min_separation_m": np.linspace(800.0, 1_500.0, n),
+    }
+
+
+@pytest.mark.parametrize(
+    ("counts", "expected"),
+    [
+        ({"success": 100}, {"success": 12}),
+        ({"success": 3}, {"success": 3}),
+        ({"violation": 100}, {"violation": 12}),
+        ({"success": 100, "violation": 2}, {"violation": 2, "success": 10}),
+        ({"success": 100, "violation": 50}, {"violation": 8, "success": 4}),
+        ({"success": 1, "violation": 50}, {"violation": 11, "success": 1}),
+        ({"success": 99, "violation": 50, "time-out": 1}, {"violation": 7, "time-out": 1, "success": 4}),
+        (
+            {"success": 99, "violation": 50, "time-out": 50, "proven unresolvable": 50},
+            {"violation": 4, "time-out": 2, "proven unresolvable": 2, "success": 4},
+        ),
+    ],
+)
+def test_sheet_shows_failures_first(counts: dict[str, int], expected: dict[str, int]) -> None:
+    table = table_of(counts)
+    numbers = chosen(table)
+    assert len(set(numbers)) == len(numbers) == min(PANELS, len(table["encounter"]))
+    shown = kinds_of(table)[numbers].tolist()
+    assert shown == [kind for kind, count in expected.items() for _ in range(count)]
+
+
+@pytest.mark.parametrize("kinds", [("success",), ("violation",), ("success", "violation", "time-out")])
+def test_every_kind_is_in_the_legend_with_its_number(kinds: tuple[str, ...]) -> None:
+    figure = initial_conditions(table_of({kind: 1_200 + i for i, kind in enumerate(kinds)}))
+    texts = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert texts == {f"{kind} (1 20{i})" for i, kind in enumerate(kinds)}
+
+
+def test_histogram_counts_every_flight_and_splits_at_the_requirement() -> None:
+    table = table_of({"success": 500, "violation": 20})
+    axes = separation_histogram(table, 1_000.0).axes[0]
+    bars = [patch for patch in axes.patches if hasattr(patch, "get_width")]
+    assert sum(bar.get_height() for bar in bars) == 520
+    below = sum(bar.get_height() for bar in bars if bar.get_x() + bar.get_width() <= 1.0 + 1e-9)
+    assert below == (table["min_separation_m"] < 1_000.0).sum()
+
+
+@pytest.mark.parametrize("name", ["multi", "noisy"])
+def test_the_sheet_flies_what_the_table_says(name: str, policy: Policy, policy_path: Path) -> None:
+    evaluation = Evaluation(policy_path, SCENARIOS[name], None, 3, RULES, SURROGATE)
+    pilot = Pilot(evaluation, policy)
+    table = columns(pilot, 0, 40)
+    numbers = [39, 4, 17]
+    starts, film = trajectories(pilot, numbers)
+    assert len(starts.goal_x) == 3
+    for i, number in enumerate(numbers):
+        steps = int(table["duration_s"][number])
+        assert np.isfinite(film.own.x[: steps + 1, i]).all()
+        assert not np.isfinite(film.own.x[steps + 1 :, i]).any()
+        assert np.nanmin(film.separation[:, i]) == table["min_separation_m"][number]
+        assert table["outcome"][number] in OUTCOMES
+
+
+def test_figures_repeat_byte_for_byte(tmp_path: Path, policy: Policy, policy_path: Path) -> None:
+    from eval.config import MonteCarloConfig
+    from eval.outputs import RunFolder
+
+    evaluation = Evaluation(policy_path, SCENARIOS["circle"], None, 3, RULES, SURROGATE)
+    table = columns(Pilot(evaluation, policy), 0, 4)
+    folders = [tmp_path / "a", tmp_path / "b"]
+    for path in folders:
+        path.mkdir()
+        draw_all(RunFolder(path, MonteCarloConfig()), table, evaluation)
+    names = sorted(path.name for path in folders[0].iterdir())
+    assert len(names) == 6
+    assert all((folders[0] / name).read_bytes() == (folders[1] / name).read_bytes() for name in names)
+
+
+def test_kinds_put_the_proof_before_the_outcome() -> None:
+    table = SimpleNamespace(outcome=np.array(["violation", "timeout"]), verdict=np.array(["unresolvable", "undecided"]))
+    assert kinds_of(vars(table)).tolist() == ["proven unresolvable", "time-out"]
