@@ -105,10 +105,10 @@ def environment(config: TrainConfig, count: int) -> Any:
             return [getattr(flying, attr_name)] * count
 
         def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-            raise NotImplementedError
+            raise TypeError("the benchmark does not reach into single environments")
 
         def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-            raise NotImplementedError
+            raise TypeError("the benchmark does not reach into single environments")
 
         def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
             return [False] * count
