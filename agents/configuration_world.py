@@ -1,4 +1,4 @@
-"""The parts of a configuration that describe the world: the vehicle's limits and the scenarios.
+"""The parts of a configuration that describe the world: the task, the vehicle's limits and the scenarios.
 
 Training and evaluation share them, so that a vehicle file or a changed scenario means the same in both. Angles
 are in degrees here, as the keys say, and radians in what the models return.
@@ -15,8 +15,30 @@ from agents.configuration import ConfigError, Strict, load
 from agents.configuration_keys import nearest
 from envs.encounters import SCENARIOS, Scenario
 from envs.kinematics import SURROGATE, Limits
+from envs.outcome import RULES, Rules
 
-__all__ = ["ScenarioConfig", "VehicleConfig"]
+__all__ = ["RulesConfig", "ScenarioConfig", "VehicleConfig"]
+
+
+class RulesConfig(Strict):
+    """The task; the time step is 1 s."""
+
+    t_max: float = Field(default=RULES.t_max, ge=1.0, le=3600.0, multiple_of=1.0)
+    """Time after which the goal counts as missed, s."""
+    separation: float = Field(default=RULES.separation, gt=0.0)
+    """Distance to an intruder below which an encounter is lost, m."""
+    goal_radius: float = Field(default=RULES.goal_radius, gt=0.0)
+    """Distance from the goal at which it counts as reached, m."""
+    reward_violation: float = RULES.reward_violation
+    """Score of a lost separation."""
+    reward_goal: float = RULES.reward_goal
+    """Score of a goal reached."""
+    reward_timeout: float = RULES.reward_timeout
+    """Score of a goal missed."""
+
+    def rules(self) -> Rules:
+        """Return the task's numbers as the world's functions take them."""
+        return Rules(**{name: getattr(self, name) for name in RulesConfig.model_fields})
 
 
 class VehicleConfig(Strict):

@@ -14,8 +14,9 @@ from envs.intruder import start, step
 from envs.kinematics import Limits, VehicleState, advance, commands, velocity
 from envs.outcome import Rules
 from envs.relative import bearing, distance
+from envs.trees import take
 
-__all__ = ["REGARDLESS", "Flight", "Manoeuvre", "fly", "steps", "take", "takeoff", "tracks"]
+__all__ = ["REGARDLESS", "Flight", "Manoeuvre", "fly", "steps", "takeoff", "tracks"]
 
 REGARDLESS = -1e9
 """Slack, m, with which the way to the goal always counts as clear."""
@@ -52,14 +53,6 @@ class Flight(NamedTuple):
     """Whether the second part has begun, bool."""
     homing: Any
     """Whether the aircraft is on the way to the goal, bool."""
-
-
-def take(fields: Any, index: Any) -> Any:
-    """Return the rows ``index`` of every array in a tree of tuples."""
-    if isinstance(fields, tuple):
-        rows = [take(field, index) for field in fields]
-        return type(fields)(*rows) if hasattr(fields, "_fields") else tuple(rows)
-    return np.asarray(fields)[index]
 
 
 def steps(rules: Rules) -> int:

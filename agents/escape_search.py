@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.escape_manoeuvre import REGARDLESS, Manoeuvre, fly, steps, take, takeoff, tracks
+from agents.escape_manoeuvre import REGARDLESS, Manoeuvre, fly, steps, takeoff, tracks
 from envs.draws import normals, uniforms
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules, judge
 from envs.relative import distance, leg_separation
+from envs.trees import take
 
 __all__ = ["STAGES", "Flown", "Found", "fly_out", "refine", "search"]
 

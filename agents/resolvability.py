@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.escape_manoeuvre import Manoeuvre, fly, steps, take, takeoff, tracks
+from agents.escape_manoeuvre import Manoeuvre, fly, steps, takeoff, tracks
 from agents.escape_search import search
 from agents.unresolvable import contained, look_ahead, split
 from envs.encounters import Encounter
@@ -18,6 +18,7 @@ from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules, judge
 from envs.relative import distance, leg_separation
 from envs.starts import cast
+from envs.trees import take
 
 __all__ = ["Method", "Replay", "Resolvability", "Verdict", "classify", "replay"]
 

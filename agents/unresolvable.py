@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.escape_manoeuvre import steps, take
+from agents.escape_manoeuvre import steps
 from agents.reachable_bound import DELTA, DIRECTIONS, Funnel, farthest, narrowed, relaxed, root, support
 from envs.angles import sincos, wrap
 from envs.encounters import Encounter
@@ -17,6 +17,7 @@ from envs.intruder import INTRUDER_LIMITS, start, step
 from envs.kinematics import Limits, advance
 from envs.outcome import Rules
 from envs.relative import distance
+from envs.trees import take
 
 __all__ = ["Ahead", "contained", "look_ahead", "split"]
 

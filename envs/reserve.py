@@ -5,7 +5,8 @@ import numpy as np
 from envs.encounters import Encounter, EncounterError, Scenario
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
-from envs.starts import cast, joined, numbered, taken
+from envs.starts import cast, joined, numbered
+from envs.trees import take
 
 __all__ = ["Reserve"]
 
@@ -46,7 +47,7 @@ class Reserve:
         self.used += count
         if self._size - self.used >= self._count:
             return False
-        left = taken(self.rows, slice(self.used, None))
+        left = take(self.rows, slice(self.used, None))
         self._first += self.used
         self.rows = joined(left, self._draw(self._first + self._size - self.used, self.used))
         self.used = 0

@@ -1,7 +1,6 @@
 """Encounters by number: encounter 1234 of a seed is the same wherever and with however many others it is drawn."""
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,9 @@ from envs.encounters import Encounter, EncounterError, Scenario, sample
 from envs.intruder import INTRUDER_LIMITS, Intent
 from envs.kinematics import Limits, VehicleState
 from envs.perception import Sensor
+from envs.trees import mapped
 
-__all__ = ["cast", "checked", "joined", "numbered", "report_noise", "taken"]
+__all__ = ["cast", "checked", "joined", "numbered", "report_noise"]
 
 
 def numbered(scenario: Scenario, seed: int, first: int, count: int) -> Encounter:
@@ -47,26 +47,14 @@ def report_noise(seed: int, number: int, step: int, intruders: int) -> np.ndarra
     return draws.normals(seed, number, 1, (4, intruders), stream=step + 1)[0]
 
 
-def taken(encounters: Encounter, rows: Any) -> Encounter:
-    """Return some of the encounters ``[N]``: one by its index, or several by a slice, indices or a mask."""
-    return _mapped(lambda field: field[rows], encounters)
-
-
 def joined(first: Encounter, second: Encounter) -> Encounter:
     """Return both batches of encounters as one."""
-    return _mapped(lambda *fields: np.concatenate(fields), first, second)
+    return mapped(lambda *fields: np.concatenate(fields), first, second)
 
 
 def cast(encounters: Encounter, dtype: Any) -> Encounter:
     """Return the encounters with numbers of another type; the mask stays."""
-    return _mapped(lambda field: field if field.dtype == bool else field.astype(dtype), encounters)
-
-
-def _mapped(function: Callable[..., Any], *trees: Any) -> Any:
-    """Apply a function to the arrays at the same place of nested tuples."""
-    if isinstance(trees[0], tuple):
-        return type(trees[0])(*(_mapped(function, *parts) for parts in zip(*trees, strict=True)))
-    return function(*trees)
+    return mapped(lambda field: field if field.dtype == bool else field.astype(dtype), encounters)
 
 
 def checked(encounter: Encounter, limits: Limits, batch: tuple[int, ...] = ()) -> Encounter:

@@ -18,7 +18,8 @@ from agents.resolvability import Method, Verdict, classify
 from envs.encounters import Encounter, Scenario
 from envs.kinematics import Limits
 from envs.outcome import Rules
-from envs.starts import joined, numbered, taken
+from envs.starts import joined, numbered
+from envs.trees import take
 from eval.conditions import conditions
 from eval.film import Trajectories
 from eval.simulate import OUTCOMES, direct, fly, sensor_noise
@@ -71,7 +72,7 @@ def encounters(evaluation: Evaluation, first: int, count: int) -> Encounter:
     """
     if isinstance(evaluation.source, Scenario):
         return numbered(evaluation.source, evaluation.seed, first, count)
-    return taken(evaluation.source, slice(first, first + count))
+    return take(evaluation.source, slice(first, first + count))
 
 
 def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:

@@ -7,11 +7,10 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from agents.configuration import ConfigError, Strict
 from agents.configuration_keys import nearest
-from agents.configuration_world import ScenarioConfig, VehicleConfig
+from agents.configuration_world import RulesConfig, ScenarioConfig, VehicleConfig
 from envs.encounters import SCENARIOS, Scenario
-from envs.outcome import RULES, Rules
 
-__all__ = ["FILE", "MonteCarloConfig", "RulesConfig"]
+__all__ = ["FILE", "MonteCarloConfig"]
 
 FILE = "file:"
 """Prefix of a scenario that is a file of encounters."""
@@ -19,27 +18,6 @@ FILE = "file:"
 _DEFAULT_ENCOUNTERS = 10_000
 _LARGEST_CHUNK = 1_250
 _AVAILABLE = {"mode": ("policy",), "baseline": ("none",)}
-
-
-class RulesConfig(Strict):
-    """The task; the time step is 1 s."""
-
-    t_max: float = Field(default=RULES.t_max, ge=1.0, le=3600.0, multiple_of=1.0)
-    """Time after which the goal counts as missed, s."""
-    separation: float = Field(default=RULES.separation, gt=0.0)
-    """Distance to an intruder below which an encounter is lost, m."""
-    goal_radius: float = Field(default=RULES.goal_radius, gt=0.0)
-    """Distance from the goal at which it counts as reached, m."""
-    reward_violation: float = RULES.reward_violation
-    """Score of a lost separation."""
-    reward_goal: float = RULES.reward_goal
-    """Score of a goal reached."""
-    reward_timeout: float = RULES.reward_timeout
-    """Score of a goal missed."""
-
-    def rules(self) -> Rules:
-        """Return the task's numbers as the world's functions take them."""
-        return Rules(**self.model_dump())
 
 
 class MonteCarloConfig(Strict):

@@ -20,8 +20,8 @@ from envs.observation import CRITICAL_RADIUS, most_critical, observe
 from envs.outcome import Rules, judge, reward
 from envs.perception import Sensor, carried_back, perceive
 from envs.relative import distance, leg_separation
+from envs.trees import take
 from eval.film import Film, Trajectories
-from eval.trees import rows
 
 __all__ = ["OUTCOMES", "REVERSAL_RATE", "Decider", "Flights", "direct", "fly", "sensor_noise"]
 
@@ -159,8 +159,8 @@ def fly(
             film.expose(air.number, own, traffic.vehicle, (observation, action, separation))
         ended = outcome.ended(np)
         if ended.any():
-            _land(result, rows(air, ended), outcome, ended, reward(outcome, rules, np), goal_distance, step * dt)
-            air = rows(air, ~ended)
+            _land(result, take(air, ended), outcome, ended, reward(outcome, rules, np), goal_distance, step * dt)
+            air = take(air, ~ended)
     return result, None if film is None else film.developed()
 
 

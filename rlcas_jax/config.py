@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from agents.configuration import ConfigError, Strict
-from agents.configuration_world import ScenarioConfig, VehicleConfig
+from agents.configuration_world import RulesConfig, ScenarioConfig, VehicleConfig
 from envs.kinematics import Limits
 from envs.outcome import RULES, Rules
 
@@ -98,33 +98,17 @@ class PpoConfig(Strict):
         return self
 
 
-class WorldConfig(Strict):
-    """The task and the vehicle."""
+class WorldConfig(RulesConfig):
+    """The task and the vehicle; training may ask for more separation than the evaluation."""
 
     vehicle: VehicleConfig = Field(
         default=VehicleConfig(), json_schema_extra={"expected": "the path of a YAML file, or a group of keys"}
     )
     """Limits of the ownship. A path is looked for beside the configuration file, then in the working directory."""
-    t_max: float = Field(default=RULES.t_max, ge=1.0, le=3600.0, multiple_of=1.0)
-    """Time after which the goal counts as missed, s."""
-    separation: float = Field(default=RULES.separation, gt=0.0)
-    """Distance to an intruder below which an encounter is lost, m; training may ask for more than evaluation."""
-    goal_radius: float = Field(default=RULES.goal_radius, gt=0.0)
-    """Distance from the goal at which it counts as reached, m."""
-    reward_violation: float = RULES.reward_violation
-    """Reward when the separation is lost."""
-    reward_goal: float = RULES.reward_goal
-    """Reward when the goal is reached."""
-    reward_timeout: float = RULES.reward_timeout
-    """Reward when t_max passes."""
 
     def limits(self) -> Limits:
         """Return the ownship's limits as the world's functions take them."""
         return self.vehicle.limits()
-
-    def rules(self) -> Rules:
-        """Return the task's numbers as the world's functions take them."""
-        return Rules(**self.model_dump(exclude={"vehicle"}))
 
 
 class ShapingConfig(Strict):

@@ -288,3 +288,15 @@ def test_bad_arguments_are_one_sentence():
     assert str(caught.value) == "argument --seeds: invalid int value: 'x' (see prog --help)"
     with pytest.raises(ConfigError, match="unrecognized arguments: --see"):
         parser.parse_args(["--see", "1"])
+
+
+def test_a_reader_that_stops_early_sees_no_traceback() -> None:
+    program = "from agents.configuration import run_cli; run_cli(lambda: print('x' * 200_000))"
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == ""
+        assert process.wait() == 0

@@ -6,17 +6,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.escape_manoeuvre import Manoeuvre, steps, take
+from agents.escape_manoeuvre import Manoeuvre, steps
 from agents.escape_search import search
 from agents.reachable_bound import DELTA, DIRECTIONS, EPSILON, Funnel, farthest, narrowed, relaxed, root, support
 from agents.resolvability import Method, Replay, Verdict, classify, replay
 from agents.unresolvable import contained, look_ahead, split
-from envs.encounters import Encounter, scenario
+from envs.encounters import Encounter, Scenario, scenario
 from envs.intruder import Intent
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, advance
 from envs.outcome import RULES
 from envs.perception import Sensor
 from envs.starts import numbered
+from envs.trees import take
 from tests.strategies import mirrored
 
 CLOSE = scenario("circle", radius=(1_000.0, 4_000.0), min_initial_separation=0.0)
@@ -99,7 +100,7 @@ def check_witness(encounter: Encounter, flown: Replay) -> None:
     ("family", "count"),
     [(scenario("circle"), 120), (CLOSE, 60), (scenario("maneuvering"), 60), (scenario("multi"), 20)],
 )
-def test_witnesses_succeed_in_an_independent_simulation(family, count):
+def test_witnesses_succeed_in_an_independent_simulation(family: Scenario, count: int):
     encounters = numbered(family, 3, 0, count)
     judged = classify(encounters, RULES, SURROGATE)
     found = np.flatnonzero(judged.method == Method.SEARCH)
@@ -208,7 +209,7 @@ def test_a_proof_survives_what_makes_the_task_harder():
 
 
 @pytest.mark.parametrize("family", [scenario("circle"), scenario("maneuvering"), CLOSE])
-def test_verdicts_do_not_know_left_from_right(family):
+def test_verdicts_do_not_know_left_from_right(family: Scenario):
     encounters = numbered(family, 9, 0, 80)
     here = classify(encounters, RULES, SURROGATE)
     there = classify(reflected(encounters), RULES, SURROGATE)
@@ -263,10 +264,9 @@ def random_flights(count: int, seconds: int) -> tuple[np.ndarray, ...]:
     turned = np.zeros(count)
     record = [(state.x, state.y, turned, state.speed)]
     hold = random.integers(1, 12, count)
+    command = np.zeros((2, count))
     for second in range(seconds):
         fresh = second % hold == 0
-        if second == 0:
-            command = np.zeros((2, count))
         command = np.where(fresh, random.integers(-1, 2, (2, count)), command)
         turn = command[1] * SURROGATE.yaw_rate_max
         state = advance(state, command[0] * SURROGATE.acceleration_max, turn, 1.0, SURROGATE, np)
@@ -276,7 +276,7 @@ def random_flights(count: int, seconds: int) -> tuple[np.ndarray, ...]:
 
 
 def test_no_flight_leaves_the_outer_set_and_some_touch_it():
-    count, seconds, step = 400, 40, 0.05
+    count, seconds, step = 150, 40, 0.05
     x, y, turned, speed = random_flights(count, seconds)
     times = step * np.arange(round(seconds / step) + 1)
     everything = root(speed[0], times, relaxed(SURROGATE))

@@ -22,6 +22,7 @@ from envs.intruder import Intent
 from envs.kinematics import SURROGATE, VehicleState
 from envs.outcome import RULES
 from envs.perception import Sensor
+from envs.trees import take
 from eval import simulate
 
 INFO_KEYS = {"separation", "min_separation", "goal_distance", "time", "outcome", "encounter"}
@@ -102,7 +103,7 @@ def test_flight_in_floats_is_the_surrogate_within_a_micrometre(scenario):
     with jax.enable_x64(True):
         history = jax.device_get(surrogate_flight(drawn, commands.astype(float), noise, late))
     for i in range(count):
-        flown = flight.begin(starts.taken(drawn, i))
+        flown = flight.begin(take(drawn, i))
         for step in range(steps):
             seen, own, traffic, result = jax.tree.map(lambda field, at=(step, i): field[at], history)
             mine = flight.observe(flown, noise[step, :, i] if late else None)
@@ -321,8 +322,8 @@ def test_scenario_and_number_can_be_chosen_at_reset():
 def test_one_row_of_drawn_encounters_can_be_given():
     drawn = starts.numbered(encounters.scenario("multi"), 2, 0, 4)
     env = DeconflictionEnv("multi")
-    given, _ = env.reset(seed=1, options={"encounter": starts.taken(drawn, 3)})
-    again, _ = env.reset(options={"encounter": starts.taken(drawn, slice(3, 4))})
+    given, _ = env.reset(seed=1, options={"encounter": take(drawn, 3)})
+    again, _ = env.reset(options={"encounter": take(drawn, slice(3, 4))})
     own, _ = env.reset(seed=2, options={"encounter": 3})
     np.testing.assert_array_equal(given, own)
     np.testing.assert_array_equal(again, own)

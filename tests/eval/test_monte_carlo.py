@@ -16,7 +16,8 @@ import yaml
 from agents.configuration import ConfigError, run_cli
 from envs import encounter_file
 from envs.encounters import SCENARIOS
-from envs.starts import numbered, taken
+from envs.starts import numbered
+from envs.trees import take
 from eval import monte_carlo
 from eval.statistics import clopper_pearson
 
@@ -228,7 +229,7 @@ def test_own_file_of_encounters(tmp_path: Path, policy_path: Path, capsys: pytes
     assert len(config["scenario_sha256"]) == 64
 
     # The file's digest is kept: the run cannot be repeated from another content by accident.
-    encounter_file.write(mine, taken(starts, slice(0, 29)))
+    encounter_file.write(mine, take(starts, slice(0, 29)))
     with pytest.raises(ConfigError, match=r"mine.csv has SHA-256 .* expected .* \(key scenario_sha256\)"):
         fly(tmp_path / "again", "--config", str(tmp_path / "mine" / "config.yaml"))
     with pytest.raises(ConfigError, match="encounters is 31; expected at most 29"):

@@ -1,0 +1,24 @@
+"""Nested tuples of arrays, such as encounters, states and manoeuvres, handled as one."""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+
+__all__ = ["mapped", "take"]
+
+T = TypeVar("T")
+
+
+def mapped(function: Callable[..., Any], *trees: Any) -> Any:
+    """Apply a function to the arrays at the same place of nested tuples, which have the same structure."""
+    first = trees[0]
+    if isinstance(first, tuple):
+        parts = [mapped(function, *same) for same in zip(*trees, strict=True)]
+        return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
+    return function(*trees)
+
+
+def take(tree: T, index: Any) -> T:
+    """Return some rows of every array: one by its number, or several by a slice, indices or a mask."""
+    return mapped(lambda field: np.asarray(field)[index], tree)
