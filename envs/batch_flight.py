@@ -70,15 +70,10 @@ def step(
         distance to the nearest intruder and to the goal, m.
     """
     final, result = surrogate.step(state, (actions[:, 0], actions[:, 1]), setting.world)
-    ended = result.outcome.ended(jnp)
     # Encounters that go on point at some row too; what they get from there is not used.
-    row = jnp.maximum(used + jnp.cumsum(ended) - 1, 0)
+    row = jnp.maximum(used + jnp.cumsum(final.ended) - 1, 0)
     fresh = surrogate.reset(jax.tree.map(lambda field: field[row], pool), late_reports=setting.late)
-
-    def select(new: jax.Array, old: jax.Array) -> jax.Array:
-        return jnp.where(ended.reshape(ended.shape + (1,) * (old.ndim - 1)), new, old)
-
-    following = jax.tree.map(select, fresh, final)
+    following = surrogate.restart(final, fresh)
     # Of an encounter's two observations only one is ever followed by an action, so they may share the noise.
     noise_key = jax.random.fold_in(key, tick)
     violation, reached, timeout = result.outcome
