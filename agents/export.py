@@ -1,10 +1,8 @@
 """From a trained flax actor to a policy file, with parity vectors that flax itself computes."""
 
 import os
-import platform
 from collections.abc import Mapping
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from itertools import product
 from typing import Any
 
@@ -17,6 +15,7 @@ from agents.inference import Policy
 from agents.networks import Actor
 from agents.policy_file import PolicyFile, PolicyFileError
 from agents.policy_schema import new_metadata
+from agents.versions import versions
 from envs.kinematics import Limits
 from envs.observation import SIZE
 
@@ -53,8 +52,16 @@ def to_policy_file(
         PolicyFileError: parameters are not finite or not those of the architecture, the metadata cannot be written
             as JSON, or the numpy network disagrees with flax.
     """
+    made_with = versions("jax", "flax", "optax", "numpy", "safetensors")
     metadata = new_metadata(
-        hidden, feature_set, limits, config, steps=steps, score=score, versions=_versions(), notes=notes
+        hidden,
+        feature_set,
+        limits,
+        config,
+        steps=steps,
+        score=score,
+        versions=made_with,
+        notes=notes,
     )
     actor = _tensors(actor_variables)
     for name, tensor in actor.items():
@@ -130,14 +137,3 @@ def _flax_actions(
 def _mean(variables: Any, observation: jax.Array, hidden: tuple[int, ...], feature_set: str) -> jax.Array:
     """Return the actor's mean actions; compiled once, because a training run exports many times."""
     return Actor(hidden, feature_set).apply(variables, observation)[0]
-
-
-def _versions() -> dict[str, str]:
-    """Return the versions of what made the policy."""
-    found = {"python": platform.python_version()}
-    for name in ("rlcas-toolkit", "jax", "flax", "optax", "numpy", "safetensors"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
-    return found

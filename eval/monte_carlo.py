@@ -237,7 +237,7 @@ def _how_to_resume(folder: "RunFolder") -> str:
 
 def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: float, flown: int) -> dict[str, Any]:
     """Return the content of summary.json."""
-    from eval.outputs import versions
+    from agents.versions import versions
     from eval.summary import SCHEMA_VERSION, summarise
 
     return {
@@ -254,7 +254,7 @@ def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: f
         "wall_s": wall_s,
         "encounters_flown_now": flown,
         "encounters_per_s": flown / wall_s if flown else None,
-        "versions": versions(),
+        "versions": versions("numpy", "safetensors", "pyarrow", "scipy"),
     }
 
 

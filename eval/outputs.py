@@ -6,20 +6,19 @@ Every file is written under another name and renamed, so that it is whole or not
 import hashlib
 import json
 import os
-import platform
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from agents.configuration import ConfigError, dump, load
+from agents.versions import versions
 from eval.config import MonteCarloConfig
 
-__all__ = ["RunFolder", "versions"]
+__all__ = ["RunFolder"]
 
 _TABLE, _PARTS, _CONFIG, _SUMMARY = "encounters.parquet", "parts", "config.yaml", "summary.json"
 _SCHEMA = {b"rlcas_schema": b"monte_carlo 1"}
@@ -151,7 +150,10 @@ class RunFolder:
 
     def _identity(self) -> str:
         """Return what tells whether a stored part belongs to this run."""
-        made = {"config": _plain(self._config), "versions": {k: versions()[k] for k in ("rlcas-toolkit", "numpy")}}
+        made = {
+            "config": _plain(self._config),
+            "versions": {k: versions("numpy")[k] for k in ("rlcas-toolkit", "numpy")},
+        }
         return hashlib.sha256(json.dumps(made, sort_keys=True, default=str).encode()).hexdigest()
 
     def _write(self, name: str, write: Callable[[Path], Any]) -> None:
@@ -164,17 +166,6 @@ class RunFolder:
             Path(temporary).replace(target)
         finally:
             Path(temporary).unlink(missing_ok=True)
-
-
-def versions() -> dict[str, str]:
-    """Return the versions that decide an evaluation's numbers."""
-    found = {"python": platform.python_version()}
-    for package in ("rlcas-toolkit", "numpy", "safetensors", "pyarrow", "scipy"):
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
 
 
 def _plain(config: MonteCarloConfig) -> dict[str, Any]:

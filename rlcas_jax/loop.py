@@ -2,6 +2,7 @@
 
 import json
 import math
+import platform
 import signal
 import time
 from collections.abc import Callable, Generator
@@ -14,6 +15,7 @@ import jax
 import numpy as np
 
 from agents.configuration import ConfigError, dump
+from agents.versions import versions
 from envs.draws import uniforms
 from envs.encounters import SCENARIOS, Encounter, sample
 from envs.outcome import Outcome, Rules, reward
@@ -21,7 +23,6 @@ from envs.starts import numbered
 from rlcas_jax import checkpoint, metrics, progress
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.task import Task, TrainState, build
-from rlcas_jax.versions import versions
 
 __all__ = ["Run", "TrainingError", "outcomes", "rates", "run"]
 
@@ -71,7 +72,7 @@ def run(config: TrainConfig, directory: Path, reporter: progress.Reporter, *, re
         state, meta = checkpoint.restore(checkpoint.latest(saved), like=state)
         _check_same(config, meta, directory)
     else:
-        (directory / "versions.json").write_text(json.dumps(versions(), indent=2) + "\n", encoding="utf-8")
+        (directory / "versions.json").write_text(json.dumps(_made_with(), indent=2) + "\n", encoding="utf-8")
 
     update = int(state.update)
     per_update = task.steps_per_update
@@ -147,6 +148,12 @@ def _final_score(log: dict[str, np.ndarray]) -> float:
     score, episodes = log["score"][-tail:], log["episodes"][-tail:]
     known = episodes > 0
     return float(np.average(score[known], weights=episodes[known])) if known.any() else math.nan
+
+
+def _made_with() -> dict[str, str]:
+    """Return the platform and the versions that decide a run's numbers."""
+    here = {"platform": platform.platform(), "machine": platform.machine()}
+    return here | versions("numpy", "jax", "jaxlib", "flax", "optax", "safetensors")
 
 
 def _check_scenarios(config: TrainConfig) -> None:
