@@ -1,0 +1,93 @@
+"""The follower: flies the legs between published waypoints on any vehicle, in position and in time.
+
+Feed-forward of the legs' mean controls over the coming period, and feedback of the errors against where the plan
+is now; both loops are critically damped, so that no error of the start overshoots.
+"""
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from envs.angles import wrap
+from envs.kinematics import Limits, VehicleState, advance
+from envs.tracking import offset
+from envs.waypoints import Legs, at
+
+__all__ = ["GAINS", "PERIOD", "Gains", "KinematicVehicle", "Vehicle", "guidance", "steer"]
+
+PERIOD = 0.1
+"""Control period, s."""
+
+
+class Gains(NamedTuple):
+    """Of the feedback."""
+
+    along: float = 0.25
+    """Acceleration per distance ahead, 1/s^2 (natural frequency 0.5 rad/s)."""
+    speed: float = 1.0
+    """Acceleration per speed error, 1/s."""
+    across: float = 0.25
+    """Lateral acceleration per distance to the left, 1/s^2."""
+    heading: float = 1.0
+    """Yaw rate per heading error, 1/s."""
+
+
+GAINS = Gains()
+
+
+class Vehicle(Protocol):
+    """Whatever can be commanded an acceleration and a yaw rate."""
+
+    @property
+    def state(self) -> VehicleState:
+        """Position, heading and speed over the ground now."""
+        ...
+
+    def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
+        """Fly on for ``dt`` seconds under an acceleration (m/s^2) and a yaw rate (rad/s, positive to the left)."""
+        ...
+
+
+class KinematicVehicle:
+    """The surrogate's kinematics as a vehicle; one or many aircraft ``[...]``."""
+
+    def __init__(self, state: VehicleState, limits: Limits) -> None:
+        self._state = state
+        self._limits = limits
+
+    @property
+    def state(self) -> VehicleState:
+        """Position, heading and speed now, ``[...]``."""
+        return self._state
+
+    def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
+        """Fly on for ``dt`` seconds; commands beyond the limits are cut off there."""
+        limits = self._limits
+        acceleration = np.clip(acceleration, limits.acceleration_min, limits.acceleration_max)
+        yaw_rate = np.clip(yaw_rate, -limits.yaw_rate_max, limits.yaw_rate_max)
+        self._state = advance(self._state, acceleration, yaw_rate, dt, limits, np)
+
+
+def guidance(legs: Legs, state: VehicleState, time: Any, dt: float = PERIOD, gains: Gains = GAINS) -> tuple[Any, Any]:
+    """Return the acceleration (m/s^2) and yaw rate (rad/s) for the coming period, ``[...]`` each.
+
+    Args:
+        legs: of the plan, ``[..., L]``.
+        state: of the aircraft, ``[...]``.
+        time: on the plan's clock, s, ``[...]`` or a scalar.
+        dt: control period, s.
+        gains: of the feedback.
+    """
+    return steer(at(legs, time), at(legs, time + dt), state, dt, gains)
+
+
+def steer(
+    now: VehicleState, after: VehicleState, state: VehicleState, dt: float = PERIOD, gains: Gains = GAINS
+) -> tuple[Any, Any]:
+    """Return the commands that lead along two states of the plan one period apart, as :func:`guidance` does."""
+    ahead, left = offset(state, now)
+    acceleration = (after.speed - now.speed) / dt - gains.speed * (state.speed - now.speed) - gains.along * ahead
+    turn = wrap(after.heading - now.heading, np) / dt
+    heading_error = wrap(state.heading - now.heading, np)
+    yaw_rate = turn - gains.heading * heading_error - gains.across * left / np.maximum(state.speed, 1.0)
+    return acceleration, yaw_rate

@@ -1,0 +1,164 @@
+"""The leg's curve meets its waypoints, is gentle, and moves with the scene."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from envs.kinematics import SURROGATE, VehicleState, advance
+from envs.waypoints import ARCS, CLOSED, Knots, RoutePoint, Waypoint, at, knots, leg, legs, locate
+from tests.strategies import accelerations, angle_between, random_states, states, yaw_rates
+
+SECONDS = 20
+
+
+def history(count: int, seed: int, hold: int) -> VehicleState:
+    """Return flown states ``[21, count]`` whose controls change every ``hold`` seconds."""
+    rng = np.random.default_rng(seed)
+    state = random_states(rng, count)
+    flown = [state]
+    for second in range(SECONDS):
+        if second % hold == 0:
+            acceleration, yaw_rate = rng.uniform(-0.5, 0.5, count), rng.uniform(-1.0, 1.0, count) * math.radians(3.0)
+        state = advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np)
+        flown.append(state)
+    return VehicleState(*(np.stack(field) for field in zip(*flown, strict=True)))
+
+
+def ends(flown: VehicleState) -> Knots:
+    """Return the first and the last state as knots ``[count, 2]``."""
+    count = flown.x.shape[1]
+    return Knots(*(field[[0, -1]].T for field in flown), np.tile([0.0, float(SECONDS)], (count, 1)))
+
+
+def left_by(flown: VehicleState) -> np.ndarray:
+    """Return the largest distance of the curves from the histories, m, ``[count]``."""
+    curves = legs(ends(flown))
+    off = [np.hypot(*(a - b[i] for a, b in zip(at(curves, float(i))[:2], flown[:2], strict=True))) for i in range(21)]
+    return np.max(off, axis=0)
+
+
+@pytest.mark.parametrize("hold", [20, 10, 5])
+def test_legs_of_flown_histories_meet_their_ends(hold: int) -> None:
+    flown = history(2_000, 1, hold)
+    curves = legs(ends(flown))
+    assert curves.miss.max() <= CLOSED
+    end = at(curves, float(SECONDS))
+    assert np.hypot(end.x - flown.x[-1], end.y - flown.y[-1])[:, None].max() <= 2.0 * CLOSED
+    assert angle_between(end.heading, flown.heading[-1]).max() <= 1e-9
+    assert np.abs(end.speed - flown.speed[-1]).max() <= 1e-9
+
+
+@given(state=states(), yaw_rate=yaw_rates)
+def test_steady_turns_are_met_exactly(state: VehicleState, yaw_rate: float) -> None:
+    flown = [state]
+    for _ in range(SECONDS):
+        flown.append(advance(flown[-1], 0.0, yaw_rate, 1.0, SURROGATE, np))
+    stacked = VehicleState(*(np.array(field)[:, None] for field in zip(*flown, strict=True)))
+    assert left_by(stacked).max() <= 1e-3
+
+
+@given(acceleration=accelerations, speed=st.floats(60.0, 90.0))
+def test_steady_acceleration_is_met_exactly(acceleration: float, speed: float) -> None:
+    gained = speed + acceleration * SECONDS
+    path = 0.5 * (speed + gained) * SECONDS
+    curve = leg(Waypoint(0, 0.0, 0.0, 0.0, speed, 0.0), Waypoint(1, path, 0.0, 0.0, gained, float(SECONDS)))
+    np.testing.assert_allclose(curve.acceleration, acceleration, atol=1e-6)
+    np.testing.assert_allclose(curve.yaw_rate, 0.0, atol=1e-9)
+
+
+def test_the_curve_is_the_gentlest_that_meets_its_ends() -> None:
+    # Any change of the controls that keeps the end makes the weighted sum of squares larger.
+    whole = legs(ends(history(50, 2, 10)))
+    curves = type(whole)(*(field[:, 0] for field in whole))
+    step = SECONDS / ARCS
+
+    def end_and_cost(yaw_rate: Any, acceleration: Any) -> tuple[np.ndarray, np.ndarray]:
+        state = VehicleState(curves.x[..., 0], curves.y[..., 0], curves.heading[..., 0], curves.speed[..., 0])
+        wide = SURROGATE._replace(speed_min=0.0, speed_max=500.0)
+        for arc in range(ARCS):
+            state = advance(state, acceleration[..., arc], yaw_rate[..., arc], step, wide, np)
+        cost = np.sum((yaw_rate / 0.02) ** 2 + (acceleration / 0.2) ** 2, axis=-1)
+        return np.stack([*state[:2], np.sum(yaw_rate, -1), np.sum(acceleration, -1)], -1), cost
+
+    controls = np.concatenate([curves.yaw_rate, curves.acceleration], axis=-1)
+    fixed, least = end_and_cost(controls[:, :ARCS], controls[:, ARCS:])
+    for row in range(50):
+        # Directions in which the end does not move to first order, from a numerical Jacobian; the solver takes an
+        # arc for its chord, which leaves a part in a hundred.
+        jacobian = np.empty((4, 2 * ARCS))
+        for i in range(2 * ARCS):
+            moved = controls.copy()
+            moved[:, i] += 1e-5
+            jacobian[:, i] = (end_and_cost(moved[:, :ARCS], moved[:, ARCS:])[0][row] - fixed[row]) / 1e-5
+        free = np.linalg.svd(jacobian)[2][4:]
+        gradient = np.concatenate([2.0 * controls[row, :ARCS] / 0.02**2, 2.0 * controls[row, ARCS:] / 0.2**2])
+        assert np.abs(free @ gradient).max() <= 0.01 * max(np.abs(gradient).max(), 1.0)
+    assert np.all(np.isfinite(least))
+
+
+def test_legs_do_not_depend_on_the_batch() -> None:
+    every = ends(history(64, 5, 5))
+    whole = legs(every)
+    for rows in (slice(3, 4), slice(10, 40)):
+        part = legs(Knots(*(field[rows] for field in every)))
+        for a, b in zip(part, whole, strict=True):
+            np.testing.assert_array_equal(a, b[rows])
+
+
+@given(angle=st.floats(-3.0, 3.0), east=st.floats(-1e4, 1e4))
+def test_legs_move_with_the_scene(angle: float, east: float) -> None:
+    flown = ends(history(20, 6, 10))
+    cosine, sine = math.cos(angle), math.sin(angle)
+    turned = flown._replace(
+        x=flown.x * cosine - flown.y * sine + east, y=flown.x * sine + flown.y * cosine, heading=flown.heading + angle
+    )
+    a, b = legs(flown), legs(turned)
+    np.testing.assert_allclose(a.yaw_rate, b.yaw_rate, atol=1e-7)
+    np.testing.assert_allclose(a.acceleration, b.acceleration, atol=1e-6)
+
+
+def test_mirrored_legs_turn_the_other_way() -> None:
+    flown = ends(history(20, 7, 10))
+    a, b = legs(flown), legs(flown._replace(y=-flown.y, heading=-flown.heading))
+    np.testing.assert_allclose(a.yaw_rate, -b.yaw_rate, atol=1e-7)
+
+
+def test_states_on_a_plan_are_continuous_and_consistent() -> None:
+    own = VehicleState(0.0, 0.0, 0.3, 80.0)
+    flown = history(1, 8, 5)
+    points = [Waypoint(i, *(float(field[-1, 0]) for field in flown), 20.0) for i in (1,)]
+    own = VehicleState(*(float(field[0, 0]) for field in flown))
+    curves = legs(knots(own, [*points]))
+    times = np.linspace(0.0, 20.0, 401)
+    path = [at(curves, time) for time in times]
+    x, y = (np.array([float(getattr(state, name)) for state in path]) for name in ("x", "y"))
+    heading, speed = (np.array([float(getattr(state, name)) for state in path]) for name in ("heading", "speed"))
+    step = times[1]
+    vx, vy = np.diff(x) / step, np.diff(y) / step
+    middle = 0.5 * (speed[1:] + speed[:-1])
+    assert np.abs(np.hypot(vx, vy) - middle).max() < 0.05
+    assert angle_between(np.arctan2(vy, vx), heading[1:]).max() < 0.01
+
+
+def test_the_leg_of_a_time_is_found() -> None:
+    points = [Waypoint(i, 1600.0 * i, 0.0, 0.0, 80.0, 20.0 * i) for i in range(1, 4)]
+    curves = legs(knots(VehicleState(0.0, 0.0, 0.0, 80.0), points))
+    assert [int(locate(curves, time)) for time in (-1.0, 0.0, 19.9, 20.0, 41.0, 500.0)] == [0, 0, 0, 1, 2, 2]
+    beyond = at(curves, 70.0)
+    assert beyond.x == pytest.approx(5_600.0)
+
+
+def test_waypoints_that_contradict_each_other_show() -> None:
+    # A point 9 km behind after 20 s: the curve goes backwards, which no limit allows.
+    curve = leg(Waypoint(0, 0.0, 0.0, 0.0, 80.0, 0.0), Waypoint(1, -9_000.0, 0.0, 0.0, 80.0, 20.0))
+    assert curve.miss > CLOSED or curve.speed.min() < 0.0
+
+
+def test_waypoints_are_values() -> None:
+    assert RoutePoint(3, 1.0, 2.0) == RoutePoint(3, 1.0, 2.0)
+    with pytest.raises(AttributeError):
+        Waypoint(0, 0.0, 0.0, 0.0, 80.0, 0.0).x = 1.0  # type: ignore[misc]
