@@ -16,7 +16,7 @@ from envs.outcome import Rules
 from envs.relative import bearing, distance
 from envs.trees import take
 
-__all__ = ["REGARDLESS", "Flight", "Manoeuvre", "fly", "steps", "takeoff", "tracks"]
+__all__ = ["REGARDLESS", "Flight", "Manoeuvre", "fly", "fly_away", "steps", "takeoff", "tracks"]
 
 REGARDLESS = -1e9
 """Slack, m, with which the way to the goal always counts as clear."""
@@ -115,16 +115,31 @@ def fly(
             rules,
             limits,
         )
-    switched = time >= manoeuvre.switch
-    to_turn = flight.to_turn + np.where(switched & ~flight.switched, manoeuvre.turn_after, 0.0)
     full_turn = limits.yaw_rate_max * rules.dt
-    escape_turn = np.clip(to_turn, -full_turn, full_turn)
+    escape_turn, escape_throttle, to_turn, switched = _escaping(flight, manoeuvre, time, full_turn)
     home_turn, home_throttle = _homing(own, goal, time, manoeuvre.throttle_home, rules, limits)
     turn = np.where(homing, home_turn, escape_turn)
-    throttle = np.where(homing, home_throttle, np.where(switched, manoeuvre.throttle_after, manoeuvre.throttle))
+    throttle = np.where(homing, home_throttle, escape_throttle)
     acceleration, yaw_rate = commands((throttle, turn / full_turn), limits, np)
     moved = advance(own, acceleration, yaw_rate, rules.dt, limits, np)
     return Flight(moved, to_turn - escape_turn, switched, homing)
+
+
+def fly_away(flight: Flight, manoeuvre: Manoeuvre, time: float, dt: float, limits: Limits) -> Flight:
+    """Fly one step of the escapes as :func:`fly` does, but for the way home, which is left to the caller."""
+    full_turn = limits.yaw_rate_max * dt
+    turn, throttle, to_turn, switched = _escaping(flight, manoeuvre, time, full_turn)
+    acceleration, yaw_rate = commands((throttle, turn / full_turn), limits, np)
+    moved = advance(flight.own, acceleration, yaw_rate, dt, limits, np)
+    return Flight(moved, to_turn - turn, switched, flight.homing)
+
+
+def _escaping(flight: Flight, manoeuvre: Manoeuvre, time: float, full_turn: Any) -> tuple[Any, Any, Any, Any]:
+    """Return turn (rad) and throttle of a step away, what is left to turn before it, and whether the switch is past."""
+    switched = time >= manoeuvre.switch
+    to_turn = flight.to_turn + np.where(switched & ~flight.switched, manoeuvre.turn_after, 0.0)
+    throttle = np.where(switched, manoeuvre.throttle_after, manoeuvre.throttle)
+    return np.clip(to_turn, -full_turn, full_turn), throttle, to_turn, switched
 
 
 def _homing(

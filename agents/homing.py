@@ -1,0 +1,122 @@
+"""The direct way back: one turn onto the goal, a straight line to it, and whether that keeps clear of the traffic."""
+
+from typing import Any, NamedTuple
+
+from envs.angles import atan2, sincos, wrap
+from envs.kinematics import Limits, VehicleState, velocity
+
+__all__ = ["EVERY", "SLACK", "Task", "clear", "end_speed"]
+
+EVERY = 5
+"""Seconds between the moments at which a manoeuvre asks whether the way back is clear."""
+
+SLACK = 30.0
+"""Distance beyond the required one that makes a way clear, m: the smoothing of the turn takes up to that."""
+
+_PARTS = 4  # of the turn, each judged on its chord
+
+
+class Task(NamedTuple):
+    """What manoeuvres are flown for and with; plain numbers."""
+
+    limits: Limits
+    """Of the ownship."""
+    radius: float
+    """Of the goal, m."""
+    until: float
+    """Latest time at the goal, s."""
+    turn_rate: float
+    """Of turns on the way back, rad/s."""
+    direct: bool = True
+    """Whether the manoeuvre ends as soon as the direct way is clear; otherwise only at the goal."""
+
+
+def end_speed(length: Any, speed: Any, seconds: Any, limits: Limits, xp: Any) -> tuple[Any, Any]:
+    """Return the speed to accelerate to in order to cover a length in time, m/s, and whether that is possible.
+
+    The present speed where it is enough; else, accelerating at once by as much as the limits allow.
+
+    Args:
+        length: m, ``[...]``.
+        speed: now, m/s, ``[...]``.
+        seconds: time left, s, ``[...]``.
+        limits: of the vehicle.
+        xp: array namespace.
+    """
+    gain, left = limits.acceleration_max, xp.maximum(seconds, 0.0)
+    missing = length - speed * left
+    square = gain * gain * left * left - 2.0 * gain * missing
+    more = gain * left - xp.sqrt(xp.maximum(square, 0.0))
+    hurry = missing > 0.0
+    wanted = xp.where(hurry, speed + more, speed)
+    enough = xp.logical_and(square >= 0.0, wanted <= limits.speed_max)
+    return wanted, xp.logical_and(seconds >= 0.0, xp.logical_or(xp.logical_not(hurry), enough))
+
+
+def clear(
+    own: VehicleState, goal: tuple[Any, Any], other: VehicleState, keep: Any, time: Any, task: Task, xp: Any
+) -> Any:
+    """Return whether turning onto the goal now and flying there keeps clear of an intruder that flies straight on.
+
+    The turn is judged on the chords of its quarters, less what the arcs can leave them by, the straight line until the
+    goal's disc. A goal inside the turning circle, behind a turn of more than half a circle, or too far for the time
+    left has no such way.
+
+    Args:
+        own: ``[...]``.
+        goal: its position, m, ``[...]`` each.
+        other: the intruder now, ``[...]``.
+        keep: distance to keep from it, m, ``[...]``.
+        time: now, s.
+        task: limits and end.
+        xp: array namespace.
+    """
+    sine, cosine = sincos(own.heading, xp)
+    dx, dy = goal[0] - own.x, goal[1] - own.y
+    side = xp.where(dy * cosine - dx * sine >= 0.0, 1.0, -1.0)
+    circle = own.speed * (1.0 / task.turn_rate)
+    from_x, from_y = dx + side * circle * sine, dy - side * circle * cosine
+    square = from_x * from_x + from_y * from_y - circle * circle
+    length = xp.sqrt(xp.maximum(square, 0.0))
+    course = wrap(atan2(from_y, from_x, xp) + side * atan2(circle, length, xp), xp)
+    turn = wrap(side * (course - own.heading), xp)
+    # A goal straight ahead must not become a full circle by rounding; one to be turned to by more than pi is behind.
+    possible = xp.logical_and(square > 0.0, turn > -1e-6)
+    turn = xp.maximum(turn, 0.0)
+
+    turning = turn * (1.0 / task.turn_rate)
+    straight = xp.maximum(length - task.radius, 0.0)
+    wanted, in_time = end_speed(straight, own.speed, task.until - time - turning, task.limits, xp)
+    possible = xp.logical_and(possible, in_time)
+
+    other_vx, other_vy = velocity(other, xp)
+    x, y = other.x - own.x, other.y - own.y
+    part = turn * (1.0 / _PARTS)
+    seconds = turning * (1.0 / _PARTS)
+    half_sine, half_cosine = sincos(0.5 * part, xp)
+    chord = 2.0 * circle * half_sine
+    sag = own.speed * task.turn_rate * seconds * seconds * 0.125
+    owed = (keep + sag) * xp.abs(keep + sag)
+    # The first chord points half a part to the side, each of the others a part further.
+    aside = side * half_sine
+    ahead_x, ahead_y = cosine * half_cosine - sine * aside, sine * half_cosine + cosine * aside
+    part_sine, part_cosine = side * 2.0 * half_sine * half_cosine, 1.0 - 2.0 * half_sine * half_sine
+    for _ in range(_PARTS):
+        step_x, step_y = other_vx * seconds - chord * ahead_x, other_vy * seconds - chord * ahead_y
+        near = _nearest(x, y, step_x, step_y, xp)
+        possible = xp.logical_and(possible, near >= owed)
+        x, y = x + step_x, y + step_y
+        ahead_x, ahead_y = ahead_x * part_cosine - ahead_y * part_sine, ahead_y * part_cosine + ahead_x * part_sine
+
+    # In a hurry the speed changes on the way; the mean one is good enough to choose by.
+    flight = straight / (0.5 * (own.speed + wanted))
+    course_sine, course_cosine = sincos(course, xp)
+    step_x, step_y = other_vx * flight - straight * course_cosine, other_vy * flight - straight * course_sine
+    return xp.logical_and(possible, _nearest(x, y, step_x, step_y, xp) >= keep * xp.abs(keep))
+
+
+def _nearest(x: Any, y: Any, step_x: Any, step_y: Any, xp: Any) -> Any:
+    """Return the squared distance from the origin to the line from (x, y) along a step, m^2."""
+    s = xp.clip(-(x * step_x + y * step_y) / xp.maximum(step_x * step_x + step_y * step_y, 1e-9), 0.0, 1.0)
+    x, y = x + s * step_x, y + s * step_y
+    return x * x + y * y

@@ -1,0 +1,85 @@
+"""What the planner believes of the intruders: where they will be, and how far it must stay from them."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from envs.angles import wrap
+from envs.kinematics import VehicleState
+
+__all__ = ["Requirement", "Traffic", "predicted", "required", "uncertainty"]
+
+
+class Traffic(NamedTuple):
+    """Intruders of one or many requests; fields ``[..., K]``."""
+
+    state: VehicleState
+    """At the time of the request."""
+    mask: Any
+    """Which of the K intruders count, bool."""
+    turn_rate: Any
+    """With which each goes on turning, rad/s, positive to the left."""
+    turn_time: Any
+    """For how long it does, s; straight ahead after that."""
+    position_std: Any
+    """One sigma of the position, per axis, m."""
+    velocity_std: Any
+    """One sigma of the velocity, per axis, m/s."""
+
+    @classmethod
+    def straight(cls, state: VehicleState, mask: Any = None) -> "Traffic":
+        """Return intruders that are known exactly and fly straight ahead, ``[..., K]``."""
+        zero = np.zeros(np.shape(state.x))
+        return cls(state, np.ones(zero.shape, dtype=bool) if mask is None else mask, zero, zero, zero, zero)
+
+
+class Requirement(NamedTuple):
+    """How far the plan must stay from the intruders."""
+
+    separation: float = 1000.0
+    """Never less than this, m."""
+    margin: float = 0.0
+    """Added to it for what the follower leaves of the plan, m."""
+    sigmas: float = 2.0
+    """How many sigmas of the predicted position are added."""
+
+
+def predicted(traffic: Traffic, time: Any) -> VehicleState:
+    """Return the intruders some seconds after the request, ``[..., K]``: a turn, then straight on.
+
+    Args:
+        traffic: ``[..., K]``.
+        time: s, broadcasts against ``[..., K]``.
+    """
+    state = traffic.state
+    turning = np.minimum(time, traffic.turn_time)
+    arc = traffic.turn_rate * turning
+    # sin(x)/x by numpy is safe at 0; the chord of an arc points half-way through its turn.
+    chord = state.speed * turning * np.sinc(arc / (2.0 * math.pi))
+    middle, heading = state.heading + 0.5 * arc, state.heading + arc
+    straight = state.speed * (time - turning)
+    x = state.x + chord * np.cos(middle) + straight * np.cos(heading)
+    y = state.y + chord * np.sin(middle) + straight * np.sin(heading)
+    return VehicleState(x, y, wrap(heading, np), state.speed + np.zeros_like(x))
+
+
+def uncertainty(traffic: Traffic, time: Any) -> Any:
+    """Return one sigma of the predicted positions, per axis, m, ``[..., K]``."""
+    drift = traffic.velocity_std * time
+    return np.sqrt(traffic.position_std**2 + drift * drift)
+
+
+def required(traffic: Traffic, distance: Any, requirement: Requirement) -> Any:
+    """Return the distance to keep from each intruder before uncertainty, m, ``[..., K]``.
+
+    Where the request begins inside the margin, the present distance must not decrease; it is never less than the
+    separation.
+
+    Args:
+        traffic: ``[..., K]``.
+        distance: to the intruders at the request, m, ``[..., K]``.
+        requirement: what is asked for.
+    """
+    wanted = requirement.separation + requirement.margin + requirement.sigmas * traffic.position_std
+    return np.maximum(requirement.separation, np.minimum(wanted, distance))

@@ -1,0 +1,297 @@
+"""The validator: whether a plan, as published, keeps the limits and the separation. It trusts nobody.
+
+It knows the published waypoints, the intruders and the requirement; it shares with those who make plans nothing
+but the contract of the leg's curve (:mod:`envs.waypoints`). Its separation is a proven lower bound: where two
+aircraft move on curves, the relative motion leaves the chord between two times h apart by at most a h^2 / 8, a being
+the largest relative acceleration; parts of a leg whose bound is not clear are cut into :data:`FINE`.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.traffic import Requirement, Traffic, required
+from envs.kinematics import Limits
+from envs.trees import mapped, take
+from envs.waypoints import ARCS, CLOSED, Knots, Legs, legs
+
+__all__ = ["CHECKS", "FINE", "TOLERANCE", "Findings", "validate"]
+
+FINE = 32
+"""Parts into which an arc of a leg is cut where it matters: 0.06 s of a leg of 20 s, 4 mm of uncertainty."""
+
+TOLERANCE = Limits(1e-6, 1e-6, 1e-6, 1e-6, 1e-9)
+"""By how much limits may be passed for rounding's sake (m/s, m/s^2, rad/s)."""
+
+CHECKS = ("not_finite", "times", "leg", "speed", "acceleration", "turn_rate", "separation")
+"""What is checked, in the order of the findings' first axis; names of :class:`agents.plan.Kind`."""
+
+
+class Findings(NamedTuple):
+    """What is wrong with plans; arrays over ``[N]`` plans and C = ``len(CHECKS)`` checks."""
+
+    wrong: Any
+    """bool, ``[C, N]``."""
+    leg: Any
+    """Number of the first leg at fault, ``[C, N]``; -1 where nothing is wrong."""
+    time: Any
+    """When it begins to be wrong, s, ``[C, N]``; nan where nothing is."""
+    x: Any
+    """Where that is, m, ``[C, N]``."""
+    y: Any
+    intruder: Any
+    """Number of the intruder that is too close first, ``[N]``; -1 where none is."""
+    min_separation: Any
+    """Smallest distance to any intruder, m, ``[N]``, at most 5 mm too small; inf without any, nan if not finite."""
+    time_of_min_separation: Any
+    """s, ``[N]``; nan without one."""
+    clearance: Any
+    """Smallest distance less the required one at the time, m, ``[N]``."""
+
+    @property
+    def safe(self) -> Any:
+        """Whether nothing is wrong, ``[N]``."""
+        return ~self.wrong.any(axis=0)
+
+
+def validate(
+    knots: Knots, traffic: Traffic, requirement: Requirement, limits: Limits, curves: Legs | None = None
+) -> Findings:
+    """Check plans.
+
+    Args:
+        knots: state at the request and published waypoints, ``[N, W]``.
+        traffic: the intruders at the request, ``[N, K]``.
+        requirement: what distance to keep.
+        limits: that every leg must obey.
+        curves: the legs of the knots, if they are known already.
+
+    Returns:
+        What is wrong; a plan whose knots are not finite or not in order is not judged further.
+    """
+    knots = Knots(*(np.asarray(field, dtype=float) for field in knots))
+    count, points = knots.time.shape
+    finite: Any = np.isfinite(np.stack(knots)).all(axis=0)
+    ordered: Any = np.diff(knots.time, axis=-1) > 0.0
+    sound = finite.all(axis=-1) & ordered.all(axis=-1)
+    if curves is None or not sound.all():
+        # Placeholders keep the arrays whole; their rows are judged by what is wrong with them only.
+        straight = np.arange(points) * 1.0
+        usable = Knots(
+            *(
+                np.where(sound[:, None], field, filler)
+                for field, filler in zip(knots, (straight, 0.0, 0.0, 1.0, straight), strict=True)
+            )
+        )
+        curves = legs(usable)
+    found = _Collector(count, points - 1, knots, curves)
+    found.note(0, ~(finite[:, 1:] & finite[:, :-1]))
+    found.note(1, ~ordered & finite[:, 1:] & finite[:, :-1])
+    ok = sound[:, None]
+    found.note(2, ~(curves.miss <= CLOSED) & ok)
+    speeds = np.concatenate([curves.speed, curves.speed[..., -1:] + _gain(curves)[..., -1:]], axis=-1)
+    slow = speeds < limits.speed_min - TOLERANCE.speed_min
+    fast = speeds > limits.speed_max + TOLERANCE.speed_max
+    found.note(3, (slow | fast).any(axis=-1) & ok)
+    low = curves.acceleration < limits.acceleration_min - TOLERANCE.acceleration_min
+    high = curves.acceleration > limits.acceleration_max + TOLERANCE.acceleration_max
+    found.note(4, (low | high).any(axis=-1) & ok)
+    turning = np.abs(curves.yaw_rate) > limits.yaw_rate_max + TOLERANCE.yaw_rate_max
+    found.note(5, turning.any(axis=-1) & ok)
+    _separation(found, knots, curves, traffic, requirement, sound)
+    return found.findings()
+
+
+def _gain(curves: Legs) -> Any:
+    return curves.acceleration * (curves.duration[..., None] / ARCS)
+
+
+class _Collector:
+    """Gathers what is wrong, the first time and place of each."""
+
+    def __init__(self, count: int, legs: int, knots: Knots, curves: Legs) -> None:
+        shape = (len(CHECKS), count)
+        self.knots, self.curves = knots, curves
+        self.wrong = np.zeros(shape, dtype=bool)
+        self.leg = np.full(shape, -1)
+        self.time, self.x, self.y = (np.full(shape, np.nan) for _ in range(3))
+        self.intruder = np.full(count, -1)
+        self.min_separation = np.full(count, np.inf)
+        self.time_of_min = np.full(count, np.nan)
+        self.clearance = np.full(count, np.inf)
+
+    def note(self, check: int, wrong: Any) -> None:
+        """Note the first leg ``[N, L]`` of each plan that fails a check."""
+        rows = np.flatnonzero(wrong.any(axis=-1))
+        if rows.size:
+            first = np.argmax(wrong[rows], axis=-1)
+            at = (field[rows, first] for field in (self.knots.time, self.knots.x, self.knots.y))
+            self.place(check, rows, first, *at)
+
+    def place(self, check: int, rows: Any, leg: Any, time: Any, x: Any, y: Any) -> None:
+        self.wrong[check, rows], self.leg[check, rows] = True, leg
+        self.time[check, rows], self.x[check, rows], self.y[check, rows] = time, x, y
+
+    def findings(self) -> Findings:
+        return Findings(
+            self.wrong,
+            self.leg,
+            self.time,
+            self.x,
+            self.y,
+            self.intruder,
+            self.min_separation,
+            self.time_of_min,
+            self.clearance,
+        )
+
+
+def _separation(
+    found: _Collector, knots: Knots, curves: Legs, traffic: Traffic, requirement: Requirement, sound: Any
+) -> None:
+    """Judge the separation from all intruders over the whole plan."""
+    rows = np.flatnonzero(sound)
+    found.min_separation[~sound] = np.nan
+    found.clearance[~sound] = -np.inf
+    if rows.size == 0 or traffic.mask.shape[-1] == 0:
+        return
+    own = take(curves, rows)
+    seen = take(traffic, rows)
+    start_x, start_y = knots.x[rows, 0, None], knots.y[rows, 0, None]
+    now = np.hypot(seen.state.x - start_x, seen.state.y - start_y)
+    base = required(seen, now, requirement)
+    present = seen.mask
+
+    # Arcs in one row: [n, A] with their ends, and against every intruder [n, A, K].
+    step = own.duration[..., None] / ARCS
+    begin = (own.time[..., None] + np.arange(ARCS) * step).reshape(rows.size, -1)
+    length = np.broadcast_to(step, own.x.shape).reshape(rows.size, -1)
+    x, y = own.x.reshape(rows.size, -1), own.y.reshape(rows.size, -1)
+    # The curve ends where its last waypoint stands, but for less than CLOSED.
+    end_x = np.concatenate([x[:, 1:], knots.x[rows, -1:]], axis=1)
+    end_y = np.concatenate([y[:, 1:], knots.y[rows, -1:]], axis=1)
+    fastest = np.maximum(own.speed, own.speed + own.acceleration * step)
+    swerve = np.hypot(own.acceleration, fastest * own.yaw_rate).reshape(rows.size, -1)
+    other_swerve = np.abs(seen.state.speed * seen.turn_rate)
+    pull = swerve[..., None] + np.where(seen.turn_time > 0.0, other_swerve, 0.0)[:, None]
+    # The joints of the legs are up to their miss apart.
+    slip = np.repeat(own.miss, ARCS, axis=1)[..., None]
+
+    bound, upper = _chords(begin, length, (x, y), (end_x, end_y), seen, pull)
+    bound = np.where(present[:, None], bound - slip, np.inf)
+    upper = np.where(present[:, None], upper, np.inf)
+    need = base[:, None] + _growth(seen, begin + length, requirement)
+    # What could be too close, or the closest of all, is looked at more closely.
+    nearest = np.min(upper, axis=(1, 2), keepdims=True)
+    unclear = (bound < need) | (bound <= nearest)
+    _note_clear(found, rows, bound, need, unclear)
+    n, a, k = np.nonzero(unclear & present[:, None])
+    if n.size == 0:
+        return
+    fine = length[n, a] / FINE
+    began = begin[n, a, None] + np.arange(FINE) * fine[:, None]
+    px, py, psi, v, omega, accel = (field.reshape(rows.size, -1)[n, a][:, None] for field in own[3:])
+    at_x, at_y = _along(px, py, psi, v, omega, accel, np.arange(FINE + 1) * fine[:, None])
+    one = mapped(lambda field: field[n, k][:, None], seen)
+    finer = np.broadcast_to(fine[:, None], began.shape)
+    begins, ends = (at_x[:, :-1], at_y[:, :-1]), (at_x[:, 1:], at_y[:, 1:])
+    close, _ = _chords(began, finer, begins, ends, one, pull[n, a, k][:, None, None])
+    close = close[..., 0] - slip[n, a]
+    owed = base[n, k, None] + _growth(one, began + finer, requirement)[..., 0]
+    _note_fine(found, rows, (n, a, k), began, begins, close, owed)
+
+
+def _note_clear(found: _Collector, rows: Any, bound: Any, need: Any, unclear: Any) -> None:
+    """Take the clearance of what is clear from its bound."""
+    spare = np.where(unclear, np.inf, bound - need)
+    found.clearance[rows] = np.minimum(found.clearance[rows], spare.min(axis=(1, 2)))
+
+
+def _note_fine(found: _Collector, rows: Any, which: Any, began: Any, begins: Any, close: Any, owed: Any) -> None:
+    """Judge the parts ``[m, FINE]`` of what was not clear."""
+    n, a, k = which
+    spare = close - owed
+    # Per plan: the smallest distance, the smallest clearance, and the first part in which it is negative.
+    least = np.argmin(close, axis=1)
+    np.minimum.at(found.clearance, rows[n], spare.min(axis=1))
+    value = np.take_along_axis(close, least[:, None], 1)[:, 0]
+    when = np.take_along_axis(began, least[:, None], 1)[:, 0]
+    order = np.lexsort((when, value, n))
+    owner, first = np.unique(n[order], return_index=True)
+    best = order[first]
+    found.min_separation[rows[owner]], found.time_of_min[rows[owner]] = value[best], when[best]
+
+    bad = np.flatnonzero((spare < 0.0).any(axis=1))
+    if bad.size:
+        part = np.argmax(spare[bad] < 0.0, axis=1)
+        when, x, y = (field[bad, part] for field in (began, *begins))
+        order = np.lexsort((when, n[bad]))
+        owner, first = np.unique(n[bad][order], return_index=True)
+        first = order[first]
+        found.place(CHECKS.index("separation"), rows[owner], a[bad][first] // ARCS, when[first], x[first], y[first])
+        found.intruder[rows[owner]] = k[bad][first]
+
+
+def _chords(
+    begin: Any, length: Any, start: tuple[Any, Any], end: tuple[Any, Any], traffic: Traffic, pull: Any
+) -> tuple[Any, Any]:
+    """Return a lower bound and an attained value of the distance in each part, m, ``[n, A, K]``.
+
+    Args:
+        begin, length: of the parts, s, ``[n, A]``.
+        start, end: own positions there, m, ``[n, A]`` each.
+        traffic: ``[n, K]``.
+        pull: largest relative acceleration, m/s^2, broadcasts against ``[n, A, K]``.
+    """
+    x0, y0 = _relative(start, begin, traffic)
+    x1, y1 = _relative(end, begin + length, traffic)
+    dx, dy = x1 - x0, y1 - y0
+    s = np.clip(-(x0 * dx + y0 * dy) / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
+    near = np.hypot(x0 + s * dx, y0 + s * dy)
+    attained = np.minimum(np.hypot(x0, y0), np.hypot(x1, y1))
+    return near - pull * (0.125 * length[..., None] ** 2), attained
+
+
+def _relative(own: tuple[Any, Any], time: Any, traffic: Traffic) -> tuple[Any, Any]:
+    """Return the intruders' positions less the own ones, m, ``[n, A, K]``.
+
+    Written anew and not taken from the planner's prediction: an intruder turns about its centre, then flies on.
+    """
+    heading, speed = traffic.state.heading[:, None], traffic.state.speed[:, None]
+    t = time[..., None]
+    if not traffic.turn_rate.any():
+        x = traffic.state.x[:, None] + speed * np.cos(heading) * t
+        y = traffic.state.y[:, None] + speed * np.sin(heading) * t
+        return x - own[0][..., None], y - own[1][..., None]
+    rate = traffic.turn_rate[:, None]
+    turning = np.minimum(t, traffic.turn_time[:, None])
+    turns = np.abs(rate) > 1e-9
+    radius = speed / np.where(turns, rate, 1.0)
+    after = heading + rate * turning
+    arc_x = np.where(turns, radius * (np.sin(after) - np.sin(heading)), speed * turning * np.cos(heading))
+    arc_y = np.where(turns, radius * (np.cos(heading) - np.cos(after)), speed * turning * np.sin(heading))
+    left = t - turning
+    x = traffic.state.x[:, None] + arc_x + speed * left * np.cos(after)
+    y = traffic.state.y[:, None] + arc_y + speed * left * np.sin(after)
+    return x - own[0][..., None], y - own[1][..., None]
+
+
+def _growth(traffic: Traffic, time: Any, requirement: Requirement) -> Any:
+    """Return what uncertainty adds to the required distance by a time since the request, m, ``[n, A, K]``."""
+    first = traffic.position_std[:, None]
+    spread = np.hypot(first, traffic.velocity_std[:, None] * time[..., None])
+    return requirement.sigmas * (spread - first)
+
+
+def _along(x: Any, y: Any, heading: Any, speed: Any, yaw_rate: Any, acceleration: Any, time: Any) -> tuple[Any, Any]:
+    """Return positions on arcs ``[m, 1]`` at times since their beginnings ``[m, F]``: Simpson's rule on velocity.
+
+    An arc of a leg turns by some degrees; the rule is exact to 1e-4 m for 20 degrees in 2 s at 100 m/s.
+    """
+    east, north = 0.0, 0.0
+    for fraction, weight in ((0.0, 1.0), (0.25, 4.0), (0.5, 2.0), (0.75, 4.0), (1.0, 1.0)):
+        seconds = fraction * time
+        covered = (speed + acceleration * seconds) * weight
+        east = east + covered * np.cos(heading + yaw_rate * seconds)
+        north = north + covered * np.sin(heading + yaw_rate * seconds)
+    return x + east * time / 12.0, y + north * time / 12.0

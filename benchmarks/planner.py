@@ -1,0 +1,98 @@
+"""Latency of the planner: ``python -m benchmarks.planner [--policy FILE] [--requests 2000]``.
+
+The whole of ``agents.planner.plan``, from states and route to the validated answer, one request after the other on
+one core, over random circle encounters; those that the policy solves and those that need the fallback apart. Beside it,
+in turns with it, the floor: 380 times the three matrix-vector products of the network in float32 and their two tanh,
+preallocated, features excluded.
+"""
+
+import argparse
+import itertools
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from agents import features
+from agents.inference import Policy
+from agents.plan import Source
+from agents.planner import plan
+from benchmarks.measure import report
+from envs.encounters import scenario
+from envs.kinematics import VehicleState
+from envs.starts import numbered
+from envs.trees import take
+from envs.waypoints import RoutePoint
+from eval.plan_flight import request_of
+
+FLOOR_STEPS = 380
+
+
+def floor(policy: Policy) -> Any:
+    """Return the bare work of 380 evaluations of a network of the policy's size, to be called."""
+    rng = np.random.default_rng(0)
+    network = policy.metadata["architecture"]
+    widths = [features.size(network["feature_set"]), *network["hidden"], 2]
+    layers = [rng.standard_normal(shape).astype(np.float32) for shape in itertools.pairwise(widths)]
+    x = [rng.standard_normal(width).astype(np.float32) for width in widths]
+
+    def work() -> None:
+        for _ in range(FLOOR_STEPS):
+            for number, layer in enumerate(layers):
+                np.dot(x[number], layer, out=x[number + 1])
+                if number < len(layers) - 1:
+                    np.tanh(x[number + 1], out=x[number + 1])
+
+    return work
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
+    parser.add_argument("--requests", type=int, default=2_000, help="requests timed (default 2000)")
+    parser.add_argument("--scenario", default="circle", help="family of encounters (default circle)")
+    options = parser.parse_args()
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    policy = Policy.load(options.policy)
+    encounters = numbered(scenario(options.scenario), 0, 0, options.requests)
+    request = request_of(encounters)
+    bare = floor(policy)
+    times: dict[str, list[float]] = {"policy": [], "fallback": [], "unresolved": []}
+    floors: list[float] = []
+    with threadpool_limits(1):
+        for number in range(-20, options.requests):
+            row = take(request, max(number, 0))
+            own = VehicleState(*(float(field) for field in row.own))
+            present = np.flatnonzero(encounters.mask[max(number, 0)])
+            others = [VehicleState(*(float(field[k]) for field in row.traffic.state)) for k in present]
+            points = zip(row.route_x.tolist(), row.route_y.tolist(), strict=True)
+            route = [RoutePoint(i, x, y) for i, (x, y) in enumerate(points)]
+            began = time.perf_counter()
+            bare()
+            middle = time.perf_counter()
+            answer = plan(own, others, route, policy)
+            after = time.perf_counter()
+            if number >= 0:
+                floors.append(middle - began)
+                kind = "unresolved" if not answer.safe else "policy" if answer.source is Source.POLICY else "fallback"
+                times[kind].append(after - middle)
+    base = float(np.median(floors))
+    figures: dict[str, Any] = {"benchmark": "planner", "requests": options.requests, "floor_median_ms": 1e3 * base}
+    for kind, values in times.items():
+        figures[f"{kind}_requests"] = len(values)
+        if values:
+            for name, share in (("median", 50.0), ("p99", 99.0), ("p99_9", 99.9), ("max", 100.0)):
+                figures[f"{kind}_{name}_ms"] = 1e3 * float(np.percentile(values, share))
+    figures["policy_median_over_floor"] = float(np.median(times["policy"])) / base if times["policy"] else None
+    for name, value in figures.items():
+        print(f"{name:28} {value:.4g}" if isinstance(value, float) else f"{name:28} {value}")
+    report(figures, ("numpy",))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,157 @@
+"""The validator finds every fault, its separation is a lower bound, and it is a tight one."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.traffic import Requirement, Traffic, predicted, required
+from agents.validator import CHECKS, validate
+from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState, advance
+from envs.waypoints import Knots, at, legs
+from tests.strategies import random_states
+
+
+def plans(count: int, seed: int) -> Knots:
+    """Return gently flown plans ``[count, 11]``."""
+    rng = np.random.default_rng(seed)
+    state = random_states(rng, count, extent=3_000.0)
+    limits = SURROGATE._replace(speed_min=52.0, speed_max=98.0)
+    states = [state]
+    for second in range(200):
+        if second % 10 == 0:
+            acceleration, yaw_rate = rng.uniform(-0.3, 0.3, count), rng.uniform(-1.0, 1.0, count) * math.radians(2.0)
+        state = advance(state, acceleration, yaw_rate, 1.0, limits, np)
+        if second % 20 == 19:
+            states.append(state)
+    fields = [np.stack(field, axis=-1) for field in zip(*states, strict=True)]
+    return Knots(*fields, np.broadcast_to(20.0 * np.arange(11.0), fields[0].shape).copy())
+
+
+def traffic(count: int, intruders: int, seed: int, *, turning: bool = False) -> Traffic:
+    """Return intruders ``[count, intruders]`` around the plans."""
+    rng = np.random.default_rng(seed)
+    one = Traffic.straight(random_states(rng, count, intruders, extent=8_000.0))
+    if not turning:
+        return one
+    shape = one.mask.shape
+    rate = rng.uniform(-1.0, 1.0, shape) * math.radians(3.0) * (rng.random(shape) < 0.7)
+    return one._replace(turn_rate=rate, turn_time=rng.uniform(0.0, 60.0, shape))
+
+
+def sampled(knots: Knots, intruders: Traffic, step: float) -> np.ndarray:
+    """Return the distances to the intruders at times ``step`` apart, m, ``[T, N, K]``."""
+    curves = legs(knots)
+    apart = []
+    for time in np.arange(0.0, knots.time[0, -1] + 1e-9, step):
+        own, other = at(curves, time), predicted(intruders, time)
+        apart.append(np.hypot(other.x - own.x[:, None], other.y - own.y[:, None]))
+    return np.array(apart)
+
+
+@pytest.mark.parametrize("turning", [False, True])
+def test_the_separation_is_a_tight_lower_bound(turning: bool) -> None:
+    knots, intruders = plans(50, 1), traffic(50, 3, 2, turning=turning)
+    found = validate(knots, intruders, Requirement(300.0), C208_PUBLISHED)
+    truth = sampled(knots, intruders, 0.02).min(axis=(0, 2))
+    # Samples 0.02 s apart miss a closest approach by at most 0.02 m wherever it is 100 m or more.
+    assert np.all(found.min_separation <= truth + 1e-6)
+    assert np.all(found.min_separation >= truth - 0.05)
+    first = found.wrong[CHECKS.index("separation")]
+    np.testing.assert_array_equal(first, found.clearance < 0.0)
+    base = np.minimum(300.0, sampled(knots, intruders, 1e9)[0])
+    assert np.all((truth < 299.9) <= (first | (base.min(axis=-1) < 300.0)))
+
+
+def test_the_first_violation_is_told_with_time_and_place() -> None:
+    # Head-on at 80 + 80 m/s from 8 km: 1000 m are left after 43.75 s.
+    times = 20.0 * np.arange(6.0)[None]
+    knots = Knots(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
+    one = Traffic.straight(VehicleState(*(np.array([[value]]) for value in (8_000.0, 0.0, math.pi, 80.0))))
+    found = validate(knots, one, Requirement(1_000.0), C208_PUBLISHED)
+    row = CHECKS.index("separation")
+    assert found.time[row, 0] == pytest.approx(43.75, abs=0.1)
+    assert found.x[row, 0] == pytest.approx(3_500.0, abs=10.0)
+    assert found.intruder[0] == 0
+    assert found.leg[row, 0] == 2
+    assert found.min_separation[0] == pytest.approx(0.0, abs=0.01)
+    assert found.time_of_min_separation[0] == pytest.approx(50.0, abs=0.1)
+
+
+def spoilt(knots: Knots, name: str, change: Any) -> Knots:
+    """Return the plans with one waypoint changed."""
+    field = getattr(knots, name).copy()
+    field[:, 5] = change(field[:, 5])
+    return knots._replace(**{name: field})
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "checks"),
+    [
+        ("x", lambda v: v * math.nan, {"not_finite"}),
+        ("time", lambda v: v + math.inf, {"not_finite"}),
+        ("time", lambda v: v - 20.0, {"times"}),
+        ("time", lambda v: v - 25.0, {"times"}),
+        ("speed", lambda v: v * 0.0 + 103.0, {"speed"}),
+        ("speed", lambda v: v * 0.0 + 29.0, {"speed"}),
+        ("x", lambda v: v + 900.0, {"acceleration", "turn_rate", "speed"}),
+        ("time", lambda v: v - 6.0, {"acceleration", "speed", "turn_rate"}),
+        ("heading", lambda v: v + 1.5, {"turn_rate"}),
+        ("y", lambda v: v + 1e9, {"leg", "speed", "acceleration", "turn_rate"}),
+    ],
+)
+def test_every_fault_is_found(name: str, change: Any, checks: set[str]) -> None:
+    good, intruders = plans(40, 3), traffic(40, 0, 0)
+    assert validate(good, intruders, Requirement(), C208_PUBLISHED).safe.mean() > 0.8
+    found = validate(spoilt(good, name, change), intruders, Requirement(), C208_PUBLISHED)
+    told = np.zeros(40, dtype=bool)
+    for check in checks:
+        told |= found.wrong[CHECKS.index(check)]
+    assert told.all()
+    assert not found.safe.any()
+
+
+def test_plans_are_judged_one_by_one() -> None:
+    knots, intruders = plans(60, 5), traffic(60, 4, 6, turning=True)
+    whole = validate(knots, intruders, Requirement(1_000.0, 5.0), C208_PUBLISHED)
+    part = validate(
+        Knots(*(field[20:30] for field in knots)),
+        Traffic(VehicleState(*(f[20:30] for f in intruders.state)), *(f[20:30] for f in intruders[1:])),
+        Requirement(1_000.0, 5.0),
+        C208_PUBLISHED,
+    )
+    np.testing.assert_array_equal(part.min_separation, whole.min_separation[20:30])
+    np.testing.assert_array_equal(part.wrong, whole.wrong[:, 20:30])
+
+
+def test_absent_intruders_do_not_count() -> None:
+    knots, intruders = plans(30, 7), traffic(30, 3, 8)
+    none = intruders._replace(mask=np.zeros_like(intruders.mask))
+    found = validate(knots, none, Requirement(), C208_PUBLISHED)
+    assert np.all(np.isinf(found.min_separation))
+    assert not found.wrong[CHECKS.index("separation")].any()
+
+
+def test_uncertainty_enlarges_what_is_required() -> None:
+    times = 20.0 * np.arange(6.0)[None]
+    knots = Knots(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
+    abeam = Traffic.straight(VehicleState(*(np.array([[value]]) for value in (0.0, 1_300.0, 0.0, 80.0))))
+    sure = validate(knots, abeam, Requirement(1_000.0, 0.0), C208_PUBLISHED)
+    assert sure.safe[0]
+    assert sure.clearance[0] == pytest.approx(300.0, abs=0.1)
+    # 2 sigmas of sqrt(30^2 + (2 t)^2) exceed 300 m from t = 73.5 s on.
+    vague = abeam._replace(position_std=np.array([[30.0]]), velocity_std=np.array([[2.0]]))
+    found = validate(knots, vague, Requirement(1_000.0, 0.0), C208_PUBLISHED)
+    assert not found.safe[0]
+    assert found.time[CHECKS.index("separation"), 0] == pytest.approx(73.5, abs=2.1)
+
+
+@pytest.mark.parametrize("distance", [1_000.0, 1_000.01, 1_020.0, 1_049.99, 1_050.0, 1_500.0])
+def test_a_start_inside_the_margin_must_only_not_come_closer(distance: float) -> None:
+    one = Traffic.straight(VehicleState(*(np.array([[value]]) for value in (0.0, distance, 0.0, 80.0))))
+    need = required(one, np.array([[distance]]), Requirement(1_000.0, 50.0))
+    assert need[0, 0] == min(distance, 1_050.0)
+    times = 20.0 * np.arange(6.0)[None]
+    knots = Knots(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
+    assert validate(knots, one, Requirement(1_000.0, 50.0), C208_PUBLISHED).safe[0]
