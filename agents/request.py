@@ -25,6 +25,30 @@ _FARTHEST = 1e6
 """Coordinates beyond this, m, belong to no local frame."""
 
 _FASTEST = 400.0  # of an intruder, m/s
+_LONGEST_EXTENSION = 5_000.0  # of a route's last leg, m
+_LONGEST_TEXT = 60  # of a value in a message
+_RANGES = (
+    ("requirement.separation", 1.0, 50_000.0, "m"),
+    ("requirement.margin", 0.0, 50_000.0, "m"),
+    ("requirement.sigmas", 0.0, 10.0, "sigmas"),
+    *(
+        (f"{name}.{limit}", low, high, unit)
+        for name in ("limits", "manoeuvre")
+        for limit, low, high, unit in (
+            ("speed_min", 0.0, 101.0, "m/s"),
+            ("speed_max", 49.0, 500.0, "m/s"),
+            ("acceleration_min", -20.0, 0.0, "m/s^2"),
+            ("acceleration_max", 1e-3, 20.0, "m/s^2"),
+            ("yaw_rate_max", 1e-4, 0.5, "rad/s"),
+        )
+    ),
+    ("goal_radius", 100.0, 50_000.0, "m"),
+    ("rejoin_by", 20.0, 340.0, "s"),
+    ("vertical_filter", 0.0, 50_000.0, "m"),
+    ("max_age", 0.0, 60.0, "s"),
+    ("doubtful", 0.0, math.inf, "m"),
+)
+"""What options may be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +148,7 @@ def checked(
     Raises:
         RequestError: something is missing, not finite, out of range or inconsistent.
     """
+    _check(options)
     state = _state("own", own)
     low, high = SURROGATE.speed_min - SPEED_TOLERANCE, SURROGATE.speed_max + SPEED_TOLERANCE
     if not low <= state.speed <= high:
@@ -133,14 +158,15 @@ def checked(
         _report(f"intruders[{number}]", given if isinstance(given, Intruder) else Intruder(given), options)
         for number, given in enumerate(_sequence("intruders", intruders))
     ]
+    x, y = _route(route)
+    end = _latest_end(x, y)
     excluded = [
         Excluded(number, why)
         for number, report in enumerate(reports)
-        if (why := _apart(own_altitude, report.altitude, options)) is not None
+        if (why := _apart(own_altitude, report, end, options)) is not None
     ]
     out = {one.number for one in excluded}
     kept = [number for number in range(len(reports)) if number not in out]
-    x, y = _route(route)
     columns = [_now(reports[number]) for number in kept]
     each = np.array(columns, dtype=float).reshape(len(columns), 8).T[:, None, :]
     traffic = Traffic(VehicleState(*each[:4]), np.ones((1, len(columns)), dtype=bool), *each[4:])
@@ -161,12 +187,22 @@ def _sequence(name: str, given: Any) -> Sequence[Any]:
     return given
 
 
+def _shown(value: Any) -> str:
+    """Return a value for a message, however long or odd it is."""
+    if isinstance(value, int) and not isinstance(value, bool) and abs(value) > 10**18:
+        return "an integer of more than 18 digits"
+    text = repr(value)
+    return text if len(text) <= _LONGEST_TEXT else text[:_LONGEST_TEXT] + "..."
+
+
 def _number(name: str, value: Any, low: float, high: float, unit: str) -> float:
     """Return a number as a plain float, or say what is wrong with it."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise RequestError(name, f"is {_shown(value)}, expected a number")
     try:
         number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise RequestError(name, f"is {value!r}, expected a number") from None
+    except OverflowError:
+        raise RequestError(name, f"is {_shown(value)}, expected {low:g} to {high:g} {unit}") from None
     # NaN fails every comparison.
     if not low <= number <= high:
         raise RequestError(name, f"is {number:g}, expected {low:g} to {high:g} {unit}")
@@ -192,7 +228,7 @@ def _altitude(name: str, altitude: Any) -> None:
     _number(f"{name}.value", altitude.value, -1_000.0, 30_000.0, "m")
     _number(f"{name}.vertical_speed", altitude.vertical_speed, -100.0, 100.0, "m/s")
     if not isinstance(altitude.reference, str) or not altitude.reference:
-        raise RequestError(f"{name}.reference", f"is {altitude.reference!r}, expected a name")
+        raise RequestError(f"{name}.reference", f"is {_shown(altitude.reference)}, expected a name")
 
 
 def _report(name: str, report: Intruder, options: Options) -> Intruder:
@@ -229,17 +265,39 @@ def _now(report: Intruder) -> tuple[float, ...]:
     )
 
 
-def _apart(own: Altitude | None, other: Altitude | None, options: Options) -> str | None:
-    """Return why an intruder is vertically out of the way over the whole horizon, or None."""
+def _latest_end(x: Any, y: Any) -> float:
+    """Return a time that no plan along a route outlasts, s: its last leg is the route's longest at most."""
+    longest = max(float(np.max(np.hypot(np.diff(x), np.diff(y)))), _LONGEST_EXTENSION)
+    return 400.0 + longest / (SURROGATE.speed_min - SPEED_TOLERANCE)
+
+
+def _apart(own: Altitude | None, report: Intruder, end: float, options: Options) -> str | None:
+    """Return why an intruder is vertically out of the way until the plan's end, or None."""
+    other = report.altitude
     if own is None or other is None or own.reference != other.reference:
         return None
-    now = other.value - own.value
-    horizon = options.rejoin_by + 200.0
-    later = now + (other.vertical_speed - own.vertical_speed) * horizon
+    now = other.value + other.vertical_speed * report.age - own.value
+    later = now + (other.vertical_speed - own.vertical_speed) * end
     least = 0.0 if now * later <= 0.0 else min(abs(now), abs(later))
     if least <= options.vertical_filter:
         return None
-    return f"stays {least:.0f} m above or below ({own.reference}) for {horizon:.0f} s"
+    return f"stays {least:.0f} m above or below ({own.reference}) for {end:.0f} s"
+
+
+def _check(options: Options) -> None:
+    """Refuse options that could make an unsafe plan look safe, or none possible."""
+    if not isinstance(options, Options):
+        raise RequestError("options", f"is {type(options).__name__}, expected Options")
+    for name, low, high, unit in _RANGES:
+        value = options
+        for part in name.split("."):
+            value = getattr(value, part)
+        _number(f"options.{name}", value, low, high, unit)
+    for name in ("direct", "extend_route", "thorough"):
+        if not isinstance(getattr(options, name), bool):
+            raise RequestError(f"options.{name}", f"is {_shown(getattr(options, name))}, expected True or False")
+    if isinstance(options.goals, bool) or not isinstance(options.goals, int) or not 1 <= options.goals <= 100:
+        raise RequestError("options.goals", f"is {_shown(options.goals)}, expected an integer from 1 to 100")
 
 
 def _route(route: Any) -> tuple[Any, Any]:
@@ -253,11 +311,9 @@ def _route(route: Any) -> tuple[Any, Any]:
         if not isinstance(point, RoutePoint):
             raise RequestError(name, f"is {type(point).__name__}, expected a RoutePoint")
         if isinstance(point.index, bool) or not isinstance(point.index, int) or not 0 <= point.index < 2**31:
-            raise RequestError(f"{name}.index", f"is {point.index!r}, expected an integer from 0 to 2147483647")
+            raise RequestError(f"{name}.index", f"is {_shown(point.index)}, expected an integer from 0 to 2147483647")
         if point.index in indices:
-            raise RequestError(
-                f"{name}.index", f"is {point.index} again, expected one of its own"
-            )
+            raise RequestError(f"{name}.index", f"is {_shown(point.index)} again, expected one of its own")
         indices.add(point.index)
         x.append(_number(f"{name}.x", point.x, -_FARTHEST, _FARTHEST, "m"))
         y.append(_number(f"{name}.y", point.y, -_FARTHEST, _FARTHEST, "m"))

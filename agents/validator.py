@@ -42,7 +42,8 @@ class Findings(NamedTuple):
     intruder: Any
     """Number of the intruder that is too close first, ``[N]``; -1 where none is."""
     min_separation: Any
-    """Smallest distance to any intruder, m, ``[N]``, at most 5 mm too small; inf without any, nan if not finite."""
+    """Smallest distance to any intruder, m, ``[N]``; inf without any, nan if not finite. Never too large; too small by
+    at most 5 mm on legs of 20 s, and by what longer turns in longer legs add."""
     time_of_min_separation: Any
     """s, ``[N]``; nan without one."""
     clearance: Any
@@ -90,14 +91,17 @@ def validate(
     ok = sound[:, None]
     found.note(2, ~(curves.miss <= CLOSED) & ok)
     speeds = np.concatenate([curves.speed, curves.speed[..., -1:] + _gain(curves)[..., -1:]], axis=-1)
-    slow = speeds < limits.speed_min - TOLERANCE.speed_min
-    fast = speeds > limits.speed_max + TOLERANCE.speed_max
-    found.note(3, (slow | fast).any(axis=-1) & ok)
-    low = curves.acceleration < limits.acceleration_min - TOLERANCE.acceleration_min
-    high = curves.acceleration > limits.acceleration_max + TOLERANCE.acceleration_max
-    found.note(4, (low | high).any(axis=-1) & ok)
-    turning = np.abs(curves.yaw_rate) > limits.yaw_rate_max + TOLERANCE.yaw_rate_max
-    found.note(5, turning.any(axis=-1) & ok)
+    # Comparisons ask for what is right, so that not-a-number is wrong. Who begins beyond a speed limit may stay there.
+    first = curves.speed[:, :1, :1]
+    slowest, fastest = np.minimum(limits.speed_min, first), np.maximum(limits.speed_max, first)
+    steady = (speeds >= slowest - TOLERANCE.speed_min) & (speeds <= fastest + TOLERANCE.speed_max)
+    found.note(3, ~steady.all(axis=-1) & ok)
+    gentle = (curves.acceleration >= limits.acceleration_min - TOLERANCE.acceleration_min) & (
+        curves.acceleration <= limits.acceleration_max + TOLERANCE.acceleration_max
+    )
+    found.note(4, ~gentle.all(axis=-1) & ok)
+    turning = np.abs(curves.yaw_rate) <= limits.yaw_rate_max + TOLERANCE.yaw_rate_max
+    found.note(5, ~turning.all(axis=-1) & ok)
     _separation(found, knots, curves, traffic, requirement, sound)
     return found.findings()
 
@@ -170,8 +174,8 @@ def _separation(
     # The curve ends where its last waypoint stands, but for less than CLOSED.
     end_x = np.concatenate([x[:, 1:], knots.x[rows, -1:]], axis=1)
     end_y = np.concatenate([y[:, 1:], knots.y[rows, -1:]], axis=1)
-    fastest = np.maximum(own.speed, own.speed + own.acceleration * step)
-    swerve = np.hypot(own.acceleration, fastest * own.yaw_rate).reshape(rows.size, -1)
+    quickest = np.maximum(own.speed, own.speed + own.acceleration * step)
+    swerve = np.hypot(own.acceleration, quickest * own.yaw_rate).reshape(rows.size, -1)
     other_swerve = np.abs(seen.state.speed * seen.turn_rate)
     pull = swerve[..., None] + np.where(seen.turn_time > 0.0, other_swerve, 0.0)[:, None]
     # The joints of the legs are up to their miss apart.
@@ -183,7 +187,7 @@ def _separation(
     need = base[:, None] + _growth(seen, begin + length, requirement)
     # What could be too close, or the closest of all, is looked at more closely.
     nearest = np.min(upper, axis=(1, 2), keepdims=True)
-    unclear = (bound < need) | (bound <= nearest)
+    unclear = ~(bound >= need) | (bound <= nearest)
     _note_clear(found, rows, bound, need, unclear)
     n, a, k = np.nonzero(unclear & present[:, None])
     if n.size == 0:
@@ -221,9 +225,9 @@ def _note_fine(found: _Collector, rows: Any, which: Any, began: Any, begins: Any
     best = order[first]
     found.min_separation[rows[owner]], found.time_of_min[rows[owner]] = value[best], when[best]
 
-    bad = np.flatnonzero((spare < 0.0).any(axis=1))
+    bad = np.flatnonzero(~(spare >= 0.0).all(axis=1))
     if bad.size:
-        part = np.argmax(spare[bad] < 0.0, axis=1)
+        part = np.argmax(~(spare[bad] >= 0.0), axis=1)
         when, x, y = (field[bad, part] for field in (began, *begins))
         order = np.lexsort((when, n[bad]))
         owner, first = np.unique(n[bad][order], return_index=True)

@@ -14,17 +14,22 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.inference import Policy
+from agents.request import Options
 from agents.resolvability import Method, Verdict, classify
 from envs.encounters import Encounter, Scenario
-from envs.kinematics import Limits
+from envs.kinematics import C208_PUBLISHED, Limits
 from envs.outcome import Rules
 from envs.starts import joined, numbered
 from envs.trees import take
 from eval.conditions import conditions
 from eval.film import Trajectories
-from eval.simulate import OUTCOMES, direct, fly, sensor_noise
+from eval.planned import SOURCES, STATUSES, Setting, fly_once, planned
+from eval.simulate import OUTCOMES, Flights, direct, fly, sensor_noise
 
-__all__ = ["NETWORK_TILE", "Evaluation", "Pilot", "columns", "encounters", "trajectories"]
+__all__ = ["MODES", "NETWORK_TILE", "Evaluation", "Pilot", "columns", "encounters", "trajectories"]
+
+MODES = ("policy", "plan")
+"""Who decides: the network once a second, or a plan made at the start."""
 
 NETWORK_TILE = 256
 """Rows that the network takes at a time: a fixed number, because BLAS rounds a row differently in another."""
@@ -42,6 +47,10 @@ class Evaluation(NamedTuple):
     seed: int
     rules: Rules
     limits: Limits
+    mode: str = "policy"
+    """Who decides: one of :data:`MODES`."""
+    setting: Setting = Setting(Options(), C208_PUBLISHED)
+    """How plans are made and flown, in the other modes."""
 
 
 class Pilot(NamedTuple):
@@ -81,10 +90,14 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     rules, limits = evaluation.rules, evaluation.limits
     starts = encounters(evaluation, first, count)
     begun = conditions(starts)
-    flown, _ = fly(starts, pilot.decide, rules, limits, noise=_noise(evaluation, starts, first))
+    noise = _noise(evaluation, starts, first)
+    alone, _ = fly(starts, pilot.decide, rules, limits, noise=noise)
     bare, _ = fly(starts, direct(limits), rules, limits)
-    reached, bare_reached = flown.outcome == OUTCOMES.index("reached"), bare.outcome == OUTCOMES.index("reached")
-    judged = classify(starts, rules, limits, solved=reached | bare_reached)
+    beside = {"baseline": bare} if evaluation.mode == "policy" else {"baseline": bare, "policy": alone}
+    flown, more = (alone, {}) if evaluation.mode == "policy" else _planned(pilot, starts, noise)
+    reached = flown.outcome == OUTCOMES.index("reached")
+    solved = reduce(np.logical_or, (other.outcome == OUTCOMES.index("reached") for other in beside.values()), reached)
+    judged = classify(starts, rules, limits, solved=solved)
 
     # The route is the straight line to the goal: what is left of it at the end counts as flown straight.
     route = np.maximum(begun.route_length, 1.0)  # a start on the goal has none
@@ -105,9 +118,8 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
         "heading_reversals": flown.reversals,
         "verdict": _names(Verdict)[judged.verdict],
         "verdict_method": _names(Method)[judged.method],
-        "baseline_outcome": np.array(OUTCOMES, dtype=object)[bare.outcome],
-        "baseline_duration_s": bare.duration,
-        "baseline_min_separation_m": bare.min_separation,
+        **_beside(beside),
+        **more,
         "intruders": begun.intruders,
         "own_speed_m_s": begun.own_speed,
         "intruder_speed_m_s": begun.intruder_speed,
@@ -120,11 +132,45 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     }
 
 
+def _planned(
+    pilot: Pilot, starts: Encounter, noise: Callable[[int], np.ndarray] | None
+) -> tuple[Flights, dict[str, np.ndarray]]:
+    """Return the flights of a mode that plans, and the columns that only it has."""
+    evaluation = pilot.evaluation
+    setting, rules = evaluation.setting, evaluation.rules
+    plans = planned(starts, pilot.policy, setting, None if noise is None else noise(0))
+    flown, _ = fly_once(starts, plans, rules, setting)
+    made = plans.proposals
+    return flown.flights, {
+        "plan_status": np.array(STATUSES, dtype=object)[made.safe.astype(int)],
+        "plan_source": np.array(SOURCES, dtype=object)[plans.source],
+        "plan_min_separation_m": made.min_separation,
+        "plan_rejoin_s": made.rejoin_time,
+        "plan_path_m": made.path,
+        "plan_cost_m": np.where(np.isfinite(made.cost), made.cost, np.nan),
+        "plan_goal": made.goal.astype(np.int32),
+        "whole_min_separation_m": flown.whole_separation,
+        "follower_error_m": flown.error,
+    }
+
+
+def _beside(flights: dict[str, Flights]) -> dict[str, np.ndarray]:
+    """Return the columns of the flights that are flown beside for comparison."""
+    columns = {}
+    for name, flown in flights.items():
+        columns[f"{name}_outcome"] = np.array(OUTCOMES, dtype=object)[flown.outcome]
+        columns[f"{name}_duration_s"] = flown.duration
+        columns[f"{name}_min_separation_m"] = flown.min_separation
+    return columns
+
+
 def trajectories(pilot: Pilot, numbers: Sequence[int]) -> tuple[Encounter, Trajectories]:
     """Fly the encounters of some numbers again and return them, ``[M]``, with their recorded trajectories."""
     evaluation = pilot.evaluation
     singles = [encounters(evaluation, number, 1) for number in numbers]
     starts = reduce(joined, singles)
+    if evaluation.mode != "policy":
+        return starts, _film(pilot, singles, starts, numbers)
     noises = [_noise(evaluation, one, number) for one, number in zip(singles, numbers, strict=True)]
     heard = [noise for noise in noises if noise is not None]  # all of them or none
     _, film = fly(
@@ -137,6 +183,17 @@ def trajectories(pilot: Pilot, numbers: Sequence[int]) -> tuple[Encounter, Traje
     )
     assert film is not None
     return starts, film
+
+
+def _film(pilot: Pilot, singles: list[Encounter], starts: Encounter, numbers: Sequence[int]) -> Trajectories:
+    """Return the recorded trajectories of planned flights."""
+    evaluation = pilot.evaluation
+    heard = [_noise(evaluation, one, number) for one, number in zip(singles, numbers, strict=True)]
+    noise = np.concatenate([of(0) for of in heard if of is not None], axis=1) if heard[0] is not None else None
+    plans = planned(starts, pilot.policy, evaluation.setting, noise)
+    _, film = fly_once(starts, plans, evaluation.rules, evaluation.setting, record=True)
+    assert film is not None
+    return film
 
 
 def _names(kinds: type[IntEnum]) -> np.ndarray:

@@ -1,23 +1,71 @@
 """What a Monte Carlo evaluation can be told: the model behind ``configs/monte_carlo.yaml`` and ``--set``."""
 
+import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from agents.configuration import ConfigError, Strict
 from agents.configuration_keys import nearest
 from agents.configuration_world import RulesConfig, ScenarioConfig, VehicleConfig
+from agents.request import MARGIN
 from envs.encounters import SCENARIOS, Scenario
 
-__all__ = ["FILE", "MonteCarloConfig"]
+if TYPE_CHECKING:
+    from eval.planned import Setting
+
+__all__ = ["FILE", "MonteCarloConfig", "PlannerConfig"]
 
 FILE = "file:"
 """Prefix of a scenario that is a file of encounters."""
 
 _DEFAULT_ENCOUNTERS = 10_000
 _LARGEST_CHUNK = 1_250
-_AVAILABLE = {"mode": ("policy",), "baseline": ("none",)}
+_AVAILABLE = {"mode": ("policy", "plan"), "baseline": ("none",)}
+
+
+class PlannerConfig(Strict):
+    """How plans are made and flown in the modes that plan."""
+
+    margin: float = Field(default=MARGIN, ge=0.0, le=5_000.0)
+    """Added to the required separation, m: what the follower may leave of the plan."""
+    goal_radius: float = Field(default=500.0, gt=100.0, le=5_000.0)
+    """Within which a point of the route counts as rejoined, m."""
+    rejoin_by: float = Field(default=300.0, ge=20.0, le=340.0)
+    """Latest time of that, s."""
+    goals: int = Field(default=3, ge=1, le=10)
+    """Points of the route that are tried, the next one first."""
+    direct: bool = True
+    """Whether the policy's flight ends as soon as the direct way to the goal is clear; otherwise only at the goal."""
+    doubtful: float | None = Field(default=1_500.0, ge=0.0)
+    """Cost of a safe plan of the policy's above which the fallback is searched too, m; 0: always, null: never."""
+    thorough: bool = True
+    """Whether the slow refinement is tried before a request is given up."""
+    vehicle: VehicleConfig | None = Field(
+        default=None, json_schema_extra={"expected": "null, the path of a YAML file, or a group of keys"}
+    )
+    """Limits of the legs and of the vehicle that follows them; null: the Cessna 208's as the paper states them."""
+
+    def setting(self) -> "Setting":
+        """Return this as the planner takes it."""
+        from agents.request import Options
+        from agents.traffic import Requirement
+        from envs.kinematics import C208_PUBLISHED
+        from eval.planned import Setting
+
+        limits = C208_PUBLISHED if self.vehicle is None else self.vehicle.limits()
+        options = Options(
+            requirement=Requirement(margin=self.margin),
+            limits=limits,
+            goal_radius=self.goal_radius,
+            rejoin_by=self.rejoin_by,
+            direct=self.direct,
+            goals=self.goals,
+            doubtful=math.inf if self.doubtful is None else self.doubtful,
+            thorough=self.thorough,
+        )
+        return Setting(options, limits)
 
 
 class MonteCarloConfig(Strict):
@@ -28,8 +76,9 @@ class MonteCarloConfig(Strict):
     the policy that ships with the toolkit."""
     policy_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
     """Digest that the policy must have, so that a repeated run flies the same one; null: any."""
-    mode: str = Field(default="policy", json_schema_extra={"expected": "policy"})
-    """Who decides: policy, the network alone, once a second."""
+    mode: str = Field(default="policy", json_schema_extra={"expected": "policy or plan"})
+    """Who decides: policy, the network alone, once a second; plan, the planner once at the start, whose plan is then
+    followed."""
     baseline: str = Field(default="none", json_schema_extra={"expected": "none"})
     """What is flown beside for comparison: none, straight along the route without any resolver."""
     scenario: str = Field(
@@ -58,6 +107,7 @@ class MonteCarloConfig(Strict):
         default=None, json_schema_extra={"expected": "null, the path of a YAML file, or a group of keys"}
     )
     """Limits of the ownship; null: those that the policy was trained for."""
+    planner: PlannerConfig = PlannerConfig()
     figures: bool = True
     """Whether figures are drawn."""
 

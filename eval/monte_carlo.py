@@ -64,7 +64,11 @@ def _parser() -> argparse.ArgumentParser:
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of the configuration")
     add("--help-keys", action="store_true", help="list every key of the configuration, and exit")
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
-    add("--mode", metavar="MODE", help="who decides: policy, the network once a second (default: policy)")
+    add(
+        "--mode",
+        metavar="MODE",
+        help="who decides: policy (the network once a second) or plan (planned once, then followed); default: policy",
+    )
     add("--scenario", metavar="NAME", help="a scenario's name or file:PATH (default: circle)")
     add("--encounters", type=_whole(1), metavar="N", help="how many (default: 10000, or all of a file's)")
     add("--seed", type=_whole(0), metavar="N", help="of encounters, sensor noise and bootstrap (default: 0)")
@@ -183,7 +187,8 @@ def _prepare(config: "MonteCarloConfig") -> "tuple[Evaluation, Policy, MonteCarl
     from eval.workers import cores
 
     resolved["chunk"] = config.chunk_for(resolved["encounters"], config.workers or cores())
-    evaluation = Evaluation(config.policy, source, names, config.seed, config.rules.rules(), limits)
+    rules, setting = config.rules.rules(), config.planner.setting()
+    evaluation = Evaluation(config.policy, source, names, config.seed, rules, limits, config.mode, setting)
     return evaluation, policy, config.model_copy(update=resolved)
 
 

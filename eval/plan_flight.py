@@ -15,11 +15,13 @@ from envs.encounters import Encounter
 from envs.follower import PERIOD, steer
 from envs.intruder import Intent, IntruderState
 from envs.kinematics import Limits, VehicleState, advance
+from envs.observation import SIZE
 from envs.outcome import Rules
 from envs.relative import distance, leg_separation
 from envs.tracking import offset
 from envs.trees import take
 from envs.waypoints import Knots, Legs, at, legs
+from eval.film import Film
 from eval.simulate import OUTCOMES, REVERSAL_RATE, Flights
 
 __all__ = [
@@ -28,6 +30,7 @@ __all__ = [
     "Flown",
     "Second",
     "Tally",
+    "expose",
     "fly_plans",
     "fly_second",
     "request_of",
@@ -167,7 +170,7 @@ def takeoff(encounters: Encounter, knots: Knots) -> Air:
     )
 
 
-def fly_plans(encounters: Encounter, knots: Knots, rules: Rules, limits: Limits) -> Flown:
+def fly_plans(encounters: Encounter, knots: Knots, rules: Rules, limits: Limits, film: Film | None = None) -> Flown:
     """Fly plans once, to their ends.
 
     An encounter counts as reached if the goal was by ``rules.t_max`` and the separation kept until then.
@@ -177,6 +180,7 @@ def fly_plans(encounters: Encounter, knots: Knots, rules: Rules, limits: Limits)
         knots: of the plans, ``[N, W]``, all finite.
         rules: of the task, with a time step of 1 s.
         limits: of the vehicle that follows.
+        film: records the flights second by second until ``rules.t_max``, without observations and actions.
     """
     tally, rows = Tally(len(encounters.goal_x)), np.arange(len(encounters.goal_x))
     air = takeoff(encounters, knots)
@@ -186,6 +190,8 @@ def fly_plans(encounters: Encounter, knots: Knots, rules: Rules, limits: Limits)
         second = fly_second(air, following, float(clock), rules.goal_radius, limits)
         clock += 1
         tally.add(rows, second, clock, rules)
+        if film is not None and clock <= rules.t_max:
+            expose(film, rows, second, following)
         air = air._replace(own=second.own, traffic=following, side=second.side)
         on = air.ends > clock
         if not on.all():
@@ -242,6 +248,12 @@ class Tally:
             self._reversals,
         )
         return Flown(flights, self._error, self._whole)
+
+
+def expose(film: Film, rows: Any, second: Second, following: IntruderState) -> None:
+    """Add a second of some flights to a film."""
+    blank = np.full((rows.size, SIZE), np.nan), np.full((rows.size, 2), np.nan)
+    film.expose(rows, second.own, following.vehicle, (*blank, second.separation))
 
 
 def verdicts(flown: Flown, refused: np.ndarray, rules: Rules) -> Flown:

@@ -70,9 +70,43 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float, resamples: int
         "path_excess_mean": _number(path.value),
         "path_excess_mean_interval": _ends(path),
         "path_excess_quantiles": _quantiles(excess, (0.5, 0.95, 1.0)),
-        "min_separation_m_quantiles": _quantiles(table["min_separation_m"], (0.0, 0.01, 0.05, 0.5)),
+        "min_separation_m_quantiles": _quantiles(
+            table["min_separation_m"][~np.isnan(table["min_separation_m"])], (0.0, 0.01, 0.05, 0.5)
+        ),
+        **_of_policy(table, share, possible),
+        **_of_plans(table, share, possible),
         "duration_mean_s": float(np.mean(table["duration_s"])),
         "heading_reversals_mean": float(np.mean(table["heading_reversals"])),
+    }
+
+
+def _of_policy(table: Mapping[str, np.ndarray], share: Any, possible: int) -> dict[str, Any]:
+    """Return how the policy alone fared, where it is flown beside."""
+    if "policy_outcome" not in table:
+        return {}
+    success = int(np.count_nonzero(table["policy_outcome"] == "reached"))
+    return {
+        "policy_success_rate": share(success),
+        "policy_success_given_resolvable": share(success, possible),
+        "policy_violation_rate": share(int(np.count_nonzero(table["policy_outcome"] == "violation"))),
+    }
+
+
+def _of_plans(table: Mapping[str, np.ndarray], share: Any, possible: int) -> dict[str, Any]:
+    """Return how often plans were safe, whose they were, and what became of the safe ones."""
+    if "plan_status" not in table:
+        return {}
+    safe = table["plan_status"] == "safe"
+    lost = safe & (table["outcome"] == "violation")
+    named = {name: int(np.count_nonzero(safe & (table["plan_source"] == name))) for name in ("policy", "fallback")}
+    error = table["follower_error_m"][safe]
+    return {
+        "plan_safe_rate": share(int(np.count_nonzero(safe))),
+        "plan_safe_given_resolvable": share(int(np.count_nonzero(safe)), possible),
+        "safe_plans_violated": int(np.count_nonzero(lost)),
+        "safe_plans_by_source": named,
+        "follower_error_m_quantiles": _quantiles(error, (0.5, 0.99, 1.0)),
+        "whole_min_separation_m": _number(float(np.min(table["whole_min_separation_m"][safe]))) if safe.any() else None,
     }
 
 

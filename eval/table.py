@@ -14,6 +14,8 @@ _RATES = (
     ("proven unresolvable", "unresolvable_rate"),
     ("undecided", "undecided_rate"),
     ("violations, no resolver", "baseline_violation_rate"),
+    ("policy alone, of the resolvable *", "policy_success_given_resolvable"),
+    ("plans called SAFE, of the resolvable *", "plan_safe_given_resolvable"),
 )
 
 
@@ -29,7 +31,9 @@ def show(summary: Mapping[str, Any], folder: Path, paths: Iterable[Path]) -> Non
     table.add_column(f"{100.0 * summary['confidence']:g} % interval", justify="right")
     table.add_column("count", justify="right")
     for label, key in _RATES:
-        rate = summary[key]
+        rate = summary.get(key)
+        if rate is None:
+            continue
         low, high = f"{100.0 * rate['low']:.2f}", f"{100.0 * rate['high']:.2f} %"
         table.add_row(label, _percent(rate["value"]), f"{low} .. {high}", f"{_n(rate['count'])} of {_n(rate['total'])}")
     table.add_section()
@@ -39,6 +43,9 @@ def show(summary: Mapping[str, Any], folder: Path, paths: Iterable[Path]) -> Non
     closest = summary["min_separation_m_quantiles"]
     table.add_row("smallest separation, m", _plain(closest["0"], ".0f"))
     table.add_row("its 1 % quantile, m", _plain(closest["0.01"], ".0f"))
+    if "safe_plans_violated" in summary:
+        table.add_row("SAFE plans violated as flown", _n(summary["safe_plans_violated"]))
+        table.add_row("largest error of the follower, m", _plain(summary["follower_error_m_quantiles"]["1"], ".4f"))
     table.add_section()
     table.add_row("wall time, s", f"{summary['wall_s']:.1f}")
     if summary["encounters_per_s"] is not None:

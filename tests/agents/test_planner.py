@@ -253,6 +253,54 @@ def test_bad_input_is_refused_by_name(policy: Policy, changes: dict[str, Any], f
     assert "expected" in str(told.value)
 
 
+@pytest.mark.parametrize(
+    ("options", "field"),
+    [
+        (Options(requirement=Requirement(separation=math.nan)), "options.requirement.separation"),
+        (Options(requirement=Requirement(margin=-1e9)), "options.requirement.margin"),
+        (Options(requirement=Requirement(sigmas=-2.0)), "options.requirement.sigmas"),
+        (Options(limits=C208_PUBLISHED._replace(yaw_rate_max=math.nan)), "options.limits.yaw_rate_max"),
+        (Options(max_age=math.nan), "options.max_age"),
+        (Options(goals=0), "options.goals"),
+        (Options(goals=1.5), "options.goals"),  # pyright: ignore[reportArgumentType]
+        (Options(rejoin_by=1e9), "options.rejoin_by"),
+        (Options(direct=None), "options.direct"),  # pyright: ignore[reportArgumentType]
+    ],
+)
+def test_options_that_could_hide_a_danger_are_refused(policy: Policy, options: Options, field: str) -> None:
+    with pytest.raises(RequestError) as told:
+        plan(OWN, [HEAD_ON], ROUTE, policy, options)
+    assert told.value.field == field
+
+
+ODD = {"bool": True, "text": "12", "bytes": b"1", "none": None, "huge": 10**5000, "complex": 1j, "array": np.ones(2)}
+
+
+@pytest.mark.parametrize("value", ODD.values(), ids=ODD)
+def test_what_is_not_a_number_is_refused(policy: Policy, value: Any) -> None:
+    with pytest.raises(RequestError) as told:
+        plan(OWN._replace(x=value), [HEAD_ON], ROUTE, policy)
+    assert told.value.field == "own.x"
+    assert len(str(told.value)) < 200
+
+
+@pytest.mark.parametrize("speed", [49.0, 49.5, 100.3, 101.0])
+def test_a_speed_just_outside_the_envelope_is_planned_with(policy: Policy, speed: float) -> None:
+    assert plan(OWN._replace(speed=speed), [HEAD_ON], ROUTE, policy).safe
+    assert plan(OWN._replace(speed=speed), [], ROUTE, policy).safe
+
+
+def test_the_vertical_filter_looks_to_the_end_of_the_plan(policy: Policy) -> None:
+    # Clear for 500 s, but the last leg is 80 km long, and the other one comes down on its way.
+    route = [RoutePoint(0, 0.0, 0.0), RoutePoint(1, 10_000.0, 0.0), RoutePoint(2, 90_000.0, 0.0)]
+    own, late = VehicleState(0.0, 0.0, 0.0, 75.0), 1_100.0
+    state = VehicleState(own.speed * late, -50.0 * late, math.pi / 2.0, 50.0)
+    other = Intruder(state, altitude=Altitude(2_110.0, "msl", -1.0))
+    answer = plan(own, [other], route, policy, own_altitude=Altitude(1_000.0, "msl"))
+    assert answer.excluded == ()
+    assert not answer.safe or answer.min_separation >= 1_000.0
+
+
 def test_an_intruder_far_above_is_left_out_and_said_so(policy: Policy) -> None:
     def answer(level: Altitude | None, own: Altitude | None) -> Plan:
         return plan(OWN, [FAR, Intruder(HEAD_ON, altitude=level)], ROUTE, policy, own_altitude=own)

@@ -292,8 +292,7 @@ def mistakes(folder: Path) -> dict[str, tuple[list[str], str]]:
         "encounters": (["--encounters", "0"], "argument --encounters: '0'; expected a whole number of at least 1"),
         "many": (["--encounters", "1e4"], "argument --encounters: '1e4'; expected a whole number"),
         "seed": (["--seed", "-1"], "argument --seed"),
-        "mode": (["--mode", "plan"], "'plan' is not available in this version; expected policy"),
-        "assured": (["--mode", "assured"], "'assured' is not available in this version"),
+        "mode": (["--mode", "glide"], "'glide' is not available in this version; expected policy or plan"),
         "baseline": (["--baseline", "mvp"], "'mvp' is not available in this version; expected none"),
         "config": (["--config", str(folder / "wrong.yaml")], "seeds is unknown (its value is 3); did you mean seed?"),
         "no config": (["--config", str(folder / "none.yaml")], "none.yaml: there is no such file"),
@@ -345,7 +344,7 @@ def test_help_is_quick_and_complete() -> None:
     for option in ("--config", "--set", "--policy", "--encounters", "--scenario", "--seed", "--workers", "--resume"):
         assert option in output
     assert "default: 10000" in output
-    assert "assured" not in output
+    assert "plan" in output
     program = "import sys, eval.monte_carlo as m\ntry: m.main(['--help'])\nexcept SystemExit: pass\n"
     program += "print(sorted({'scipy', 'matplotlib', 'pyarrow', 'rich', 'jax'} & set(sys.modules)), file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
