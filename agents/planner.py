@@ -74,8 +74,12 @@ def plan_many(request: Request, policy: Policy, options: Options) -> Plans:
     The arrays are taken as they are: finite, in range, with two points of the route at least.
     """
     count = request.points.size
-    best, source = nothing(count), np.zeros(count, dtype=np.int8)
     goals = eligible(request, options)
+    first = _by_policy(request, goals[:, 0], policy, options) if count == 1 and goals[0, 0] >= 0 else None
+    if first is not None and first.safe[0] and first.cost[0] <= options.doubtful:
+        # The usual case: nothing to compare with and nothing to put together.
+        return Plans(first, np.ones(1, dtype=np.int8), first.safe)
+    best, source = nothing(count), np.zeros(count, dtype=np.int8)
     policy_safe = np.zeros(count, dtype=bool)
 
     def consider(rows: Any, plans: Proposals, code: int) -> None:
@@ -89,7 +93,7 @@ def plan_many(request: Request, policy: Policy, options: Options) -> Plans:
         if rows.size == 0:
             break
         part, goal = _part(request, rows), goals[rows, choice]
-        plans = _by_policy(part, goal, policy, options)
+        plans = first if first is not None and choice == 0 else _by_policy(part, goal, policy, options)
         consider(rows, plans, 1)
         if choice == 0:
             policy_safe[rows] = plans.safe

@@ -81,13 +81,11 @@ def propose(request: Request, rollout: Rollout, goal: Any, options: Options) -> 
         options: how plans shall be.
     """
     count = goal.size
-    proposals = nothing(count)
     route = (request.route_x, request.route_y)
     whole = complete(rollout, route, request.points, goal, task_of(options), extend=options.extend_route)
-    proposals.too_short[:] = whole.too_short
     rows = np.flatnonzero(whole.last >= 0)
     if rows.size == 0:
-        return proposals
+        return nothing(count)._replace(too_short=whole.too_short)
     knots = take(whole.knots, rows)
     found = validate(knots, take(request.traffic, rows), options.requirement, options.limits)
     goal_x, goal_y = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
@@ -111,6 +109,9 @@ def propose(request: Request, rollout: Rollout, goal: Any, options: Options) -> 
         path,
         cost,
     )
+    if rows.size == count:
+        return Proposals(*values)
+    proposals = nothing(count)._replace(too_short=whole.too_short)
     put(proposals, rows, Proposals(*values))
     return proposals
 

@@ -71,10 +71,10 @@ def complete(
         rollout.path.copy(),
         rollout.reversals.copy(),
     )
-    pieces: list[Any] = []
     left = np.arange(rows.size)
-    beyond = math.ceil(LAST_FREE * 150.0 / _EXTENSION) if extend else 0
-    for step in range(most + 1 + beyond):
+    steps = most + 1 + (math.ceil(LAST_FREE * 150.0 / _EXTENSION) if extend else 0)
+    pieces = _Pieces(2 * steps + 1, rows.size)
+    for step in range(steps):
         number, have = target[left], points[rows[left]]
         if not extend:
             ended = number >= have
@@ -102,10 +102,11 @@ def complete(
             whole.rejoin_time[there] = entered[which]
             whole.path[there] += (np.abs(arc) * state.speed / task.turn_rate + straight)[which]
             whole.reversals[there] += np.sign(arc[which]) * rollout.side[there] < 0.0
-        pieces.append(_piece(rows.size, left, at, state, np.sign(arc) * task.turn_rate, 0.0, reached))
+        none = np.zeros(left.size)
+        pieces.add(left, np.where(reached, at, np.inf), state, np.sign(arc) * task.turn_rate, none)
         middle = _turned(state, arc, task.turn_rate)
         gain = np.where(speed > state.speed, task.limits.acceleration_max, 0.0)
-        pieces.append(_piece(rows.size, left, turned, middle, arc * 0.0, gain, reached))
+        pieces.add(left, np.where(reached, turned, np.inf), middle, none, gain)
         arrived = turned + _duration(length, state.speed, speed, task)
         if step == 0:
             rise = (speed - state.speed) / task.limits.acceleration_max
@@ -113,7 +114,7 @@ def complete(
             level = VehicleState(
                 middle.x + far * np.cos(middle.heading), middle.y + far * np.sin(middle.heading), middle.heading, speed
             )
-            pieces.append(_piece(rows.size, left, turned + rise, level, arc * 0.0, 0.0, reached & (rise > 0.0)))
+            pieces.add(left, np.where(reached & (rise > 0.0), turned + rise, np.inf), level, none, none)
         after = VehicleState(x, y, wrap(course, np), speed)
         for field, value in zip(now, after, strict=True):
             field[left] = np.where(reached, value, field[left])
@@ -174,28 +175,36 @@ def _duration(length: Any, speed: Any, wanted: Any, task: Task) -> Any:
     return rise + (length - 0.5 * (speed + wanted) * rise) / wanted
 
 
-def _piece(count: int, rows: Any, time: Any, state: VehicleState, rate: Any, gain: Any, valid: Any) -> Any:
-    """Return begin time, x, y, heading, speed, yaw rate and acceleration of a part of the tail, ``[7, count]``.
+class _Pieces:
+    """Parts of the tails: begin time, x, y, heading, speed, yaw rate and acceleration, ``[7, P, N]``.
 
-    It is never begun where it is not flown. No part both turns and accelerates.
+    A part that begins at infinity is not flown. None both turns and accelerates.
     """
-    fields = np.zeros((7, count))
-    fields[0] = np.inf
-    for field, value in zip(fields[1:], (*state, rate, gain), strict=True):
-        field[rows] = value
-    fields[0, rows] = np.where(valid, time, np.inf)
-    return fields
+
+    def __init__(self, most: int, count: int) -> None:
+        self._fields = np.zeros((7, most, count))
+        self._fields[0] = np.inf
+        self._used = 0
+
+    def add(self, rows: Any, time: Any, state: VehicleState, rate: Any, gain: Any) -> None:
+        """Add a part of some tails, ``[M]`` each."""
+        self._fields[:, self._used, rows] = (time, *state, rate, gain)
+        self._used += 1
+
+    def of(self, rows: Any) -> Any:
+        """Return the parts of some tails, ``[7, M, P]``."""
+        return np.moveaxis(self._fields[:, : self._used, rows], 1, 2)
 
 
 def _read_off(
-    knots: Knots, rollout: Rollout, rows: Any, whole: Any, pieces: list[Any], end: VehicleState, end_time: Any
+    knots: Knots, rollout: Rollout, rows: Any, whole: Any, pieces: _Pieces, end: VehicleState, end_time: Any
 ) -> None:
     """Write the knots of completed plans."""
     if whole.size == 0:
         return
     out = rows[whole]
     times = np.arange(20) * INTERVAL
-    parts = np.stack(pieces, axis=-1)[:, whole]
+    parts = pieces.of(whole)
     # The last part begun by each time; parts that are not flown begin never.
     begun = parts[0][:, None] <= times[:, None]
     number = np.where(begun.any(axis=-1), begun.shape[-1] - 1 - np.argmax(begun[..., ::-1], axis=-1), 0)

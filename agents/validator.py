@@ -159,8 +159,7 @@ def _separation(
     found.clearance[~sound] = -np.inf
     if rows.size == 0 or traffic.mask.shape[-1] == 0:
         return
-    own = take(curves, rows)
-    seen = take(traffic, rows)
+    own, seen = (curves, traffic) if sound.all() else take((curves, traffic), rows)
     start_x, start_y = knots.x[rows, 0, None], knots.y[rows, 0, None]
     now = np.hypot(seen.state.x - start_x, seen.state.y - start_y)
     base = required(seen, now, requirement)
