@@ -1,0 +1,150 @@
+"""The outlook is a lower bound; a backup is always at hand, can be flown, and is the best of its family."""
+
+import math
+
+import numpy as np
+import pytest
+
+from agents.backup import HORIZON, KNOTS, Backup, flown, refreshed, search
+from agents.outlook import course, outlook
+from agents.traffic import Requirement, Traffic, predicted
+from agents.validator import validate
+from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
+from envs.trees import take
+from envs.waypoints import Knots, at, legs
+from tests.agents.assurance_scenes import other
+from tests.strategies import random_states
+
+LIMITS = (C208_PUBLISHED, SURROGATE)
+REQUIREMENT = Requirement(margin=0.1)
+
+
+def turning(generator: np.random.Generator, count: int, intruders: int = 2) -> Traffic:
+    state = random_states(generator, count, intruders, extent=6_000.0)
+    zero = np.zeros((count, intruders))
+    rate = generator.choice([0.0, 0.03, -0.05], zero.shape)
+    mask = generator.random(zero.shape) < 0.9
+    return Traffic(state, mask, rate, np.where(rate == 0.0, 0.0, 12.0), zero, zero)
+
+
+def winding(generator: np.random.Generator, count: int) -> Knots:
+    """Return plans of 20 legs that turn all the time, from within 2 km of the origin."""
+    state = random_states(generator, count, extent=2_000.0)
+    parts, first = [], 0.0
+    for _ in range(2):
+        knots = flown(state, state.heading + generator.uniform(-2.0, 2.0, count), state.speed, SURROGATE)
+        parts.append(Knots(*knots[:4], knots.time + first))
+        state = VehicleState(*(field[:, -1] for field in knots[:4]))
+        first += HORIZON
+    return Knots(*(np.concatenate([a, b[:, 1:]], axis=1)[:, :21] for a, b in zip(*parts, strict=True)))
+
+
+def test_the_outlook_is_a_sharp_lower_bound_of_the_rest() -> None:
+    generator = np.random.default_rng(3)
+    count = 60
+    knots = winding(generator, count)
+    curves = legs(knots)
+    since = generator.uniform(0.0, 150.0, count)
+    traffic = turning(generator, count)
+    ahead = outlook(course(knots, curves), since, traffic, np.full(traffic.mask.shape, 1e9), 2.0)
+    end = knots.time[:, -1] - since
+    least = np.full(traffic.mask.shape, np.inf)
+    for share in np.linspace(0.0, 1.0, 6_001):
+        own, there = at(curves, since + share * end), predicted(traffic, (share * end)[:, None])
+        least = np.minimum(least, np.hypot(there.x - own.x[:, None], there.y - own.y[:, None]))
+    mask = traffic.mask
+    assert np.isinf(ahead.separation[~mask]).all()
+    assert (ahead.separation[mask] <= least[mask] + 1e-6).all()
+    assert (ahead.separation[mask] >= least[mask] - 0.02).all()
+    coarse = outlook(course(knots, curves), since, traffic, np.full(mask.shape, 1_000.0), 2.0)
+    assert (coarse.separation[mask] <= least[mask] + 1e-6).all()
+    close = mask & (least < 1_000.0)
+    np.testing.assert_allclose(coarse.separation[close], ahead.separation[close], atol=1e-9)
+    assert close.any() and np.isfinite(coarse.loss[close]).all() and np.isinf(coarse.loss[~close]).all()
+
+
+def test_the_past_of_a_plan_does_not_count() -> None:
+    seconds = np.arange(21.0)[None] * 20.0
+    zero = np.zeros_like(seconds)
+    knots = Knots(75.0 * seconds, zero, zero, zero + 75.0, seconds)
+    # The intruder stands at 500 m on the way: at 7 s and more it lies behind.
+    standing = Traffic.straight(other(500.0, 0.0, 0.0, 0.0))
+    for now in (7.0, 13.3, 47.0):
+        ahead = outlook(course(knots, legs(knots)), np.array([now]), standing, np.full((1, 1), 1e9), 2.0)
+        assert ahead.separation[0, 0] == pytest.approx(abs(75.0 * now - 500.0), abs=0.01)
+
+
+def test_backups_are_flyable_and_their_legs_are_exact() -> None:
+    own = random_states(np.random.default_rng(4), 300)
+    generator = np.random.default_rng(5)
+    knots = flown(own, own.heading + generator.uniform(-2.6, 2.6, 300), generator.uniform(50.0, 100.0, 300), SURROGATE)
+    curves = legs(knots)
+    assert knots.x.shape == (300, KNOTS) and np.all(knots.time[:, -1] == HORIZON)
+    assert np.ptp(curves.yaw_rate, axis=-1).max() < 1e-6 and np.ptp(curves.acceleration, axis=-1).max() < 1e-5
+    assert np.abs(curves.yaw_rate).max() <= SURROGATE.yaw_rate_max + 1e-9
+    assert curves.acceleration.max() <= 0.5 + 1e-6 and curves.acceleration.min() >= -0.5 - 1e-6
+    assert knots.speed.min() >= 50.0 - 1e-6 and knots.speed.max() <= 100.0 + 1e-6
+
+
+def test_a_search_returns_a_safe_backup_or_the_clearest() -> None:
+    generator = np.random.default_rng(6)
+    own = random_states(generator, 80, extent=2_000.0)
+    traffic = turning(generator, 80)
+    found = search(own, traffic, np.zeros(80), REQUIREMENT, LIMITS)
+    assert np.isfinite(np.stack(found.knots)).all()
+    checked = validate(found.knots, traffic, REQUIREMENT, C208_PUBLISHED)
+    np.testing.assert_allclose(checked.clearance, found.clearance)
+    assert (checked.clearance[found.safe] > -0.006).all()
+    assert 0 < found.safe.sum() < 80
+    # None of the plain courses of the family is much clearer where none is safe.
+    for turn in np.radians([0.0, 30.0, -30.0, 90.0, -90.0, 150.0, -150.0]):
+        plain = flown(own, own.heading + turn, np.clip(own.speed, 50.0, 100.0), SURROGATE)
+        other_clearance = validate(plain, traffic, REQUIREMENT, C208_PUBLISHED).clearance
+        worse = ~found.safe
+        gain = other_clearance[worse] - found.clearance[worse]
+        # A radian of turn must yield 30 m.
+        assert gain.max() < 30.0 * 2.7 + 5.0
+
+
+def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -> None:
+    zero = np.zeros(1)
+    own = VehicleState(zero, zero, zero, zero + 75.0)
+    none = Backup(zero, zero, flown(own, zero, zero, SURROGATE), zero + np.nan, zero, zero > 1, zero > 1)
+    away = Traffic.straight(other(9_000.0, 0.0, math.pi))
+    first, _ = refreshed(none, own, away, zero, REQUIREMENT, LIMITS, 10.0)
+    assert first.searched[0] and first.safe[0] and first.course[0] != 0.0
+    moved = own._replace(x=own.x + 75.0)
+    second, curves = refreshed(first, moved, away, zero + 1.0, REQUIREMENT, LIMITS, 10.0)
+    assert not second.searched[0] and second.safe[0] and second.started[0] == 1.0
+    assert second.course[0] == first.course[0] and second.knots.x[0, 0] == 75.0
+    np.testing.assert_allclose(curves.x[0, 0, 0], 75.0)
+    into = Traffic.straight(
+        other(6_000.0 * math.cos(first.course[0]), 6_000.0 * math.sin(first.course[0]), first.course[0] + math.pi)
+    )
+    third, curves = refreshed(second, moved, into, zero + 2.0, REQUIREMENT, LIMITS, 10.0)
+    assert third.searched[0] and third.safe[0] and third.course[0] != first.course[0]
+    np.testing.assert_allclose(curves.heading[0, -1, 0], third.knots.heading[0, -2], atol=1e-6)
+
+
+def test_on_top_of_an_intruder_there_is_still_a_backup() -> None:
+    zero = np.zeros(1)
+    own = VehicleState(zero, zero, zero, zero + 100.9)
+    found = search(own, Traffic.straight(other(0.0, 0.0)), zero, REQUIREMENT, LIMITS)
+    assert not found.safe[0] and np.isfinite(np.stack(found.knots)).all()
+    nobody = take(Traffic.straight(other(0.0, 0.0)), slice(0, 1))._replace(mask=np.array([[False]]))
+    found = search(own._replace(speed=zero + 75.0), nobody, zero, REQUIREMENT, LIMITS)
+    assert found.safe[0] and found.course[0] == 0.0
+
+
+def test_an_unsafe_backup_is_exchanged_for_much_more_clearance_only() -> None:
+    zero = np.zeros(1)
+    own = VehicleState(zero, zero, zero, zero + 75.0)
+    near = Traffic.straight(other(1_500.0, 300.0, math.pi, 75.0))
+    best = search(own, near, zero, REQUIREMENT, LIMITS)
+    assert not best.safe[0]
+    slightly = best._replace(course=best.course - 0.02 * np.sign(best.course))
+    kept, _ = refreshed(slightly, own, near, zero + 1.0, REQUIREMENT, LIMITS, 10.0)
+    assert kept.clearance[0] < best.clearance[0] and not kept.searched[0] and not kept.safe[0]
+    wrong = best._replace(course=zero, speed=zero + 75.0)
+    changed, _ = refreshed(wrong, own, near, zero + 1.0, REQUIREMENT, LIMITS, 10.0)
+    assert changed.searched[0] and changed.course[0] == best.course[0]

@@ -1,0 +1,283 @@
+"""Whatever the monitor is told: a reason where something is wrong, never a pass, never an exception."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents import assurance
+from agents.assurance import Cause, Flown, Inputs, State
+from agents.reports import blank, taken
+from agents.thresholds import BLIND
+from envs.kinematics import VehicleState
+from envs.trees import mapped, take
+from tests.agents.assurance_scenes import (
+    NAN,
+    THRESHOLDS,
+    causes_of,
+    far,
+    flying,
+    on_plan,
+    other,
+    reply,
+    state_of,
+    straight,
+    tell,
+)
+
+GONE = VehicleState(*(np.array([NAN]) for _ in range(4)))
+UNSEEN = VehicleState(*(np.full((1, 1), NAN) for _ in range(4)))
+
+
+def flat(tree: Any) -> list[np.ndarray]:
+    return [leaf for part in tree for leaf in flat(part)] if isinstance(tree, tuple) else [np.asarray(tree)]
+
+
+@pytest.mark.parametrize("field", ["x", "y", "heading", "speed"])
+@pytest.mark.parametrize("value", [NAN, math.inf, -math.inf, 1e9, -1e300])
+def test_an_own_state_that_is_no_state_is_denied_and_holds_the_backup(field: str, value: float) -> None:
+    monitor, _ = tell(flying(), 0.0)
+    held = monitor.backup
+    for time in (1.0, 2.0, 30.0):
+        own = on_plan(time)._replace(**{field: np.array([value])})
+        monitor, decision = tell(monitor, time, own)
+        assert state_of(monitor) is State.DENIED and causes_of(monitor) & Cause.OWN_MISSING
+        assert decision.fly[0] == Flown.PLAN and not decision.replan[0]
+        assert monitor.backup.started[0] == held.started[0] == 0.0
+        np.testing.assert_array_equal(monitor.backup.knots.x, held.knots.x)
+    monitor, _ = tell(monitor, 31.0)
+    assert state_of(monitor) is State.MONITORING and monitor.backup.started[0] == 31.0
+
+
+def test_who_flies_the_backup_and_loses_sight_of_itself_goes_on_with_it() -> None:
+    ahead = other(9_000.0, 0.0, math.pi)
+    monitor, decision = tell(flying(), 0.0, seen=ahead)
+    monitor, _ = reply(monitor, decision, safe=False)
+    monitor, decision = tell(monitor, 1.0, GONE)
+    assert state_of(monitor) is State.DENIED and decision.fly[0] == Flown.BACKUP and not decision.replan[0]
+    assert np.isfinite(np.stack(assurance.references(monitor, 1.0, 0.1, 10))).all()
+    monitor, decision = tell(monitor, 2.0)
+    assert state_of(monitor) is State.BACKUP and decision.replan[0]
+
+
+@pytest.mark.parametrize(
+    ("age", "cause"), [(2.0, Cause.OWN_STALE), (NAN, Cause.OWN_MISSING), (-1.0, Cause.OWN_OUT_OF_ORDER)]
+)
+def test_the_own_age_counts(age: float, cause: Cause) -> None:
+    monitor, _ = tell(flying(), 0.0)
+    monitor, _ = tell(monitor, 3.0, own_age=np.array([age]))
+    assert state_of(monitor) is State.DENIED and causes_of(monitor) & cause
+
+
+def test_an_own_state_from_before_the_last_is_out_of_order() -> None:
+    monitor, _ = tell(flying(), 0.0)
+    monitor, _ = tell(monitor, 1.0)
+    monitor, _ = tell(monitor, 2.0, on_plan(0.8), own_age=np.array([1.2]))
+    assert causes_of(monitor) == Cause.OWN_OUT_OF_ORDER and state_of(monitor) is State.DENIED
+
+
+def test_an_old_own_state_is_carried_on() -> None:
+    monitor, _ = tell(flying(), 0.0)
+    monitor, decision = tell(monitor, 5.0, on_plan(4.0), own_age=np.array([1.0]))
+    assert state_of(monitor) is State.MONITORING and decision.own.x[0] == pytest.approx(375.0)
+
+
+@pytest.mark.parametrize("time", [5.0, 4.0, NAN, math.inf, -math.inf, 1e300])
+def test_a_clock_that_does_not_go_on_is_denied(time: float) -> None:
+    monitor, _ = tell(flying(), 5.0)
+    monitor, _ = assurance.step(monitor, assurance.inputs(time, on_plan(5.0), far(5.0)), THRESHOLDS)
+    assert state_of(monitor) is State.DENIED and causes_of(monitor) & Cause.CLOCK
+    monitor, _ = tell(monitor, 6.0)
+    assert state_of(monitor) is State.MONITORING
+
+
+@pytest.mark.parametrize("value", [NAN, math.inf, 1e9])
+def test_an_intruder_that_is_missing_asks_for_a_plan_and_then_denies(value: float) -> None:
+    monitor, _ = tell(flying(), 0.0)
+    states, asked = [], []
+    for time in range(1, 8):
+        seen = far(float(time))._replace(y=np.full((1, 1), value))
+        monitor, decision = tell(monitor, float(time), seen=seen)
+        assert causes_of(monitor) & Cause.INTRUDER_MISSING
+        states.append(state_of(monitor))
+        asked.append(bool(decision.replan[0]))
+        if decision.replan[0]:
+            assert decision.traffic.state.x[0, 0] == pytest.approx(75.0 * time), "dead-reckoned"
+            monitor, accepted = reply(monitor, decision, safe=True)
+            assert accepted.all()
+    assert states == [State.REPLAN_REQUESTED] * 5 + [State.DENIED] * 2
+    assert asked == [True, False, True, False, True, False, False]
+    assert causes_of(monitor) & Cause.INTRUDER_STALE
+
+
+def test_a_lost_intruder_on_its_way_to_us_leads_to_the_backup() -> None:
+    monitor, _ = tell(flying(), 0.0, seen=other(9_000.0, 0.0, math.pi))
+    monitor, _ = tell(monitor, 6.0, seen=UNSEEN)
+    assert state_of(monitor) is State.BACKUP and causes_of(monitor) & Cause.INTRUDER_STALE
+
+
+def test_an_intruder_that_has_never_been_seen_is_denied() -> None:
+    monitor, decision = tell(flying(), 0.0, seen=UNSEEN)
+    assert state_of(monitor) is State.DENIED and not decision.replan[0] and not decision.traffic.mask.any()
+
+
+@pytest.mark.parametrize("age", [1.5, -1.0])
+def test_an_intruder_out_of_order_changes_nothing_but_the_causes(age: float) -> None:
+    monitor, _ = tell(flying(), 0.0)
+    monitor, _ = tell(monitor, 1.0)
+    monitor, decision = tell(monitor, 2.0, seen=far(30.0), age=np.full((1, 1), age))
+    assert causes_of(monitor) == Cause.INTRUDER_OUT_OF_ORDER and decision.replan[0]
+    assert decision.traffic.state.x[0, 0] == pytest.approx(150.0)
+
+
+def test_who_is_taken_from_the_mask_is_forgotten() -> None:
+    monitor, _ = tell(flying(), 0.0, seen=other(9_000.0, 0.0, math.pi))
+    assert causes_of(monitor) & Cause.SEPARATION
+    monitor, _ = tell(monitor, 1.0, seen=UNSEEN, mask=np.array([[False]]))
+    assert state_of(monitor) is State.MONITORING and causes_of(monitor) == Cause(0)
+
+
+def test_a_turn_is_read_from_two_reports_but_not_from_noise() -> None:
+    memory = blank(1, 4)
+    rates = np.array([0.03, 0.001, 0.03, 0.5])
+    std = np.array([[0.0, 0.0, 3.0, 0.0]])
+    for time in (0.0, 1.0, 1.0 + 1e-3):
+        seen = VehicleState(
+            *(np.zeros((1, 4)) for _ in range(2)), (rates * min(time, 1.0))[None], np.full((1, 4), 75.0)
+        )
+        told = assurance.inputs(time, on_plan(time), seen, velocity_std=std)
+        memory, _own, traffic, _causes = taken(memory, told, THRESHOLDS)
+    np.testing.assert_allclose(traffic.turn_rate[0], [0.03, 0.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(traffic.turn_time[0], [THRESHOLDS.turn_time, 0.0, 0.0, 0.0])
+
+
+def story(generator: np.random.Generator, count: int, seconds: int) -> list[Inputs]:
+    """Return reports of which one in twenty is spoilt."""
+    told = []
+    heading = generator.uniform(-math.pi, math.pi, (count, 2))
+    turn = generator.choice([0.0, 0.02, -0.05], (count, 2))
+    start = generator.uniform(-6_000.0, 6_000.0, (2, count, 2))
+    for second in range(seconds):
+        course = np.angle(np.exp(1j * (heading + turn * second)))
+        x, y = (start[i] + 60.0 * second * f(heading) for i, f in enumerate((np.cos, np.sin)))
+        seen = VehicleState(x, y, course, np.full((count, 2), 60.0))
+        own = on_plan(float(second), count, left=generator.choice([0.0, 0.0, 20.0, 30.0]))
+
+        def spoilt(field: np.ndarray) -> np.ndarray:
+            wrong = generator.random(field.shape) < 0.0125
+            return np.where(wrong, generator.choice([NAN, math.inf, -1e200]), field)
+
+        told.append(
+            Inputs(
+                np.full(count, float(second)),
+                mapped(spoilt, own),
+                spoilt(generator.choice([0.0, 0.4], count)),
+                mapped(spoilt, seen),
+                spoilt(generator.choice([0.0, 1.3], (count, 2))),
+                np.ones((count, 2), dtype=bool),
+                np.zeros((count, 2)),
+                spoilt(generator.choice([0.0, 2.0], (count, 2))),
+            )
+        )
+    return told
+
+
+def played(told: list[Inputs], rows: Any) -> list[tuple[Any, Any]]:
+    """Play a story for some rows; every third request is answered by a plan."""
+    monitor = take(flying(count=told[0].time.size), rows)
+    room = assurance.start(monitor.state.size, 2)
+    monitor = assurance.activate(
+        room,
+        np.arange(monitor.state.size),
+        straight(count=monitor.state.size),
+        np.ones(monitor.state.size, bool),
+        0.0,
+        take(taken(blank(told[0].time.size, 2), told[0], THRESHOLDS)[2], rows),
+        THRESHOLDS,
+    )
+    seen = []
+    for second, inputs in enumerate(told):
+        monitor, decision = assurance.step(monitor, take(inputs, rows), THRESHOLDS)
+        asking = np.flatnonzero(decision.replan)
+        monitor, _ = assurance.answer(
+            monitor,
+            asking,
+            decision.number[asking],
+            straight(float(second), asking.size),
+            decision.number[asking] % 3 == 0,
+            THRESHOLDS,
+        )
+        seen.append((monitor, decision))
+    return seen
+
+
+def test_one_aircraft_is_judged_alike_alone_and_in_any_company() -> None:
+    told = story(np.random.default_rng(5), 12, 25)
+    together = played(told, np.arange(12))
+    assert len({int(code) for monitor, _ in together for code in monitor.state}) >= 4
+    for rows in (np.array([3]), np.array([11, 0, 7])):
+        alone = played(told, rows)
+        for (monitor, decision), (part, part_decision) in zip(together, alone, strict=True):
+            for a, b in zip(flat(take((monitor, decision), rows)), flat((part, part_decision)), strict=True):
+                if a.dtype == float:
+                    np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-6)
+                else:
+                    np.testing.assert_array_equal(a, b)
+
+
+wild = st.one_of(st.floats(), st.floats(-1e4, 1e4), st.sampled_from([0.0, 1.0, 75.0, NAN, math.inf, -math.inf]))
+calm = st.floats(-3e3, 3e3)
+
+
+@st.composite
+def anything(draw: st.DrawFn) -> Inputs:
+    number = st.one_of(calm, wild)
+    own = VehicleState(*(np.array([draw(number)]) for _ in range(4)))
+    seen = VehicleState(*(np.array([[draw(number) for _ in range(2)]]) for _ in range(4)))
+    pairs = [np.array([[draw(st.one_of(st.just(0.0), wild)) for _ in range(2)]]) for _ in range(3)]
+    mask = np.array([[draw(st.booleans()) for _ in range(2)]])
+    time = np.array([draw(st.one_of(st.floats(0.0, 100.0), wild))])
+    return Inputs(time, own, np.array([draw(st.one_of(st.just(0.0), wild))]), seen, pairs[0], mask, pairs[1], pairs[2])
+
+
+@given(st.lists(anything(), min_size=1, max_size=5), st.booleans())
+def test_nothing_that_can_be_told_breaks_it_or_passes(told: list[Inputs], safe: bool) -> None:
+    monitor = assurance.activate(
+        assurance.start(1, 2), np.array([0]), straight(), np.array([safe]), 0.0, blank_traffic(), THRESHOLDS
+    )
+    sighted = False
+    for inputs in told:
+        monitor, decision = assurance.step(monitor, inputs, THRESHOLDS)
+        state, causes = state_of(monitor), causes_of(monitor)
+        finite = np.isfinite(np.concatenate(list(inputs.own))).all()
+        wrong = not (finite and np.isfinite(inputs.own_age[0]) and np.isfinite(inputs.time[0]))
+        assert not wrong or causes & BLIND
+        assert (state is State.DENIED) if causes & BLIND else (state is not State.IDLE)
+        if state is State.MONITORING:
+            assert not causes & ~Cause.BACKUP_UNSAFE and decision.traffic.mask[0].sum() == inputs.mask[0].sum()
+        sighted = sighted or not causes & BLIND
+        assert np.isfinite(np.stack(monitor.backup.knots)).all()
+        assert np.isfinite(monitor.backup.started[0]) == sighted, "from the first own state on there is a backup"
+        assert np.isfinite(np.stack(assurance.references(monitor, monitor.memory.time, 0.1, 2))).all()
+        if decision.replan[0]:
+            monitor, _ = reply(monitor, decision, safe=False)
+
+
+def blank_traffic() -> Any:
+    return taken(
+        blank(1, 2),
+        assurance.inputs(0.0, on_plan(0.0), mapped(lambda f: np.full((1, 2), NAN), on_plan(0.0))),
+        THRESHOLDS,
+    )[2]
+
+
+def test_an_old_turn_is_expected_to_last_less() -> None:
+    memory = blank(1, 1)
+    for time, age in ((0.0, 0.0), (1.0, 0.0), (3.0, 2.0)):
+        told = assurance.inputs(time, on_plan(time), other(0.0, 0.0, 0.03 * (time - age)), age=np.full((1, 1), age))
+        memory, _own, traffic, _causes = taken(memory, told, THRESHOLDS)
+    assert traffic.turn_rate[0, 0] == pytest.approx(0.03)
+    assert traffic.turn_time[0, 0] == pytest.approx(THRESHOLDS.turn_time - 2.0)
