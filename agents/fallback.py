@@ -69,21 +69,21 @@ def refine(request: Request, goal: Any, options: Options) -> Proposals:
     changes = normals(0, 0, _ROUNDS, (len(SPREAD), CHILDREN))
     parents = (uniforms(0, 0, _ROUNDS, (CHILDREN,), stream=1) * ELITES).astype(int)
     history = np.full((goal.size, _ROUNDS + 1), -np.inf)
-    for part in _parts(np.arange(goal.size), COARSE.turn.size):
+    for part in _parts(np.arange(goal.size), _SEEDS.turn.size):
         left, pool, scores = part, np.zeros((len(SPREAD), part.size, 0)), np.zeros((part.size, 0))
         for index in range(_ROUNDS + 1):
             if index == 0:
-                tried = np.broadcast_to(np.stack(COARSE)[:, None], (len(SPREAD), left.size, COARSE.turn.size))
+                tried = np.broadcast_to(np.stack(_SEEDS)[:, None], (len(SPREAD), left.size, _SEEDS.turn.size))
             else:
                 spread = np.array(SPREAD)[:, None] * changes[index - 1] * 0.8 ** (index - 1)
                 tried = within_range(pool[..., parents[index - 1]] + spread[:, None])
             score = _tried(best, left, request, goal, tried, options)
             pool = np.concatenate([pool, tried], axis=-1)
             scores = np.concatenate([scores, score], axis=-1)
-            order = np.argsort(-scores, axis=-1, kind="stable")[:, :ELITES]
+            order = _elites(pool[0], scores)
             pool = np.take_along_axis(pool, order[None], axis=-1)
             scores = np.take_along_axis(scores, order, axis=-1)
-            history[left, index] = scores[:, 0]
+            history[left, index] = scores.max(axis=-1)
             going_on = ~best.safe[left]
             if index >= _PATIENCE:
                 gained = history[left, index] - history[left, index - _PATIENCE]
@@ -92,6 +92,16 @@ def refine(request: Request, goal: Any, options: Options) -> Proposals:
             if left.size == 0:
                 break
     return best
+
+
+def _elites(turn: Any, scores: Any) -> Any:
+    """Return the numbers of the best manoeuvres, half of them to the left and half to the right, ``[n, ELITES]``.
+
+    Otherwise all of them soon turn to the side that looks better at first.
+    """
+    each = ELITES // 2
+    sides = (np.where(side, scores, scores - 1e9) for side in (turn >= 0.0, turn < 0.0))
+    return np.concatenate([np.argsort(-side, axis=-1, kind="stable")[:, :each] for side in sides], axis=-1)
 
 
 def _tried(best: Proposals, left: Any, request: Request, goal: Any, tried: Any, options: Options) -> Any:
@@ -241,6 +251,10 @@ def _joined(*parts: Manoeuvre) -> Manoeuvre:
 
 
 _FIRST = _joined(*STAGES[:2])
+
+
+_SEEDS = _joined(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
+"""What the refinement begins with: also manoeuvres that do not turn back before the intruder has passed."""
 
 
 def _parts(rows: Any, each: int) -> list[Any]:

@@ -6,6 +6,7 @@ that the validator has not passed.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from agents.homing import SLACK
 from agents.inference import Policy
 from agents.plan import Excluded, Kind, Plan, Reason, Source, Status
 from agents.proposals import Proposals, better, nothing, propose, put, task_of
-from agents.request import Altitude, Intruder, Options, Request, checked, keeping
+from agents.request import Altitude, Intruder, Options, Request, bold, checked, keeping
 from agents.rollout import roll, roll_one
 from agents.validator import CHECKS, Findings, validate
 from envs.kinematics import VehicleState
@@ -64,18 +65,23 @@ def plan(
     """
     options = options or Options()
     request, excluded, kept = checked(own, intruders, route, options, own_altitude)
-    plans = plan_many(request, policy, options)
+    plans = plan_many(request, policy, options, floats=True)
     return _answer(request, plans, route, excluded, kept, options)
 
 
-def plan_many(request: Request, policy: Policy, options: Options) -> Plans:
+def plan_many(request: Request, policy: Policy, options: Options, *, floats: bool = False) -> Plans:
     """Plan many requests, ``[N]``; each is planned as if it were alone.
 
-    The arrays are taken as they are: finite, in range, with two points of the route at least.
+    Args:
+        request: ``[N]``; taken as it is: finite, in range, with two points of the route at least.
+        policy: decides.
+        options: how plans shall be.
+        floats: roll a single request in plain floats: ten times faster, and rounded differently.
     """
+    floats = floats and request.points.size == 1
     count = request.points.size
     goals = eligible(request, options)
-    first = _by_policy(request, goals[:, 0], policy, options) if count == 1 and goals[0, 0] >= 0 else None
+    first = _by_policy(request, goals[:, 0], policy, options, True) if floats and goals[0, 0] >= 0 else None
     if first is not None and first.safe[0] and first.cost[0] <= options.doubtful:
         # The usual case: nothing to compare with and nothing to put together.
         return Plans(first, np.ones(1, dtype=np.int8), first.safe)
@@ -93,20 +99,21 @@ def plan_many(request: Request, policy: Policy, options: Options) -> Plans:
         if rows.size == 0:
             break
         part, goal = _part(request, rows), goals[rows, choice]
-        plans = first if first is not None and choice == 0 else _by_policy(part, goal, policy, options)
+        plans = first if first is not None and choice == 0 else _by_policy(part, goal, policy, options, floats)
         consider(rows, plans, 1)
         if choice == 0:
             policy_safe[rows] = plans.safe
         wanting = ~plans.safe | (plans.cost > options.doubtful)
         if wanting.any():
             consider(rows[wanting], fallback.search(_part(part, wanting), goal[wanting], options), 2)
-    if options.thorough:
-        for choice in range(options.goals):
+        if options.thorough:
             # Where the route is too short for one manoeuvre it is for all.
-            rows = np.flatnonzero(~best.safe & (goals[:, choice] >= 0) & ~best.too_short)
-            if rows.size == 0:
-                break
-            consider(rows, fallback.refine(_part(request, rows), goals[rows, choice], options), 2)
+            left = ~best.safe[rows] & ~best.too_short[rows]
+            for limits in (options.manoeuvre, bold(options)):
+                if left.any():
+                    asked = replace(options, manoeuvre=limits)
+                    consider(rows[left], fallback.refine(_part(part, left), goal[left], asked), 2)
+                    left = ~best.safe[rows] & ~best.too_short[rows]
     return Plans(best, source, policy_safe)
 
 
@@ -135,12 +142,12 @@ def eligible(request: Request, options: Options) -> Any:
     return np.where(inside & np.take_along_axis(near & exists, chosen, 1), chosen, -1)
 
 
-def _by_policy(request: Request, goal: Any, policy: Policy, options: Options) -> Proposals:
+def _by_policy(request: Request, goal: Any, policy: Policy, options: Options, floats: bool) -> Proposals:
     """Return the policy's plans to points of the route, ``[N]``."""
     rows = np.arange(goal.size)
     to = (request.route_x[rows, goal], request.route_y[rows, goal])
     task, keep = task_of(options), keeping(request, options) + SLACK
-    if goal.size == 1:
+    if floats:
         own = VehicleState(*(float(field[0]) for field in request.own))
         one = (float(to[0][0]), float(to[1][0]))
         rollout = roll_one(own, request.traffic, one, keep, policy, task)

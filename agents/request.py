@@ -12,9 +12,20 @@ from agents.traffic import Requirement, Traffic, required
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, velocity
 from envs.waypoints import RoutePoint
 
-__all__ = ["MARGIN", "SPEED_TOLERANCE", "Altitude", "Intruder", "Options", "Request", "checked", "gentle", "keeping"]
+__all__ = [
+    "MARGIN",
+    "SPEED_TOLERANCE",
+    "Altitude",
+    "Intruder",
+    "Options",
+    "Request",
+    "bold",
+    "checked",
+    "gentle",
+    "keeping",
+]
 
-MARGIN = 0.1
+MARGIN = 0.02
 """Largest distance of the follower from the curve that it flies on the true limits' kinematics, m, rounded up: the
 default margin (measured: docs/planner.md)."""
 
@@ -131,6 +142,16 @@ class Request(NamedTuple):
     route_y: Any
     points: Any
     """How many points each route has."""
+
+
+def bold(options: Options) -> Limits:
+    """Return limits for a last attempt: the legs' own, less what smoothing takes; no longer the surrogate's."""
+    legs, reserve = options.limits, 0.75
+    return options.manoeuvre._replace(
+        acceleration_min=min(reserve * legs.acceleration_min, options.manoeuvre.acceleration_min),
+        acceleration_max=max(legs.acceleration_max, options.manoeuvre.acceleration_max),
+        yaw_rate_max=max(reserve * legs.yaw_rate_max, options.manoeuvre.yaw_rate_max),
+    )
 
 
 def checked(

@@ -3,6 +3,9 @@
 An encounter is resolvable if some control history within the limits keeps the separation until it reaches the goal
 within ``rules.t_max`` (the definition of policy mode). Success of a decider is judged against all encounters that are
 not *proven* unresolvable, so that a weak search here can never flatter it.
+
+``classify`` stops at the first escape that works. :func:`agents.witness.least_cost` looks for the shortest, and
+:func:`agents.causal_bound.causal` says what can be achieved without knowing the intruders' intents; both are slower.
 """
 
 from enum import IntEnum
@@ -10,9 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.causal_bound import Causal, causal
 from agents.escape_manoeuvre import Manoeuvre, fly, steps, takeoff, tracks
 from agents.escape_search import search
 from agents.unresolvable import contained, look_ahead, split
+from agents.witness import Witnesses, least_cost
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules, judge
@@ -20,7 +25,18 @@ from envs.relative import distance, leg_separation
 from envs.starts import cast
 from envs.trees import take
 
-__all__ = ["Method", "Replay", "Resolvability", "Verdict", "classify", "replay"]
+__all__ = [
+    "Causal",
+    "Method",
+    "Replay",
+    "Resolvability",
+    "Verdict",
+    "Witnesses",
+    "causal",
+    "classify",
+    "least_cost",
+    "replay",
+]
 
 _CHUNK = 1_024
 """Encounters with up to 8 intruders classified together (fewer with more), to bound memory."""

@@ -15,13 +15,17 @@ from envs.kinematics import Limits
 from envs.trees import mapped, take
 from envs.waypoints import ARCS, CLOSED, Knots, Legs, legs
 
-__all__ = ["CHECKS", "FINE", "TOLERANCE", "Findings", "validate"]
+__all__ = ["CHECKS", "CLOSE", "FINE", "TOLERANCE", "Findings", "validate"]
 
 FINE = 32
 """Parts into which an arc of a leg is cut where it matters: 0.06 s of a leg of 20 s, 4 mm of uncertainty."""
 
 TOLERANCE = Limits(1e-6, 1e-6, 1e-6, 1e-6, 1e-9)
 """By how much limits may be passed for rounding's sake (m/s, m/s^2, rad/s)."""
+
+CLOSE = 1e-3
+"""By how much the required distance may be passed, m: a start inside the margin owes its own distance exactly, and the
+bound of a part that begins there is smaller by rounding and by the part's bend."""
 
 CHECKS = ("not_finite", "times", "leg", "speed", "acceleration", "turn_rate", "separation")
 """What is checked, in the order of the findings' first axis; names of :class:`agents.plan.Kind`."""
@@ -224,9 +228,9 @@ def _note_fine(found: _Collector, rows: Any, which: Any, began: Any, begins: Any
     best = order[first]
     found.min_separation[rows[owner]], found.time_of_min[rows[owner]] = value[best], when[best]
 
-    bad = np.flatnonzero(~(spare >= 0.0).all(axis=1))
+    bad = np.flatnonzero(~(spare >= -CLOSE).all(axis=1))
     if bad.size:
-        part = np.argmax(~(spare[bad] >= 0.0), axis=1)
+        part = np.argmax(~(spare[bad] >= -CLOSE), axis=1)
         when, x, y = (field[bad, part] for field in (began, *begins))
         order = np.lexsort((when, n[bad]))
         owner, first = np.unique(n[bad][order], return_index=True)
@@ -262,21 +266,25 @@ def _relative(own: tuple[Any, Any], time: Any, traffic: Traffic) -> tuple[Any, A
     """
     heading, speed = traffic.state.heading[:, None], traffic.state.speed[:, None]
     t = time[..., None]
-    if not traffic.turn_rate.any():
-        x = traffic.state.x[:, None] + speed * np.cos(heading) * t
-        y = traffic.state.y[:, None] + speed * np.sin(heading) * t
-        return x - own[0][..., None], y - own[1][..., None]
-    rate = traffic.turn_rate[:, None]
-    turning = np.minimum(t, traffic.turn_time[:, None])
-    turns = np.abs(rate) > 1e-9
-    radius = speed / np.where(turns, rate, 1.0)
-    after = heading + rate * turning
-    arc_x = np.where(turns, radius * (np.sin(after) - np.sin(heading)), speed * turning * np.cos(heading))
-    arc_y = np.where(turns, radius * (np.cos(heading) - np.cos(after)), speed * turning * np.sin(heading))
-    left = t - turning
-    x = traffic.state.x[:, None] + arc_x + speed * left * np.cos(after)
-    y = traffic.state.y[:, None] + arc_y + speed * left * np.sin(after)
+    x = traffic.state.x[:, None] + speed * np.cos(heading) * t
+    y = traffic.state.y[:, None] + speed * np.sin(heading) * t
+    # Only who turns is treated apart, so that nobody's rounding depends on who else is there.
+    n, k = np.nonzero((np.abs(traffic.turn_rate) > 1e-9) & (traffic.turn_time > 0.0))
+    if n.size:
+        x[n, :, k], y[n, :, k] = _turning(take(traffic, (n, k)), time[n])
     return x - own[0][..., None], y - own[1][..., None]
+
+
+def _turning(traffic: Traffic, time: Any) -> tuple[Any, Any]:
+    """Return the positions of intruders ``[m]`` that turn about a centre and then fly on, at times ``[m, A]``."""
+    one = mapped(lambda field: field[:, None], traffic)
+    turning = np.minimum(time, one.turn_time)
+    radius = one.state.speed / one.turn_rate
+    before, after = one.state.heading, one.state.heading + one.turn_rate * turning
+    straight = one.state.speed * (time - turning)
+    x = one.state.x + radius * (np.sin(after) - np.sin(before)) + straight * np.cos(after)
+    y = one.state.y + radius * (np.cos(before) - np.cos(after)) + straight * np.sin(after)
+    return x, y
 
 
 def _growth(traffic: Traffic, time: Any, requirement: Requirement) -> Any:

@@ -21,6 +21,7 @@ from envs.kinematics import C208_PUBLISHED, Limits
 from envs.outcome import Rules
 from envs.starts import joined, numbered
 from envs.trees import take
+from eval.assured import fly_assured
 from eval.conditions import conditions
 from eval.film import Trajectories
 from eval.planned import SOURCES, STATUSES, Setting, fly_once, planned
@@ -28,8 +29,8 @@ from eval.simulate import OUTCOMES, Flights, direct, fly, sensor_noise
 
 __all__ = ["MODES", "NETWORK_TILE", "Evaluation", "Pilot", "columns", "encounters", "trajectories"]
 
-MODES = ("policy", "plan")
-"""Who decides: the network once a second, or a plan made at the start."""
+MODES = ("policy", "plan", "assured")
+"""Who decides: the network once a second; a plan made at the start; such a plan under a monitor, with re-plans."""
 
 NETWORK_TILE = 256
 """Rows that the network takes at a time: a fixed number, because BLAS rounds a row differently in another."""
@@ -141,7 +142,7 @@ def _planned(
     plans = planned(starts, pilot.policy, setting, None if noise is None else noise(0))
     flown, _ = fly_once(starts, plans, rules, setting)
     made = plans.proposals
-    return flown.flights, {
+    more = {
         "plan_status": np.array(STATUSES, dtype=object)[made.safe.astype(int)],
         "plan_source": np.array(SOURCES, dtype=object)[plans.source],
         "plan_min_separation_m": made.min_separation,
@@ -152,6 +153,12 @@ def _planned(
         "whole_min_separation_m": flown.whole_separation,
         "follower_error_m": flown.error,
     }
+    if evaluation.mode == "plan":
+        return flown.flights, more
+    assured, _ = fly_assured(starts, plans, pilot.policy, rules, setting, spread=_spread(evaluation), noise=noise)
+    more |= _beside({"plan": flown.flights})
+    more |= {"replans": assured.replans, "backup_s": assured.backup}
+    return assured.flown.flights, more
 
 
 def _beside(flights: dict[str, Flights]) -> dict[str, np.ndarray]:
@@ -178,7 +185,7 @@ def trajectories(pilot: Pilot, numbers: Sequence[int]) -> tuple[Encounter, Traje
         pilot.decide,
         evaluation.rules,
         evaluation.limits,
-        noise=(lambda step: np.concatenate([noise(step) for noise in heard], axis=1)) if heard else None,
+        noise=_together(heard) if heard else None,
         record=True,
     )
     assert film is not None
@@ -191,9 +198,29 @@ def _film(pilot: Pilot, singles: list[Encounter], starts: Encounter, numbers: Se
     heard = [_noise(evaluation, one, number) for one, number in zip(singles, numbers, strict=True)]
     noise = np.concatenate([of(0) for of in heard if of is not None], axis=1) if heard[0] is not None else None
     plans = planned(starts, pilot.policy, evaluation.setting, noise)
-    _, film = fly_once(starts, plans, evaluation.rules, evaluation.setting, record=True)
+    rules, setting = evaluation.rules, evaluation.setting
+    if evaluation.mode == "plan":
+        _, film = fly_once(starts, plans, rules, setting, record=True)
+    else:
+        by_second = None if noise is None else _together([of for of in heard if of is not None])
+        _, film = fly_assured(
+            starts, plans, pilot.policy, rules, setting, spread=_spread(evaluation), noise=by_second, record=True
+        )
     assert film is not None
     return film
+
+
+def _spread(evaluation: Evaluation) -> tuple[float, float]:
+    """Return one sigma of reported positions, m, and velocities, m/s: the largest of the whole source."""
+    source = evaluation.source
+    if isinstance(source, Scenario):
+        return source.position_std, source.velocity_std
+    return float(np.max(source.sensor.position_std)), float(np.max(source.sensor.velocity_std))
+
+
+def _together(noises: Sequence[Callable[[int], np.ndarray]]) -> Callable[[int], np.ndarray]:
+    """Return the noise of several encounters as one, ``[4, N, K]`` by step."""
+    return lambda step: np.concatenate([noise(step) for noise in noises], axis=1)
 
 
 def _names(kinds: type[IntEnum]) -> np.ndarray:

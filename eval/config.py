@@ -22,7 +22,7 @@ FILE = "file:"
 
 _DEFAULT_ENCOUNTERS = 10_000
 _LARGEST_CHUNK = 1_250
-_AVAILABLE = {"mode": ("policy", "plan"), "baseline": ("none",)}
+_AVAILABLE = {"mode": ("policy", "plan", "assured"), "baseline": ("none",)}
 
 
 class PlannerConfig(Strict):
@@ -76,9 +76,9 @@ class MonteCarloConfig(Strict):
     the policy that ships with the toolkit."""
     policy_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
     """Digest that the policy must have, so that a repeated run flies the same one; null: any."""
-    mode: str = Field(default="policy", json_schema_extra={"expected": "policy or plan"})
+    mode: str = Field(default="policy", json_schema_extra={"expected": "policy, plan or assured"})
     """Who decides: policy, the network alone, once a second; plan, the planner once at the start, whose plan is then
-    followed."""
+    followed; assured, the same under a monitor that asks for new plans and falls back to a backup."""
     baseline: str = Field(default="none", json_schema_extra={"expected": "none"})
     """What is flown beside for comparison: none, straight along the route without any resolver."""
     scenario: str = Field(

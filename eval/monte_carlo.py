@@ -67,7 +67,8 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--mode",
         metavar="MODE",
-        help="who decides: policy (the network once a second) or plan (planned once, then followed); default: policy",
+        help="who decides: policy (the network once a second), plan (planned once, then followed) or assured (planned, "
+        "monitored and planned again); default: policy",
     )
     add("--scenario", metavar="NAME", help="a scenario's name or file:PATH (default: circle)")
     add("--encounters", type=_whole(1), metavar="N", help="how many (default: 10000, or all of a file's)")

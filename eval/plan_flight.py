@@ -20,12 +20,13 @@ from envs.outcome import Rules
 from envs.relative import distance, leg_separation
 from envs.tracking import offset
 from envs.trees import take
-from envs.waypoints import Knots, Legs, at, legs
+from envs.waypoints import Knots, at, legs
 from eval.film import Film
 from eval.simulate import OUTCOMES, REVERSAL_RATE, Flights
 
 __all__ = [
     "ROUTE_SPACING",
+    "SUBSTEPS",
     "Air",
     "Flown",
     "Second",
@@ -41,7 +42,8 @@ __all__ = [
 ROUTE_SPACING = 5_000.0
 """Between the points of an evaluation's route beyond the goal, m; it ends 45 km beyond it."""
 
-_SUBSTEPS = round(1.0 / PERIOD)
+SUBSTEPS = round(1.0 / PERIOD)
+"""Periods of the follower in a second."""
 
 
 class Flown(NamedTuple):
@@ -57,12 +59,6 @@ class Flown(NamedTuple):
 class Air(NamedTuple):
     """Flights in progress; fields ``[M]``, of intruders ``[M, K]``."""
 
-    curves: Legs
-    """Of the plans, ``[M, L]``."""
-    began: Any
-    """When each plan was requested, s after the encounter's start."""
-    ends: Any
-    """Last time of each plan on its own clock, s; what comes after it is not judged."""
     own: VehicleState
     traffic: IntruderState
     intent: Intent
@@ -71,6 +67,8 @@ class Air(NamedTuple):
     goal_y: Any
     side: Any
     """Of the last turn: -1, 0 or 1."""
+    ends: Any
+    """What comes later than this is not judged, s after the start."""
 
 
 class Second(NamedTuple):
@@ -112,34 +110,34 @@ def request_of(encounters: Encounter, intruders: VehicleState | None = None) -> 
     return Request(own, traffic, x, y, np.full(len(x), x.shape[1]))
 
 
-def fly_second(air: Air, following: IntruderState, clock: float, radius: float, limits: Limits) -> Second:
-    """Fly one second along legs, ``[M]``.
+def fly_second(
+    air: Air, following: IntruderState, references: VehicleState, clock: float, radius: float, limits: Limits
+) -> Second:
+    """Fly one second through states to be flown through, ``[M]``.
 
     Args:
         air: at the beginning of the second.
         following: the intruders at its end, ``[M, K]``.
-        clock: time since the encounters' start at its beginning, s.
+        references: what to fly through at the beginning and after every period, ``[1 / PERIOD + 1, M]``.
+        clock: time since the start at the beginning of the second, s.
         radius: of the goal, m.
         limits: of the vehicle.
     """
-    curves, own, side, mask = air.curves, air.own, air.side, air.mask
-    on_plan = clock - air.began
-    other = air.traffic.vehicle
+    own, side, mask, other = air.own, air.side, air.mask, air.traffic.vehicle
     turn = wrap(following.vehicle.heading - other.heading, np)
-    reference = at(curves, on_plan)
     separation, nearest = np.full(own.x.shape, np.inf), np.full(own.x.shape, np.inf)
     reached, error, path = np.full(own.x.shape, np.nan), np.zeros(own.x.shape), np.zeros(own.x.shape)
     reversals = np.zeros(own.x.shape, np.int32)
-    for step in range(_SUBSTEPS):
-        after = at(curves, on_plan + (step + 1) * PERIOD)
-        acceleration, yaw_rate = steer(reference, after, own)
+    for step in range(SUBSTEPS):
+        now, after = (VehicleState(*(field[step + i] for field in references)) for i in (0, 1))
+        acceleration, yaw_rate = steer(now, after, own)
         acceleration = np.clip(acceleration, limits.acceleration_min, limits.acceleration_max)
         yaw_rate = np.clip(yaw_rate, -limits.yaw_rate_max, limits.yaw_rate_max)
         moved = advance(own, acceleration, yaw_rate, PERIOD, limits, np)
         # Over a second the intruder's controller holds its yaw rate.
         other_next = advance(other, other.speed * 0.0, turn, PERIOD, intruder.INTRUDER_LIMITS, np)
         apart = leg_separation(_column(own), _column(moved), other, other_next, PERIOD, np)
-        flown = (on_plan + (step + 1) * PERIOD <= air.ends + 1e-6)[:, None]
+        flown = (clock + (step + 1) * PERIOD <= air.ends + 1e-6)[:, None]
         separation = np.minimum(separation, np.min(np.where(mask & flown, apart, np.inf), axis=-1, initial=np.inf))
         to_goal = distance(air.goal_x - moved.x, air.goal_y - moved.y, np)
         entered = np.isnan(reached) & (to_goal <= radius)
@@ -149,24 +147,21 @@ def fly_second(air: Air, following: IntruderState, clock: float, radius: float, 
         error = np.maximum(error, np.hypot(*offset(moved, after)))
         turning = np.where(np.abs(yaw_rate) >= REVERSAL_RATE, np.sign(yaw_rate), side)
         reversals += turning * side < 0.0
-        own, other, reference, side = moved, other_next, after, turning
+        own, other, side = moved, other_next, turning
     return Second(own, separation, nearest, reached, path, error, side, reversals)
 
 
-def takeoff(encounters: Encounter, knots: Knots) -> Air:
-    """Return the flights of plans at the start of encounters, ``[N]``."""
-    zero = np.zeros(len(encounters.goal_x))
+def takeoff(encounters: Encounter, ends: Any) -> Air:
+    """Return the flights at the start of encounters ``[N]``, to be judged until ``ends``, s, ``[N]``."""
     return Air(
-        legs(knots),
-        zero,
-        knots.time[:, -1],
         encounters.own,
         intruder.start(encounters.intruders, np),
         encounters.intent,
         encounters.mask,
         encounters.goal_x,
         encounters.goal_y,
-        zero,
+        np.zeros(len(encounters.goal_x)),
+        ends,
     )
 
 
@@ -183,11 +178,13 @@ def fly_plans(encounters: Encounter, knots: Knots, rules: Rules, limits: Limits,
         film: records the flights second by second until ``rules.t_max``, without observations and actions.
     """
     tally, rows = Tally(len(encounters.goal_x)), np.arange(len(encounters.goal_x))
-    air = takeoff(encounters, knots)
+    air, curves = takeoff(encounters, knots.time[:, -1]), legs(knots)
     clock = 0
     while rows.size:
         following = intruder.step(air.traffic, air.intent, clock * 1.0, 1.0, np)
-        second = fly_second(air, following, float(clock), rules.goal_radius, limits)
+        states = (at(curves, clock + step * PERIOD) for step in range(SUBSTEPS + 1))
+        references = VehicleState(*(np.stack(field) for field in zip(*states, strict=True)))
+        second = fly_second(air, following, references, float(clock), rules.goal_radius, limits)
         clock += 1
         tally.add(rows, second, clock, rules)
         if film is not None and clock <= rules.t_max:
@@ -195,7 +192,7 @@ def fly_plans(encounters: Encounter, knots: Knots, rules: Rules, limits: Limits,
         air = air._replace(own=second.own, traffic=following, side=second.side)
         on = air.ends > clock
         if not on.all():
-            rows, air = take((rows, air), on)
+            rows, air, curves = take((rows, air, curves), on)
     return tally.flown(rules)
 
 

@@ -73,36 +73,41 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float, resamples: int
         "min_separation_m_quantiles": _quantiles(
             table["min_separation_m"][~np.isnan(table["min_separation_m"])], (0.0, 0.01, 0.05, 0.5)
         ),
-        **_of_policy(table, share, possible),
+        **_of_others(table, share, possible),
         **_of_plans(table, share, possible),
         "duration_mean_s": float(np.mean(table["duration_s"])),
         "heading_reversals_mean": float(np.mean(table["heading_reversals"])),
     }
 
 
-def _of_policy(table: Mapping[str, np.ndarray], share: Any, possible: int) -> dict[str, Any]:
-    """Return how the policy alone fared, where it is flown beside."""
-    if "policy_outcome" not in table:
-        return {}
-    success = int(np.count_nonzero(table["policy_outcome"] == "reached"))
-    return {
-        "policy_success_rate": share(success),
-        "policy_success_given_resolvable": share(success, possible),
-        "policy_violation_rate": share(int(np.count_nonzero(table["policy_outcome"] == "violation"))),
-    }
+def _of_others(table: Mapping[str, np.ndarray], share: Any, possible: int) -> dict[str, Any]:
+    """Return how the weaker modes fared that are flown beside: the policy alone, the plan flown once."""
+    rates = {}
+    for name in ("policy", "plan"):
+        if f"{name}_outcome" in table:
+            success = int(np.count_nonzero(table[f"{name}_outcome"] == "reached"))
+            rates[f"{name}_success_rate"] = share(success)
+            rates[f"{name}_success_given_resolvable"] = share(success, possible)
+            lost = int(np.count_nonzero(table[f"{name}_outcome"] == "violation"))
+            rates[f"{name}_violation_rate"] = share(lost)
+    if "replans" in table:
+        rates["replans_mean"] = float(np.mean(table["replans"]))
+        rates["backup_used_rate"] = share(int(np.count_nonzero(table["backup_s"])))
+    return rates
 
 
 def _of_plans(table: Mapping[str, np.ndarray], share: Any, possible: int) -> dict[str, Any]:
     """Return how often plans were safe, whose they were, and what became of the safe ones."""
     if "plan_status" not in table:
         return {}
-    safe = table["plan_status"] == "safe"
-    lost = safe & (table["outcome"] == "violation")
+    # The true vehicle's limits let it save some that are lost within the surrogate's.
+    safe, lost_cause = table["plan_status"] == "safe", table["verdict"] == "unresolvable"
+    lost = safe & (table["plan_outcome" if "plan_outcome" in table else "outcome"] == "violation")
     named = {name: int(np.count_nonzero(safe & (table["plan_source"] == name))) for name in ("policy", "fallback")}
     error = table["follower_error_m"][safe]
     return {
         "plan_safe_rate": share(int(np.count_nonzero(safe))),
-        "plan_safe_given_resolvable": share(int(np.count_nonzero(safe)), possible),
+        "plan_safe_given_resolvable": share(int(np.count_nonzero(safe & ~lost_cause)), possible),
         "safe_plans_violated": int(np.count_nonzero(lost)),
         "safe_plans_by_source": named,
         "follower_error_m_quantiles": _quantiles(error, (0.5, 0.99, 1.0)),

@@ -15,6 +15,7 @@ _RATES = (
     ("undecided", "undecided_rate"),
     ("violations, no resolver", "baseline_violation_rate"),
     ("policy alone, of the resolvable *", "policy_success_given_resolvable"),
+    ("plan flown once, of the resolvable *", "plan_success_given_resolvable"),
     ("plans called SAFE, of the resolvable *", "plan_safe_given_resolvable"),
 )
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agents.traffic import Requirement, Traffic, predicted, required
-from agents.validator import CHECKS, validate
+from agents.validator import CHECKS, CLOSE, validate
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState, advance
 from envs.waypoints import Knots, at, legs
 from tests.strategies import random_states
@@ -59,7 +59,7 @@ def test_the_separation_is_a_tight_lower_bound(turning: bool) -> None:
     assert np.all(found.min_separation <= truth + 1e-6)
     assert np.all(found.min_separation >= truth - 0.05)
     first = found.wrong[CHECKS.index("separation")]
-    np.testing.assert_array_equal(first, found.clearance < 0.0)
+    np.testing.assert_array_equal(first, found.clearance < -CLOSE)
     base = np.minimum(300.0, sampled(knots, intruders, 1e9)[0])
     assert np.all((truth < 299.9) <= (first | (base.min(axis=-1) < 300.0)))
 
@@ -123,6 +123,30 @@ def test_plans_are_judged_one_by_one() -> None:
     )
     np.testing.assert_array_equal(part.min_separation, whole.min_separation[20:30])
     np.testing.assert_array_equal(part.wrong, whole.wrong[:, 20:30])
+
+
+@pytest.mark.parametrize("margin", [0.1, 5.0, 50.0])
+def test_no_start_is_refused_by_its_own_margin(margin: float) -> None:
+    # Every centimetre inside the margin: flying apart, side by side, and turning away.
+    away = np.arange(1_000.0, 1_000.0 + margin + 0.005, 0.01)
+    times = np.broadcast_to(20.0 * np.arange(6.0), (away.size, 6))
+    zero = times * 0.0
+    straight = Knots(80.0 * times, zero, zero, zero + 80.0, times)
+    rate = -math.radians(1.0)
+    radius = 80.0 / rate
+    turning = Knots(
+        radius * np.sin(rate * times), radius * (1.0 - np.cos(rate * times)), rate * times, zero + 80.0, times
+    )
+    column = away[:, None]
+    for knots, x, y, heading in (
+        (straight, -column, column * 0.0, math.pi),
+        (straight, column * 0.0, column, 0.0),
+        (turning, column * 0.0, column, 0.0),
+        (turning, column * 0.0, column, 0.5),
+    ):
+        one = Traffic.straight(VehicleState(x, y, column * 0.0 + heading, column * 0.0 + 80.0))
+        found = validate(knots, one, Requirement(1_000.0, margin), C208_PUBLISHED)
+        assert found.safe.all(), away[~found.safe][:5]
 
 
 def test_absent_intruders_do_not_count() -> None:

@@ -1,0 +1,71 @@
+"""The assured loop saves what the plan flown once loses, and depends on nobody else."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from agents.inference import Policy
+from agents.request import Options
+from envs.encounters import Encounter, scenario
+from envs.kinematics import C208_PUBLISHED
+from envs.outcome import RULES
+from envs.starts import numbered
+from envs.trees import take
+from eval import monte_carlo
+from eval.assured import Assured, fly_assured
+from eval.planned import Setting, fly_once, planned
+from eval.simulate import OUTCOMES
+
+REACHED = OUTCOMES.index("reached")
+SETTING = Setting(Options(), C208_PUBLISHED)
+
+
+@pytest.fixture(scope="module")
+def policy() -> Policy:
+    return Policy.load()
+
+
+@pytest.fixture(scope="module")
+def encounters() -> Encounter:
+    return numbered(scenario("maneuvering"), 3, 0, 40)
+
+
+@pytest.fixture(scope="module")
+def assured(encounters: Encounter, policy: Policy) -> Assured:
+    plans = planned(encounters, policy, SETTING)
+    return fly_assured(encounters, plans, policy, RULES, SETTING)[0]
+
+
+def test_more_is_saved_than_by_the_plan_flown_once(encounters: Encounter, policy: Policy, assured: Assured) -> None:
+    once, _ = fly_once(encounters, planned(encounters, policy, SETTING), RULES, SETTING)
+    outcome = assured.flown.flights.outcome
+    assert (outcome == REACHED).mean() >= 0.95
+    assert (outcome == REACHED).sum() > (once.flights.outcome == REACHED).sum()
+    # Who was saved had a new plan.
+    saved = (outcome == REACHED) & (once.flights.outcome != REACHED)
+    assert np.all(assured.replans[saved] > 0)
+
+
+def test_assured_flights_do_not_depend_on_their_company(
+    encounters: Encounter, policy: Policy, assured: Assured
+) -> None:
+    few = take(encounters, slice(12, 20))
+    part, _ = fly_assured(few, planned(few, policy, SETTING), policy, RULES, SETTING)
+    for a, b in zip(part.flown.flights, assured.flown.flights, strict=True):
+        np.testing.assert_array_equal(a, b[12:20])
+    np.testing.assert_array_equal(part.replans, assured.replans[12:20])
+
+
+def test_a_run_tells_of_all_modes_side_by_side(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    arguments = ["--mode", "assured", "--scenario", "maneuvering", "--encounters", "6", "--set", "resamples=200"]
+    assert monte_carlo.main([*arguments, "--workers", "1", "--out", str(out)]) == 0
+    table, summary = pq.read_table(out / "encounters.parquet"), json.loads((out / "summary.json").read_text("utf-8"))
+    for name in ("baseline", "policy", "plan"):
+        assert f"{name}_outcome" in table.column_names
+    for key in ("policy_success_rate", "plan_success_rate", "success_rate", "replans_mean", "backup_used_rate"):
+        assert key in summary
+    assert (out / "trajectories.png").stat().st_size > 20_000
