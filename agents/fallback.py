@@ -3,10 +3,12 @@
 The manoeuvres are those of :mod:`agents.escape_manoeuvre` (turn left or right by any amount, then straight;
 accelerate, hold, decelerate; begin later; rejoin by the shortest turn as soon as the way is clear), flown at
 :data:`STRIDE` against the predicted intruders. Those that stay clear on the way are ranked by cost, and the first
-few completed and validated like any other plan. Where a whole stage yields nothing, the next one is finer; at the
-end the nearest misses are refined by random changes, each judged by the validator itself.
+few completed and validated like any other plan. They stay within the surrogate's limits at first; where that yields
+nothing, within those that the legs may have, and with more of them; at the end the nearest misses are refined by
+random changes, each judged by the validator itself.
 """
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +17,7 @@ from agents.escape_manoeuvre import Manoeuvre, fly_away, takeoff
 from agents.escape_search import CHILDREN, COARSE, ELITES, SPREAD, STAGES, within_range
 from agents.homing import clear
 from agents.proposals import Proposals, better, nothing, propose, put, task_of
-from agents.request import Options, Request, keeping
+from agents.request import Options, Request, bold, keeping
 from agents.rollout import Rollout
 from agents.traffic import predicted, uncertainty
 from envs.angles import wrap
@@ -35,6 +37,7 @@ _CHEAPEST, _CLEAREST = 4, 2  # plans of a stage that are validated
 _SMOOTHING = 25.0  # m that legs may take from the flown clearance; less than that makes a manoeuvre doubtful
 _HOPELESS = -40.0  # m of clearance below which no smoothing helps
 _ROUNDS = 12
+_WITHIN = 200.0  # m of clearance that small changes can bring
 _ENOUGH = 12  # manoeuvres of a request that end well
 _PATIENCE, _PROGRESS = 3, 0.2  # rounds of the refinement, and the part of what is missing that they must bring
 
@@ -56,16 +59,18 @@ def search(request: Request, goal: Any, options: Options) -> Proposals:
         options: how plans shall be.
     """
     best = nothing(goal.size)
-    for stage in (_FIRST, *STAGES[2:]):
+    last = replace(options, manoeuvre=bold(options))
+    stages = ((_FIRST, options), (_SEEDS, last), *(((STAGES[3], last),) if options.thorough else ()))
+    for stage, asked in stages:
         left = np.flatnonzero(~best.safe)
         for part in _parts(left, stage.turn.size):
-            _improve(best, part, request, goal, stage, options)
+            _improve(best, part, request, goal, stage, asked)
     return best
 
 
 def refine(request: Request, goal: Any, options: Options) -> Proposals:
     """Return the best plan of a random refinement of the nearest misses, ``[N]``."""
-    best = nothing(goal.size)
+    best, options = nothing(goal.size), replace(options, manoeuvre=bold(options))
     changes = normals(0, 0, _ROUNDS, (len(SPREAD), CHILDREN))
     parents = (uniforms(0, 0, _ROUNDS, (CHILDREN,), stream=1) * ELITES).astype(int)
     history = np.full((goal.size, _ROUNDS + 1), -np.inf)
@@ -84,7 +89,7 @@ def refine(request: Request, goal: Any, options: Options) -> Proposals:
             pool = np.take_along_axis(pool, order[None], axis=-1)
             scores = np.take_along_axis(scores, order, axis=-1)
             history[left, index] = scores.max(axis=-1)
-            going_on = ~best.safe[left]
+            going_on = ~best.safe[left] & (history[left, index] >= -_WITHIN)
             if index >= _PATIENCE:
                 gained = history[left, index] - history[left, index - _PATIENCE]
                 going_on &= gained >= _PROGRESS * -history[left, index - _PATIENCE]
@@ -254,7 +259,7 @@ _FIRST = _joined(*STAGES[:2])
 
 
 _SEEDS = _joined(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
-"""What the refinement begins with: also manoeuvres that do not turn back before the intruder has passed."""
+"""Also manoeuvres that do not turn back before the intruder has passed."""
 
 
 def _parts(rows: Any, each: int) -> list[Any]:

@@ -6,7 +6,6 @@ that the validator has not passed.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from agents.homing import SLACK
 from agents.inference import Policy
 from agents.plan import Excluded, Kind, Plan, Reason, Source, Status
 from agents.proposals import Proposals, better, nothing, propose, put, task_of
-from agents.request import Altitude, Intruder, Options, Request, bold, checked, keeping
+from agents.request import Altitude, Intruder, Options, Request, checked, keeping
 from agents.rollout import roll, roll_one
 from agents.validator import CHECKS, Findings, validate
 from envs.kinematics import VehicleState
@@ -109,11 +108,8 @@ def plan_many(request: Request, policy: Policy, options: Options, *, floats: boo
         if options.thorough:
             # Where the route is too short for one manoeuvre it is for all.
             left = ~best.safe[rows] & ~best.too_short[rows]
-            for limits in (options.manoeuvre, bold(options)):
-                if left.any():
-                    asked = replace(options, manoeuvre=limits)
-                    consider(rows[left], fallback.refine(_part(part, left), goal[left], asked), 2)
-                    left = ~best.safe[rows] & ~best.too_short[rows]
+            if left.any():
+                consider(rows[left], fallback.refine(_part(part, left), goal[left], options), 2)
     return Plans(best, source, policy_safe)
 
 

@@ -1,16 +1,19 @@
 """Proofs that no control history resolves an encounter.
 
 A violation cannot be avoided if at some time, before the encounter can have ended at the goal, everything that the
-ownship can reach lies inside one intruder's disc. If the whole does not, its halves may, each at its own time and in
-its own intruder's disc: the proof then splits the control histories by their heading or speed at some time.
+ownship can reach lies inside one intruder's disc. If the whole does not, its parts may, each at its own time and in
+its own intruder's disc: the states that are still clear of all of them are followed (:mod:`agents.survivors`), or the
+control histories are split in two by their heading or speed at some time, again and again.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.escape_manoeuvre import steps
 from agents.reachable_bound import DELTA, DIRECTIONS, Funnel, farthest, narrowed, relaxed, root, support
+from agents.survivors import Cells, last_time
 from envs.angles import sincos, wrap
 from envs.encounters import Encounter
 from envs.intruder import INTRUDER_LIMITS, start, step
@@ -27,8 +30,14 @@ STEP = 0.05
 STRIDE = 5
 """Steps between the times at which containment is tested."""
 
+CELLS = (
+    Cells(turn=math.radians(30.0), speed=12.0, place=1_000.0, tests=32, most=3_000),
+    Cells(turn=math.radians(15.0), speed=8.0, place=1_000.0, tests=24, most=3_000),
+)
+"""How finely survivors are told apart, one after the other until one proves it."""
+
 NODES = 300
-"""Sets of control histories that a proof by splitting may look at."""
+"""Sets of control histories that a proof by halving may look at."""
 
 BLOCK = 64
 """Funnels looked at together against up to 8 intruders (fewer against more): some 150 MB."""
@@ -99,27 +108,52 @@ def contained(ahead: Ahead, rules: Rules, limits: Limits) -> Any:
 
 
 def split(ahead: Ahead, rules: Rules, limits: Limits, nodes: int = NODES) -> Any:
-    """As :func:`contained`, for halves of halves of the control histories, up to ``nodes`` of them each, ``[N]``."""
-    times, size = _times(rules, limits), _block(ahead)
+    """As :func:`contained`, for parts of the control histories, ``[N]``.
+
+    Args:
+        ahead: ``[N]``.
+        rules: of the task.
+        limits: of the ownship.
+        nodes: halves of halves that may be looked at where following the survivors proves nothing.
+    """
     proven = np.full(ahead.speed.shape, np.nan)
     for index in range(ahead.speed.size):
         one = take(ahead, slice(index, index + 1))
-        funnel = root(one.speed, times, relaxed(limits))
-        looked_at, latest = 0, 0.0
-        while True:
-            looked_at += funnel.turn_low.shape[0]
-            if looked_at > nodes:
-                break
-            blocks = [take(funnel, slice(i, i + size)) for i in range(0, funnel.turn_low.shape[0], size)]
-            looks = [_look(block, one, rules, limits) for block in blocks]
-            ended, promising = (np.concatenate(part) for part in zip(*looks, strict=True))
-            latest = max(latest, float(np.max(ended, where=~np.isnan(ended), initial=0.0)))
-            open_still = np.isnan(ended)
-            if not open_still.any():
-                proven[index] = latest
-                break
-            funnel = _halves(take(funnel, open_still), promising[open_still], times, limits)
+        for cells in CELLS:
+            if np.isnan(proven[index]):
+                proven[index] = _survived(one, cells, rules, limits)
+        if np.isnan(proven[index]):
+            proven[index] = _halved(one, nodes, rules, limits)
     return proven
+
+
+def _survived(ahead: Ahead, cells: Cells, rules: Rules, limits: Limits) -> float:
+    """Follow what is still clear of all intruders of one encounter; return when nothing is, nan if something stays."""
+    granted, radius = relaxed(limits), rules.separation - DELTA
+    fastest = max(granted.speed_max, ahead.speed[0])
+    reach = radius + fastest * _test_times(rules, limits)
+    near = np.any(distance(ahead.x[0], ahead.y[0], np) <= reach, axis=-1)
+    goal = (ahead.goal_x[0], ahead.goal_y[0], rules.goal_radius + DELTA)
+    discs = (ahead.x[0, near], ahead.y[0, near], radius)
+    return last_time(ahead.speed[0], discs, goal, STRIDE * STEP, cells, granted)
+
+
+def _halved(ahead: Ahead, nodes: int, rules: Rules, limits: Limits) -> float:
+    """Halve the control histories of one encounter until all are contained; return the last time, nan if some stay."""
+    times, size = _times(rules, limits), _block(ahead)
+    funnel = root(ahead.speed, times, relaxed(limits))
+    looked_at, latest = funnel.turn_low.shape[0], 0.0
+    while looked_at <= nodes:
+        blocks = [take(funnel, slice(i, i + size)) for i in range(0, funnel.turn_low.shape[0], size)]
+        looks = [_look(block, ahead, rules, limits) for block in blocks]
+        ended, promising = (np.concatenate(part) for part in zip(*looks, strict=True))
+        latest = max(latest, float(np.max(ended, where=~np.isnan(ended), initial=0.0)))
+        open_still = np.isnan(ended)
+        if not open_still.any():
+            return latest
+        funnel = _halves(take(funnel, open_still), promising[open_still], times, limits)
+        looked_at += funnel.turn_low.shape[0]
+    return np.nan
 
 
 def _look(funnel: Funnel, ahead: Ahead, rules: Rules, limits: Limits) -> tuple[Any, Any]:
