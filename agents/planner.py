@@ -62,7 +62,7 @@ def plan(
     Raises:
         RequestError: the request is incomplete, out of range or inconsistent; it names the field.
     """
-    options = options or Options()
+    options = Options() if options is None else options
     request, excluded, kept = checked(own, intruders, route, options, own_altitude)
     plans = plan_many(request, policy, options, floats=True)
     return _answer(request, plans, route, excluded, kept, options)

@@ -46,7 +46,7 @@ _RANGES = (
         (f"{name}.{limit}", low, high, unit)
         for name in ("limits", "manoeuvre")
         for limit, low, high, unit in (
-            ("speed_min", 0.0, 101.0, "m/s"),
+            ("speed_min", 10.0, 101.0, "m/s"),
             ("speed_max", 49.0, 500.0, "m/s"),
             ("acceleration_min", -20.0, 0.0, "m/s^2"),
             ("acceleration_max", 1e-3, 20.0, "m/s^2"),
@@ -309,11 +309,19 @@ def _check(options: Options) -> None:
     """Refuse options that could make an unsafe plan look safe, or none possible."""
     if not isinstance(options, Options):
         raise RequestError("options", f"is {type(options).__name__}, expected Options")
+    for name, kind in (("requirement", Requirement), ("limits", Limits), ("manoeuvre", Limits)):
+        if not isinstance(getattr(options, name), kind):
+            raise RequestError(f"options.{name}", f"is {_shown(getattr(options, name))}, expected {kind.__name__}")
     for name, low, high, unit in _RANGES:
         value = options
         for part in name.split("."):
             value = getattr(value, part)
         _number(f"options.{name}", value, low, high, unit)
+    for name in ("limits", "manoeuvre"):
+        limits = getattr(options, name)
+        if limits.speed_min >= limits.speed_max:
+            what = f"is {limits.speed_min:g} m/s, expected less than speed_max, {limits.speed_max:g} m/s"
+            raise RequestError(f"options.{name}.speed_min", what)
     for name in ("direct", "extend_route", "thorough"):
         if not isinstance(getattr(options, name), bool):
             raise RequestError(f"options.{name}", f"is {_shown(getattr(options, name))}, expected True or False")

@@ -1,4 +1,4 @@
-"""The monitor at work: one aircraft in plain words, and encounters in a closed loop."""
+"""The monitor at work for one aircraft, in plain words (whole encounters: tests/eval/test_assured_mode.py)."""
 
 import math
 from dataclasses import replace
@@ -11,13 +11,10 @@ from agents.assurance import Cause, Flown, State, Thresholds
 from agents.inference import Policy
 from agents.plan import Plan, Status
 from agents.planner import plan
-from agents.request import Intruder, Options
-from envs.encounters import scenario
+from agents.request import Intruder
 from envs.kinematics import VehicleState
-from envs.starts import numbered
 from envs.waypoints import RoutePoint
 from tests.agents.assurance_scenes import causes_of, flying, on_plan, other, tell
-from tests.agents.closed_loop import fly
 
 ROUTE = [RoutePoint(7 + number, 12_000.0 + 5_000.0 * number, 0.0) for number in range(8)]
 OWN = VehicleState(0.0, 0.0, 0.0, 75.0)
@@ -91,13 +88,6 @@ def test_every_cause_has_its_words(first: Plan) -> None:
     reasons = watching.reasons(verdict.measured._replace(causes=every), Thresholds())
     assert [why.cause for why in reasons] == list(Cause)
     assert all(why.message.startswith(why.field + " ") and "{" not in why.message for why in reasons)
-
-
-def test_encounters_with_manoeuvring_intruders_are_flown_without_a_violation(policy: Policy) -> None:
-    encounters = numbered(scenario("maneuvering", radius=(3_000.0, 4_000.0)), 0, 0, 5)
-    result = fly(encounters, policy, Options(thorough=False), Thresholds(), margins=(100.0, 0.1))
-    assert result.reached.all() and not result.violated.any()
-    assert result.replans.sum() > 0 and set(np.unique(result.states)) <= {0, 1, 2, 3, 4}
 
 
 def test_the_own_distance_from_the_plan_is_taken_off_the_separation_of_its_rest() -> None:

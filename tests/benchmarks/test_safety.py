@@ -1,0 +1,299 @@
+"""The attack finds nothing wrong with the planner, and everything that is made wrong on purpose."""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from agents.inference import Policy
+from agents.plan import Excluded
+from agents.planner import plan_many
+from agents.request import Altitude, Intruder, Options, Request
+from benchmarks import attack, published, safety
+from benchmarks.adversary import drawn
+from benchmarks.attack import Batch, Tally, tasks
+from benchmarks.reflight import refly
+from benchmarks.resimulation import CHECKS, Route, resimulate
+from envs.encounters import scenario
+from envs.kinematics import VehicleState
+from envs.starts import numbered
+from envs.trees import take
+from envs.waypoints import Knots
+from eval.plan_flight import request_of
+
+OPTIONS = Options(thorough=False)
+
+
+class Plans(NamedTuple):
+    """SAFE plans that come near their intruder; fields ``[N]``."""
+
+    knots: Knots
+    request: Request
+    last: Any
+    separation: Any
+
+
+@pytest.fixture(scope="module")
+def policy() -> Policy:
+    return Policy.load()
+
+
+@pytest.fixture(scope="module")
+def plans(policy: Policy) -> Plans:
+    request = request_of(numbered(scenario("circle"), 11, 0, 40))
+    best = plan_many(request, policy, OPTIONS).proposals
+    near = np.flatnonzero(best.safe & (best.min_separation < 1_060.0))[:6]
+    assert near.size >= 3
+    return take(Plans(best.knots, request, best.last, best.min_separation), near)
+
+
+def found(plans: Plans) -> set[str]:
+    """Return the checks that fail for all of the plans."""
+    request = plans.request
+    route = Route(request.route_x, request.route_y, request.points, plans.last)
+    verdict = resimulate(plans.knots, request.own, request.traffic, route, OPTIONS.requirement, OPTIONS.limits)
+    return {name for name, wrong in zip(CHECKS, verdict.wrong, strict=True) if wrong.all()}
+
+
+def nearest(plans: Plans) -> tuple[Any, Any]:
+    """Return which waypoint is nearest to the intruder, ``[N]``, and the unit vector to it there, complex."""
+    state = plans.request.traffic.state
+    other = state.x + 1j * state.y + state.speed * np.exp(1j * state.heading) * plans.knots.time
+    away = other - plans.knots.x - 1j * plans.knots.y
+    which = 1 + np.argmin(np.abs(away[:, 1:20]), axis=1)
+    to = away[np.arange(len(which)), which]
+    return which, to / np.abs(to)
+
+
+def changed(plans: Plans, name: str, column: Any, change: Any) -> Plans:
+    """Return plans with one field of one waypoint of each changed."""
+    field = np.array(getattr(plans.knots, name))
+    field[np.arange(len(field)), column] += change
+    return plans._replace(knots=plans.knots._replace(**{name: field}))
+
+
+def towards_the_intruder(plans: Plans) -> Plans:
+    which, to = nearest(plans)
+    return changed(changed(plans, "x", which, 60.0 * to.real), "y", which, 60.0 * to.imag)
+
+
+def all_towards_the_intruder(plans: Plans) -> Plans:
+    _, to = nearest(plans)
+    shift = (plans.separation - 990.0) * to
+    state = plans.request.traffic.state
+    moved = state._replace(x=state.x - shift.real[:, None], y=state.y - shift.imag[:, None])
+    return plans._replace(request=plans.request._replace(traffic=plans.request.traffic._replace(state=moved)))
+
+
+def later(plans: Plans) -> Plans:
+    return plans._replace(knots=plans.knots._replace(time=1.01 * plans.knots.time))
+
+
+def a_second_later(plans: Plans) -> Plans:
+    return changed(plans, "time", 20, 1.0)
+
+
+MUTATIONS: dict[str, tuple[Callable[[Plans], Plans], set[str]]] = {
+    "the intruder moved": (all_towards_the_intruder, {"required", "separation"}),
+    "times scaled": (later, {"times"}),
+    "the last time": (a_second_later, set()),
+    "times in disorder": (lambda plans: changed(plans, "time", 5, 30.0), {"not finite"}),
+    "a speed beyond the limit": (lambda plans: changed(plans, "speed", 10, 40.0), {"speed", "acceleration"}),
+    "a reversed heading": (lambda plans: changed(plans, "heading", 10, 3.0), {"turn rate"}),
+    "not a number": (lambda plans: changed(plans, "y", 7, math.nan), {"not finite"}),
+    "infinite": (lambda plans: changed(plans, "speed", 19, math.inf), {"not finite"}),
+    "another start": (lambda plans: changed(plans, "x", 0, 0.01), {"start"}),
+    "another end": (lambda plans: changed(plans, "y", 20, 0.1), {"last"}),
+    "an end that is not the route's": (lambda plans: plans._replace(last=plans.request.points), {"last"}),
+    "a waypoint out of reach": (lambda plans: changed(plans, "x", 4, 3_000.0), {"leg"}),
+}
+
+
+def test_untouched_plans_are_confirmed(plans: Plans) -> None:
+    route = Route(plans.request.route_x, plans.request.route_y, plans.request.points, plans.last)
+    request = plans.request
+    verdict = resimulate(plans.knots, request.own, request.traffic, route, OPTIONS.requirement, OPTIONS.limits)
+    assert not verdict.wrong.any()
+    np.testing.assert_allclose(verdict.min_separation, plans.separation, atol=0.01)
+    flight = refly(plans.knots, request, OPTIONS.requirement, OPTIONS.limits)
+    assert not (flight.too_close | flight.astray).any()
+    np.testing.assert_allclose(flight.separation, plans.separation, atol=0.11)
+
+
+@pytest.mark.parametrize("name", MUTATIONS)
+def test_a_spoiled_plan_is_found(plans: Plans, name: str) -> None:
+    spoil, expected = MUTATIONS[name]
+    checks = found(spoil(plans))
+    assert checks >= expected
+    if not expected:
+        route = Route(plans.request.route_x, plans.request.route_y, plans.request.points, plans.last)
+        own, traffic = plans.request.own, plans.request.traffic
+        verdict = resimulate(spoil(plans).knots, own, traffic, route, OPTIONS.requirement, OPTIONS.limits)
+        assert verdict.wrong.any()
+
+
+def test_a_waypoint_60_m_nearer_to_the_intruder_is_found(plans: Plans) -> None:
+    near = take(plans, plans.separation < 1_030.0) if (plans.separation < 1_030.0).any() else plans
+    spoiled = towards_the_intruder(near)
+    for number in range(len(near.last)):
+        assert found(take(spoiled, slice(number, number + 1)))
+
+
+def test_the_follower_finds_a_near_intruder_and_a_plan_that_starts_elsewhere(plans: Plans) -> None:
+    moved = all_towards_the_intruder(plans)
+    assert refly(moved.knots, moved.request, OPTIONS.requirement, OPTIONS.limits).too_close.all()
+    own = plans.request.own
+    elsewhere = plans.request._replace(own=own._replace(x=own.x + 0.5))
+    assert refly(plans.knots, elsewhere, OPTIONS.requirement, OPTIONS.limits).astray.all()
+
+
+def test_what_plan_publishes_is_judged_too(policy: Policy) -> None:
+    requests = take(drawn(0, 0, 12), slice(0, 12))
+    for row in range(12):
+        asked = published.question(0, row, take(requests.request, row))
+        answer = asked.asked(policy, OPTIONS)
+        if answer.safe and asked.intruders and not answer.excluded:
+            break
+    else:
+        pytest.fail("none of the requests has a SAFE plan")
+    assert published.faults(asked, answer, OPTIONS) == []
+
+    def with_index(number: int, index: int) -> Any:
+        points = list(answer.waypoints)
+        points[number] = replace(points[number], index=index)
+        return replace(answer, waypoints=tuple(points))
+
+    assert published.faults(asked, with_index(3, answer.waypoints[4].index), OPTIONS) == ["indices"]
+    assert published.faults(asked, with_index(3, asked.route[0].index), OPTIONS) == ["indices"]
+    assert published.faults(asked, with_index(19, 10**6), OPTIONS) == ["last index"]
+    assert published.faults(asked, replace(answer, waypoints=answer.waypoints[1:]), OPTIONS) == ["count"]
+    left_out = replace(answer, excluded=(Excluded(0, "is far above"),))
+    level = asked._replace(altitude=Altitude(2_000.0, "msl"))
+
+    def above(height: float, climb: float) -> list[Intruder]:
+        return [replace(asked.intruders[0], altitude=Altitude(height, "msl", climb)), *asked.intruders[1:]]
+
+    assert published.faults(level._replace(intruders=above(3_000.0, 0.0)), left_out, OPTIONS) == []
+    assert published.faults(level._replace(intruders=above(3_000.0, -2.0)), left_out, OPTIONS) == ["vertical"]
+    assert published.faults(level._replace(intruders=above(2_500.0, 0.0)), left_out, OPTIONS) == ["vertical"]
+
+
+def test_a_start_beyond_the_speed_limit_may_stay_there_and_no_faster(policy: Policy, plans: Plans) -> None:
+    one = take(plans, slice(0, 1))
+    own = VehicleState(*(np.array(field) for field in one.request.own))._replace(speed=np.array([100.5]))
+    request = one.request._replace(own=own)
+    best = plan_many(request, policy, OPTIONS).proposals
+    assert best.safe.all()
+    drawn_ = take(drawn(0, 0, 1), slice(0, 1))._replace(request=request)
+    tally = Tally()
+    attack.judge(tally, 0, drawn_, best.knots, best.last, OPTIONS)
+    assert tally.violations == []
+    faster = changed(one._replace(knots=best.knots, request=request), "speed", 1, 100.7 - best.knots.speed[:, 1])
+    attack.judge(tally, 0, drawn_, faster.knots, best.last, OPTIONS)
+    assert "speed" in {violation["check"] for violation in tally.violations}
+
+
+def test_batches_follow_from_the_numbers_alone() -> None:
+    whole = set(tasks(0, 0, 6_400, 0, 6_400))
+    hundreds = sorted(hundred for batch in whole for hundred in batch.hundreds)
+    assert hundreds == list(range(0, 6_400, 100))
+    (one,) = tasks(0, 1_234, 1, 0, 6_400)
+    assert one.hundreds in {batch.hundreds for batch in whole}
+    assert 1_200 in one.hundreds
+    for batch in whole:
+        variants = {int(drawn(0, hundred, 1).variant[0]) for hundred in batch.hundreds}
+        assert len(variants) == 1
+
+
+def test_parts_of_a_batch_add_up_to_it(policy: Policy, monkeypatch: pytest.MonkeyPatch) -> None:
+    batch, sum_ = Batch(0, (0,), 0, 40, False), Tally()
+    requests = drawn(0, 0, 100).request
+    answer = plan_many(requests, policy, OPTIONS)
+
+    def known(request: Request, *_: Any) -> Any:
+        np.testing.assert_array_equal(request.own.x, requests.own.x)
+        return answer
+
+    monkeypatch.setattr(attack, "plan_many", known)
+    for first in (0, 20):
+        sum_.add(attack.attack(batch._replace(first=first, end=first + 20), policy))
+    whole = attack.attack(batch, policy).figures()
+    assert sum_.figures() == whole
+    assert whole["requests"] == 40
+
+
+def last_line(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    return json.loads(capsys.readouterr().out.strip().splitlines()[-1])
+
+
+def test_a_small_attack_finds_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    arguments = ["--first", "30", "--requests", "150", "--single", "10", "--workers", "1", "--block", "100"]
+    assert safety.main([*arguments, "--out", str(tmp_path)]) == 0
+    figures = last_line(capsys)
+    assert figures["complete"]
+    assert figures["requests"] == 150
+    assert sum(figures["through_plan"].values()) == 10
+    assert figures["safe"] > 60
+    assert figures["violations"] == 0
+    assert figures["smallest_spare_separation_m"] >= 0.0
+    assert 0.5 < max(figures["largest_limit_use"].values()) <= 1.000001
+    assert sum(asked for asked, _ in figures["families"].values()) == 150
+    assert (tmp_path / "violations.jsonl").read_text(encoding="utf-8") == ""
+
+
+def test_violations_are_counted_written_and_lead_to_a_failure(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def wrong(batch: Batch, policy: Policy) -> Tally:
+        tally = Tally()
+        tally.blame("separation", batch.hundreds[0] + 7, separation=999.0)
+        return tally
+
+    monkeypatch.setattr(safety, "attack", wrong)
+    arguments = ["--requests", "300", "--single", "0", "--workers", "1", "--block", "100", "--out", str(tmp_path)]
+    assert safety.main(arguments) == 1
+    assert last_line(capsys)["violations_by_check"] == {"separation": {"count": 3, "first": [7, 107, 207]}}
+    lines = (tmp_path / "violations.jsonl").read_text(encoding="utf-8").splitlines()
+    assert [json.loads(line)["number"] for line in lines] == [7, 107, 207]
+
+
+def test_an_interrupted_attack_prints_what_was_done(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(batch: Batch, policy: Policy) -> Tally:
+        if batch.hundreds[0] >= 200:
+            raise KeyboardInterrupt
+        tally = Tally()
+        tally.requests["circle"] += 100
+        return tally
+
+    monkeypatch.setattr(safety, "attack", interrupted)
+    assert safety.main(["--requests", "900", "--single", "0", "--workers", "1", "--block", "100"]) == 0
+    figures = last_line(capsys)
+    assert not figures["complete"]
+    assert figures["requests"] == 200
+
+
+def test_a_planner_that_fails_is_told(monkeypatch: pytest.MonkeyPatch, policy: Policy) -> None:
+    def broken(*_: Any) -> Any:
+        return np.log(np.array([-1.0]))
+
+    monkeypatch.setattr(attack, "plan_many", broken)
+    (violation,) = attack.attack(Batch(0, (100,), 117, 200, False), policy).violations
+    assert violation["check"] == "exception"
+    assert violation["number"] == 117
+    assert "RuntimeWarning" in violation["what"]
+
+
+@pytest.mark.slow
+def test_a_longer_attack_by_two_processes_finds_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert safety.main(["--seed", "1", "--requests", "5000", "--single", "300", "--workers", "2"]) == 0
+    figures = last_line(capsys)
+    assert figures["requests"] == 5_000
+    assert figures["reflown"] > 50
+    assert figures["violations"] == 0
