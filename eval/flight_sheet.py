@@ -39,7 +39,29 @@ def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
         others = sum(map(len, order[place + 1 :]))
         left = failures - len(picked)
         picked += _spread(found, max(left - others, (left + 1) // 2))
-    return picked + _spread(successes, room - len(picked))
+    left = room - len(picked)
+    special = [_spread(found, left // 3) for found in _special(table, successes)]
+    picked += list(dict.fromkeys(number for found in special for number in found))
+    return picked + _spread(np.setdiff1d(successes, picked), room - len(picked))
+
+
+def _special(table: Mapping[str, np.ndarray], successes: np.ndarray) -> list[np.ndarray]:
+    """Return the successes that had a new plan, and those by the fallback, where the table knows of plans."""
+    found = []
+    if "replans" in table:
+        found.append(successes[table["replans"][successes] > 0])
+    if "plan_source" in table:
+        found.append(successes[table["plan_source"][successes] == "fallback"])
+    return found
+
+
+def _by_whom(table: Mapping[str, np.ndarray], number: int) -> str:
+    """Return who made the plan and how often there was a new one, for a title."""
+    if "plan_source" not in table:
+        return ""
+    refused = "" if table["plan_status"][number] == "safe" else ", unresolved"
+    again = int(table["replans"][number]) if "replans" in table else 0
+    return f"\n{table['plan_source'][number]}{refused}" + (f", {again} new plans" if again else "")
 
 
 def trajectory_sheet(
@@ -66,12 +88,14 @@ def trajectory_sheet(
         _draw_flight(axes, starts, film, i, rules)
         closest = table["min_separation_m"][number]
         text = f"{number}: {kinds[number]}, {closest:.0f} m, {table['duration_s'][number]:.0f} s"
+        text += _by_whom(table, number)
         axes.set_title(text, fontsize=8.5, color="black" if kinds[number] == "success" else "#A63C00")
         if i % columns == 0:
             axes.set_ylabel("north, km", fontsize=8)
         if i + columns >= len(numbers):
             axes.set_xlabel("east, km", fontsize=8)
-    figure.suptitle("encounter: outcome, smallest separation, duration", fontsize=10)
+    planned = "; who planned it" if "plan_source" in table else ""
+    figure.suptitle(f"encounter: outcome, smallest separation, duration{planned}", fontsize=10)
     figure.legend(handles=_legend(rules), loc="outside lower center", ncols=6, frameon=False, fontsize=9)
     return figure
 
