@@ -38,6 +38,7 @@ _SMOOTHING = 25.0  # m that legs may take from the flown clearance; less than th
 _HOPELESS = -40.0  # m of clearance below which no smoothing helps
 _ROUNDS = 12
 _WITHIN = 200.0  # m of clearance that small changes can bring
+_SOON = 150.0  # s by which the manoeuvres of the quick stages turn back
 _ENOUGH = 12  # manoeuvres of a request that end well
 _PATIENCE, _PROGRESS = 3, 0.2  # rounds of the refinement, and the part of what is missing that they must bring
 
@@ -60,11 +61,12 @@ def search(request: Request, goal: Any, options: Options) -> Proposals:
     """
     best = nothing(goal.size)
     last = replace(options, manoeuvre=bold(options))
-    stages = ((_FIRST, options), (_SEEDS, last), *(((STAGES[3], last),) if options.thorough else ()))
-    for stage, asked in stages:
+    stages = [(_FIRST, options, _SOON), (_SEEDS, last, _SOON)]
+    stages += [(STAGES[3], last, np.inf)] if options.thorough else []
+    for stage, asked, longest in stages:
         left = np.flatnonzero(~best.safe)
         for part in _parts(left, stage.turn.size):
-            _improve(best, part, request, goal, stage, asked)
+            _improve(best, part, request, goal, stage, asked, longest)
     return best
 
 
@@ -82,7 +84,8 @@ def refine(request: Request, goal: Any, options: Options) -> Proposals:
             else:
                 spread = np.array(SPREAD)[:, None] * changes[index - 1] * 0.8 ** (index - 1)
                 tried = within_range(pool[..., parents[index - 1]] + spread[:, None])
-            score = _tried(best, left, request, goal, tried, options)
+            # What begins was validated by the stages before as far as it was promising.
+            score = _tried(best, left, request, goal, tried, options, judge=index > 0)
             pool = np.concatenate([pool, tried], axis=-1)
             scores = np.concatenate([scores, score], axis=-1)
             order = _elites(pool[0], scores)
@@ -109,12 +112,19 @@ def _elites(turn: Any, scores: Any) -> Any:
     return np.concatenate([np.argsort(-side, axis=-1, kind="stable")[:, :each] for side in sides], axis=-1)
 
 
-def _tried(best: Proposals, left: Any, request: Request, goal: Any, tried: Any, options: Options) -> Any:
-    """Fly, complete and validate manoeuvres ``[8, n, M]``; return how near each is to a safe plan, ``[n, M]``."""
+def _tried(best: Proposals, left: Any, request: Request, goal: Any, tried: Any, options: Options, judge: bool) -> Any:
+    """Fly manoeuvres ``[8, n, M]``, complete and validate them; return how near each is to a safe plan, ``[n, M]``.
+
+    Without ``judge`` they are only flown, and ranked by the clearance on the way.
+    """
     each = tried.shape[-1]
     which = np.repeat(left, each)
     family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
     flown = fly_out(request, goal, which, family, options, -np.inf, tried.size)
+    if not judge:
+        return np.where(np.isfinite(flown.rollout.time), 0.0, -1e6).reshape(left.size, each) + np.minimum(
+            flown.clearance, 1e4
+        ).reshape(left.size, each)
     plans = propose(take(request, which), flown.rollout, goal[which], options)
     _keep(best, which, plans)
     # Who misses the goal or a limit comes after all who do not.
@@ -123,12 +133,14 @@ def _tried(best: Proposals, left: Any, request: Request, goal: Any, tried: Any, 
     return (np.minimum(clearance, 1e4) - fault).reshape(left.size, each)
 
 
-def _improve(best: Proposals, part: Any, request: Request, goal: Any, stage: Manoeuvre, options: Options) -> None:
+def _improve(
+    best: Proposals, part: Any, request: Request, goal: Any, stage: Manoeuvre, options: Options, longest: float = np.inf
+) -> None:
     """Try a stage of the family on some requests."""
     each = stage.turn.size
     which = np.repeat(part, each)
     family = Manoeuvre(*(np.tile(field, part.size) for field in stage))
-    flown = fly_out(request, goal, which, family, options, _HOPELESS, _ENOUGH)
+    flown = fly_out(request, goal, which, family, options, _HOPELESS, _ENOUGH, longest)
     rollout = flown.rollout
     arrived = np.isfinite(rollout.time) & (flown.clearance >= _HOPELESS)
     # The same cost as of plans, but for what is equal for all manoeuvres of a request.
@@ -159,7 +171,14 @@ def _keep(best: Proposals, owners: Any, plans: Proposals) -> None:
 
 
 def fly_out(
-    request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, options: Options, least: float, enough: int
+    request: Request,
+    goal: Any,
+    which: Any,
+    manoeuvre: Manoeuvre,
+    options: Options,
+    least: float,
+    enough: int,
+    longest: float = np.inf,
 ) -> Flown:
     """Fly manoeuvres until the direct way to the goal is clear, ``[M]``.
 
@@ -170,10 +189,11 @@ def fly_out(
         manoeuvre: ``[M]``.
         options: how plans shall be.
         least: clearance, m, below which a manoeuvre is given up.
+        longest: latest time at which a manoeuvre may turn back, s.
         enough: once so many of a request's manoeuvres have ended well, the others are given up.
     """
     task = task_of(options)
-    steps, limits = int(task.until / STRIDE), task.limits
+    steps, limits = int(min(task.until, longest) / STRIDE), task.limits
     count = which.size
     traffic, requirement = request.traffic, options.requirement
     base = keeping(request, options)
