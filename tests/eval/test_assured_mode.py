@@ -30,7 +30,7 @@ def policy() -> Policy:
 
 @pytest.fixture(scope="module")
 def encounters() -> Encounter:
-    return numbered(scenario("maneuvering"), 3, 0, 40)
+    return numbered(scenario("maneuvering"), 3, 0, 24)
 
 
 @pytest.fixture(scope="module")
@@ -52,16 +52,16 @@ def test_more_is_saved_than_by_the_plan_flown_once(encounters: Encounter, policy
 def test_assured_flights_do_not_depend_on_their_company(
     encounters: Encounter, policy: Policy, assured: Assured
 ) -> None:
-    few = take(encounters, slice(12, 20))
+    few = take(encounters, slice(12, 16))
     part, _ = fly_assured(few, planned(few, policy, SETTING), policy, RULES, SETTING)
     for a, b in zip(part.flown.flights, assured.flown.flights, strict=True):
-        np.testing.assert_array_equal(a, b[12:20])
-    np.testing.assert_array_equal(part.replans, assured.replans[12:20])
+        np.testing.assert_array_equal(a, b[12:16])
+    np.testing.assert_array_equal(part.replans, assured.replans[12:16])
 
 
 def test_a_run_tells_of_all_modes_side_by_side(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    arguments = ["--mode", "assured", "--scenario", "maneuvering", "--encounters", "6", "--set", "resamples=200"]
+    arguments = ["--mode", "assured", "--scenario", "maneuvering", "--encounters", "3", "--set", "resamples=200"]
     assert monte_carlo.main([*arguments, "--workers", "1", "--out", str(out)]) == 0
     table, summary = pq.read_table(out / "encounters.parquet"), json.loads((out / "summary.json").read_text("utf-8"))
     for name in ("baseline", "policy", "plan"):

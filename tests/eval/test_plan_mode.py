@@ -17,7 +17,7 @@ from envs.outcome import RULES
 from envs.starts import numbered
 from envs.trees import take
 from eval import monte_carlo
-from eval.plan_flight import fly_plans, request_of
+from eval.plan_flight import Flown, request_of, verdicts
 from eval.planned import Setting, fly_once, planned
 from eval.simulate import OUTCOMES
 
@@ -28,7 +28,7 @@ SMALL = ("--set", "resamples=200", "--set", "figures=false")
 
 @pytest.fixture(scope="module")
 def encounters() -> Encounter:
-    return numbered(scenario("circle"), 11, 0, 40)
+    return numbered(scenario("circle"), 11, 0, 16)
 
 
 @pytest.fixture(scope="module")
@@ -36,13 +36,17 @@ def plans(encounters: Encounter) -> Plans:
     return planned(encounters, Policy.load(), SETTING)
 
 
+@pytest.fixture(scope="module")
+def flown(encounters: Encounter, plans: Plans) -> Flown:
+    return fly_once(encounters, plans, RULES, SETTING)[0]
+
+
 def table_of(out: Path) -> dict[str, np.ndarray]:
     table = pq.read_table(out / "encounters.parquet")
     return {name: table.column(name).to_numpy() for name in table.column_names}
 
 
-def test_safe_plans_are_flown_as_the_validator_says(encounters: Encounter, plans: Plans) -> None:
-    flown, _ = fly_once(encounters, plans, RULES, SETTING)
+def test_safe_plans_are_flown_as_the_validator_says(plans: Plans, flown: Flown) -> None:
     safe = plans.proposals.safe
     assert safe.mean() > 0.9
     assert np.all(flown.flights.outcome[safe] == REACHED)
@@ -51,32 +55,29 @@ def test_safe_plans_are_flown_as_the_validator_says(encounters: Encounter, plans
     assert np.abs(flown.flights.path_length - plans.proposals.path)[safe].max() < 120.0
 
 
-def test_flights_do_not_depend_on_their_company(encounters: Encounter, plans: Plans) -> None:
-    rows = slice(10, 14)
-    whole = fly_plans(encounters, plans.proposals.knots, RULES, C208_PUBLISHED)
-    part = fly_plans(take(encounters, rows), take(plans.proposals.knots, rows), RULES, C208_PUBLISHED)
-    for a, b in zip((*part.flights, *part[1:]), (*whole.flights, *whole[1:]), strict=True):
-        np.testing.assert_array_equal(a, b[rows])
+def test_flights_do_not_depend_on_their_company_and_need_a_trajectory(
+    encounters: Encounter, plans: Plans, flown: Flown
+) -> None:
+    few = take(plans, slice(10, 13))
+    last = np.array([few.proposals.last[0], -1, few.proposals.last[2]])
+    few = few._replace(proposals=few.proposals._replace(last=last))
+    part, _ = fly_once(take(encounters, slice(10, 13)), few, RULES, SETTING)
+    for a, b in zip((*part.flights, *part[1:]), (*flown.flights, *flown[1:]), strict=True):
+        np.testing.assert_array_equal(a[[0, 2]], b[[10, 12]])
+    assert part.flights.outcome[1] == TIMEOUT
+    assert math.isnan(part.flights.min_separation[1])
 
 
-def test_refusing_is_no_success(encounters: Encounter, plans: Plans) -> None:
-    refused = plans._replace(proposals=plans.proposals._replace(safe=np.zeros(40, dtype=bool)))
-    flown, _ = fly_once(encounters, refused, RULES, SETTING)
-    assert not (flown.flights.outcome == REACHED).any()
-    assert np.all(flown.flights.score[flown.flights.outcome == TIMEOUT] == RULES.reward_timeout)
-
-
-def test_without_a_trajectory_nothing_is_flown(encounters: Encounter, plans: Plans) -> None:
-    none = plans.proposals.last.copy()
-    none[3] = -1
-    flown, _ = fly_once(encounters, plans._replace(proposals=plans.proposals._replace(last=none)), RULES, SETTING)
-    assert flown.flights.outcome[3] == TIMEOUT
-    assert math.isnan(flown.flights.min_separation[3])
+def test_refusing_is_no_success(flown: Flown) -> None:
+    refused = verdicts(flown, np.ones(16, dtype=bool), RULES).flights
+    assert not (refused.outcome == REACHED).any()
+    assert np.all(refused.score[refused.outcome == TIMEOUT] == RULES.reward_timeout)
+    assert np.all(refused.duration[refused.outcome == TIMEOUT] == RULES.t_max)
 
 
 def test_the_route_of_an_evaluation(encounters: Encounter) -> None:
     request = request_of(encounters)
-    assert request.route_x.shape == (40, 11)
+    assert request.route_x.shape == (16, 11)
     np.testing.assert_allclose(request.route_x[:, 0], encounters.own.x)
     np.testing.assert_allclose(request.route_y[:, 1], encounters.goal_y)
     spacing = np.hypot(np.diff(request.route_x[:, 1:], axis=1), np.diff(request.route_y[:, 1:], axis=1))
@@ -85,7 +86,7 @@ def test_the_route_of_an_evaluation(encounters: Encounter) -> None:
 
 def test_a_run_tells_of_plans(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    arguments = ["--mode", "plan", "--encounters", "30", "--seed", "5", *SMALL, "--workers", "1", "--out", str(out)]
+    arguments = ["--mode", "plan", "--encounters", "12", "--seed", "5", *SMALL, "--workers", "1", "--out", str(out)]
     assert monte_carlo.main(arguments) == 0
     table, summary = table_of(out), json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert summary["mode"] == "plan"
@@ -96,7 +97,7 @@ def test_a_run_tells_of_plans(tmp_path: Path) -> None:
     assert summary["follower_error_m_quantiles"]["1"] < 0.1
 
     again = tmp_path / "again"
-    config = [f"--config={out / 'config.yaml'}", "--set", "chunk=7", "--workers", "2", f"--out={again}"]
+    config = [f"--config={out / 'config.yaml'}", "--set", "chunk=5", "--workers", "2", f"--out={again}"]
     assert monte_carlo.main(config) == 0
     assert (again / "encounters.parquet").read_bytes() == (out / "encounters.parquet").read_bytes()
 
@@ -104,7 +105,7 @@ def test_a_run_tells_of_plans(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["noisy", "multi", "maneuvering"])
 def test_every_scenario_can_be_planned_for(tmp_path: Path, name: str) -> None:
     out = tmp_path / name
-    arguments = ["--mode", "plan", "--scenario", name, "--encounters", "6", *SMALL, "--set", "planner.thorough=false"]
+    arguments = ["--mode", "plan", "--scenario", name, "--encounters", "3", *SMALL, "--set", "planner.thorough=false"]
     assert monte_carlo.main([*arguments, "--workers", "1", "--out", str(out)]) == 0
     table = table_of(out)
     assert set(table["plan_status"]) <= {"safe", "unresolved"}
