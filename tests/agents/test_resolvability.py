@@ -6,11 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agents import survivors
 from agents.escape_manoeuvre import Manoeuvre, steps
 from agents.escape_search import search
+from agents.outer_polygon import beside, outside
 from agents.reachable_bound import DELTA, DIRECTIONS, EPSILON, Funnel, farthest, narrowed, relaxed, root, support
 from agents.resolvability import Method, Replay, Verdict, classify, replay
-from agents.unresolvable import contained, look_ahead, split
+from agents.survivors import Cells, States, last_time
+from agents.unresolvable import Ahead, contained, look_ahead, split
 from envs.encounters import Encounter, Scenario, scenario
 from envs.intruder import Intent
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, advance
@@ -22,6 +25,9 @@ from tests.strategies import mirrored
 
 CLOSE = scenario("circle", radius=(1_000.0, 4_000.0), min_initial_separation=0.0)
 """Half of these starts are in trouble, a quarter beyond help."""
+
+CROWDED = scenario("multi", intruders=(2, 4), radius=(1_500.0, 4_000.0), min_initial_separation=1_000.0)
+"""A fifth of these starts are beyond help, most of them because the ways past one intruder lead into another."""
 
 
 def duel(ahead: Any, course: Any = math.pi, speed: float = 75.0, intruder_speed: float = 75.0) -> Encounter:
@@ -170,13 +176,13 @@ def test_a_goal_beside_the_ownship_lies_inside_its_turning_circle():
 
 
 def test_no_proof_touches_a_solved_encounter():
-    for family, count in ((CLOSE, 300), (scenario("maneuvering", radius=(1_500.0, 5_000.0)), 200)):
+    for family, count in ((CLOSE, 300), (scenario("maneuvering", radius=(1_500.0, 5_000.0)), 200), (CROWDED, 60)):
         encounters = numbered(family, 5, 0, count)
         ahead = look_ahead(encounters, RULES, SURROGATE)
         unproven = np.flatnonzero(np.isnan(contained(ahead, RULES, SURROGATE)))
         found = search(take(encounters, unproven), RULES, SURROGATE)
         solved = unproven[~np.isnan(found.arrival)]
-        tight = solved[np.argsort(found.separation[~np.isnan(found.arrival)])[:20]]
+        tight = solved[np.argsort(found.separation[~np.isnan(found.arrival)])[:6]]
         assert np.isnan(split(take(ahead, tight), RULES, SURROGATE, nodes=40)).all()
 
 
@@ -256,21 +262,23 @@ def test_wrong_shapes_are_refused():
         classify(duel([900.0]), RULES, SURROGATE, solved=np.array([True, False]))
 
 
-def random_flights(count: int, seconds: int) -> tuple[np.ndarray, ...]:
-    """Fly extremal commands, held for some seconds each; return x, y, turn and speed ``[T + 1, N]``."""
+def random_flights(
+    count: int, seconds: float, tick: float = 1.0, start_speed: float | None = None
+) -> tuple[np.ndarray, ...]:
+    """Fly extremal commands, held for some seconds each; return x, y, turn and speed ``[T + 1, N]``, at every tick."""
     random = np.random.default_rng(1)
-    speed = random.uniform(50.0, 100.0, count)
+    speed = random.uniform(50.0, 100.0, count) if start_speed is None else np.full(count, start_speed)
     state = VehicleState(np.zeros(count), np.zeros(count), np.zeros(count), speed)
     turned = np.zeros(count)
     record = [(state.x, state.y, turned, state.speed)]
-    hold = random.integers(1, 12, count)
+    hold = random.integers(1, round(12 / tick), count)
     command = np.zeros((2, count))
-    for second in range(seconds):
-        fresh = second % hold == 0
+    for index in range(round(seconds / tick)):
+        fresh = index % hold == 0
         command = np.where(fresh, random.integers(-1, 2, (2, count)), command)
         turn = command[1] * SURROGATE.yaw_rate_max
-        state = advance(state, command[0] * SURROGATE.acceleration_max, turn, 1.0, SURROGATE, np)
-        turned = turned + turn
+        state = advance(state, command[0] * SURROGATE.acceleration_max, turn, tick, SURROGATE, np)
+        turned = turned + turn * tick
         record.append((state.x, state.y, turned, state.speed))
     return tuple(np.array(values) for values in zip(*record, strict=True))
 
@@ -316,6 +324,101 @@ def test_farthest_bounds_every_point_of_the_polygon():
         assert (bound >= exact - 1e-9).all()
         # Not looser than the circumscribed circle of the fan.
         assert (bound <= exact / math.cos(math.pi / DIRECTIONS.size) + 1e-9).all()
+
+
+def flown_clear(ahead: Ahead, count: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    """Fly random commands in one encounter; return the flights ``[T, N]`` at the test times, and who is clear by then.
+
+    Clear is who has been in no disc of 999 m at any test time so far.
+    """
+    tests = ahead.x.shape[2]
+    flights = random_flights(count, 0.25 * tests, 0.25, float(ahead.speed[0]))
+    x, y, turned, speed = (field[1:] for field in flights)
+    apart = np.hypot(x[:, None] - ahead.x[0].T[:, :, None], y[:, None] - ahead.y[0].T[:, :, None]).min(axis=1)
+    return (x, y, turned, speed), np.logical_and.accumulate(apart > RULES.separation - DELTA, axis=0)
+
+
+def test_gaps_between_intruders_that_close_are_proven_closed():
+    # Searches through piecewise controls keep no more than 685, 992, 964 and 958 m.
+    for number in (126, 145, 188, 204):
+        ahead = look_ahead(numbered(scenario("multi", intruders=(2, 4)), 0, number, 1), RULES, SURROGATE)
+        assert np.isnan(contained(ahead, RULES, SURROGATE)[0])
+        proven = split(ahead, RULES, SURROGATE, nodes=0)[0]
+        assert 10.0 < proven < 46.5
+        clear = flown_clear(ahead, 4_000)[1]
+        assert clear[0].all()
+        assert not clear[round(proven / 0.25) - 1].any()
+
+
+@pytest.mark.parametrize(
+    "cells", [Cells(math.radians(30.0), 12.0, 1_000.0, 32, 900), Cells(math.radians(9.0), 5.0, 300.0, 7, 900)]
+)
+def test_whoever_is_clear_of_all_intruders_is_among_the_survivors(cells: Cells, monkeypatch: pytest.MonkeyPatch):
+    kept: list[States] = []
+
+    def spy(states: States, cells: Cells, merged: Any = survivors.merged) -> States:
+        kept.append(merged(states, cells))
+        return kept[-1]
+
+    monkeypatch.setattr(survivors, "merged", spy)
+    checked = 0
+    for number in range(6):
+        ahead = look_ahead(numbered(CROWDED, 7, number, 1), RULES, SURROGATE)
+        kept.clear()
+        discs = (ahead.x[0], ahead.y[0], RULES.separation - DELTA)
+        last_time(float(ahead.speed[0]), discs, (1e6, 0.0, 500.0), 0.25, cells, relaxed(SURROGATE))
+        flights, clear = flown_clear(ahead, 500)
+        for index, states in enumerate(kept):
+            test = min((index + 1) * cells.tests, ahead.x.shape[2]) - 1
+            x, y, turned, speed = (field[test, clear[test]] for field in flights)
+            along = np.cos(DIRECTIONS)[:, None] * x + np.sin(DIRECTIONS)[:, None] * y
+            within = np.all(states.supports[:, :, None] >= along, axis=1)
+            bounds = ((turned, states.turn_low, states.turn_high), (speed, states.speed_low, states.speed_high))
+            for value, low, high in bounds:
+                within &= (value >= low[:, None] - 1e-9) & (value <= high[:, None] + 1e-9)
+            assert within.any(axis=0).all()
+            checked += x.size
+    assert checked > 1_000
+
+
+def test_survivors_that_reach_the_goal_before_the_disc_prove_nothing():
+    cells = Cells(math.radians(30.0), 12.0, 1_000.0, 32, 3_000)
+    ahead = look_ahead(duel([2_400.0]), RULES, SURROGATE)
+    discs = (ahead.x[0], ahead.y[0], RULES.separation - DELTA)
+    # The discs meet at 1 s before the ownship is at 700 m or so.
+    for goal, ends in ((15_000.0, True), (2_000.0, True), (1_000.0, False)):
+        time = last_time(75.0, discs, (goal, 0.0, RULES.goal_radius + DELTA), 0.25, cells, relaxed(SURROGATE))
+        assert np.isfinite(time) == ends
+
+
+def test_polygons_lose_what_a_disc_or_a_line_takes_and_no_more():
+    random = np.random.default_rng(3)
+    normal = np.stack([np.cos(DIRECTIONS), np.sin(DIRECTIONS)])
+    shrunk_some = 0
+    for _ in range(60):
+        points = random.normal(size=(6, 2)) * random.uniform(50.0, 600.0, 2)
+        supports = np.max(points @ normal, axis=0)[None]
+        inside = random.uniform(-1_500.0, 1_500.0, (4_000, 2))
+        inside = inside[np.all(inside @ normal <= supports, axis=1)]
+        x, y = random.normal(size=2) * 500.0
+        left, some = outside(supports, x, y, 500.0)
+        spared = inside[np.hypot(inside[:, 0] - x, inside[:, 1] - y) > 500.0]
+        assert (spared @ normal <= left).all()
+        assert some[0] or not spared.size
+        assert (left <= supports + 1e-5).all()
+        shrunk_some += bool((left < supports - 1.0).any())
+
+        part = beside(supports, 5, np.array([0.5 * (supports[0, 5] - supports[0, 21])]))
+        spared = inside[inside @ normal[:, 5] <= 0.5 * (supports[0, 5] - supports[0, 21])]
+        assert (spared @ normal <= part).all()
+        assert part[0, 5] == pytest.approx(0.5 * (supports[0, 5] - supports[0, 21]), abs=1e-5)
+    assert shrunk_some > 20
+    # Two discs that neither contain it contain it together.
+    disc = np.full((1, DIRECTIONS.size), 500.0)
+    for radius, covered in ((600.0, True), (550.0, False)):
+        rest, some = outside(disc, 250.0, 0.0, radius)
+        assert some[0]
+        assert outside(rest, -250.0, 0.0, radius)[1][0] != covered
 
 
 def test_the_margins_of_a_proof_are_honoured():
