@@ -88,11 +88,24 @@ _PLAIN = _grid([0.0], slacks=[REGARDLESS])
 _THROTTLES = (-1.0, 0.0, 1.0)
 COARSE = _grid(np.arange(-180.0, 180.1, 15.0), _THROTTLES)
 
+
+def _staying_away(turns_deg: Any, resumes: Any) -> Manoeuvre:
+    """Return turns that do not come back before a time, s: with one throttle, or slow and then fast, ``[M]``."""
+    slow_then_fast = (-1.0, 1.0)
+    throttles = ((-1.0, -1.0), (0.0, 0.0), (1.0, 1.0), slow_then_fast)
+    mesh = np.meshgrid(np.radians(turns_deg), np.arange(len(throttles)), resumes, indexing="ij")
+    turn, pair, resume = (axis.ravel() for axis in mesh)
+    first, then = np.array(throttles)[pair.astype(int)].T
+    zero = np.zeros_like(turn)
+    return Manoeuvre(turn, first, zero + 15.0, zero, then, resume, zero, np.maximum(then, 0.0))
+
+
 STAGES: tuple[Manoeuvre, ...] = (
     _joined(_PLAIN, _grid(_both_sides([20.0, 45.0, 75.0, 110.0]))),
     COARSE,
     _grid(np.arange(-172.5, 172.6, 15.0), _THROTTLES),
     _grid(np.arange(-150.0, 150.1, 15.0), _THROTTLES, delays=[5.0, 10.0, 20.0, 40.0], slacks=[0.0, 200.0]),
+    _staying_away(np.arange(-180.0, 180.1, 15.0), [20.0, 30.0]),
 )
 """What is flown, coarse to fine: each stage only for the encounters that those before it left unsolved."""
 
