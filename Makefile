@@ -73,7 +73,7 @@ constraints:
 	$(COMPILE) --generate-hashes $(UPGRADE) --extra train --extra sim --extra report --extra tensorboard \
 	  $(PROJECT) -o constraints/run.txt
 	$(COMPILE) --generate-hashes $(UPGRADE) --extra train --extra sim --extra report --extra tensorboard --extra onnx \
-	  --extra dev -c constraints/run.txt $(PROJECT) -o constraints/dev.txt
+	  --extra sweep --extra dev -c constraints/run.txt $(PROJECT) -o constraints/dev.txt
 	$(COMPILE) --no-annotate $(UPGRADE) --extra peers -c constraints/run.txt pyproject.toml -o constraints/peers.txt
 	@{ echo "# Versions without hashes: torch is built anew for each platform and processor (CPU builds carry a local"; \
 	  echo "# version such as +cpu), so one list of hashes would refuse most of them. Use it to constrain an install:"; \

@@ -181,10 +181,10 @@ class Policy:
         x = np.array(features(values, self._feature_set, FLOATS), self.dtype)
         *hidden, (kernel, bias) = self._layers
         for hidden_kernel, hidden_bias in hidden:
-            x = np.dot(x, hidden_kernel)
+            x = x.dot(hidden_kernel)  # the method: a tenth faster than the function for so little work
             x += hidden_bias
-            np.tanh(x, out=x)
-        throttle, steering = (np.dot(x, kernel) + bias).tolist()
+            np.tanh(x, x)
+        throttle, steering = (x.dot(kernel) + bias).tolist()
         return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
 
 
