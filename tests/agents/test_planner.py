@@ -145,10 +145,12 @@ def test_a_pure_rollout_flies_to_the_goal(policy: Policy) -> None:
     assert_contract(answer, ROUTE)
 
 
-def test_the_fallback_finds_a_plan_where_the_policy_has_none(policy: Policy, encounters: Encounter) -> None:
-    plans = plan_many(request_of(encounters), policy, Options())
+def test_the_fallback_finds_a_plan_where_the_policy_has_none(policy: Policy) -> None:
+    # Several intruders are more than a policy can see at once.
+    request = request_of(numbered(scenario("multi"), 7, 0, 24))
+    plans = plan_many(request, policy, Options(thorough=False))
     saved = plans.proposals.safe & ~plans.policy_safe
-    assert saved.sum() >= 1
+    assert saved.sum() >= 3
     assert np.all(plans.source[saved] == 2)
 
 
