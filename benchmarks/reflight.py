@@ -63,7 +63,9 @@ def refly(knots: Knots, request: Request, requirement: Requirement, limits: Limi
         gain, rate = _commanded(own, acceleration, yaw_rate, limits)
         flight = _moved(own, gain, rate, _PARTS)
         apart = np.abs(others.place(np.full((1, 1, 1), time)) - (own.x + 1j * own.y)[:, None, None])[..., 0]
-        apart = np.where(mask, apart, np.inf)
+        # Beyond its last waypoint a plan promises nothing.
+        flying = ends >= time + PERIOD
+        apart = np.where(mask & flying[:, None], apart, np.inf)
         separation[rows] = np.minimum(separation[rows], np.min(apart, axis=1, initial=np.inf))
         n, k = np.nonzero(apart < _LOOK)
         if n.size:
@@ -72,7 +74,7 @@ def refly(knots: Knots, request: Request, requirement: Requirement, limits: Limi
             np.minimum.at(separation, rows[n], _closest(away))
         end = flight[:, -1]
         own = VehicleState(own.x + end.real, own.y + end.imag, own.heading + rate * PERIOD, own.speed + gain * PERIOD)
-        error[rows] = np.maximum(error[rows], np.hypot(own.x - after.x, own.y - after.y))
+        error[rows] = np.maximum(error[rows], np.where(flying, np.hypot(own.x - after.x, own.y - after.y), 0.0))
         now, period = after, period + 1
         if period % _COMPRESS == 0:
             on = ends > period * PERIOD

@@ -161,6 +161,22 @@ def test_the_follower_finds_a_near_intruder_and_a_plan_that_starts_elsewhere(pla
     assert refly(plans.knots, elsewhere, OPTIONS.requirement, OPTIONS.limits).astray.all()
 
 
+def test_the_follower_does_not_judge_beyond_the_plan(plans: Plans) -> None:
+    # An intruder that stands where the plan would lead ten seconds after its last waypoint.
+    curves, end = legs(plans.knots), plans.knots.time[:, -1]
+    state = at(curves, end)
+    ahead = 10.0 * state.speed
+    other = plans.request.traffic.state
+    x, y = state.x + ahead * np.cos(state.heading), state.y + ahead * np.sin(state.heading)
+    away = 1_005.0 - ahead
+    place = (x + away * np.cos(state.heading), y + away * np.sin(state.heading))
+    standing = type(other)(place[0][:, None], place[1][:, None], other.heading, 0.0 * other.speed)
+    request = plans.request._replace(traffic=plans.request.traffic._replace(state=standing))
+    flight = refly(plans.knots, request, OPTIONS.requirement, OPTIONS.limits)
+    assert not flight.too_close.any()
+    assert np.all(flight.separation < 1_020.0)
+
+
 def test_what_plan_publishes_is_judged_too(policy: Policy) -> None:
     requests = take(drawn(0, 0, 12), slice(0, 12))
     for row in range(12):
