@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.escape_manoeuvre import REGARDLESS, Flight, Manoeuvre, fly, steps, takeoff, tracks
-from agents.escape_search import COARSE, STAGES, fly_out, parts, search
+from agents.escape_search import COARSE, STAGES, concatenated, fly_out, parts, search
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.intruder import IntruderState, start, step
@@ -19,7 +19,7 @@ from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules, judge
 from envs.relative import distance, leg_separation
 from envs.starts import cast, joined
-from envs.trees import take
+from envs.trees import column, take
 
 __all__ = ["ENOUGH", "OUTCOMES", "Causal", "Foresight", "causal"]
 
@@ -47,7 +47,7 @@ _LOST = -1e4
 _TOGETHER = 1_024
 """Encounters flown together."""
 
-_FAMILY = Manoeuvre(*(np.concatenate(field) for field in zip(STAGES[0], COARSE, strict=True)))
+_FAMILY = concatenated(STAGES[0], COARSE)
 
 
 class Foresight(NamedTuple):
@@ -132,7 +132,7 @@ def _fly(encounter: Encounter, part: Any, foresight: Foresight, rules: Rules, li
         before = takeoff(air.own, air.plan)
         flight = fly(before, air.plan, 0.0, goal, now, mask, left, limits)
         traffic = step(air.intruders, air.encounter.intent, elapsed, rules.dt, np)
-        apart = leg_separation(_column(air.own), _column(flight.own), now, traffic.vehicle, rules.dt, np)
+        apart = leg_separation(column(air.own), column(flight.own), now, traffic.vehicle, rules.dt, np)
         separation = np.min(np.where(mask, apart, np.inf), axis=-1)
         to_goal = distance(goal[0] - flight.own.x, goal[1] - flight.own.y, np)
         ended = judge(separation, to_goal, elapsed + rules.dt, rules, np)
@@ -237,7 +237,3 @@ def _rest(plan: Manoeuvre, flight: Flight, dt: float) -> Manoeuvre:
         resume=np.where(flight.homing, 0.0, np.maximum(plan.resume - dt, 0.0)),
         slack=np.where(flight.homing, REGARDLESS, plan.slack),
     )
-
-
-def _column(vehicle: VehicleState) -> VehicleState:
-    return VehicleState(*(field[:, None] for field in vehicle))

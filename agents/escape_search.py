@@ -14,7 +14,7 @@ from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules, judge
 from envs.relative import distance, leg_separation
-from envs.trees import take
+from envs.trees import column, take
 
 __all__ = [
     "CHILDREN",
@@ -24,6 +24,7 @@ __all__ = [
     "STAGES",
     "Flown",
     "Found",
+    "concatenated",
     "fly_out",
     "parts",
     "refine",
@@ -76,7 +77,8 @@ def _grid(turns_deg: Any, throttles: Any = (0.0,), delays: Any = (0.0,), slacks:
     return Manoeuvre(zero, zero, delay, turn, throttle, zero, slack, zero)
 
 
-def _joined(*parts: Manoeuvre) -> Manoeuvre:
+def concatenated(*parts: Manoeuvre) -> Manoeuvre:
+    """Return families one after the other, ``[M]``."""
     return Manoeuvre(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
 
@@ -101,7 +103,7 @@ def _staying_away(turns_deg: Any, resumes: Any) -> Manoeuvre:
 
 
 STAGES: tuple[Manoeuvre, ...] = (
-    _joined(_PLAIN, _grid(_both_sides([20.0, 45.0, 75.0, 110.0]))),
+    concatenated(_PLAIN, _grid(_both_sides([20.0, 45.0, 75.0, 110.0]))),
     COARSE,
     _grid(np.arange(-172.5, 172.6, 15.0), _THROTTLES),
     _grid(np.arange(-150.0, 150.1, 15.0), _THROTTLES, delays=[5.0, 10.0, 20.0, 40.0], slacks=[0.0, 200.0]),
@@ -145,7 +147,7 @@ def fly_out(
     for index in range(steps(rules)):
         after = take(traffic, (index + 1, which))
         moved = fly(flight, manoeuvre, index * rules.dt, goal, now, mask, rules, limits)
-        apart = leg_separation(_column(flight.own), _column(moved.own), now, after, rules.dt, np)
+        apart = leg_separation(column(flight.own), column(moved.own), now, after, rules.dt, np)
         separation = np.min(np.where(mask, apart, np.inf), axis=-1)
         to_goal = distance(goal[0] - moved.own.x, goal[1] - moved.own.y, np)
         flown = (0.5 * rules.dt) * (flight.own.speed + moved.own.speed)
@@ -265,7 +267,3 @@ def parts(indices: Any, each: int, encounter: Encounter) -> list[Any]:
     crowd = max(encounter.mask.shape[-1] / 8, 1.0)
     size = max(int(min(BLOCK / each, MOST) / crowd), 1)
     return [indices[first : first + size] for first in range(0, indices.size, size)]
-
-
-def _column(vehicle: VehicleState) -> VehicleState:
-    return VehicleState(*(field[:, None] for field in vehicle))

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.escape_manoeuvre import Manoeuvre, fly_away, takeoff
-from agents.escape_search import CHILDREN, COARSE, ELITES, SPREAD, STAGES, within_range
+from agents.escape_search import CHILDREN, COARSE, ELITES, SPREAD, STAGES, concatenated, within_range
 from agents.homing import clear
-from agents.proposals import Proposals, better, nothing, propose, put, task_of
+from agents.proposals import REVERSAL_WEIGHT, TIME_WEIGHT, Proposals, better, nothing, propose, put, task_of
 from agents.request import Options, Request, bold, keeping
 from agents.rollout import Rollout
 from agents.traffic import predicted, uncertainty
@@ -24,7 +24,7 @@ from envs.angles import wrap
 from envs.draws import normals, uniforms
 from envs.kinematics import VehicleState
 from envs.relative import leg_separation
-from envs.trees import take
+from envs.trees import column, take
 
 __all__ = ["STRIDE", "Flown", "fly_out", "refine", "search"]
 
@@ -122,9 +122,8 @@ def _tried(best: Proposals, left: Any, request: Request, goal: Any, tried: Any, 
     family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
     flown = fly_out(request, goal, which, family, options, -np.inf, tried.size)
     if not judge:
-        return np.where(np.isfinite(flown.rollout.time), 0.0, -1e6).reshape(left.size, each) + np.minimum(
-            flown.clearance, 1e4
-        ).reshape(left.size, each)
+        fault = np.where(np.isfinite(flown.rollout.time), 0.0, 1e6)
+        return (np.minimum(flown.clearance, 1e4) - fault).reshape(left.size, each)
     plans = propose(take(request, which), flown.rollout, goal[which], options)
     _keep(best, which, plans)
     # Who misses the goal or a limit comes after all who do not.
@@ -147,7 +146,7 @@ def _improve(
     to_x, to_y = (field[which, goal[which]] for field in (request.route_x, request.route_y))
     home = np.hypot(to_x - rollout.end.x, to_y - rollout.end.y)
     time = rollout.time + home / rollout.end.speed
-    cost = rollout.path + home + 0.25 * time * request.own.speed[which] + 100.0 * rollout.reversals
+    cost = rollout.path + home + TIME_WEIGHT * time * request.own.speed[which] + REVERSAL_WEIGHT * rollout.reversals
     cost = np.where(arrived, cost + 20.0 * np.maximum(_SMOOTHING - flown.clearance, 0.0), np.inf).reshape(-1, each)
     spare = np.where(arrived, flown.clearance, -np.inf).reshape(-1, each)
     picked = np.zeros(cost.shape, dtype=bool)
@@ -207,7 +206,7 @@ def fly_out(
     now = take(predicted(traffic, 0.0), of)
     closest, path, side, reversals = np.full(count, np.inf), np.zeros(count), np.zeros(count), np.zeros(count)
     for step in range(steps + 1):
-        own = _column(flight.own)
+        own = column(flight.own)
         if step % _PER_SPACING == 0:
             landed.pass_by(rows, step // _PER_SPACING, flight.own)
         homing = step * STRIDE >= manoeuvre.resume
@@ -228,7 +227,7 @@ def fly_out(
             break
         after = take(predicted(traffic, (step + 1) * STRIDE), of)
         moved = fly_away(flight, manoeuvre, step * STRIDE, STRIDE, limits)
-        spare = leg_separation(_column(flight.own), _column(moved.own), now, after, STRIDE, np) - owed
+        spare = leg_separation(column(flight.own), column(moved.own), now, after, STRIDE, np) - owed
         if not sure:
             growth = uncertainty(traffic, (step + 1) * STRIDE) - traffic.position_std
             spare = spare - requirement.sigmas * growth[of]
@@ -271,21 +270,13 @@ class _Landed:
         return Rollout(self.knots, self.end, self.time, direct, self.path, self.side, self.reversals)
 
 
-def _joined(*parts: Manoeuvre) -> Manoeuvre:
-    return Manoeuvre(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
+_FIRST = concatenated(*STAGES[:2])
 
 
-_FIRST = _joined(*STAGES[:2])
-
-
-_SEEDS = _joined(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
+_SEEDS = concatenated(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
 """Also manoeuvres that do not turn back before the intruder has passed."""
 
 
 def _parts(rows: Any, each: int) -> list[Any]:
     size = max(_BLOCK // each, 1)
     return [rows[first : first + size] for first in range(0, rows.size, size)]
-
-
-def _column(vehicle: VehicleState) -> VehicleState:
-    return VehicleState(*(field[:, None] for field in vehicle))

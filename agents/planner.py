@@ -97,19 +97,19 @@ def plan_many(request: Request, policy: Policy, options: Options, *, floats: boo
         rows = np.flatnonzero(~best.safe & (goals[:, choice] >= 0))
         if rows.size == 0:
             break
-        part, goal = _part(request, rows), goals[rows, choice]
+        part, goal = take(request, rows), goals[rows, choice]
         plans = first if first is not None and choice == 0 else _by_policy(part, goal, policy, options, floats)
         consider(rows, plans, 1)
         if choice == 0:
             policy_safe[rows] = plans.safe
         wanting = ~plans.safe | (plans.cost > options.doubtful)
         if wanting.any():
-            consider(rows[wanting], fallback.search(_part(part, wanting), goal[wanting], options), 2)
+            consider(rows[wanting], fallback.search(take(part, wanting), goal[wanting], options), 2)
         if options.thorough:
             # Where the route is too short for one manoeuvre it is for all.
             left = ~best.safe[rows] & ~best.too_short[rows]
             if left.any():
-                consider(rows[left], fallback.refine(_part(part, left), goal[left], options), 2)
+                consider(rows[left], fallback.refine(take(part, left), goal[left], options), 2)
     return Plans(best, source, policy_safe)
 
 
@@ -150,10 +150,6 @@ def _by_policy(request: Request, goal: Any, policy: Policy, options: Options, fl
     else:
         rollout = roll(request.own, request.traffic, to, keep, policy, task)
     return propose(request, rollout, goal, options)
-
-
-def _part(request: Request, rows: Any) -> Request:
-    return take(request, rows)
 
 
 def _answer(

@@ -12,13 +12,27 @@ from agents.validator import validate
 from envs.trees import mapped, take
 from envs.waypoints import Knots
 
-__all__ = ["REJOIN_RESERVE", "Proposals", "better", "nothing", "propose", "put", "task_of"]
+__all__ = [
+    "REJOIN_RESERVE",
+    "REVERSAL_WEIGHT",
+    "TIME_WEIGHT",
+    "Proposals",
+    "better",
+    "nothing",
+    "propose",
+    "put",
+    "task_of",
+]
 
 REJOIN_RESERVE = 50.0
 """By how much deeper than ``goal_radius`` manoeuvres enter the goal's disc, m, so that the smoothed plan does too."""
 
 _TURN_SHARE = 2.0 / 3.0  # of the turn rate, for turns along the route
-_TIME_WEIGHT, _REVERSAL_WEIGHT = 0.25, 100.0
+TIME_WEIGHT = 0.25
+"""Cost of a metre that the time beyond the straight line would have covered."""
+
+REVERSAL_WEIGHT = 100.0
+"""Cost of a change of the turn's side, m."""
 
 
 class Proposals(NamedTuple):
@@ -93,7 +107,7 @@ def propose(request: Request, rollout: Rollout, goal: Any, options: Options) -> 
     time, path = whole.rejoin_time[rows], whole.path[rows]
     excess = np.maximum(path - np.maximum(straight, 0.0), 0.0)
     late = np.maximum(time * request.own.speed[rows] - np.maximum(straight, 0.0), 0.0)
-    cost = excess + _TIME_WEIGHT * late + _REVERSAL_WEIGHT * whole.reversals[rows]
+    cost = excess + TIME_WEIGHT * late + REVERSAL_WEIGHT * whole.reversals[rows]
     legal = ~found.wrong[:-1].any(axis=0)
     values = (
         knots,

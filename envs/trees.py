@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-__all__ = ["mapped", "take"]
+__all__ = ["column", "mapped", "take"]
 
 T = TypeVar("T")
 
@@ -22,3 +22,8 @@ def mapped(function: Callable[..., Any], *trees: Any) -> Any:
 def take(tree: T, index: Any) -> T:
     """Return some rows of every array: one by its number, or several by a slice, indices or a mask."""
     return mapped(lambda field: np.asarray(field)[index], tree)
+
+
+def column(tree: T) -> T:
+    """Return every array ``[N]`` as a column ``[N, 1]``, to be set against intruders ``[N, K]``."""
+    return mapped(lambda field: field[:, None], tree)

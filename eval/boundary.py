@@ -1,7 +1,6 @@
 """Check of resolvability by dynamic programming: ``python -m eval.boundary --out runs/boundary``."""
 
 import argparse
-import json
 import math
 import sys
 import time
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.configuration import ConfigError, Parser, run_cli
+from eval import picture_folder
 
 if TYPE_CHECKING:
     from eval.boundary_slices import Slice
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     cuts = _slices(options.slice)
     if not 20.0 <= options.spacing <= 500.0:
         raise ConfigError(f"--spacing: {options.spacing:g} m; expected 20 to 500 m")
-    _create(options.out)
+    picture_folder.create(options.out)
     begun = time.perf_counter()
 
     from envs.kinematics import SURROGATE
@@ -89,8 +89,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked.sort(key=lambda one: one[0])
 
     disagreements = sum(sum(figures["disagreements"].values()) for _, _, figures in asked)
-    _write(
+    picture_folder.write(
         options.out,
+        "boundary",
         {
             "schema_version": 1,
             "separation_m": RULES.separation,
@@ -102,6 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             "wall_s": time.perf_counter() - begun,
         },
         boundary_figure([(answers, figures) for _, answers, figures in asked], RULES.separation),
+        dpi=110,
     )
     for _, _, figures in asked:
         print(_line(figures))
@@ -147,15 +149,6 @@ def _slices(wanted: Sequence[Sequence[float]]) -> "list[Slice]":
     return [Slice(name, own, intruder, math.radians(course)) for name, own, intruder, course in named]
 
 
-def _create(folder: Path) -> None:
-    try:
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise ConfigError(f"--out {folder}: holds something already, expected a folder that is new or empty")
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise ConfigError(f"--out {folder}: cannot be written: {problem.strerror}") from None
-
-
 def _solutions(intruder_speed: float, name: str) -> "tuple[Solution, Solution]":
     """Return the value functions on the coarser and the finer grid."""
     from envs.kinematics import SURROGATE
@@ -169,16 +162,6 @@ def _solutions(intruder_speed: float, name: str) -> "tuple[Solution, Solution]":
         assert edge_value(solution) > RULES.separation, "a lost state touches the edge of the grid"
         found.append(solution)
     return found[0], found[1]
-
-
-def _write(folder: Path, figures: dict[str, Any], figure: Any) -> None:
-    import matplotlib as mpl
-
-    (folder / "boundary.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    # Neither a date nor random names, so that the same check gives the same files.
-    with mpl.rc_context({"svg.hashsalt": "rlcas"}):
-        figure.savefig(folder / "boundary.png", dpi=110)
-        figure.savefig(folder / "boundary.svg", dpi=150, metadata={"Date": None})
 
 
 def _line(figures: dict[str, Any]) -> str:

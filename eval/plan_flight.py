@@ -19,7 +19,7 @@ from envs.observation import SIZE
 from envs.outcome import Rules
 from envs.relative import distance, leg_separation
 from envs.tracking import offset
-from envs.trees import take
+from envs.trees import column, take
 from envs.waypoints import Knots, at, legs
 from eval.film import Film
 from eval.simulate import OUTCOMES, REVERSAL_RATE, Flights
@@ -136,7 +136,7 @@ def fly_second(
         moved = advance(own, acceleration, yaw_rate, PERIOD, limits, np)
         # Over a second the intruder's controller holds its yaw rate.
         other_next = advance(other, other.speed * 0.0, turn, PERIOD, intruder.INTRUDER_LIMITS, np)
-        apart = leg_separation(_column(own), _column(moved), other, other_next, PERIOD, np)
+        apart = leg_separation(column(own), column(moved), other, other_next, PERIOD, np)
         flown = (clock + (step + 1) * PERIOD <= air.ends + 1e-6)[:, None]
         separation = np.minimum(separation, np.min(np.where(mask & flown, apart, np.inf), axis=-1, initial=np.inf))
         to_goal = distance(air.goal_x - moved.x, air.goal_y - moved.y, np)
@@ -262,7 +262,3 @@ def verdicts(flown: Flown, refused: np.ndarray, rules: Rules) -> Flown:
         duration=np.where(arrived, rules.t_max, flown.flights.duration),
     )
     return flown._replace(flights=flights)
-
-
-def _column(vehicle: VehicleState) -> VehicleState:
-    return VehicleState(*(field[:, None] for field in vehicle))

@@ -1,7 +1,6 @@
 """Advisory map, symmetry and chatter of a policy: ``python -m eval.policy_map --out runs/map``."""
 
 import argparse
-import json
 import math
 import time
 from collections.abc import Sequence
@@ -9,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.configuration import ConfigError, Parser, run_cli
+from eval import picture_folder
 
 if TYPE_CHECKING:
     from agents.inference import Policy
@@ -52,13 +52,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     policy = Policy.load(options.policy)
     scenes = _scenes(options, headings, policy)
     out = options.out or Path("runs") / time.strftime("policy_map_%Y%m%d_%H%M%S")
-    _create(out)
+    picture_folder.create(out)
 
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1):
         figure, found = _examine(policy, scenes, options)
-    _write(out, figure, found)
+    picture_folder.write(out, "policy_map", found, figure, dpi=130)
     from eval.policy_quality import lines_of
 
     print("\n".join([*lines_of(found["mirror_error"], found["chatter"]), f"written to {out}"]))
@@ -164,25 +164,6 @@ def _examine(policy: "Policy", scenes: "Sequence[Scene]", options: argparse.Name
         "versions": versions("numpy", "matplotlib"),
     }
     return policy_map(maps, limits, RULES.separation, f"{name} ({policy.sha256[:8]})"), found
-
-
-def _create(folder: Path) -> None:
-    try:
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise ConfigError(f"--out {folder}: holds something already, expected a folder that is new or empty")
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise ConfigError(f"--out {folder}: cannot be written: {problem.strerror}") from None
-
-
-def _write(folder: Path, figure: Any, found: dict[str, Any]) -> None:
-    import matplotlib as mpl
-
-    (folder / "policy_map.json").write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    # Neither a date nor random names, so that the same map gives the same files.
-    with mpl.rc_context({"svg.hashsalt": "rlcas"}):
-        figure.savefig(folder / "policy_map.png", dpi=130)
-        figure.savefig(folder / "policy_map.svg", dpi=150, metadata={"Date": None})
 
 
 def _cli() -> int:

@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["FIGURES", "training_figures"]
+__all__ = ["FIGURES", "STYLE", "training_figures"]
 
 PAPER_SCORE = 75.0
 """Average episode reward that the paper reports at the end of its training."""
 
 _BLUE, _GREEN, _ORANGE, _GREY = "#0072b2", "#00795a", "#d55e00", "#767676"  # apart for every kind of colour vision
-_STYLE: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 10.0,
     "axes.titlelocation": "left",
@@ -69,7 +69,7 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
     if not logs:
         raise ValueError(f"no metrics to draw in {', '.join(map(str, runs))}")
     out.mkdir(parents=True, exist_ok=True)
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         files = [file for name, panel in FIGURES.items() for file in _save(_side_by_side(logs, panel), out / name)]
         return files + _save(_sheet(logs), out / "training")
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rlcas_jax.figures import STYLE
 from rlcas_jax.sweep_space import Choices, Parameter
 
 if TYPE_CHECKING:
@@ -16,20 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["sweep_figures"]
 
 _BLUE, _ORANGE, _GREY = "#0072b2", "#d55e00", "#767676"  # apart for every kind of colour vision
-_STYLE: dict[Any, Any] = {
-    "font.size": 9.0,
-    "axes.titlesize": 10.0,
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#e4e4e4",
-    "grid.linewidth": 0.6,
-    "legend.frameon": False,
-    "legend.fontsize": 8.0,
-    "svg.hashsalt": "rlcas",  # the same data give the same file
-}
+_STYLE: dict[Any, Any] = STYLE | {"axes.axisbelow": True}
 _LABELS = {"success": "resolved of the resolvable, %", "score": "mean sparse return"}
 
 
