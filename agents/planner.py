@@ -15,6 +15,7 @@ from agents.homing import SLACK
 from agents.inference import Policy
 from agents.plan import Excluded, Kind, Plan, Reason, Source, Status
 from agents.proposals import Proposals, better, nothing, propose, put, task_of
+from agents.publication import audit
 from agents.request import Altitude, Intruder, Options, Request, checked, keeping
 from agents.rollout import roll, roll_one
 from agents.validator import CHECKS, Findings, validate
@@ -162,9 +163,10 @@ def _answer(
 ) -> Plan:
     """Write the plan of one request."""
     best = take(plans.proposals, 0)
-    safe = bool(best.safe)
     waypoints = _waypoints(best, route)
-    reasons = () if safe else tuple(_reasons(request, plans, kept, options))
+    slips = audit(waypoints, route, extended=options.extend_route) if waypoints else []
+    safe = bool(best.safe) and not slips
+    reasons = tuple(slips) if best.safe else (*_reasons(request, plans, kept, options), *slips)
     advisory = None
     if safe and not plans.policy_safe[0]:
         advisory = "the policy's own plan to the next point of the route was not safe"
