@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.features import features
+from agents.features import features, side
 from agents.inference import PARITY_TOLERANCE, Policy
 from agents.onnx_trace import Graph, Traced
 from agents.policy_file import PolicyFile, PolicyFileError, read
@@ -135,7 +135,12 @@ def _traced(content: PolicyFile) -> Graph:
 
     for number in range(len(content.hidden)):
         x = graph.apply("Tanh", layer(x, f"hidden_{number}"))
-    graph.rename(graph.clip(layer(x, "head"), -1.0, 1.0), OUTPUT)
+    x = layer(x, "head")
+    hand = side(list(components), content.feature_set, graph)
+    if isinstance(hand, Traced):
+        acceleration, yaw_rate = graph.apply_many("Split", [x], 2, axis=1)
+        x = graph.apply("Concat", acceleration, yaw_rate * hand, axis=1)
+    graph.rename(graph.clip(x, -1.0, 1.0), OUTPUT)
     return graph
 
 

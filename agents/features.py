@@ -8,12 +8,14 @@ from typing import Any
 
 from envs.observation import decode
 
-__all__ = ["FEATURE_SETS", "features", "size"]
+__all__ = ["FEATURE_SETS", "features", "side", "size"]
 
-FEATURE_SETS = ("none", "cpa")
-"""``none``: the bare observation (the paper's set-up); ``cpa``: geometry and closest point of approach."""
+FEATURE_SETS = ("none", "cpa", "mirror")
+"""``none``: the bare observation (the paper's set-up); ``cpa``: geometry and closest point of approach; ``mirror``: the
+same with every scene seen so that the intruder is on the left, which makes the policy exactly symmetric."""
 
-_SIZES = {"none": 8, "cpa": 22}
+_SIZES = {"none": 8, "cpa": 22, "mirror": 22}
+_BEARING = 4  # to the intruder, of the observation; left positive
 
 
 def size(feature_set: str) -> int:
@@ -25,6 +27,23 @@ def size(feature_set: str) -> int:
     if feature_set not in _SIZES:
         raise ValueError(f"feature set {feature_set!r} is unknown; expected one of {', '.join(FEATURE_SETS)}")
     return _SIZES[feature_set]
+
+
+def side(observation: list[Any], feature_set: str, xp: Any) -> Any:
+    """Return the factor of the network's yaw rate, ``[...]`` or 1.0: -1 where the scene is seen mirrored.
+
+    The choice by the intruder's bearing jumps where it crosses nose or tail, and nowhere else; as the signed inputs
+    jump with it, what a network says there may still be continuous in the scene.
+
+    Args:
+        observation: the eight components of the contract, ``[...]`` each.
+        feature_set: one of :data:`FEATURE_SETS`.
+        xp: array namespace.
+    """
+    if feature_set != "mirror":
+        return 1.0
+    # Not a choice between two constants, which numpy would widen to float64; a bearing of -0.0 counts as left.
+    return xp.copysign(1.0, observation[_BEARING] + 1e-30)
 
 
 def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
@@ -41,6 +60,7 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
     size(feature_set)
     if feature_set == "none":
         return list(observation)
+    hand = side(observation, feature_set, xp)
     geometry = decode(observation, xp)
     x, y = geometry.intruder_x, geometry.intruder_y
     far = observation[5] + 1.0
@@ -60,13 +80,16 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
         geometry.intruder_vy - geometry.own_speed * goal_sine,
         xp,
     )
+    if feature_set == "mirror":
+        ahead, homeward = (_mirrored(passing, hand) for passing in (ahead, homeward))
+        goal_sine = goal_sine * hand
     return [
         observation[0],
         observation[2],
         geometry.intruder_vx * 0.01,
-        geometry.intruder_vy * 0.01,
+        geometry.intruder_vy * 0.01 * hand,
         x / intruder_range,
-        y / intruder_range,
+        y / intruder_range * hand,
         observation[5],
         _soft((intruder_range - 1_000.0) * (1.0 / 1_000.0), xp),
         goal_cosine,
@@ -99,6 +122,11 @@ def _passing(x: Any, y: Any, vx: Any, vy: Any, xp: Any) -> tuple[Any, Any, Any, 
         xp.clip(miss * (1.0 / 5_000.0), -1.0, 1.0),
         xp.clip(1.5 - closest * (1.0 / 1_000.0), -1.0, 1.5),
     )
+
+
+def _mirrored(passing: tuple[Any, Any, Any, Any], hand: Any) -> tuple[Any, Any, Any, Any]:
+    time, miss, far_miss, depth = passing
+    return time, miss * hand, far_miss * hand, depth
 
 
 def _soft(value: Any, xp: Any) -> Any:

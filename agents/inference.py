@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from agents.features import features
+from agents.features import features, side
 from agents.policy_file import PolicyFile, PolicyFileError, parse, read
 from envs.backend import FLOATS
 from envs.kinematics import Limits
@@ -185,6 +185,7 @@ class Policy:
             x += hidden_bias
             np.tanh(x, x)
         throttle, steering = (x.dot(kernel) + bias).tolist()
+        steering *= side(values, self._feature_set, FLOATS)
         return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
 
 
@@ -210,7 +211,9 @@ def _forward(observation: np.ndarray, layers: _Layers, feature_set: str) -> np.n
         x = x @ hidden_kernel
         x += hidden_bias
         np.tanh(x, out=x)
-    return np.clip(x @ kernel + bias, -1.0, 1.0)
+    x = x @ kernel + bias
+    x[:, 1] *= side(components, feature_set, np)
+    return np.clip(x, -1.0, 1.0)
 
 
 def _refuse(array: np.ndarray) -> NoReturn:

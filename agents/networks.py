@@ -6,15 +6,18 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from agents.features import features
+from agents.features import features, side
 
 __all__ = ["Actor", "Critic"]
 
 
+def _components(observation: jax.Array) -> list[jax.Array]:
+    return [observation[..., i] for i in range(observation.shape[-1])]
+
+
 def _inputs(observation: jax.Array, feature_set: str) -> jax.Array:
     """Return the network's inputs, ``[..., F]``, of observations ``[..., 8]``."""
-    components = [observation[..., i] for i in range(observation.shape[-1])]
-    return jnp.stack(features(components, feature_set, jnp), axis=-1)
+    return jnp.stack(features(_components(observation), feature_set, jnp), axis=-1)
 
 
 class Trunk(nn.Module):
@@ -48,6 +51,9 @@ class Actor(nn.Module):
     def __call__(self, observation: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action."""
         mean = Trunk(self.hidden, 2, 0.01, self.feature_set, name="trunk")(observation)
+        if self.feature_set == "mirror":
+            hand = side(_components(observation), self.feature_set, jnp)
+            mean = mean * jnp.stack([jnp.ones_like(hand), hand], axis=-1)
         log_std = self.param("log_std", nn.initializers.constant(self.log_std_initial), (2,))
         return mean, log_std
 

@@ -1,7 +1,9 @@
 """What a training run can be told: the models behind ``configs/*.yaml`` and ``--set``."""
 
+import math
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from agents.configuration import ConfigError, Strict
@@ -29,9 +31,10 @@ class NetworkConfig(Strict):
 
     hidden: tuple[Annotated[int, Field(ge=1, le=8192)], ...] = Field(default=(256, 256), min_length=1, max_length=8)
     """Widths of the hidden layers of actor and of critic (paper: two of 256)."""
-    feature_set: Literal["cpa", "none"] = "cpa"
-    """What the first layer sees: the bare observation (none), or geometry and closest point of approach derived from
-    it inside the network (cpa)."""
+    feature_set: Literal["cpa", "mirror", "none"] = "cpa"
+    """What the first layer sees: the bare observation (none), geometry and closest point of approach derived from it
+    inside the network (cpa), or those with the intruder always on the left, so that the policy is exactly symmetric
+    (mirror)."""
     log_std_initial: float = Field(default=-0.5, ge=-5.0, le=2.0)
     """Natural logarithm of the initial standard deviation of both actions (full deflection is 1)."""
 
@@ -105,6 +108,15 @@ class WorldConfig(RulesConfig):
         default=VehicleConfig(), json_schema_extra={"expected": "the path of a YAML file, or a group of keys"}
     )
     """Limits of the ownship. A path is looked for beside the configuration file, then in the working directory."""
+    separation_spread: float = Field(default=0.0, ge=0.0)
+    """The environments ask for separations spread evenly from `separation` to this much more, m, and none of them says
+    for which: what comes closer is lost the more often, the closer it comes."""
+
+    def demanded(self, environments: int) -> np.ndarray:
+        """Return the separation that each environment asks for, m, ``[environments]``, mixed over their numbers."""
+        # By the golden ratio, so that any few neighbours cover the spread.
+        share = np.modf(np.arange(environments) * (0.5 * (math.sqrt(5.0) - 1.0)))[0]
+        return (self.separation + self.separation_spread * share).astype(np.float32)
 
     def limits(self) -> Limits:
         """Return the ownship's limits as the world's functions take them."""

@@ -60,6 +60,10 @@ def build(config: TrainConfig) -> Task:
     actor = Actor(hidden, feature_set, config.network.log_std_initial)
     parts = ppo.learner(actor, Critic(hidden, feature_set), settings)
     world = surrogate.World(config.world.rules(), config.world.limits())
+    training_world = world
+    if config.world.separation_spread > 0.0:
+        demanded = jnp.asarray(config.world.demanded(config.ppo.environments))
+        training_world = world._replace(rules=world.rules._replace(separation=demanded))
     scenarios = [entry.scenario() for entry in config.scenarios]
     total_weight = sum(entry.weight for entry in config.scenarios)
     weights = [entry.weight / total_weight for entry in config.scenarios]
@@ -78,7 +82,7 @@ def build(config: TrainConfig) -> Task:
 
     def update(state: TrainState) -> tuple[TrainState, dict[str, jax.Array]]:
         pool_key, rollout_key, shuffle_key, key = jax.random.split(jax.random.wrap_key_data(state.key), 4)
-        environment = _training_environment(config, world, starts(pool_key, config.pool_rows), scenarios)
+        environment = _training_environment(config, training_world, starts(pool_key, config.pool_rows), scenarios)
         flown, samples, statistics, figures = collect(
             state.learner,
             state.environment,

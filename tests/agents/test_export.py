@@ -32,7 +32,7 @@ def description(**changes):
     } | changes
 
 
-@pytest.mark.parametrize(("hidden", "feature_set"), [(HIDDEN, "cpa"), ((12,), "none"), ((4, 4, 4), "cpa")])
+@pytest.mark.parametrize(("hidden", "feature_set"), [(HIDDEN, "cpa"), ((12,), "none"), ((4, 4, 4), "mirror")])
 def test_written_policy_decides_as_flax(tmp_path, hidden, feature_set):
     variables = made(hidden, feature_set)
     path = tmp_path / "p.safetensors"

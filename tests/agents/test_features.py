@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from agents.features import FEATURE_SETS, features, size
+from agents.features import FEATURE_SETS, features, side, size
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState
 from envs.observation import observe
@@ -35,7 +35,7 @@ def test_size_agrees(feature_set):
 
 
 def test_unknown_set_is_named():
-    with pytest.raises(ValueError, match="'magic' is unknown; expected one of none, cpa"):
+    with pytest.raises(ValueError, match="'magic' is unknown; expected one of none, cpa, mirror"):
         features([0.0] * 8, "magic", FLOATS)
 
 
@@ -64,18 +64,40 @@ def test_mirrored_scene_flips_the_signed_parts_only():
     assert (np.abs(inputs(observation)).max(0) > 0.5).all()
 
 
+def test_a_mirrored_scene_looks_the_same_to_the_mirrored_set():
+    observation = random_observations()
+    mirrored = observation.copy()
+    mirrored[:, [1, 3, 4, 6]] *= -1.0
+    np.testing.assert_allclose(inputs(mirrored, "mirror"), inputs(observation, "mirror"), atol=1e-8)
+    hands = [side(list(seen.T), "mirror", np) for seen in (observation, mirrored)]
+    np.testing.assert_array_equal(hands[0], -hands[1])
+    assert set(hands[0]) == {-1.0, 1.0}
+    # An intruder on the left is seen as it is.
+    left = observation[:, 4] >= 0.0
+    np.testing.assert_array_equal(inputs(observation[left], "mirror"), inputs(observation[left]))
+
+
+def test_the_side_does_not_depend_on_the_sign_of_zero():
+    for bearing in (0.0, -0.0):
+        values = [0.1] * 4 + [bearing] + [0.1] * 3
+        assert side(values, "mirror", FLOATS) == 1.0
+        assert float(side([np.float32(v) for v in values], "mirror", np)) == 1.0
+        assert float(side([jnp.float32(v) for v in values], "mirror", jnp)) == 1.0
+
+
 @given(OBSERVATION)
 @example([-1.0] * 8)
 @example([1.0] * 8)
 @example([0.0, 0.3, 0.0, 0.3, 0.0, -1.0, 0.0, -1.0])  # on top of intruder and goal, at equal velocity
 @example([0.0, 1.0, 0.0, -1.0, 1.0, 1.0, -1.0, 1.0])  # equal headings at the seam, 20 km astern
 def test_finite_and_bounded_everywhere(observation):
-    for dtype in (np.float32, np.float64):
-        values = inputs(np.array(observation, dtype))
-        assert values.dtype == dtype
-        assert np.isfinite(values).all()
-        assert np.abs(values).max() <= 3.0
-    assert max(map(abs, features(observation, "cpa", FLOATS))) <= 3.0
+    for feature_set in ("cpa", "mirror"):
+        for dtype in (np.float32, np.float64):
+            values = inputs(np.array(observation, dtype), feature_set)
+            assert values.dtype == dtype
+            assert np.isfinite(values).all()
+            assert np.abs(values).max() <= 3.0
+        assert max(map(abs, features(observation, feature_set, FLOATS))) <= 3.0
 
 
 @given(OBSERVATION)

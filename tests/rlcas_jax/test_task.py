@@ -131,6 +131,33 @@ def test_the_task_is_judged_by_its_own_separation_whatever_training_asks_for() -
     assert task.rules == RULES._replace(reward_timeout=-20.0)
 
 
+def test_environments_ask_for_separations_spread_over_the_range() -> None:
+    world = load(TrainConfig, None, ["world.separation=1000", "world.separation_spread=80"]).world
+    demanded = world.demanded(1024)
+    assert demanded.min() == 1_000.0
+    assert demanded.max() < 1_080.0
+    # Any 64 neighbours are as good as all of them.
+    for first in range(0, 1024, 64):
+        np.testing.assert_allclose(np.sort(demanded[first : first + 64]), np.linspace(1_000.0, 1_080.0, 64), atol=3.0)
+
+
+def test_each_environment_is_lost_by_the_separation_that_it_asks_for() -> None:
+    drawn = starts(64)
+    demanded = load(TrainConfig, None, ["world.separation_spread=4000"]).world.demanded(64)
+    world = surrogate.World(RULES._replace(separation=jnp.asarray(demanded)), SURROGATE)
+    state, result = surrogate.step(surrogate.reset(drawn), (jnp.zeros(64), jnp.zeros(64)), world)
+    assert result.outcome.violation.sum() not in (0, 64)
+    np.testing.assert_array_equal(result.outcome.violation, result.separation < demanded)
+    np.testing.assert_array_equal(state.ended, result.outcome.ended(jnp))
+
+
+def test_a_spread_changes_the_training_and_not_the_judgement(plain: Task) -> None:
+    spread = task_of("world.separation_spread=2000.0")
+    assert spread.rules == plain.rules
+    # So early all that end are violations, and the more is asked for the more there are.
+    assert run(spread, 1)[1][0]["episodes"] > run(plain, 1)[1][0]["episodes"]
+
+
 # Flying to the end.
 
 
