@@ -52,6 +52,8 @@ class Learner(NamedTuple):
     actor: Actor
     critic: Critic
     optimizer: optax.GradientTransformation
+    axis: str | None = None
+    """Name of the devices' axis inside ``shard_map``; None on one device."""
 
     def policy(self, variables: Any, observation: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
@@ -148,14 +150,18 @@ def advantages(
 
 
 def losses(parameters: tuple[Any, Any], batch: Batch, parts: Learner, settings: PpoSettings) -> tuple[jax.Array, dict]:
-    """Return the scalar loss of a minibatch and its parts (means over the samples)."""
+    """Return the scalar loss of a minibatch and its parts (means over the samples of this device).
+
+    The advantages are normalised over the samples of all devices.
+    """
     actor_variables, critic_variables = parameters
     mean, log_std = parts.policy(actor_variables, batch.observation)
     value = parts.value(critic_variables, batch.observation)
 
     advantage = batch.advantage
     if settings.normalize_advantage:
-        advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+        mean_advantage, std_advantage = _moments(advantage, parts.axis)
+        advantage = (advantage - mean_advantage) / (std_advantage + 1e-8)
     log_prob = gaussian_log_prob(batch.action, mean, log_std)
     log_ratio = log_prob - batch.log_prob
     ratio = jnp.exp(log_ratio)
@@ -185,6 +191,9 @@ def update(
 ) -> tuple[LearnerState, dict]:
     """Improve the networks by some epochs over a rollout.
 
+    On several devices each shuffles and cuts up the encounters that it has flown; gradients and the advantages'
+    statistics are taken over all of them, so that every device makes the same step.
+
     Args:
         state: parameters and optimiser.
         rollout: ``[N, T, ...]``, encounters first, so that a segment of time is contiguous.
@@ -205,6 +214,8 @@ def update(
         batch = jax.tree.map(lambda a: a[chosen].reshape(-1, *a.shape[2:]), rows)
         gradient_of = jax.grad(partial(losses, parts=parts, settings=settings), has_aux=True)
         gradient, parts_of_loss = gradient_of((carry.actor, carry.critic), batch)
+        if parts.axis is not None:
+            gradient, parts_of_loss = jax.lax.pmean((gradient, parts_of_loss), parts.axis)
         direction, optimizer = parts.optimizer.update(gradient, carry.optimizer)
         actor, critic = jax.tree.map(lambda p, d: p - learning_rate * d, (carry.actor, carry.critic), direction)
         parts_of_loss["grad_norm"] = optax.tree.norm(gradient)
@@ -214,10 +225,23 @@ def update(
         order = jax.random.permutation(epoch_key, segments).reshape(settings.minibatches, per_minibatch)
         return jax.lax.scan(minibatch, carry, order)
 
+    if parts.axis is not None:
+        key = jax.random.fold_in(key, jax.lax.axis_index(parts.axis))
     state, logged = jax.lax.scan(epoch, state, jax.random.split(key, settings.epochs))
     return state, {name: jnp.mean(values[-1]) for name, values in logged.items()}
 
 
-def explained_variance(value: jax.Array, target: jax.Array) -> jax.Array:
-    """Return the share of the returns' variance that the critic explains, 1 at best."""
-    return 1.0 - jnp.var(target - value) / (jnp.var(target) + 1e-8)
+def explained_variance(value: jax.Array, target: jax.Array, axis: str | None = None) -> jax.Array:
+    """Return the share of the returns' variance that the critic explains, 1 at best; over all devices of an axis."""
+    if axis is None:
+        return 1.0 - jnp.var(target - value) / (jnp.var(target) + 1e-8)
+    (_, left), (_, whole) = _moments(target - value, axis), _moments(target, axis)
+    return 1.0 - jnp.square(left) / (jnp.square(whole) + 1e-8)
+
+
+def _moments(values: jax.Array, axis: str | None) -> tuple[jax.Array, jax.Array]:
+    """Return mean and standard deviation, of all devices' values where there is an axis of them."""
+    if axis is None:
+        return values.mean(), values.std()
+    mean = jax.lax.pmean(values.mean(), axis)
+    return mean, jnp.sqrt(jax.lax.pmean(jnp.mean(jnp.square(values - mean)), axis))

@@ -9,7 +9,7 @@ from agents.configuration import ConfigError, Parser, dump, load
 from agents.configuration_keys import help_text
 from rlcas_jax.config import SEED_END, TrainConfig
 
-__all__ = ["Job", "Options", "parse", "prepare"]
+__all__ = ["Job", "Options", "Processes", "parse", "prepare"]
 
 _DESCRIPTION = """\
 Train a conflict resolution policy in the surrogate.
@@ -17,6 +17,7 @@ Train a conflict resolution policy in the surrogate.
   python -m rlcas_jax.train --config configs/quick.yaml
   python -m rlcas_jax.train --config configs/quick.yaml --set ppo.learning_rate=3e-4 --seeds 3
   python -m rlcas_jax.train --resume runs/quick-20260131T120000-0
+  python -m rlcas_jax.train --config FILE --out runs/wide --coordinator host0:9876 --processes 2 --process 0
 """
 
 
@@ -31,6 +32,16 @@ class Job:
 
 
 @dataclass(frozen=True)
+class Processes:
+    """Several processes that train together."""
+
+    coordinator: str
+    """``HOST:PORT`` of the first one, or ``auto`` on a cluster that JAX knows (Slurm, Open MPI, Kubernetes)."""
+    count: int | None
+    number: int | None
+
+
+@dataclass(frozen=True)
 class Options:
     """What the command line asks for."""
 
@@ -38,6 +49,10 @@ class Options:
     jobs: tuple[Job, ...]
     """One for each seed; the job of a single seed has :attr:`directory` for its own."""
     quiet: bool
+    devices: int | None = None
+    """How many devices each process uses; None: all that are visible."""
+    processes: Processes | None = None
+    """The processes that train together; None: this one alone."""
 
 
 def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> Options:
@@ -51,23 +66,30 @@ def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> 
         ConfigError: the arguments, the configuration or the directory are not usable.
     """
     given = _parser().parse_args(argv)
+    if given.devices is not None and given.devices < 1:
+        raise ConfigError(f"--devices is {given.devices}; expected 1 or more")
+    processes = _processes(given.coordinator, given.processes, given.process)
     if given.resume is not None:
         for name in ("config", "set", "steps", "seeds", "out"):
             if getattr(given, name):
                 raise ConfigError(
                     f"--{name} cannot change a run that is resumed; leave it out, or start a new run without --resume"
                 )
-        return Options(given.resume, _resumed(given.resume), given.quiet)
+        return Options(given.resume, _resumed(given.resume), given.quiet, given.devices, processes)
     overrides = given.set + ([f"steps={given.steps}"] if given.steps else [])
     config = load(TrainConfig, given.config, overrides)
     seeds = 1 if given.seeds is None else given.seeds
     if not 1 <= seeds <= SEED_END - config.seed:
         raise ConfigError(f"--seeds is {seeds}; expected 1 to {SEED_END - config.seed} (seeds are below {SEED_END})")
+    if processes is not None and given.out is None:
+        raise ConfigError("--coordinator needs --out, the same directory for all processes")
     moment = datetime.now(UTC) if now is None else now
     directory = given.out or Path("runs") / f"{config.name}-{moment:%Y%m%dT%H%M%S}-{config.seed}"
-    if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+    # Another process may have begun to fill it.
+    alone = processes is None or processes.number == 0
+    if alone and directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
         raise ConfigError(f"--out {directory} exists and is not empty; name another, or go on with it by --resume")
-    return Options(directory, _fresh(config, directory, seeds), given.quiet)
+    return Options(directory, _fresh(config, directory, seeds), given.quiet, given.devices, processes)
 
 
 def prepare(options: Options) -> None:
@@ -84,6 +106,25 @@ def prepare(options: Options) -> None:
                 file.write_text(dump(job.config), encoding="utf-8")
         except OSError as problem:
             raise ConfigError(f"--out {job.directory} cannot be written ({problem.strerror})") from None
+
+
+def _processes(coordinator: str | None, count: int | None, number: int | None) -> Processes | None:
+    """Check what is said of other processes."""
+    if coordinator is None:
+        for name, value in (("processes", count), ("process", number)):
+            if value is not None:
+                raise ConfigError(f"--{name} needs --coordinator, the address of the first process")
+        return None
+    if coordinator == "auto":
+        return Processes(coordinator, count, number)
+    host, _, port = coordinator.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise ConfigError(f"--coordinator is {coordinator!r}; expected HOST:PORT of the first process, or auto")
+    if count is None or number is None:
+        raise ConfigError("--coordinator HOST:PORT needs --processes and --process")
+    if count < 1 or not 0 <= number < count:
+        raise ConfigError(f"--process is {number} of --processes {count}; expected 0 to one less than their number")
+    return Processes(coordinator, count, number)
 
 
 def _fresh(config: TrainConfig, directory: Path, seeds: int) -> tuple[Job, ...]:
@@ -126,5 +167,19 @@ def _parser() -> Parser:
     add("--seeds", type=int, metavar="N", help="train N seeds one after another (seed, seed + 1, ...; default: 1)")
     add("--out", type=Path, metavar="DIR", help="new directory of the run (default: runs/NAME-TIME-SEED)")
     add("--resume", type=Path, metavar="DIR", help="go on with the run of this directory, as it was configured")
+    add(
+        "--devices",
+        type=int,
+        metavar="N",
+        help="devices of each process to split the encounters over (default: all that JAX sees); a CPU becomes N",
+    )
+    add(
+        "--coordinator",
+        metavar="HOST:PORT",
+        help="train in several processes, on one host or many: address of the first one, or auto on a cluster that "
+        "JAX knows; every process gets the same command but for --process",
+    )
+    add("--processes", type=int, metavar="N", help="how many processes train together")
+    add("--process", type=int, metavar="I", help="number of this process, 0 to N - 1; the first one writes the files")
     add("--quiet", action="store_true", help="show no progress")
     return parser

@@ -35,33 +35,41 @@ class Environment(NamedTuple):
 def collect(
     state: LearnerState,
     environment_state: Any,
+    noise: jax.Array,
     key: jax.Array,
     environment: Environment,
     parts: Learner,
-    steps: int,
     discount: float,
     gae_lambda: float,
 ) -> tuple[Any, Batch, Any, dict]:
     """Roll the policy out and prepare the samples of an update.
 
+    Args:
+        state: of the learner.
+        environment_state: ``[N]``.
+        noise: standard normal draws of the actions, ``[T, N, 2]``.
+        key: of what the environment's observations draw.
+        environment: to fly in.
+        parts: networks.
+        discount: per step.
+        gae_lambda: decay of the advantage estimate.
+
     Returns:
         The environments' new state, the samples ``[N, T, ...]``, the stacked statistics ``[T, ...]`` and figures
         of the rollout.
     """
-    noise_key, observe_key = jax.random.split(key)
-    count = jax.eval_shape(environment.observe, environment_state, key).shape[0]
-    noise = jax.random.normal(noise_key, (steps, count, 2))
+    steps = noise.shape[0]
 
     def forward(world: Any, now: tuple[jax.Array, jax.Array]) -> tuple[Any, Any]:
         index, epsilon = now
         world = environment.restart(world, index)
-        observation = environment.observe(world, jax.random.fold_in(observe_key, index))
+        observation = environment.observe(world, jax.random.fold_in(key, index))
         mean, log_std = parts.policy(state.actor, observation)
         world, result = environment.step(world, mean + jnp.exp(log_std) * epsilon)
         return world, (observation, mean, result)
 
     world, (observation, mean, result) = jax.lax.scan(forward, environment_state, (jnp.arange(steps), noise))
-    last = environment.observe(world, jax.random.fold_in(observe_key, steps))
+    last = environment.observe(world, jax.random.fold_in(key, steps))
     log_std = state.actor["params"]["log_std"]
     action = mean + jnp.exp(log_std) * noise
     log_prob = gaussian_log_prob(action, mean, log_std)
@@ -74,4 +82,4 @@ def collect(
     target = estimate + value[:-1]
     samples = Batch(observation, action, log_prob, estimate, target)
     samples = jax.tree.map(lambda a: jnp.swapaxes(a, 0, 1), samples)
-    return world, samples, result.statistics, {"explained_variance": explained_variance(value[:-1], target)}
+    return world, samples, result.statistics, {"explained_variance": explained_variance(value[:-1], target, parts.axis)}

@@ -22,6 +22,7 @@ from envs.outcome import Outcome, Rules, reward
 from envs.starts import numbered
 from rlcas_jax import checkpoint, metrics, progress
 from rlcas_jax.config import TrainConfig
+from rlcas_jax.devices import Devices, agreed, everywhere, first, local, place
 from rlcas_jax.task import Task, TrainState, build
 
 __all__ = ["Run", "TrainingError", "outcomes", "rates", "run"]
@@ -50,13 +51,21 @@ class Run:
     """Time spent in this process, compilation included."""
 
 
-def run(config: TrainConfig, directory: Path, reporter: progress.Reporter, *, resume: bool = False) -> Run:
+def run(
+    config: TrainConfig,
+    directory: Path,
+    reporter: progress.Reporter,
+    devices: Devices | None = None,
+    *,
+    resume: bool = False,
+) -> Run:
     """Train.
 
     Args:
         config: what to train.
-        directory: of the run; exists.
+        directory: of the run; exists, for all processes if there are several.
         reporter: shows how it goes.
+        devices: to train on; one by default. Of several processes the first one alone writes.
         resume: go on from the directory's newest checkpoint instead of starting.
 
     Raises:
@@ -66,29 +75,35 @@ def run(config: TrainConfig, directory: Path, reporter: progress.Reporter, *, re
     began = time.monotonic()
     saved = directory / "checkpoints"
     _check_scenarios(config)
-    task = build(config)
-    state = task.initial()
+    task = build(config, devices)
+    state, writes = task.initial(), first()
     if resume:
-        state, meta = checkpoint.restore(checkpoint.latest(saved), like=state)
+        whole, meta = checkpoint.restore(checkpoint.latest(saved), like=state)
+        state = place(whole, task.placed)
         _check_same(config, meta, directory)
-    else:
+    elif writes:
         (directory / "versions.json").write_text(json.dumps(_made_with(), indent=2) + "\n", encoding="utf-8")
 
     update = int(state.update)
     per_update = task.steps_per_update
     judged = numbered(SCENARIOS["circle"], config.evaluation.seed, 0, config.evaluation.encounters)
-    log = metrics.Writer(directory, resume_update=update if resume else None)
+    log = metrics.Writer(directory, resume_update=update if resume else None) if writes else None
     reporter.start(total_steps=task.updates * per_update, step=update * per_update)
 
     def save() -> None:
-        checkpoint.save(saved, int(state.update), state, {"config": dump(config)}, keep=config.checkpoint.keep)
+        whole = everywhere(state)
+        if writes:
+            checkpoint.save(saved, int(state.update), whole, {"config": dump(config)}, keep=config.checkpoint.keep)
 
     last_saved = time.monotonic()
-    with _interruptible() as interrupted, log, ExitStack() as stack:
+    with _interruptible() as interrupted, ExitStack() as stack:
+        if log is not None:
+            stack.enter_context(log)
         stack.callback(reporter.stop)
         if not resume:
             save()
-        while update < task.updates and not interrupted():
+        stop = False
+        while update < task.updates and not stop:
             tick = time.monotonic()
             following, figures = task.update(state)
             row = {name: float(value) for name, value in jax.device_get(figures).items()}
@@ -101,11 +116,14 @@ def run(config: TrainConfig, directory: Path, reporter: progress.Reporter, *, re
             before, update = update, update + 1
             row = {"step": update * per_update, "update": update} | row
             row |= {"wall_s": time.monotonic() - began, "steps_per_s": per_update / (time.monotonic() - tick)}
-            if _crosses(before, update, per_update, config.evaluation.every_steps):
-                row |= rates(outcomes(task, state, judged), task.rules)
-            log.write(row)
+            if log is not None:
+                if _crosses(before, update, per_update, config.evaluation.every_steps):
+                    row |= rates(outcomes(task, state, judged), task.rules)
+                log.write(row)
             reporter.update(row)
-            if time.monotonic() - last_saved >= config.checkpoint.every_seconds:
+            due = time.monotonic() - last_saved >= config.checkpoint.every_seconds
+            stop, due = agreed([interrupted(), writes and due])
+            if due:
                 save()
                 last_saved = time.monotonic()
         save()
@@ -115,15 +133,15 @@ def run(config: TrainConfig, directory: Path, reporter: progress.Reporter, *, re
         task,
         config,
         update >= task.updates,
-        _final_score(metrics.read(directory / "metrics.jsonl")),
+        _final_score(metrics.read(directory / "metrics.jsonl")) if writes else math.nan,
         time.monotonic() - began,
     )
 
 
 def outcomes(task: Task, state: TrainState, judged: Encounter) -> Outcome:
-    """Return how the deterministic policy ends encounters ``[N]``."""
+    """Return how the deterministic policy ends encounters ``[N]``; one process may ask alone."""
     single = jax.tree.map(lambda field: field.astype(np.float32) if field.dtype == np.float64 else field, judged)
-    return Outcome(*jax.device_get(task.evaluate(state.learner.actor, single)))
+    return Outcome(*jax.device_get(task.evaluate(local(state.learner.actor), single)))
 
 
 def rates(outcome: Outcome, rules: Rules) -> dict[str, float]:

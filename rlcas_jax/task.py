@@ -1,18 +1,21 @@
 """The training task: the surrogate with its mixture of encounters, and one compiled update of everything."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
+from jax.sharding import PartitionSpec
 
 from agents import ppo
+from agents.configuration import ConfigError
 from agents.networks import Actor, Critic
 from envs import observation, surrogate
 from envs.encounters import Encounter, Scenario
 from envs.outcome import Outcome, Rules
 from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import TrainConfig
+from rlcas_jax.devices import AXIS, Devices
 from rlcas_jax.shaping import potential, shaped
 
 __all__ = ["Task", "TrainState", "build", "fly"]
@@ -41,10 +44,23 @@ class Task(NamedTuple):
     steps_per_update: int
     rules: Rules
     """Of the task itself, by which policies are judged."""
+    placed: Any = None
+    """Where the state's arrays belong; None on one device."""
 
 
-def build(config: TrainConfig) -> Task:
-    """Assemble and compile the task of a configuration."""
+def build(config: TrainConfig, devices: Devices | None = None) -> Task:
+    """Assemble and compile the task of a configuration.
+
+    Args:
+        config: what to train.
+        devices: to split the encounters over; one by default. The same encounters are flown with the same draws
+            whatever their number, and each device shuffles its own.
+
+    Raises:
+        ConfigError: encounters or minibatches cannot be split over so many devices.
+    """
+    devices = Devices(None) if devices is None else devices
+    _check_split(config, devices.count)
     settings = ppo.PpoSettings(
         epochs=config.ppo.epochs,
         minibatches=config.ppo.minibatches,
@@ -58,20 +74,17 @@ def build(config: TrainConfig) -> Task:
     )
     hidden, feature_set = tuple(config.network.hidden), config.network.feature_set
     actor = Actor(hidden, feature_set, config.network.log_std_initial)
-    parts = ppo.learner(actor, Critic(hidden, feature_set), settings)
+    parts = ppo.learner(actor, Critic(hidden, feature_set), settings)._replace(axis=devices.axis)
     world = surrogate.World(config.world.rules(), config.world.limits())
-    training_world = world
-    if config.world.separation_spread > 0.0:
-        demanded = jnp.asarray(config.world.demanded(config.ppo.environments))
-        training_world = world._replace(rules=world.rules._replace(separation=demanded))
     scenarios = [entry.scenario() for entry in config.scenarios]
     total_weight = sum(entry.weight for entry in config.scenarios)
     weights = [entry.weight / total_weight for entry in config.scenarios]
-    steps_per_update = config.ppo.environments * config.ppo.rollout
-    updates = max(1, config.steps // steps_per_update)
+    count, steps, axis = config.ppo.environments, config.ppo.rollout, devices.axis
+    updates = max(1, config.steps // (count * steps))
+    demanded = jnp.asarray(config.world.demanded(count)) if config.world.separation_spread > 0.0 else None
 
     def starts(key: jax.Array, rows: int) -> surrogate.State:
-        pool = surrogate.redraw_pool(key, scenarios, weights, rows, config.ppo.environments)
+        pool = surrogate.redraw_pool(key, scenarios, weights, rows, count)
         return jax.vmap(lambda row: surrogate.reset(row, late_reports=_late(scenarios)))(pool)
 
     def initial() -> TrainState:
@@ -80,30 +93,47 @@ def build(config: TrainConfig) -> Task:
         environment = jax.tree.map(lambda a: a[0], starts(start_key, 1))
         return TrainState(learner, environment, jax.random.key_data(key), jnp.zeros((), jnp.int32))
 
+    def practise(state: Any, drawn: _Drawn, rate: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
+        """Fly and learn; on several devices with the encounters of one of them."""
+        learner, flying = state
+        flown_in = world
+        if drawn.demanded is not None:
+            flown_in = world._replace(rules=world.rules._replace(separation=drawn.demanded))
+        environment = _training_environment(config, flown_in, drawn.pool, scenarios)
+        key = drawn.observe_key if axis is None else jax.random.fold_in(drawn.observe_key, jax.lax.axis_index(axis))
+        flown, samples, statistics, figures = collect(
+            learner, flying, drawn.noise, key, environment, parts, config.ppo.discount, config.ppo.gae_lambda
+        )
+        learner, learned = ppo.update(learner, samples, drawn.shuffle_key, rate, parts, settings)
+        return (learner, flown), figures | learned | _episodes(statistics, count * steps, axis)
+
+    if devices.mesh is not None:
+        whole, split, second = PartitionSpec(), PartitionSpec(AXIS), PartitionSpec(None, AXIS)
+        drawn_specs = _Drawn(second, second, None if demanded is None else split, whole, whole)
+        # Without the check of what varies: it would add up the gradients before they can be averaged by name.
+        practise = jax.shard_map(
+            practise,
+            mesh=devices.mesh,
+            in_specs=((whole, split), drawn_specs, whole),
+            out_specs=((whole, split), whole),
+            check_vma=False,
+        )
+
     def update(state: TrainState) -> tuple[TrainState, dict[str, jax.Array]]:
         pool_key, rollout_key, shuffle_key, key = jax.random.split(jax.random.wrap_key_data(state.key), 4)
-        environment = _training_environment(config, training_world, starts(pool_key, config.pool_rows), scenarios)
-        flown, samples, statistics, figures = collect(
-            state.learner,
-            state.environment,
-            rollout_key,
-            environment,
-            parts,
-            config.ppo.rollout,
-            config.ppo.discount,
-            config.ppo.gae_lambda,
-        )
+        noise_key, observe_key = jax.random.split(rollout_key)
+        pool, noise = starts(pool_key, config.pool_rows), jax.random.normal(noise_key, (steps, count, 2))
         done = state.update.astype(jnp.float32) / updates
         rate = config.ppo.learning_rate + (config.ppo.learning_rate_final - config.ppo.learning_rate) * done
-        learner, learned = ppo.update(state.learner, samples, shuffle_key, rate, parts, settings)
+        drawn = _Drawn(pool, noise, demanded, observe_key, shuffle_key)
+        (learner, flown), figures = practise((state.learner, state.environment), drawn, rate)
         finite = jax.tree.reduce(jnp.logical_and, jax.tree.map(lambda p: jnp.all(jnp.isfinite(p)), learner))
         std = jnp.exp(learner.actor["params"]["log_std"])
-        figures |= learned | _episodes(statistics, config.ppo.environments * config.ppo.rollout)
         figures |= {
             "learning_rate": rate,
             "std_acceleration": std[0],
             "std_yaw_rate": std[1],
-            "finite": jnp.logical_and(finite, jnp.isfinite(learned["loss"])),
+            "finite": jnp.logical_and(finite, jnp.isfinite(figures["loss"])),
         }
         return TrainState(learner, flown, jax.random.key_data(key), state.update + 1), figures
 
@@ -113,14 +143,43 @@ def build(config: TrainConfig) -> Task:
     def evaluate(actor_variables: Any, encounter: Encounter) -> Outcome:
         return fly(lambda seen: actor.apply(actor_variables, seen)[0], encounter, task_world)
 
+    placed: Any = None
+    if devices.mesh is not None:
+        whole_tree: Any = devices.whole()
+        placed = TrainState(whole_tree, cast(Any, devices.split()), whole_tree, whole_tree)
     return Task(
-        jax.jit(initial),
-        jax.jit(update, donate_argnums=0),
+        jax.jit(initial, out_shardings=placed),
+        jax.jit(update, donate_argnums=0, out_shardings=None if placed is None else (placed, devices.whole())),
         jax.jit(evaluate),
         updates,
-        steps_per_update,
+        count * steps,
         task_world.rules,
+        placed,
     )
+
+
+class _Drawn(NamedTuple):
+    """What chance decides about an update."""
+
+    pool: Any
+    """Starts, ``[rows, N]``."""
+    noise: Any
+    """Of the actions, ``[T, N, 2]``."""
+    demanded: Any
+    """Separation that each environment asks for, ``[N]``; None where all ask for the same."""
+    observe_key: Any
+    shuffle_key: Any
+
+
+def _check_split(config: TrainConfig, devices: int) -> None:
+    ppo_config = config.ppo
+    for name, value, unit in (
+        ("environments", ppo_config.environments, 1),
+        ("minibatch", ppo_config.minibatch, ppo_config.segment),
+    ):
+        if value % (devices * unit):
+            what = f"{devices} devices" if unit == 1 else f"{devices} devices times segment, {devices * unit}"
+            raise ConfigError(f"ppo.{name} is {value}; expected a multiple of {what}")
 
 
 def fly(policy: Callable[[jax.Array], jax.Array], encounter: Encounter, world: surrogate.World) -> Outcome:
@@ -180,16 +239,20 @@ def _training_environment(
     return Environment(observe, step, restart)
 
 
-def _episodes(statistics: tuple[jax.Array, Outcome], steps: int) -> dict[str, jax.Array]:
+def _episodes(statistics: tuple[jax.Array, Outcome], steps: int, axis: str | None) -> dict[str, jax.Array]:
     """Return what the episodes that ended in the rollout amount to; not-a-number where none did."""
     reward, outcome = statistics
-    episodes = jnp.sum(outcome.ended(jnp))
+
+    def total(values: jax.Array) -> jax.Array:
+        return jnp.sum(values) if axis is None else jax.lax.psum(jnp.sum(values), axis)
+
+    episodes = total(outcome.ended(jnp))
     return {
         "episodes": episodes,
         # The sparse reward comes with an episode's last step, so its sum is the sum of the returns.
-        "score": jnp.sum(reward) / episodes,
-        "success": jnp.sum(outcome.reached) / episodes,
-        "violation": jnp.sum(outcome.violation) / episodes,
-        "timeout": jnp.sum(outcome.timeout) / episodes,
+        "score": total(reward) / episodes,
+        "success": total(outcome.reached) / episodes,
+        "violation": total(outcome.violation) / episodes,
+        "timeout": total(outcome.timeout) / episodes,
         "episode_length": steps / episodes,
     }

@@ -14,36 +14,44 @@ FAILED = 1
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status: 0 done, 1 training failed, 130 interrupted."""
-    options = parse(argv)
-    prepare(options)
-    return _train(options)
+    return _train(parse(argv))
 
 
 def _train(options: Options) -> int:
+    if options.processes is None or options.processes.number == 0:
+        prepare(options)
     # Imported here: --help and bad input must not wait for JAX.
     from rlcas_jax.checkpoint import CheckpointError
+    from rlcas_jax.devices import connect, first
     from rlcas_jax.figures import training_figures
     from rlcas_jax.finish import finish, table
     from rlcas_jax.loop import TrainingError, run
     from rlcas_jax.progress import Reporter
 
+    devices = connect(options.devices, options.processes)
+    writes = first()
+    if writes:
+        prepare(options)  # again, for where only the cluster knows which process is the first
     summaries = []
     interrupted = False
     for job in options.jobs:
-        reporter = Reporter(quiet=options.quiet)
+        reporter = Reporter(quiet=options.quiet or not writes)
         reporter.note(f"training {job.config.name}, seed {job.config.seed}, in {job.directory}")
         try:
-            done = run(job.config, job.directory, reporter, resume=job.resume)
+            done = run(job.config, job.directory, reporter, devices, resume=job.resume)
         except CheckpointError as problem:
             raise ConfigError(str(problem)) from None
         except TrainingError as problem:
             print(f"error: {problem}", file=sys.stderr)
             return FAILED
         reporter.note("judging the policy")
-        summaries.append(finish(done))
+        if writes:
+            summaries.append(finish(done))
         if not done.finished:
             interrupted = True
             break
+    if not writes:
+        return INTERRUPTED if interrupted else 0
     if len(options.jobs) > 1:
         training_figures([job.directory for job in options.jobs[: len(summaries)]], options.directory / "figures")
     print(table(options.directory, summaries))

@@ -74,9 +74,10 @@ def trained(probe: Probe, cost: jax.Array) -> ppo.LearnerState:
 
     def one(carry: tuple[ppo.LearnerState, World], index: jax.Array) -> tuple[tuple[ppo.LearnerState, World], None]:
         state, world = carry
-        rollout_key, shuffle_key = jax.random.split(jax.random.fold_in(jax.random.key(1), index))
+        noise_key, observe_key, shuffle_key = jax.random.split(jax.random.fold_in(jax.random.key(1), index), 3)
+        noise = jax.random.normal(noise_key, (STEPS, COUNT, 2))
         world, samples, _, _ = collect(
-            state, world, rollout_key, environment(probe, cost), PARTS, STEPS, probe.discount, 0.95
+            state, world, noise, observe_key, environment(probe, cost), PARTS, probe.discount, 0.95
         )
         rate = 2e-2 * (1.0 - index / UPDATES)
         return (ppo.update(state, samples, shuffle_key, rate, PARTS, SETTINGS)[0], world), None

@@ -58,7 +58,9 @@ BEGIN = World(jnp.arange(float(COUNT)), jnp.zeros(COUNT), jnp.zeros(COUNT), jnp.
 
 @jax.jit
 def rolled(state: ppo.LearnerState, world: World, seed: int) -> Any:
-    return collect(state, world, jax.random.key(seed), ENVIRONMENT, PARTS, STEPS, DISCOUNT, LAMBDA)
+    noise_key, key = jax.random.split(jax.random.key(seed))
+    noise = jax.random.normal(noise_key, (STEPS, COUNT, 2))
+    return collect(state, world, noise, key, ENVIRONMENT, PARTS, DISCOUNT, LAMBDA)
 
 
 @pytest.fixture(scope="module")

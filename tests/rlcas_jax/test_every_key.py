@@ -51,6 +51,7 @@ CHANGED: dict[str, str] = {
     "world.vehicle.yaw_rate_max_deg_s": "5.0",
     "world.t_max": "200.0",
     "world.separation": "900.0",
+    "world.separation_spread": "100.0",
     "world.goal_radius": "400.0",
     "world.reward_violation": "-50.0",
     "world.reward_goal": "50.0",

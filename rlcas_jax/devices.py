@@ -1,0 +1,131 @@
+"""The devices that a training runs on: one, all that are visible, or those of several processes.
+
+Encounters are split over the devices, everything that is learned is the same on all of them. Of several processes the
+first one writes the files and shows the progress; the others compute.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+from jax.experimental import multihost_utils
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+from agents.configuration import ConfigError
+from rlcas_jax.cli import Processes
+
+__all__ = ["AXIS", "Devices", "agreed", "connect", "everywhere", "first", "local", "place"]
+
+AXIS = "encounters"
+"""Name of the mesh's one axis."""
+
+
+@dataclass(frozen=True)
+class Devices:
+    """Where the arrays of a training are."""
+
+    mesh: Mesh | None
+    """None on one device, where nothing is split."""
+
+    @property
+    def count(self) -> int:
+        """Number of devices."""
+        return 1 if self.mesh is None else self.mesh.size
+
+    @property
+    def axis(self) -> str | None:
+        """Name of the axis that is split, if any."""
+        return None if self.mesh is None else AXIS
+
+    def split(self, position: int = 0) -> NamedSharding | None:
+        """Return the sharding of arrays whose axis of encounters is at a position."""
+        return None if self.mesh is None else NamedSharding(self.mesh, PartitionSpec(*[None] * position, AXIS))
+
+    def whole(self) -> NamedSharding | None:
+        """Return the sharding of what every device has."""
+        return None if self.mesh is None else NamedSharding(self.mesh, PartitionSpec())
+
+
+def connect(devices: int | None = None, processes: Processes | None = None) -> Devices:
+    """Prepare JAX, before anything else asks it for a device, and return the devices to train on.
+
+    Args:
+        devices: how many each process shall use; a CPU is divided into so many. None: all that are visible.
+        processes: the processes that train together; None: this one alone.
+
+    Raises:
+        ConfigError: there are fewer devices, or the other processes are not to be had.
+    """
+    if devices is not None:
+        jax.config.update("jax_num_cpu_devices", devices)
+    if processes is not None:
+        jax.config.update("jax_cpu_collectives_implementation", "gloo")
+        given = None if processes.coordinator == "auto" else processes.coordinator
+        try:
+            jax.distributed.initialize(given, processes.count, processes.number)
+        except (RuntimeError, ValueError) as problem:
+            reason = str(problem).strip().splitlines()[0]
+            raise ConfigError(
+                f"--coordinator {processes.coordinator}: the processes did not find each other ({reason})"
+            ) from None
+    here = jax.local_devices()
+    wanted = len(here) if devices is None else devices
+    if wanted > len(here):
+        raise ConfigError(
+            f"--devices is {wanted}; expected at most {len(here)}, the visible {here[0].platform} devices"
+        )
+    chosen = [
+        device
+        for process in range(jax.process_count())
+        for device in [d for d in jax.devices() if d.process_index == process][:wanted]
+    ]
+    return Devices(None if len(chosen) == 1 else Mesh(np.array(chosen), (AXIS,)))
+
+
+def first() -> bool:
+    """Return whether this process is the one that writes."""
+    return jax.process_index() == 0
+
+
+def agreed(flags: Sequence[bool]) -> list[bool]:
+    """Return which flags any of the processes has raised; all of them must ask at the same point."""
+    if jax.process_count() == 1:
+        return list(flags)
+    raised = np.asarray(multihost_utils.process_allgather(np.array(flags, np.int32)))
+    return [bool(count) for count in raised.reshape(jax.process_count(), -1).sum(axis=0).tolist()]
+
+
+def everywhere(tree: Any) -> Any:
+    """Return a tree with whole arrays in every process; all of them must ask at the same point."""
+    if jax.process_count() == 1:
+        return tree
+    return jax.tree.map(
+        lambda leaf: leaf if leaf.is_fully_replicated else multihost_utils.process_allgather(leaf, tiled=True), tree
+    )
+
+
+def local(tree: Any) -> Any:
+    """Return a tree of what every device has as arrays of this process alone."""
+    return jax.tree.map(np.asarray, jax.device_get(tree))
+
+
+def place(tree: Any, shardings: Any) -> Any:
+    """Put whole arrays where they belong.
+
+    Args:
+        tree: arrays that every process has.
+        shardings: a tree of the same structure, or its beginning; None leaves the arrays where they are.
+    """
+    if shardings is None:
+        return tree
+
+    def put(sharding: NamedSharding, part: Any) -> Any:
+        def one(array: Any) -> jax.Array:
+            values = np.asarray(array)
+            return jax.make_array_from_callback(values.shape, sharding, lambda index: values[index])
+
+        return jax.tree.map(one, part)
+
+    return jax.tree.map(put, shardings, tree, is_leaf=lambda node: isinstance(node, NamedSharding))
