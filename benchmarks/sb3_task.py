@@ -62,6 +62,13 @@ def _inputs(observation: jax.Array, feature_set: str) -> jax.Array:
     return jnp.stack(features.features([observation[:, i] for i in range(SIZE)], feature_set, jnp), axis=-1)
 
 
+def _mirrored_back(actions: np.ndarray, observation: np.ndarray, feature_set: str) -> np.ndarray:
+    """Return the actions ``[N, 2]`` in the scene as it is, not as the network saw it."""
+    actions = np.array(actions, np.float32)
+    actions[:, 1] *= features.side(list(observation.T), feature_set, np)
+    return actions
+
+
 def environment(config: TrainConfig, count: int) -> Any:
     """Return our vector environment as a ``stable_baselines3.common.vec_env.VecEnv``.
 
@@ -87,16 +94,19 @@ def environment(config: TrainConfig, count: int) -> Any:
             seen = spaces.Box(-np.inf, np.inf, (width,), np.float32)
             super().__init__(count, seen, flying.single_action_space)
             self._actions = np.zeros((count, 2), np.float32)
+            self._seen = np.zeros((count, SIZE), np.float32)
 
         def reset(self) -> np.ndarray:
-            return np.array(_inputs(flying.reset(seed=config.seed)[0], feature_set))
+            self._seen = np.asarray(flying.reset(seed=config.seed)[0])
+            return np.array(_inputs(self._seen, feature_set))
 
         def step_async(self, actions: np.ndarray) -> None:
-            self._actions = actions
+            self._actions = _mirrored_back(actions, self._seen, feature_set)
 
         def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
             seen, reward, terminated, truncated, _ = flying.step(self._actions)
-            return np.array(_inputs(seen, feature_set)), scale * reward, terminated | truncated, nothing
+            self._seen = np.asarray(seen)
+            return np.array(_inputs(self._seen, feature_set)), scale * reward, terminated | truncated, nothing
 
         def close(self) -> None:
             flying.close()

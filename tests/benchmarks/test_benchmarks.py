@@ -95,19 +95,23 @@ def test_bad_repeats_are_refused():
 
 
 @needs_peers
-def test_peer_sees_the_inputs_of_our_networks_and_our_scaled_rewards():
-    config = load(TrainConfig, None, TINY)
+@pytest.mark.parametrize("feature_set", ["cpa", "mirror"])
+def test_peer_sees_the_inputs_of_our_networks_and_our_scaled_rewards(feature_set: str):
+    config = load(TrainConfig, None, [*TINY, f"network.feature_set={feature_set}"])
     mine = DeconflictionVectorEnv(4, "circle", rules=config.world.rules(), limits=config.world.limits())
     theirs = sb3_task.environment(config, 4)
 
     def inputs(seen: np.ndarray) -> np.ndarray:
         return np.stack(features.features(list(seen.T), config.network.feature_set, np), axis=-1)
 
-    np.testing.assert_allclose(theirs.reset(), inputs(mine.reset(seed=config.seed)[0]), atol=1e-4)
+    seen = mine.reset(seed=config.seed)[0]
+    np.testing.assert_allclose(theirs.reset(), inputs(seen), atol=1e-4)
     ended = 0
     for _ in range(310):
         actions = np.tile(np.float32([0.0, 0.3]), (4, 1))
-        seen, reward, terminated, truncated, _ = mine.step(actions)
+        # What the peer turns to, our world turns to as the features saw the scene.
+        hands = np.where((feature_set == "mirror") & (seen[:, 4] < 0.0), -1.0, 1.0)
+        seen, reward, terminated, truncated, _ = mine.step((actions * np.stack([np.ones(4), hands], -1)).astype("f4"))
         their_seen, their_reward, done, infos = theirs.step(actions)
         np.testing.assert_allclose(their_seen, inputs(seen), atol=1e-4)
         np.testing.assert_allclose(their_reward, config.ppo.reward_scale * reward)

@@ -1,0 +1,90 @@
+"""What splitting a training costs: ``python -m benchmarks.devices [--config FILE] [--updates 12] [--turns 2]``.
+
+The training program itself, in turns: one process on all cores, and as many processes as there are cores, each held to
+one of them, which exchange their gradients over the loopback. Same configuration, same global batch. A rate is the
+median over a run's updates without the first two; the ratio is the median of the turns' ratios. The last line is one
+JSON object.
+"""
+
+import argparse
+import os
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from agents.configuration import load
+from benchmarks.measure import report
+from rlcas_jax import metrics
+from rlcas_jax.config import TrainConfig
+
+__all__ = ["main"]
+
+_IGNORED = 2  # updates at the beginning: compilation, first touch
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--config", default="configs/quick.yaml", help="what is trained (default configs/quick.yaml)")
+    parser.add_argument("--updates", type=int, default=12, help="updates of each run (default 12)")
+    parser.add_argument("--turns", type=int, default=2, help="runs of each kind (default 2)")
+    options = parser.parse_args()
+    if options.updates <= _IGNORED or options.turns < 1:
+        parser.error(f"expected --updates of more than {_IGNORED} and --turns of 1 or more")
+    cores = sorted(os.sched_getaffinity(0))
+    if len(cores) < 2:
+        parser.error("two cores or more are needed, this process may use one")
+    steps = options.updates * load(TrainConfig, Path(options.config), []).ppo.samples
+    one, many = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        for turn in range(options.turns):
+            common = ["--config", options.config, "--set", f"steps={steps}", "--set", "evaluation.final_encounters=10"]
+            common += ["--set", "evaluation.every_steps=1000000000", "--quiet"]
+            out = Path(folder) / f"one-{turn}"
+            _wait([_start([*common, "--out", str(out)], cores)])
+            one.append(_rate(out))
+            out, address = Path(folder) / f"many-{turn}", f"127.0.0.1:{_free_port()}"
+            group = [*common, "--out", str(out), "--coordinator", address, "--processes", str(len(cores))]
+            _wait([_start([*group, "--process", str(number)], [core]) for number, core in enumerate(cores)])
+            many.append(_rate(out))
+            print(f"turn {turn}: one process {one[-1]:.0f}, {len(cores)} processes {many[-1]:.0f} steps/s", flush=True)
+    figures = {
+        "benchmark": "devices",
+        "one_process_steps_per_s": one,
+        "processes": len(cores),
+        "many_processes_steps_per_s": many,
+        "ratio": statistics.median(b / a for a, b in zip(one, many, strict=True)),
+    }
+    report(figures, ("jax", "jaxlib", "numpy"))
+
+
+def _start(arguments: list[str], cores: list[int]) -> "subprocess.Popen[bytes]":
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, cores)  # inherited by the child
+    try:
+        return subprocess.Popen([sys.executable, "-m", "rlcas_jax.train", *arguments], stdout=subprocess.DEVNULL)
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+def _wait(processes: list["subprocess.Popen[bytes]"]) -> None:
+    for process in processes:
+        if process.wait() != 0:
+            raise SystemExit(f"a training ended with status {process.returncode}; its message stands above")
+
+
+def _rate(out: Path) -> float:
+    return float(statistics.median(metrics.read(out)["steps_per_s"][_IGNORED:]))
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+if __name__ == "__main__":
+    main()
