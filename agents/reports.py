@@ -17,6 +17,7 @@ from envs.kinematics import VehicleState, velocity
 __all__ = ["Inputs", "Memory", "blank", "inputs", "present", "taken"]
 
 _AHEAD = 0.5  # s by which a report may seem to come from the future
+_SAME = 1e-6  # s by which the time of one report differs between two tellings of it: rounding of now less age
 _FASTEST, _FARTHEST, _LONGEST = 400.0, 1e6, 1e12  # m/s, m, s
 _BASELINE = (0.2, 5.0)  # s between two reports that a turn rate may be read from
 _SIGNIFICANT = 3.0  # sigmas that an estimated turn must differ from straight flight
@@ -107,23 +108,23 @@ def taken(memory: Memory, told: Inputs, thresholds: Thresholds) -> tuple[Memory,
 
     sane = _sane(told.own, told.own_age)
     reported = now - np.where(sane, told.own_age, 0.0)
-    ordered = (told.own_age >= -_AHEAD) & (reported >= memory.own_time)
+    ordered = (told.own_age >= -_AHEAD) & (reported >= memory.own_time - _SAME)
     causes |= _bit(~sane, Cause.OWN_MISSING) | _bit(sane & ~ordered, Cause.OWN_OUT_OF_ORDER)
     good = sane & ordered & clock
     own = _chosen(good, told.own, memory.own)
-    own_time = np.where(good, reported, memory.own_time)
+    own_time = np.where(good, np.fmax(reported, memory.own_time), memory.own_time)
     causes |= _bit(now - own_time > thresholds.own_age, Cause.OWN_STALE)
 
     sane = _sane(told.intruders, told.age) & _spread(told.position_std) & _spread(told.velocity_std)
     reported = now[:, None] - np.where(sane, told.age, 0.0)
     known = np.where(told.mask, memory.seen, -np.inf)
-    ordered = (told.age >= -_AHEAD) & (reported >= known)
+    ordered = (told.age >= -_AHEAD) & (reported >= known - _SAME)
     good = sane & ordered & clock[:, None] & told.mask
     causes |= _bit((~sane & told.mask).any(axis=-1), Cause.INTRUDER_MISSING)
     causes |= _bit((sane & ~ordered & told.mask).any(axis=-1), Cause.INTRUDER_OUT_OF_ORDER)
     turn_rate = _turn_rate(memory, told, reported - known, good, thresholds)
     intruders = _chosen(good, told.intruders, memory.intruders)
-    seen = np.where(good, reported, known)
+    seen = np.where(good, np.fmax(reported, known), known)
     stale = ~(now[:, None] - seen <= thresholds.intruder_age) & told.mask
     causes |= _bit(stale.any(axis=-1), Cause.INTRUDER_STALE)
     position_std = np.where(good, told.position_std, memory.position_std)
