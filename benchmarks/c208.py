@@ -1,0 +1,331 @@
+"""The true aircraft measured: ``python -m benchmarks.c208 [--plans 100] [--resets 3000]``.
+
+Steps and ramps of the autopilot; plans of the shipped policy flown in calm air, in wind and turbulence, and with
+random loadings; speed, reproducibility and memory. Cross-track errors are those of the flight against the legs between
+the published waypoints, times of arrival those at the waypoints. One core.
+"""
+
+import argparse
+import hashlib
+import math
+import multiprocessing
+import os
+import resource
+import sys
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.inference import Policy
+from agents.planner import plan_many
+from agents.request import Options
+from benchmarks.measure import report
+from envs import follower
+from envs.c208.autopilot import GRAVITY
+from envs.c208.conditions import CALM, NOMINAL, Conditions, Loading
+from envs.c208.guidance import Path as Track
+from envs.c208.guidance import follow
+from envs.c208.gymnasium_env import C208Env
+from envs.c208.point_mass import PointMassVehicle
+from envs.c208.vehicle import C208Vehicle, FlightError, StartError
+from envs.encounters import scenario
+from envs.follower import PERIOD
+from envs.gymnasium_env import DeconflictionEnv
+from envs.kinematics import VehicleState
+from envs.starts import numbered
+from envs.tracking import deviation, offset
+from envs.waypoints import Knots, Legs, legs
+from envs.waypoints import at as along
+from eval.plan_flight import request_of
+
+_WIND = 10.0  # m/s, from any direction
+_POWER_SPEED = 92.0  # a plan that is faster, or a flight of which the air is, may lack power, m/s
+
+
+class Plan(NamedTuple):
+    """One plan to be flown."""
+
+    own: VehicleState
+    legs: Legs
+    times: np.ndarray
+    """Of the waypoints, s."""
+
+
+class Flown(NamedTuple):
+    """One flight; errors without sign."""
+
+    cross_track: np.ndarray
+    """m, every period."""
+    late: np.ndarray
+    """s, at every waypoint."""
+    altitude: np.ndarray
+    """m, every period."""
+    position: np.ndarray
+    """Distance from where the plan is at the time, m, every period."""
+
+
+def plans_of(count: int, name: str, seed: int) -> list[Plan]:
+    """Return the SAFE ones of so many plans of the shipped policy."""
+    encounters = numbered(scenario(name), seed, 0, count)
+    proposals = plan_many(request_of(encounters), Policy.load(), Options()).proposals
+    found = []
+    for number in np.flatnonzero(proposals.safe):
+        knots = Knots(*(np.asarray(field[number], dtype=float) for field in proposals.knots))
+        own = VehicleState(*(float(field[number]) for field in encounters.own))
+        found.append(Plan(own, legs(knots), knots.time[1:]))
+    return found
+
+
+def judged(plan: Plan, states: list[VehicleState], late: list[float], altitudes: np.ndarray) -> Flown:
+    """Compare the states after every period with the plan; ``late`` is about how late they are, s."""
+    clock = PERIOD * np.arange(1, len(states) + 1)
+    flight = VehicleState(*(np.array(field) for field in zip(*states, strict=True)))
+    curves = Legs(*(np.broadcast_to(field, (clock.size, *field.shape)) for field in plan.legs))
+    # Begun near the place abeam: who is a minute late on a winding path has several.
+    found = deviation(curves, flight, clock - late)
+    at = np.clip(np.round(plan.times / PERIOD).astype(int) - 1, 0, clock.size - 1)
+    distance = np.hypot(*offset(flight, along(curves, clock)))
+    return Flown(np.abs(found.cross_track), np.abs(found.time + late)[at], np.abs(altitudes - 2500.0), distance)
+
+
+def flown(plan: Plan, conditions: Conditions = CALM, generic: bool = False) -> Flown:
+    """Fly a plan on the true aircraft, by its own guidance or by the generic follower."""
+    vehicle = C208Vehicle(plan.own, "ex", conditions)
+    until = float(plan.times[-1])
+    if generic:
+        states, late = [], []
+        for number in range(round(until / PERIOD)):
+            vehicle.step(*follower.guidance(plan.legs, vehicle.state, number * PERIOD), PERIOD)
+            states.append(vehicle.state)
+            late.append(0.0)
+    else:
+        states, late = follow(vehicle, Track(plan.legs), until)
+    return judged(plan, states, late, vehicle.log()[1:, 3])
+
+
+def summary(name: str, flights: list[Flown]) -> dict[str, float]:
+    """Return the figures of some flights, pooled."""
+    cross, late, altitude, position = (np.concatenate(field) for field in zip(*flights, strict=True))
+    return {
+        f"{name}_flights": len(flights),
+        f"{name}_cross_track_rms_m": float(np.sqrt(np.mean(cross**2))),
+        f"{name}_cross_track_p95_m": float(np.percentile(cross, 95)),
+        f"{name}_cross_track_max_m": float(cross.max()),
+        f"{name}_arrival_rms_s": float(np.sqrt(np.mean(late**2))),
+        f"{name}_arrival_p95_s": float(np.percentile(late, 95)),
+        f"{name}_arrival_max_s": float(late.max()),
+        f"{name}_altitude_max_m": float(altitude.max()),
+        f"{name}_position_p95_m": float(np.percentile(position, 95)),
+        f"{name}_position_p99_m": float(np.percentile(position, 99)),
+        f"{name}_position_max_m": float(position.max()),
+    }
+
+
+def windy(number: int, turbulence: Any) -> Conditions:
+    """Return 10 m/s of wind from a direction of its own."""
+    angle = np.random.default_rng(number).uniform(0.0, 2.0 * math.pi)
+    return Conditions(NOMINAL, _WIND * math.cos(angle), _WIND * math.sin(angle), turbulence, number)
+
+
+def loaded(number: int) -> Conditions:
+    """Return light turbulence, wind and a loading drawn from the ranges of the true aircraft."""
+    rng = np.random.default_rng(number)
+    loading = Loading(
+        weight=rng.uniform(6500.0, 8807.0),
+        centre_of_gravity=rng.uniform(0.25, 0.38),
+        inertia_factor=rng.uniform(0.7, 1.3),
+        drag_factor=rng.uniform(0.92, 1.08),
+        lift_slope_factor=rng.uniform(0.95, 1.05),
+    )
+    return windy(number, "light")._replace(loading=loading)
+
+
+def within_power(plan: Plan, conditions: Conditions) -> bool:
+    """Return whether the air's speed on a plan stays where the aircraft has power to spare."""
+    speed = plan.legs.speed
+    east = speed * np.cos(plan.legs.heading) - conditions.wind_east
+    north = speed * np.sin(plan.legs.heading) - conditions.wind_north
+    air = np.hypot(east, north)
+    return bool(air.max() <= _POWER_SPEED and air.min() >= 55.0)
+
+
+def steps() -> dict[str, float]:
+    """Return how the autopilot answers steps and ramps, calm air, 2500 m."""
+    found = {}
+
+    def fly(speed: float, commands: list[tuple[float, float, float]]) -> np.ndarray:
+        vehicle = C208Vehicle(VehicleState(0.0, 0.0, 0.0, speed))
+        for acceleration, yaw_rate, seconds in commands:
+            for _ in range(round(seconds / PERIOD)):
+                vehicle.step(acceleration, yaw_rate, PERIOD)
+        return vehicle.log()
+
+    hold = fly(70.0, [(0.0, 0.0, 60.0)])
+    found["hold_60s_speed_change_mps"] = float(np.ptp(hold[:, 5]))
+    found["hold_60s_altitude_change_m"] = float(np.ptp(hold[:, 3]))
+    for speed in (60.0, 70.0, 95.0):
+        rate = GRAVITY * math.tan(math.radians(30.0)) / speed
+        log = fly(speed, [(0.0, rate, 30.0)])
+        bank = -np.degrees(log[:, 7])
+        found[f"bank_30_at_{speed:.0f}_time_s"] = float(log[np.argmax(bank >= 29.0), 0])
+        found[f"bank_30_at_{speed:.0f}_overshoot_deg"] = float(bank.max() - 30.0)
+        found[f"bank_30_at_{speed:.0f}_altitude_m"] = float(np.abs(log[:, 3] - 2500.0).max())
+    log = fly(70.0, [(0.0, GRAVITY * math.tan(math.radians(40.0)) / 70.0, 60.0)])
+    found["bank_40_at_70_altitude_m"] = float(np.abs(log[:, 3] - 2500.0).max())
+    for first, last in ((60.0, 80.0), (70.0, 90.0), (90.0, 55.0)):
+        rate = math.copysign(0.5, last - first)
+        log = fly(first, [(rate, 0.0, abs(last - first) / 0.5), (0.0, 0.0, 10.0)])
+        reference = first + rate * np.minimum(log[:, 0], abs(last - first) / 0.5)
+        off = log[:, 5] - reference
+        found[f"ramp_{first:.0f}_{last:.0f}_rms_mps"] = float(np.sqrt(np.mean(off**2)))
+        found[f"ramp_{first:.0f}_{last:.0f}_max_mps"] = float(np.abs(off).max())
+    return found
+
+
+def digest(vehicle: C208Vehicle | None = None) -> str:
+    """Return a hash of every number of a flight in turbulence, of a vehicle that is reset or of a new one."""
+    start, conditions = VehicleState(0.0, 0.0, 0.3, 75.0), Conditions(NOMINAL, 6.0, -8.0, "moderate", 7)
+    if vehicle is None:
+        vehicle = C208Vehicle(start, "ex", conditions)
+    else:
+        vehicle.reset(start, conditions)
+    for number in range(600):
+        vehicle.step(0.2 * math.sin(0.02 * number), 0.03 * math.cos(0.013 * number), PERIOD)
+    return hashlib.sha256(vehicle.log().tobytes()).hexdigest()
+
+
+def repeatable() -> dict[str, bool]:
+    """Return whether a flight is the same to the last bit after a reset, in a new instance and in a new process."""
+    vehicle = C208Vehicle(VehicleState(10.0, 0.0, 2.0, 60.0), "ex", Conditions(turbulence="light"))
+    first = digest()
+    vehicle.step(0.1, 0.02, 5.0)
+    again, fresh = digest(vehicle), digest()
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        other = pool.apply(digest)
+    return {
+        "bit_identical_after_reset": again == first,
+        "bit_identical_new_instance": fresh == first,
+        "bit_identical_new_process": other == first,
+    }
+
+
+def resident() -> float:
+    """Return the memory held now, MiB; where the system does not say, the largest so far."""
+    status = Path("/proc/self/statm")
+    if status.exists():
+        return int(status.read_text().split()[1]) * resource.getpagesize() / 2**20
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def growth(resets: int) -> dict[str, float]:
+    """Return how the memory grows over resets of one aircraft."""
+    vehicle = C208Vehicle(VehicleState(0.0, 0.0, 0.0, 70.0))
+
+    def again(count: int) -> None:
+        for number in range(count):
+            vehicle.reset(VehicleState(0.0, 0.0, 0.001 * number, 60.0 + number % 30), CALM)
+
+    again(50)
+    before = resident()
+    again(resets)
+    return {"resets": resets, "growth_over_resets_mib": resident() - before}
+
+
+def outcomes(count: int, seed: int) -> dict[str, float]:
+    """Return how often the policy solves encounters in closed loop, flown by the surrogate and by the aircraft."""
+    policy = Policy.load()
+    environments = {"surrogate": DeconflictionEnv(), "aircraft": C208Env()}
+    solved, lost = dict.fromkeys(environments, 0), dict.fromkeys(environments, 0)
+    for name, environment in environments.items():
+        for number in range(count):
+            seen, info = environment.reset(seed=seed, options={"encounter": number})
+            while info["outcome"] == "flying":
+                seen, *_, info = environment.step(policy(seen))
+            solved[name] += info["outcome"] == "goal"
+            lost[name] += info["outcome"] == "violation"
+    figures: dict[str, float] = {"policy_encounters": count}
+    for name in environments:
+        figures |= {f"policy_{name}_goals": solved[name], f"policy_{name}_violations": lost[name]}
+    return figures
+
+
+def pace() -> dict[str, float]:
+    """Return how much faster than real time the aircraft flies on one core: the median of five flights."""
+    ratios: dict[str, list[float]] = {"physics": [], "autopilot": []}
+    for _ in range(5):
+        vehicle = C208Vehicle(VehicleState(0.0, 0.0, 0.0, 75.0))
+        began = time.perf_counter()
+        for number in range(4000):
+            vehicle.step(0.0, 0.02 * math.sin(0.01 * number), PERIOD)
+        middle = time.perf_counter()
+        for _ in range(24_000):
+            vehicle.fdm.exec.run()
+        after = time.perf_counter()
+        ratios["autopilot"].append(400.0 / (middle - began))
+        ratios["physics"].append(400.0 / (after - middle))
+    return {f"{name}_times_real_time": float(np.median(values)) for name, values in ratios.items()}
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--plans", type=int, default=100, help="plans made; the SAFE ones are flown (default 100)")
+    parser.add_argument("--scenario", default="circle", help="family of encounters (default circle)")
+    parser.add_argument("--seed", type=int, default=0, help="of the encounters (default 0)")
+    parser.add_argument("--resets", type=int, default=3_000, help="over which memory is watched (default 3000)")
+    parser.add_argument("--encounters", type=int, default=300, help="flown by the policy in closed loop (default 300)")
+    options = parser.parse_args()
+    if options.plans < 1 or options.resets < 1 or options.encounters < 0:
+        parser.error("--plans and --resets: expected at least 1; --encounters: at least 0")
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    figures: dict[str, Any] = {"benchmark": "c208", "seed": options.seed} | steps() | pace() | repeatable()
+    plans = plans_of(options.plans, options.scenario, options.seed)
+    if not plans:
+        parser.error(f"none of {options.plans} plans of {options.scenario} is SAFE; ask for more")
+    began = time.perf_counter()
+    calm = [flown(plan) for plan in plans]
+    seconds = time.perf_counter() - began
+    figures["following_times_real_time"] = sum(float(plan.times[-1]) + 20.0 for plan in plans) / seconds
+    figures |= summary("calm", calm)
+    figures |= summary("calm_generic_follower", [flown(plan, generic=True) for plan in plans[:20]])
+    point_mass = []
+    for plan in plans:
+        states, late = follow(PointMassVehicle(plan.own), Track(plan.legs), float(plan.times[-1]))
+        point_mass.append(judged(plan, states, late, np.full(len(states), 2500.0)))
+    figures |= summary("point_mass", point_mass)
+    for name, kind in (("wind", "none"), ("rough", "moderate"), ("loaded", None)):
+        found, able, lost, too_slow = [], [], [], 0
+        for number, plan in enumerate(plans):
+            conditions = loaded(number) if kind is None else windy(number, kind)
+            try:
+                one = flown(plan, conditions)
+            except StartError:
+                # Down the wind the plan's ground speed is below the stall.
+                too_slow += 1
+                continue
+            except FlightError as problem:
+                lost.append(f"{number}: {problem}")
+                continue
+            found.append(one)
+            if within_power(plan, conditions):
+                able.append(one)
+        figures |= {f"{name}_flights_lost": len(lost), f"{name}_flights_too_slow_to_begin": too_slow} | summary(
+            name, found
+        )
+        if lost:
+            figures[f"{name}_reasons"] = lost
+        if able:
+            figures |= summary(f"{name}_within_power", able)
+    if options.encounters:
+        figures |= outcomes(options.encounters, options.seed)
+    figures |= growth(options.resets)
+    for name, number in figures.items():
+        print(f"{name:44} {number:.4g}" if isinstance(number, float) else f"{name:44} {number}")
+    report(figures, ("jsbsim", "numpy"))
+
+
+if __name__ == "__main__":
+    main()

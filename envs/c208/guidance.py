@@ -1,0 +1,147 @@
+"""Flies the legs between published waypoints on the true aircraft, in position and in time.
+
+The generic follower of :mod:`envs.follower` commands what the plan does now; an aircraft that rolls does it most of a
+second later. Here the plan's curvature and acceleration are looked up as far ahead as the aircraft lags, and only what
+is left is fed back.
+"""
+
+import bisect
+import math
+from typing import NamedTuple
+
+from envs.angles import wrap
+from envs.backend import FLOATS
+from envs.c208.air_mass import NO_WIND, Wind, over_ground
+from envs.c208.autopilot import ROLL_DELAY
+from envs.follower import PERIOD, Vehicle
+from envs.kinematics import Limits, VehicleState, advance
+from envs.waypoints import Legs
+
+__all__ = ["LOOKAHEAD", "Guide", "Lookahead", "Path", "follow"]
+
+_SEARCH = 2  # steps towards the point abeam; each squares what is left of the error
+_UNBOUNDED = Limits(0.0, 1e3, -1e3, 1e3, 1e3)
+
+
+class Lookahead(NamedTuple):
+    """How far ahead the plan is looked up, s, and the gains of what is fed back."""
+
+    turn: float = ROLL_DELAY
+    speed: float = 0.5
+    across: float = 0.30
+    """Lateral acceleration per distance to the left, 1/s^2."""
+    heading: float = 1.1
+    """Turn rate per heading error, 1/s."""
+    along: float = 0.25
+    """Acceleration per distance ahead, 1/s^2."""
+    along_rate: float = 1.0
+    """Acceleration per speed error, 1/s."""
+
+
+LOOKAHEAD = Lookahead()
+
+
+class Path:
+    """A plan's legs as plain floats: the state over the ground at a time in microseconds.
+
+    Args:
+        legs: of one plan, ``[L]``.
+        wind: of the air mass that the plan was made in; the legs are carried along with it.
+        began: time at which the plan's clock was 0, s; the frames coincide at time 0.
+    """
+
+    def __init__(self, legs: Legs, wind: Wind = NO_WIND, began: float = 0.0) -> None:
+        self._wind, self._began = wind, began
+        arcs = legs.x.shape[-1]
+        part = (legs.duration / arcs)[:, None]
+        begins = legs.time[:, None] + part * [[float(number) for number in range(arcs)]]
+        self._begins = begins.ravel().tolist()
+        fields = (legs.x, legs.y, legs.heading, legs.speed, legs.acceleration, legs.yaw_rate)
+        self._arcs = list(zip(*(field.ravel().tolist() for field in fields), strict=True))
+        self.ends = began + float(legs.time[-1] + legs.duration[-1])
+
+    def at(self, time: float) -> VehicleState:
+        """Return the state at a time; before and after the plan its first and last arc go on."""
+        return over_ground(self._within(time - self._began), self._wind, time)
+
+    def _within(self, time: float) -> VehicleState:
+        """Return the state in the plan's own frame and on its own clock."""
+        index = max(bisect.bisect_right(self._begins, time) - 1, 0)
+        x, y, heading, speed, acceleration, yaw_rate = self._arcs[index]
+        state = VehicleState(x, y, wrap(heading, FLOATS), speed)
+        seconds = time - self._begins[index]
+        # The closed form of an arc holds for turns of less than a radian.
+        pieces = max(1, math.ceil(abs(yaw_rate * seconds)))
+        for _ in range(pieces):
+            state = advance(state, acceleration, yaw_rate, seconds / pieces, _UNBOUNDED, FLOATS)
+        return state
+
+
+class Guide:
+    """Turns where the aircraft is into commands; remembers how late it is, so that the place abeam is found again.
+
+    Args:
+        path: of the plan.
+        gains: of the guidance.
+        late: at the beginning, s.
+    """
+
+    def __init__(self, path: Path, gains: Lookahead = LOOKAHEAD, late: float = 0.0) -> None:
+        self._path, self._gains = path, gains
+        self.late = late
+        """How much later than planned the aircraft was at its place when last asked, s; negative when early."""
+
+    def commands(self, state: VehicleState, time: float, dt: float = PERIOD) -> tuple[float, float]:
+        """Return the acceleration (m/s^2) and turn rate (rad/s) for the coming period.
+
+        Args:
+            state: of the aircraft.
+            time: on the plan's clock, s.
+            dt: period, s.
+        """
+        path, gains = self._path, self._gains
+        # Across the path the point abeam counts, not where the plan is by now: who is late flies the same path.
+        abeam = time - self.late
+        place = path.at(abeam)
+        for _ in range(_SEARCH):
+            abeam += _offset(state, place)[0] / max(place.speed, 1.0)
+            place = path.at(abeam)
+        self.late = time - abeam
+        left = _offset(state, place)[1]
+        pace = state.speed / max(place.speed, 1.0)
+        first, last = abeam + pace * gains.turn, abeam + pace * (gains.turn + dt)
+        turn = wrap(path.at(last).heading - path.at(first).heading, FLOATS) / dt
+        turn -= gains.heading * wrap(state.heading - place.heading, FLOATS) + gains.across * left / max(
+            state.speed, 1.0
+        )
+        now = path.at(time)
+        # The mean speed between both points gives the distance on straight and curved paths alike.
+        ahead = -self.late * 0.5 * (place.speed + now.speed)
+        speeds = path.at(time + gains.speed).speed, path.at(time + gains.speed + dt).speed
+        acceleration = (speeds[1] - speeds[0]) / dt
+        acceleration -= gains.along * ahead + gains.along_rate * (state.speed - now.speed)
+        return acceleration, turn
+
+
+def follow(
+    vehicle: Vehicle, path: Path, until: float, gains: Lookahead = LOOKAHEAD
+) -> tuple[list[VehicleState], list[float]]:
+    """Fly a plan from its beginning and return the state and the lateness (s) after every period.
+
+    Raises:
+        FlightError: of the vehicle.
+    """
+    guide, states, late = Guide(path, gains), [], []
+    for number in range(round(until / PERIOD)):
+        acceleration, turn = guide.commands(vehicle.state, number * PERIOD)
+        vehicle.step(acceleration, turn, PERIOD)
+        states.append(vehicle.state)
+        late.append(guide.late)
+    return states, late
+
+
+def _offset(state: VehicleState, place: VehicleState) -> tuple[float, float]:
+    """Return how far ahead of a place and to its left a state is, m."""
+    cosine, sine = math.cos(place.heading), math.sin(place.heading)
+    x, y = state.x - place.x, state.y - place.y
+    return x * cosine + y * sine, y * cosine - x * sine

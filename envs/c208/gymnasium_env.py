@@ -1,0 +1,128 @@
+"""The encounter flown by the true aircraft, ``rlcas/C208-v0``; importing this module registers it.
+
+Observation, action, reward and ends are those of :class:`envs.gymnasium_env.DeconflictionEnv`: what was trained in the
+surrogate runs here unchanged. Nothing is meant to be trained on it.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from envs import flight, outcome
+from envs.backend import FloatNamespace
+from envs.c208.conditions import CALM, Conditions
+from envs.c208.vehicle import C208Vehicle, FlightError
+from envs.encounters import EncounterError, Scenario
+from envs.flight import Flight, Result
+from envs.gymnasium_contract import OUTCOMES, checked_actions, error
+from envs.gymnasium_env import DeconflictionEnv, register, registry
+from envs.kinematics import SURROGATE, Limits, VehicleState, commands
+from envs.outcome import RULES, Rules
+from envs.relative import distance, leg_separation
+
+__all__ = ["ENV_ID", "C208Env"]
+
+ENV_ID = "rlcas/C208-v0"
+
+_XP: Any = FloatNamespace()
+
+
+class C208Env(DeconflictionEnv):
+    """One encounter of the true aircraft, at 2500 m, under its autopilot.
+
+    The action's accelerations and turn rates are those of ``limits`` over the ground; the aircraft reaches them with
+    its lags, as far as its power and its wing allow. ``info`` holds ``altitude`` and ``airspeed`` besides. A flight
+    that the aircraft does not survive raises :class:`envs.c208.vehicle.FlightError`.
+
+    Args:
+        scenario: name or Scenario.
+        rules: of the task.
+        limits: full deflection of the action.
+        variant: name in :data:`envs.c208.facts.VARIANTS`.
+        conditions: of every flight; the seed of the turbulence is that of the encounter's number added to its own.
+        render_mode: None, ``"rgb_array"`` or ``"human"``.
+        render_size: side of the picture, pixels.
+    """
+
+    def __init__(
+        self,
+        scenario: str | Scenario = "circle",
+        *,
+        rules: Rules = RULES,
+        limits: Limits = SURROGATE,
+        variant: str = "ex",
+        conditions: Conditions = CALM,
+        render_mode: str | None = None,
+        render_size: int = 600,
+    ) -> None:
+        super().__init__(scenario, rules=rules, limits=limits, render_mode=render_mode, render_size=render_size)
+        self._variant, self._conditions = variant, conditions
+        self._vehicle: C208Vehicle | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin the next encounter, or the one that the options ask for.
+
+        Raises:
+            EncounterError: the seed or an option is wrong, or the aircraft cannot fly so at the start.
+        """
+        self._vehicle = None
+        observation, info = super().reset(seed=seed, options=options)
+        assert self._flight is not None
+        conditions = self._conditions._replace(seed=(self._conditions.seed + self._number) % 2**31)
+        try:
+            self._vehicle = C208Vehicle(self._flight.own, self._variant, conditions)
+        except FlightError as problem:
+            raise EncounterError(f"encounter {self._number} cannot be flown by the aircraft: {problem}") from problem
+        return observation, info | self._aircraft()
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Fly on for one time step.
+
+        Raises:
+            FlightError: the aircraft did not survive it.
+            gymnasium.error.ResetNeeded: no encounter is in progress.
+            gymnasium.error.InvalidAction: the action has a wrong shape or is not finite.
+        """
+        if self._flight is None or self._vehicle is None:
+            raise error.ResetNeeded("step was called before reset; call reset to begin an encounter")
+        if self._over:
+            raise error.ResetNeeded(f"the encounter has ended ({self._outcome}); call reset to begin another one")
+        acceleration, yaw_rate = checked_actions(action, (2,)).tolist()
+        self._flight, result = self._advance(self._flight, self._vehicle, (acceleration, yaw_rate))
+        separation = min(result.separations)
+        self._min_separation = min(self._min_separation, separation)
+        judged = result.outcome
+        self._outcome = OUTCOMES[1 * judged.violation + 2 * judged.reached + 3 * judged.timeout]
+        self._over = self._outcome != OUTCOMES[0]
+        self._record(result.separations)
+        if self.render_mode == "human":
+            self.render()
+        info = self._info(separation, result.goal_distance) | self._aircraft()
+        terminated, truncated = bool(judged.violation or judged.reached), bool(judged.timeout)
+        return self._observe(), float(result.reward), terminated, truncated, info
+
+    def _advance(self, before: Flight, vehicle: C208Vehicle, action: tuple[float, float]) -> tuple[Flight, Result]:
+        acceleration, yaw_rate = commands(action, self.limits, _XP)
+        vehicle.step(acceleration, yaw_rate, self.rules.dt)
+        own = VehicleState(*(float(field) for field in vehicle.state))
+        # The traffic and the clock are the surrogate's; the ownship is the aircraft.
+        moved, _ = flight.step(before, action, self.rules, self.limits)
+        moved = moved._replace(own=own)
+        apart = tuple(
+            leg_separation(before.own, own, old.vehicle, new.vehicle, self.rules.dt, _XP)
+            for old, new in zip(before.intruders, moved.intruders, strict=True)
+        )
+        to_goal = distance(moved.goal_x - own.x, moved.goal_y - own.y, _XP)
+        judged = outcome.judge(min(apart), to_goal, moved.steps * self.rules.dt, self.rules, _XP)
+        return moved, Result(judged, outcome.reward(judged, self.rules, _XP), apart, to_goal)
+
+    def _aircraft(self) -> dict[str, float]:
+        assert self._vehicle is not None
+        return {"altitude": self._vehicle.measured.altitude, "airspeed": self._vehicle.measured.airspeed}
+
+
+# Kept if it stands already, as in the surrogate's module.
+if ENV_ID not in registry:
+    register(ENV_ID, entry_point="envs.c208.gymnasium_env:C208Env")

@@ -1,0 +1,65 @@
+"""Thrust of a governed turboprop: momentum theory of the disc, its losses, and a flat-rated engine.
+
+A power P turned into thrust T by an ideal disc of area A satisfies 2 rho A v (V + v)^2 = P with T = 2 rho A v (V + v)
+(Rankine and Froude). What the blades lose is one factor on P. The slipstream, faster than the flight by 2 v, adds
+to the drag of what it washes: that is taken from the thrust. At idle the blades' own drag takes more than the engine
+gives: thrust is negative.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from envs.c208.facts import Variant, value
+
+__all__ = ["DENSITIES", "DENSITY_0", "HORSEPOWER", "SPEEDS", "idle_thrust", "maximum_thrust", "tables", "thrust"]
+
+DENSITY_0 = 1.225
+"""Of the standard atmosphere at sea level, kg/m^3."""
+
+HORSEPOWER = 745.7
+"""W."""
+
+SPEEDS = np.array([0.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 115.0, 130.0])
+"""True airspeeds of the tables, m/s."""
+
+DENSITIES = np.array([0.40, 0.55, 0.70, 0.80, 0.90, 0.98, 1.08, 1.16, 1.225, 1.35])
+"""Air densities of the tables, kg/m^3."""
+
+_SLOWEST = 35.0  # below this speed the blades rest on their low-pitch stop and the drag stops growing, m/s
+
+
+def thrust(power: Any, speed: Any, density: Any) -> Any:
+    """Return the installed thrust (N) of a shaft power (W) at a true airspeed (m/s); arrays broadcast."""
+    diameter = value("propeller_diameter") * 0.0254
+    area = 0.25 * math.pi * diameter**2
+    power = value("propeller_losses") * np.asarray(power, dtype=float)
+    # Newton's steps on the induced velocity from above: the left side is convex, so that they cannot overshoot.
+    induced = np.cbrt(power / (2.0 * density * area)) + 0.0 * np.asarray(speed)
+    for _ in range(30):
+        excess = 2.0 * density * area * induced * (speed + induced) ** 2 - power
+        slope = 2.0 * density * area * (speed + induced) * (speed + 3.0 * induced)
+        induced = induced - excess / slope
+    scrubbing = 0.5 * density * value("washed_area") * 4.0 * induced * (speed + induced)
+    return 2.0 * density * area * induced * (speed + induced) - scrubbing
+
+
+def maximum_thrust(variant: Variant, speed: Any, density: Any) -> Any:
+    """Return the thrust at full throttle, N: rated power, or what the thinner air leaves of the thermodynamic one."""
+    power = np.minimum(variant.rated_power, variant.thermodynamic_power * np.asarray(density) / DENSITY_0)
+    return thrust(power * HORSEPOWER, speed, density)
+
+
+def idle_thrust(variant: Variant, speed: Any, density: Any) -> Any:
+    """Return the thrust at flight idle, N, governed speed: negative, the blades' drag less the engine's power."""
+    diameter, turns = value("propeller_diameter") * 0.0254, value("propeller_speed") / 60.0
+    profile = value("profile_power") * np.asarray(density) * turns**3 * diameter**5
+    idle = value("idle_power") * variant.rated_power * HORSEPOWER * np.asarray(density) / DENSITY_0
+    return (idle - profile) / np.maximum(speed, _SLOWEST)
+
+
+def tables(variant: Variant) -> tuple[np.ndarray, np.ndarray]:
+    """Return idle and maximum thrust, N, ``[SPEEDS, DENSITIES]``."""
+    speed, density = SPEEDS[:, None], DENSITIES[None, :]
+    return idle_thrust(variant, speed, density), maximum_thrust(variant, speed, density)

@@ -1,0 +1,202 @@
+"""Equilibria of the JSBSim aircraft, found by Newton's steps on its accelerations: level, climbing and gliding flight.
+
+JSBSim's own trim takes 0.4 s and fails near the stall; evaluating its initial conditions takes 0.1 ms. The level
+equilibria at the reference altitude are stored (``data/trim.csv``), and the autopilot feeds them forward.
+``python -m envs.c208.trim`` renews the file.
+"""
+
+import argparse
+import csv
+import math
+import sys
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.c208.aerodynamics import stall_angle
+from envs.c208.facts import value
+from envs.c208.fdm import Fdm
+from envs.c208.model import DATA
+
+__all__ = ["REFERENCE_ALTITUDE", "TABLE_SPEEDS", "Table", "Trim", "TrimError", "level_table", "read", "solve", "stored"]
+
+REFERENCE_ALTITUDE = 2500.0
+"""Of the stored equilibria and of flights, m."""
+
+TABLE_SPEEDS = tuple(float(speed) for speed in range(46, 107, 3))
+"""True airspeeds of the stored equilibria, m/s."""
+
+_FILE = DATA / "trim.csv"
+_FOOT = 0.3048
+_ITERATIONS, _EXACT = 30, 1e-8
+
+
+class TrimError(RuntimeError):
+    """There is no equilibrium as asked for."""
+
+
+class Trim(NamedTuple):
+    """An unaccelerated state with level wings."""
+
+    speed: float
+    """True airspeed, m/s."""
+    alpha: float
+    """rad."""
+    elevator: float
+    """rad, positive with the trailing edge down."""
+    throttle: float
+    """0 to 1."""
+    gamma: float
+    """Climb angle, rad."""
+    thrust: float
+    """N."""
+
+
+class Table(NamedTuple):
+    """Level equilibria of one weight and altitude, arrays ``[N]``; named as in :class:`Trim`."""
+
+    speed: np.ndarray
+    alpha: np.ndarray
+    elevator: np.ndarray
+    thrust: np.ndarray
+
+
+def solve(
+    fdm: Fdm,
+    speed: float,
+    altitude: float = REFERENCE_ALTITUDE,
+    *,
+    throttle: float | None = None,
+    flaps: float = 0.0,
+) -> Trim:
+    """Find an equilibrium: level flight, or at a given throttle whatever climb or descent it makes.
+
+    Args:
+        fdm: the aircraft; its state is lost.
+        speed: true airspeed, m/s.
+        altitude: geometric, m.
+        throttle: 0 to 1; None for level flight.
+        flaps: deg.
+
+    Raises:
+        TrimError: there is none below the stall and within the engine's and the elevator's range.
+    """
+    unknown = np.array([0.05, -0.05, 0.3 if throttle is None else 0.0])
+    nodes = [fdm.node(f"accelerations/{name}") for name in ("udot-ft_sec2", "wdot-ft_sec2", "qdot-rad_sec2")]
+    place = {
+        "lat-geod-deg": 0.0,
+        "long-gc-deg": 0.0,
+        "h-sl-ft": altitude / _FOOT,
+        "vt-fps": speed / _FOOT,
+        "beta-deg": 0.0,
+        "phi-deg": 0.0,
+        "psi-true-deg": 90.0,
+        "p-rad_sec": 0.0,
+        "q-rad_sec": 0.0,
+        "r-rad_sec": 0.0,
+    }
+
+    def residual(point: np.ndarray) -> np.ndarray:
+        alpha, elevator, last = point
+        power, gamma = (last, 0.0) if throttle is None else (throttle**2, last)
+        angles = {"alpha-deg": math.degrees(alpha), "gamma-deg": math.degrees(gamma)}
+        # The thrust goes with the square of the throttle: linear in what is solved for.
+        controls = surfaces(elevator, math.sqrt(min(max(power, 0.0), 1.0))) | {"flap-cmd-norm": flaps / 30.0}
+        fdm.initialise(place | angles, controls)
+        return np.array([node.get_double_value() for node in nodes])
+
+    for _ in range(_ITERATIONS):
+        here = residual(unknown)
+        if not np.isfinite(here).all():
+            break
+        if np.abs(here).max() < _EXACT:
+            return _found(fdm, speed, unknown, throttle, flaps)
+        slope = np.empty((3, 3))
+        for column in range(3):
+            # Inwards at the end of the throttle's range, outside which nothing changes.
+            step = -1e-5 if column == 2 and throttle is None and unknown[2] > 0.5 else 1e-5
+            moved = unknown.copy()
+            moved[column] += step
+            slope[:, column] = (residual(moved) - here) / step
+        if abs(np.linalg.det(slope)) < 1e-9:
+            break
+        unknown = unknown - np.clip(np.linalg.solve(slope, here), -0.1, 0.1)
+        if throttle is None:
+            unknown[2] = min(max(unknown[2], 0.0), 1.0)
+    flight = "level" if throttle is None else f"at throttle {throttle:g}"
+    raise TrimError(f"no equilibrium {flight} at {speed:.2f} m/s, {altitude:.0f} m, flaps {flaps:g} deg")
+
+
+def surfaces(elevator: float, throttle: float) -> dict[str, float]:
+    """Return the commands of an elevator deflection (rad) and a throttle (0 to 1), the other surfaces at rest."""
+    travel = value("elevator_down") if elevator > 0.0 else value("elevator_up")
+    return {
+        "elevator-cmd-norm": elevator / math.radians(travel),
+        "aileron-cmd-norm": 0.0,
+        "rudder-cmd-norm": 0.0,
+        "flap-cmd-norm": 0.0,
+        "throttle-cmd-norm": throttle,
+    }
+
+
+def _found(fdm: Fdm, speed: float, unknown: np.ndarray, throttle: float | None, flaps: float) -> Trim:
+    alpha, elevator, last = (float(number) for number in unknown)
+    power, gamma = (last, 0.0) if throttle is None else (throttle**2, last)
+    low, high = -math.radians(value("elevator_up")), math.radians(value("elevator_down"))
+    if alpha > stall_angle(fdm.loading.lift_slope_factor) or not low <= elevator <= high:
+        raise TrimError(f"no equilibrium below the stall at {speed:.2f} m/s, flaps {flaps:g} deg")
+    fdm.set("propulsion/engine/n2", 60.0 + 40.0 * math.sqrt(power))
+    fdm.exec.run_ic()
+    thrust = fdm.get("propulsion/engine/thrust-lbs") * 4.4482216
+    return Trim(speed, alpha, elevator, math.sqrt(power), gamma, thrust)
+
+
+def level_table(fdm: Fdm) -> Table:
+    """Find the level equilibria at the reference altitude."""
+    found = [solve(fdm, speed) for speed in TABLE_SPEEDS]
+    columns = ([getattr(trim, name) for trim in found] for name in Table._fields)
+    return Table(*(np.array(column) for column in columns))
+
+
+def stored() -> Table:
+    """Return the level equilibria that ship: of the EX at its greatest weight, reference altitude."""
+    return read(_FILE.read_text(encoding="utf-8"))
+
+
+def read(text: str) -> Table:
+    """Return the table that a CSV text holds.
+
+    Raises:
+        ValueError: a column is missing or a value is not a finite number.
+    """
+    rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
+    columns = []
+    for name in Table._fields:
+        try:
+            column = np.array([float(row[name]) for row in rows])
+        except (KeyError, TypeError, ValueError):
+            raise ValueError(f"the table of equilibria has no numeric column {name!r}") from None
+        if column.size < 2 or not np.isfinite(column).all():
+            raise ValueError(f"column {name!r} of the table of equilibria is short or not finite")
+        columns.append(column)
+    return Table(*columns)
+
+
+def main() -> int:
+    """Write the file that ships; return the exit code."""
+    argparse.ArgumentParser(prog="python -m envs.c208.trim", description=__doc__).parse_args()
+    table = level_table(Fdm())
+    lines = ["# Level flight of the EX at 8807 lb, 2500 m: m/s, rad, rad, N. Written by python -m envs.c208.trim."]
+    lines.append(",".join(Table._fields))
+    lines += [",".join(f"{number:.9g}" for number in row) for row in zip(*table, strict=True)]
+    try:
+        _FILE.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as problem:
+        print(f"{_FILE} cannot be written: {problem.strerror}", file=sys.stderr)
+        return 2
+    print(f"wrote {_FILE}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

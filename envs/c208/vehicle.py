@@ -1,0 +1,262 @@
+"""The true aircraft as a vehicle: the Cessna 208B in JSBSim under its autopilot, in the local frame.
+
+Physics at 60 Hz, autopilot at 20 Hz. The local frame is that of :mod:`envs.kinematics`: x east and y north in metres,
+from longitudes and latitudes at the equator, scaled at the flight's altitude; at 40 km from its origin it is true to
+a metre. Every period the flight is checked; one that fails raises :class:`FlightError` with its reason.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from envs.c208.autopilot import TICK, Autopilot, Measured
+from envs.c208.conditions import CALM, TURBULENCE, Conditions, check_start
+from envs.c208.facts import value
+from envs.c208.fdm import STEP, Fdm
+from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve, surfaces
+from envs.kinematics import VehicleState
+
+__all__ = ["LOG_COLUMNS", "C208Vehicle", "FlightError", "StartError"]
+
+_FOOT = 0.3048
+_POUND = 4.4482216
+_SLUG_PER_FT3 = 515.378819
+_EQUATOR, _MERIDIAN = 6_378_137.0, 6_335_439.3  # radii of curvature at the equator along both, m (WGS 84)
+_SUBSTEPS = round(TICK / STEP)
+_WIND_LAG = 10.0  # of the autopilot's estimate of the wind, s
+_LEAD_IN = 20.0  # flown before the start, so that no transient of the initial state is left, s
+
+LOG_COLUMNS = ("time", "x", "y", "altitude", "heading", "speed", "airspeed", "bank", "alpha", "beta", "throttle")
+"""Of :meth:`C208Vehicle.log`; SI units and radians."""
+
+
+class FlightError(RuntimeError):
+    """The flight cannot go on; the message says why, and when."""
+
+
+class StartError(FlightError):
+    """The aircraft cannot be where the flight is to begin: too slow, or too fast, through the air."""
+
+
+class C208Vehicle:
+    """One flight of the true aircraft; satisfies :class:`envs.follower.Vehicle`.
+
+    The commands are those over the ground: the acceleration along the track and its turn rate. They are reached with
+    the lags of the engine and of the roll; :mod:`envs.c208.guidance` looks ahead accordingly.
+
+    Args:
+        state: at the beginning, over the ground; a flight of 20 s before it is not seen.
+        variant: name in :data:`envs.c208.facts.VARIANTS`.
+        conditions: loading, wind and turbulence.
+        altitude: held, m above the sea.
+
+    Raises:
+        StartError: the aircraft cannot fly so slowly or so fast at the start.
+        FlightError: it does not survive the time before the start.
+        FdmError: the variant is unknown, or a JSBSim file is missing.
+        ValueError: a condition is none.
+    """
+
+    def __init__(
+        self,
+        state: VehicleState,
+        variant: str = "ex",
+        conditions: Conditions = CALM,
+        altitude: float = REFERENCE_ALTITUDE,
+    ) -> None:
+        self._variant = variant
+        self.reset(state, conditions, altitude)
+
+    def reset(self, state: VehicleState, conditions: Conditions = CALM, altitude: float = REFERENCE_ALTITUDE) -> None:
+        """Begin another flight; as the constructor does, to the last bit.
+
+        JSBSim keeps the past of its gusts and the rounding of its angles over a reset of its own: every flight has an
+        executive to itself, which takes a millisecond to load.
+        """
+        check_start(state, conditions, altitude)
+        self.fdm = Fdm(self._variant, conditions.loading)
+        self._nodes()
+        self.conditions, self._altitude = conditions, altitude
+        self.time = 0.0
+        self._rows: list[tuple[float, ...]] = []
+        self._offset = (0.0, 0.0)
+        self._wind = (conditions.wind_east, conditions.wind_north)
+        self._take_off(state)
+        for _ in range(round(_LEAD_IN / TICK)):
+            now = self.state
+            turn = math.remainder(float(state.heading) - now.heading, 2.0 * math.pi)
+            self._tick(float(state.speed) - now.speed, 0.5 * turn)
+        # Where the aircraft is now is where it was to begin: the frame moves.
+        now = self.state
+        self._offset = (float(state.x) - now.x, float(state.y) - now.y)
+        self.time = 0.0
+        self._rows.clear()
+        self._see()
+
+    def _nodes(self) -> None:
+        node = self.fdm.node
+        names = (
+            *("attitude/phi-rad", "attitude/theta-rad", "velocities/p-rad_sec", "velocities/q-rad_sec"),
+            *("velocities/r-rad_sec", "aero/alpha-rad", "aero/beta-rad", "velocities/vt-fps", "position/h-sl-ft"),
+            *("velocities/h-dot-fps", "atmosphere/rho-slugs_ft3", "inertia/weight-lbs", "propulsion/engine/n2"),
+            *("velocities/v-east-fps", "velocities/v-north-fps", "position/long-gc-rad", "position/lat-geod-rad"),
+            *("atmosphere/total-wind-east-fps", "atmosphere/total-wind-north-fps"),
+        )
+        self._read = [node(name).get_double_value for name in names]
+        controls = ("elevator-cmd-norm", "aileron-cmd-norm", "rudder-cmd-norm", "throttle-cmd-norm")
+        self._write = [node(f"fcs/{name}").set_double_value for name in controls]
+        self._travel = [
+            1.0 / math.radians(value(name)) for name in ("elevator_up", "elevator_down", "aileron", "rudder")
+        ]
+
+    def _take_off(self, state: VehicleState) -> None:
+        conditions, fdm = self.conditions, self.fdm
+        heading, speed = float(state.heading), float(state.speed)
+        east, north = speed * math.cos(heading), speed * math.sin(heading)
+        air_east, air_north = east - conditions.wind_east, north - conditions.wind_north
+        airspeed = math.hypot(air_east, air_north)
+        try:
+            trim = solve(fdm, airspeed, self._altitude)
+        except TrimError as problem:
+            raise StartError(f"the flight cannot begin: {problem}") from problem
+        nose = math.atan2(air_north, air_east)
+        drift = math.remainder(heading - nose, 2.0 * math.pi)
+        initial = {
+            "lat-geod-deg": 0.0,
+            "long-gc-deg": 0.0,
+            "h-sl-ft": self._altitude / _FOOT,
+            "vt-fps": speed / _FOOT,
+            "alpha-deg": math.degrees(trim.alpha),
+            "gamma-deg": 0.0,
+            # Without wind yet the drift is a sideslip to the other side; the wind, set below, takes it away.
+            "beta-deg": -math.degrees(drift),
+            "phi-deg": 0.0,
+            "theta-deg": math.degrees(trim.alpha),
+            "psi-true-deg": math.degrees(math.pi / 2.0 - nose) % 360.0,
+            "p-rad_sec": 0.0,
+            "q-rad_sec": 0.0,
+            "r-rad_sec": 0.0,
+        }
+        fdm.initialise(initial, surfaces(trim.elevator, trim.throttle))
+        for shaft in ("n1", "n2"):
+            fdm.set(f"propulsion/engine/{shaft}", 60.0 + 40.0 * trim.throttle)
+        # JSBSim overwrites the wind with that of the initial conditions: it is set afterwards.
+        fdm.set("atmosphere/wind-east-fps", conditions.wind_east / _FOOT)
+        fdm.set("atmosphere/wind-north-fps", conditions.wind_north / _FOOT)
+        severity, wind = TURBULENCE[conditions.turbulence]
+        fdm.set("atmosphere/turb-type", 4.0 if severity else 0.0)
+        fdm.set("atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps", wind)
+        fdm.set("atmosphere/turbulence/milspec/severity", float(severity))
+        fdm.set("atmosphere/randomseed", float(conditions.seed))
+        density = fdm.get("atmosphere/rho-slugs_ft3") * _SLUG_PER_FT3
+        self.autopilot = Autopilot(fdm.variant, fdm.loading, self._altitude, density)
+        self.autopilot.begin(0.0, trim.elevator, airspeed)
+        self._scale = (_EQUATOR + self._altitude, _MERIDIAN + self._altitude)
+        self._throttle = trim.throttle
+        self._see()
+
+    @property
+    def state(self) -> VehicleState:
+        """Position, heading and speed over the ground now."""
+        return self._state
+
+    @property
+    def measured(self) -> Measured:
+        """What the autopilot sees now."""
+        return self._measured
+
+    @property
+    def wind(self) -> tuple[float, float]:
+        """The wind as estimated, towards east and north, m/s."""
+        return self._wind
+
+    def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
+        """Fly on under an acceleration (m/s^2) and a turn rate of the track (rad/s, positive to the left).
+
+        Args:
+            acceleration: along the track.
+            yaw_rate: of the track.
+            dt: s, a multiple of :data:`envs.c208.autopilot.TICK`.
+
+        Raises:
+            FlightError: the flight has failed.
+            ValueError: a command is not finite, or ``dt`` is no multiple.
+        """
+        ticks = round(dt / TICK)
+        if ticks < 1 or abs(ticks * TICK - dt) > 1e-9:
+            raise ValueError(f"dt is {dt} s; expected a multiple of {TICK} s")
+        acceleration, yaw_rate = float(acceleration), float(yaw_rate)
+        if not (math.isfinite(acceleration) and math.isfinite(yaw_rate)):
+            raise ValueError(f"the command is ({acceleration}, {yaw_rate}); expected two finite numbers")
+        for _ in range(ticks):
+            self._tick(acceleration, yaw_rate)
+
+    def log(self) -> np.ndarray:
+        """Return the flight so far, a row a period of the autopilot, columns :data:`LOG_COLUMNS`, ``[T, 11]``."""
+        return np.array(self._rows).reshape(-1, len(LOG_COLUMNS))
+
+    def _tick(self, acceleration: float, yaw_rate: float) -> None:
+        state, measured = self._state, self._measured
+        cosine, sine = math.cos(state.heading), math.sin(state.heading)
+        across = state.speed * yaw_rate
+        # The same acceleration seen from the air mass: along and across the path through it.
+        air_east, air_north = state.speed * cosine - self._wind[0], state.speed * sine - self._wind[1]
+        airspeed = max(math.hypot(air_east, air_north), 1.0)
+        ahead = (cosine * air_east + sine * air_north) / airspeed
+        aside = (sine * air_east - cosine * air_north) / airspeed
+        low, high = self.autopilot.reach
+        along = acceleration * ahead - across * aside
+        # What the engine cannot give must not be sought by banking: the turn over the ground comes first.
+        left = (across + max(low, min(high, along)) * aside) / max(ahead, 0.5)
+        controls = self.autopilot.fly(measured, along, left)
+        up, down, aileron, rudder = self._travel
+        elevator = controls.elevator * (down if controls.elevator > 0.0 else up)
+        commands = (elevator, controls.aileron * aileron, controls.rudder * rudder, controls.throttle)
+        for write, command in zip(self._write, commands, strict=True):
+            write(command)
+        self._throttle = controls.throttle
+        run = self.fdm.exec.run
+        for _ in range(_SUBSTEPS):
+            run()
+        self.time += TICK
+        self._see()
+
+    def _see(self) -> None:
+        values = [read() for read in self._read]
+        bank, pitch, roll, pitching, yawing, alpha, beta, airspeed, height, climb, density, weight, spool = values[:13]
+        east, north, longitude, latitude, wind_east, wind_north = values[13:]
+        east, north, airspeed, altitude = east * _FOOT, north * _FOOT, airspeed * _FOOT, height * _FOOT
+        share = TICK / _WIND_LAG
+        blow_east, blow_north = self._wind
+        blow_east += share * (wind_east * _FOOT - blow_east)
+        blow_north += share * (wind_north * _FOOT - blow_north)
+        self._wind = blow_east, blow_north
+        x = longitude * self._scale[0] + self._offset[0]
+        y = latitude * self._scale[1] + self._offset[1]
+        self._state = VehicleState(x, y, math.atan2(north, east), math.hypot(east, north))
+        self._measured = Measured(
+            *(bank, pitch, roll, pitching, yawing, alpha, beta, airspeed),
+            math.hypot(east - blow_east, north - blow_north),
+            *(altitude, climb * _FOOT, density * _SLUG_PER_FT3, weight * _POUND, (spool - 60.0) / 40.0),
+        )
+        problem = _problem(self._state, self._measured)
+        if problem:
+            raise FlightError(f"{problem} at {self.time:.2f} s")
+        row = (self.time, x, y, altitude, self._state.heading, self._state.speed, airspeed)
+        self._rows.append((*row, bank, alpha, beta, self._throttle))
+
+
+def _problem(state: VehicleState, m: Measured) -> str | None:
+    """Return what is wrong with a flight, or None."""
+    if not math.isfinite(sum(m) + state.x + state.y + state.speed + state.heading):
+        return "the state is not finite"
+    if m.altitude < 150.0:
+        return f"the aircraft is {m.altitude:.0f} m above the sea, below 150 m,"
+    if abs(m.bank) > math.radians(75.0) or abs(m.pitch) > math.radians(45.0):
+        return f"the attitude is lost (bank {math.degrees(m.bank):.0f} deg, pitch {math.degrees(m.pitch):.0f} deg)"
+    if abs(m.alpha) > math.radians(30.0) or abs(m.beta) > math.radians(40.0):
+        return f"the flow is lost (alpha {math.degrees(m.alpha):.0f} deg, beta {math.degrees(m.beta):.0f} deg)"
+    if not 20.0 < m.airspeed < 150.0:
+        return f"the airspeed is {m.airspeed:.0f} m/s, outside 20 to 150 m/s,"
+    return None
