@@ -3,11 +3,12 @@
 #   make test         lint, types, import rules and the default tests
 #   make test-slow    the tests that the default run leaves out
 #   make format       rewrite the sources in the house format
+#   make ros          add ROS 2 and our interfaces to the environment (Linux on x86-64; needs g++)
 #   make constraints  resolve all dependencies anew (needs uv)
 #   make clean        remove the environment and caches, keep runs/
 
 PYTHON ?= python3
-PYTEST_ARGS ?= -n 2
+PYTEST_ARGS ?= -n 2 --dist loadfile
 UV ?= uv
 
 BIN := .venv/bin
@@ -15,7 +16,7 @@ PROJECT := pyproject.toml constraints/build.in
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 COMPILE := $(UV) pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 --no-emit-index-url
 
-.PHONY: help demo test test-slow lint format venv venv-run constraints clean
+.PHONY: help demo test test-slow lint format venv venv-run ros constraints clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -46,6 +47,19 @@ venv-run: .venv/run.stamp
 
 venv: .venv/dev.stamp
 
+# One source distribution is among the wheels, so the build tools of the set above are used and none are fetched.
+.venv/ros.stamp: .venv/dev.stamp constraints/ros.txt $(wildcard ros_bridge/rlcas_msgs/*.* ros_bridge/rlcas_msgs/*/*)
+	@[ "$$(uname -sm)" = "Linux x86_64" ] || { \
+	  echo "There are no ROS wheels for $$(uname -sm): use a ROS installation and colcon (docs/ros.md)." >&2; exit 1; }
+	@command -v $${CXX:-g++} >/dev/null || { \
+	  echo "'make ros' compiles the interfaces and needs g++: on Debian and Ubuntu install g++." >&2; exit 1; }
+	@echo "installing ROS 2 into .venv"
+	@$(PIP_INSTALL) --no-build-isolation --require-hashes -r constraints/ros.txt
+	@$(BIN)/python -m ros_bridge.build_interfaces
+	@touch $@
+
+ros: .venv/ros.stamp
+
 # A second demo goes to a directory of its own.
 demo: venv-run
 	@out=runs/demo; if [ -e "$$out" ]; then out="runs/demo-$$(date +%Y%m%d-%H%M%S)"; fi; \
@@ -74,6 +88,7 @@ constraints:
 	  $(PROJECT) -o constraints/run.txt
 	$(COMPILE) --generate-hashes $(UPGRADE) --extra train --extra sim --extra report --extra tensorboard --extra onnx \
 	  --extra sweep --extra dev -c constraints/run.txt $(PROJECT) -o constraints/dev.txt
+	$(COMPILE) --generate-hashes $(UPGRADE) --extra ros -c constraints/dev.txt $(PROJECT) -o constraints/ros.txt
 	$(COMPILE) --no-annotate $(UPGRADE) --extra peers -c constraints/run.txt pyproject.toml -o constraints/peers.txt
 	@{ echo "# Versions without hashes: torch is built anew for each platform and processor (CPU builds carry a local"; \
 	  echo "# version such as +cpu), so one list of hashes would refuse most of them. Use it to constrain an install:"; \

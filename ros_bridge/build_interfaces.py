@@ -1,0 +1,74 @@
+"""Build ``rlcas_msgs`` into the Python environment that runs this: ``python -m ros_bridge.build_interfaces``.
+
+For environments whose ROS 2 comes from wheels (``make ros``). With an ordinary ROS installation use colcon instead.
+"""
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Sequence
+from pathlib import Path
+
+__all__ = ["main"]
+
+_SOURCE = Path(__file__).resolve().parent / "rlcas_msgs"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Configure, build and install."""
+    parser = argparse.ArgumentParser(prog="python -m ros_bridge.build_interfaces", description=__doc__)
+    parser.add_argument(
+        "--build", type=Path, default=Path("build/rlcas_msgs"), help="folder (default build/rlcas_msgs)"
+    )
+    parser.add_argument("--jobs", type=int, default=2, help="compilers at a time (default 2)")
+    options = parser.parse_args(arguments)
+    problem = _missing()
+    if problem:
+        print(f"{parser.prog}: error: {problem}", file=sys.stderr)
+        return 2
+    scripts = sysconfig.get_path("scripts")
+    environment = os.environ | {
+        "AMENT_PREFIX_PATH": sys.prefix,
+        "CMAKE_PREFIX_PATH": sys.prefix,
+        "PATH": os.pathsep.join([scripts, os.environ.get("PATH", "")]),
+    }
+    # Where this is an environment inside another one, that other one's packages must not be found.
+    environment.pop("PYTHONPATH", None)
+    build = str(options.build)
+    if (options.build / "CMakeCache.txt").exists():
+        # It remembers another environment, or paths of an earlier version of the wheels.
+        shutil.rmtree(options.build)
+    steps = (
+        [
+            *("cmake", "-S", str(_SOURCE), "-B", build, "-G", "Ninja", "-DBUILD_TESTING=OFF", "-Wno-dev"),
+            *(f"-DCMAKE_INSTALL_PREFIX={sys.prefix}", f"-DPython3_EXECUTABLE={sys.executable}"),
+        ],
+        ["cmake", "--build", build, "--parallel", str(options.jobs)],
+        ["cmake", "--install", build],
+    )
+    for step in steps:
+        done = subprocess.run(step, env=environment, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            print(done.stdout[-6000:], done.stderr[-6000:], sep="\n", file=sys.stderr)
+            print(f"{parser.prog}: error: '{' '.join(step[:2])}' failed; its last lines are above", file=sys.stderr)
+            return 1
+    print(f"rlcas_msgs is installed in {sys.prefix}")
+    return 0
+
+
+def _missing() -> str:
+    """Return what is missing, or nothing."""
+    if sys.prefix == sys.base_prefix:
+        return "this Python is in no virtual environment, expected one with ROS 2 from wheels (make ros)"
+    if not (Path(sys.prefix) / "share" / "rosidl_default_generators").is_dir():
+        return f"{sys.prefix} holds no ROS 2 from wheels, expected it to be installed first (make ros)"
+    if shutil.which("g++") is None and shutil.which("c++") is None and "CXX" not in os.environ:
+        return "there is no C++ compiler, expected g++ (on Debian and Ubuntu: apt install g++)"
+    return ""
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,350 @@
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+"""The runner: hears ownship, traffic, alerts, route and geo-reference, and answers with plans.
+
+    python -m ros_bridge.runner [--ros-args -r __ns:=/n123 --params-file FILE -p intruder_max_age:=3.0 ...]
+
+A lifecycle node that configures and activates itself (``--manual`` leaves that to others). It listens from the
+configuration on, and answers and publishes while it is active:
+
+    in    ~/input/ownship, ~/input/traffic    rlcas_msgs/AircraftState   best effort
+          ~/input/alerts                      rlcas_msgs/TrafficAlert    reliable
+          ~/input/route                       rlcas_msgs/Trajectory      latched (parameter route_durability)
+          ~/input/geo_reference               rlcas_msgs/GeoReference    latched
+    out   ~/output/trajectory                 rlcas_msgs/Trajectory      latched; SAFE plans and withdrawals only
+          ~/output/advisory                   rlcas_msgs/Trajectory      reliable; plans that are not safe
+          ~/output/path, ~/output/markers     nav_msgs/Path, visualization_msgs/MarkerArray   latched
+          /diagnostics                        diagnostic_msgs/DiagnosticArray
+    srv   ~/generate_trajectory               rlcas_msgs/GenerateTrajectory
+
+Parameters:
+"""
+
+import sys
+import time
+import uuid
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import Path
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rlcas_msgs.msg import AircraftState, GeoReference, TrafficAlert, Trajectory
+from rlcas_msgs.srv import GenerateTrajectory
+from visualization_msgs.msg import MarkerArray
+
+from agents.inference import Policy
+from agents.plan import Plan, RequestError
+from agents.planner import plan
+from agents.policy_file import PolicyFileError
+from envs.kinematics import VehicleState
+from envs.waypoints import RoutePoint
+from ros_bridge import conversions, hearing, parameters, process, qos, views
+from ros_bridge.fields import SECOND, FieldError
+from ros_bridge.messages import header, identity, plan_message, uuid_of
+from ros_bridge.picture import Code, Picture, Refusal, Task, refusal_of, task
+from ros_bridge.tracks import Verdict, forgotten
+
+__all__ = ["Runner", "main"]
+
+_BACKWARD = SECOND // 2  # by how much the clock may step back before everything heard is forgotten
+_SHOW = 0.1  # s at most from a plan to its picture
+_NOBODY = uuid.UUID(int=0)
+
+
+class Runner(LifecycleNode):
+    """The node; everything that can be decided without ROS is decided in :mod:`ros_bridge.picture`."""
+
+    def __init__(self, **more: Any) -> None:
+        super().__init__("rlcas_runner", **more)
+        parameters.declare(self)
+        self._picture = Picture()
+        self._policy: Policy | None = None
+        self._latest = 0
+        self._revision = 0
+        self._unique = _NOBODY
+        self._active = False
+        self._to_show: tuple[Plan, Task] | None = None
+        self._misfits: dict[str, str] = {}
+        self._answers: dict[str, int] = {}
+        self._last_answer = "none yet"
+        self._entities: list[Callable[[], Any]] = []
+
+    # Life cycle.
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Load the policy, plan once so that the first request is as fast as the others, and begin to listen."""
+        file = self.get_parameter("policy_file").value
+        durability = self.get_parameter("route_durability").value
+        try:
+            route_quality = qos.route_input(durability)
+            self._policy = Policy.load(file or None)
+        except (PolicyFileError, OSError, ValueError) as error:
+            self.get_logger().error(f"cannot be configured: {error}")
+            return TransitionCallbackReturn.FAILURE
+        route = [RoutePoint(index, 5_000.0 * (index + 1), 0.0) for index in range(9)]
+        plan(VehicleState(0.0, 0.0, 0.0, 75.0), [VehicleState(9_000.0, 0.0, 3.1, 75.0)], route, self._policy)
+
+        self._hear(AircraftState, "~/input/ownship", self._on_ownship, qos.SENSOR)
+        self._hear(AircraftState, "~/input/traffic", self._on_traffic, qos.TRAFFIC)
+        self._hear(TrafficAlert, "~/input/alerts", self._on_alert, qos.EVENTS)
+        self._hear(Trajectory, "~/input/route", self._on_route, route_quality)
+        self._hear(GeoReference, "~/input/geo_reference", self._on_geo_reference, qos.LATCHED)
+        self._trajectories = self._speak(Trajectory, "~/output/trajectory", qos.LATCHED)
+        self._advice = self._speak(Trajectory, "~/output/advisory", qos.EVENTS)
+        self._paths = self._speak(Path, "~/output/path", qos.LATCHED)
+        self._markers = self._speak(MarkerArray, "~/output/markers", qos.LATCHED)
+        self._health = self._speak(DiagnosticArray, "/diagnostics", qos.EVENTS)
+        service = self.create_service(GenerateTrajectory, "~/generate_trajectory", self._on_request)
+        timer = self.create_timer(self.get_parameter("diagnostics_period").value, self._on_timer)
+        show = self.create_timer(_SHOW, self._on_show)
+        self._entities += [
+            lambda: self.destroy_service(service),
+            lambda: self.destroy_timer(timer),
+            lambda: self.destroy_timer(show),
+        ]
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to answer."""
+        self._active = True
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Withdraw the plan, because nobody would replace it, and stop answering."""
+        self._withdraw()
+        self._active = False
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget everything."""
+        self._end()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Withdraw the plan and forget everything."""
+        if self._active:
+            self._withdraw()
+        self._active = False
+        self._end()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _end(self) -> None:
+        for destroy in self._entities:
+            destroy()
+        self._entities.clear()
+        self._picture, self._policy = Picture(), None
+
+    def _hear(self, kind: type, topic: str, callback: Callable[[Any], None], quality: Any) -> None:
+        events = qos.subscription_events(topic, self._misfit)
+        heard = self.create_subscription(kind, topic, callback, quality, event_callbacks=events)
+        self._entities.append(lambda: self.destroy_subscription(heard))
+
+    def _speak(self, kind: type, topic: str, quality: Any) -> Any:
+        events = qos.publisher_events(topic, self._misfit)
+        # Diagnostics speak of the inactive node too.
+        make = self.create_publisher if topic == "/diagnostics" else self.create_lifecycle_publisher
+        said = make(kind, topic, quality, event_callbacks=events)
+        self._entities.append(lambda: self.destroy_publisher(said))
+        return said
+
+    def _misfit(self, topic: str, sentence: str) -> None:
+        self._misfits[topic] = sentence
+        self.get_logger().error(sentence)
+
+    # Inputs.
+
+    def _now(self) -> int:
+        """Return the node's time, ns; when it has stepped back, everything heard belongs to another time."""
+        now = self.get_clock().now().nanoseconds
+        if now < self._latest - _BACKWARD:
+            back = (self._latest - now) / SECOND
+            self.get_logger().warning(f"the clock stepped back by {back:.1f} s: states, alert and plan are forgotten")
+            self._picture = hearing.reset(self._picture)
+            self._latest = now
+            self._withdraw()
+        self._latest = max(self._latest, now)
+        return now
+
+    def _on_ownship(self, message: AircraftState) -> None:
+        self._picture = hearing.ownship(self._picture, message, self._now(), parameters.rules(self))
+
+    def _on_traffic(self, message: AircraftState) -> None:
+        self._picture = hearing.traffic(self._picture, message, self._now(), parameters.rules(self))
+
+    def _on_alert(self, message: TrafficAlert) -> None:
+        self._picture = hearing.alert(self._picture, message, self._now(), parameters.rules(self))
+
+    def _on_route(self, message: Trajectory) -> None:
+        self._picture = hearing.route(self._picture, message, self._now())
+        if self._picture.route_fault is not None:
+            self.get_logger().error(self._picture.route_fault.message)
+
+    def _on_geo_reference(self, message: GeoReference) -> None:
+        self._picture = hearing.geo_reference(self._picture, message, self._now())
+        if self._picture.origin_fault is not None:
+            self.get_logger().error(self._picture.origin_fault.message)
+
+    def _on_timer(self) -> None:
+        now = self._now()
+        self._forget(now)
+        if rclpy.ok(context=self.context):
+            self._health.publish(self._diagnosis(now))
+
+    def _on_show(self) -> None:
+        """Publish the last plan for people to look at, once."""
+        if self._to_show is None or not self._active:
+            return
+        (result, wanted), self._to_show = self._to_show, None
+        frame = self.get_parameter("map_frame").value
+        self._paths.publish(views.path(result, wanted, frame))
+        self._markers.publish(views.markers(result, wanted, frame))
+
+    def _forget(self, now: int) -> None:
+        traffic, silent = forgotten(self._picture.traffic, now, self.get_parameter("forget_after").value)
+        if silent:
+            self._picture = replace(self._picture, traffic=traffic)
+            self.get_logger().info(f"not heard of any more: {', '.join(silent)}")
+
+    # Answers.
+
+    def _on_request(
+        self, request: GenerateTrajectory.Request, response: GenerateTrajectory.Response
+    ) -> GenerateTrajectory.Response:
+        began = time.perf_counter()
+        try:
+            self._answer(request, response)
+        except Refusal as refusal:
+            response.status, response.field, response.message = int(refusal.code), refusal.field, refusal.message
+        except Exception as error:  # The node must live on, and the caller must not take silence for consent.
+            self.get_logger().fatal(f"a request failed for an error of the runner: {error!r}")
+            response.status, response.message = int(Code.INTERNAL_ERROR), f"the runner failed: {error!r}"
+        response.computation_time = time.perf_counter() - began
+        name = Code(response.status).name
+        self._answers[name] = self._answers.get(name, 0) + 1
+        self._last_answer = f"{name} {response.message}".strip()
+        return response
+
+    def _answer(self, request: GenerateTrajectory.Request, response: GenerateTrajectory.Response) -> None:
+        now = self._now()
+        if not self._active or self._policy is None:
+            raise Refusal(Code.NOT_ACTIVE, "node", "node is not active, expected it to be activated first")
+        self._forget(now)
+        settings = parameters.settings(self)
+        self._check(request, now, settings.request_age, settings.future)
+        try:
+            asked = conversions.route(request.route, "request.route") if request.route else None
+        except FieldError as error:
+            raise Refusal(Code.INVALID_ROUTE, error.field, str(error)) from error
+        wanted = task(self._picture, now, settings, asked)
+        try:
+            result = plan(
+                wanted.own,
+                wanted.intruders,
+                wanted.points,
+                self._policy,
+                wanted.options,
+                own_altitude=wanted.own_altitude,
+            )
+        except RequestError as error:
+            raise refusal_of(error, wanted) from error
+        self._publish(result, wanted, response)
+
+    def _check(self, request: GenerateTrajectory.Request, now: int, oldest: float, future: float) -> None:
+        known = (request.REASON_ALERT, request.REASON_REPLAN, request.REASON_MANUAL)
+        if request.reason not in known:
+            what = f"is {request.reason}, expected one of {list(known)}"
+            raise Refusal(Code.INVALID_REQUEST, "request.reason", f"request.reason {what}")
+        field, stamp = "request.header.stamp", request.header.stamp
+        if now > 0 and (stamp.sec or stamp.nanosec):
+            try:
+                age = (now - conversions.stamp(field, stamp)) / SECOND
+            except FieldError as error:
+                raise Refusal(Code.INVALID_REQUEST, error.field, str(error)) from error
+            if age > oldest:
+                raise Refusal(Code.STALE_REQUEST, field, f"{field} is {age:.2f} s old, expected {oldest:g} s at most")
+            if -age > future:
+                what = f"is {-age:.2f} s ahead of the clock, expected {future:g} s at most"
+                raise Refusal(Code.FUTURE_REQUEST, field, f"{field} {what}")
+        previous = uuid_of(request.previous_id)
+        if previous not in (_NOBODY, self._unique):
+            what = f"is {previous}, but the plan that holds is {self._unique if self._unique.int else 'none'}"
+            raise Refusal(Code.SUPERSEDED, "request.previous_id", f"request.previous_id {what}")
+
+    def _publish(self, result: Plan, wanted: Task, response: GenerateTrajectory.Response) -> None:
+        frame = self.get_parameter("map_frame").value
+        revision, unique = self._next(wanted.time), uuid.uuid4()
+        message = plan_message(result, wanted, frame, revision, unique)
+        self._revision = revision
+        response.trajectory = message
+        response.status = int(Code.SAFE if result.safe else Code.UNRESOLVED)
+        response.message = "; ".join(reason.message for reason in result.reasons)
+        response.field = result.reasons[0].field if result.reasons else ""
+        response.advisory = "; ".join([*([result.advisory] if result.advisory else []), *wanted.notes])
+        left_out = [(wanted.identifiers[one.number], one.reason) for one in result.excluded]
+        left_out += [(one.identifier, one.reason) for one in wanted.excluded]
+        response.excluded_ids = [name for name, _ in left_out]
+        response.excluded_reasons = [why for _, why in left_out]
+        if not result.safe:
+            self._advice.publish(message)
+            return
+        self._unique = unique
+        self._trajectories.publish(message)
+        # The answer does not wait for what people look at.
+        self._to_show = result, wanted
+
+    def _next(self, now: int) -> int:
+        """Return a revision above all before, of earlier runs of the node too: they begin at the clock's second."""
+        return max(self._revision + 1, min(now // SECOND, 2**31))
+
+    def _withdraw(self) -> None:
+        """Publish that the plan holds no more."""
+        if not self._unique.int:
+            return
+        now = self.get_clock().now().nanoseconds
+        self._revision, self._unique = self._next(now), _NOBODY
+        withdrawal = Trajectory(
+            header=header(now, self.get_parameter("map_frame").value),
+            id=identity(uuid.uuid4()),
+            revision=self._revision,
+            status=Trajectory.STATUS_WITHDRAWN,
+            min_separation=-1.0,
+            time_of_min_separation=-1.0,
+            rejoin_index=-1,
+        )
+        if self._active and rclpy.ok(context=self.context):
+            self._trajectories.publish(withdrawal)
+
+    def _diagnosis(self, now: int) -> DiagnosticArray:
+        """Return whether a request would be answered now, and what is known."""
+        picture = self._picture
+        try:
+            task(picture, now, parameters.settings(self))
+            level, message = DiagnosticStatus.OK, "ready"
+        except Refusal as refusal:
+            level, message = DiagnosticStatus.WARN, refusal.message
+        if not self._active:
+            level, message = DiagnosticStatus.WARN, "not active"
+        if self._misfits:
+            level, message = DiagnosticStatus.ERROR, "; ".join(self._misfits.values())
+        values = {"own age, s": f"{picture.own.age(now):.3f}", "intruders": str(len(picture.traffic))}
+        values |= {f"age of {name}, s": f"{track.age(now):.3f}" for name, track in sorted(picture.traffic.items())}
+        values |= {f"answers {name}": str(count) for name, count in sorted(self._answers.items())}
+        values |= {"last answer": self._last_answer, "revision": str(self._revision)}
+        for name, track in (("ownship", picture.own), *sorted(picture.traffic.items())):
+            values |= {
+                f"reports of {name}: {kind.value}": str(count)
+                for kind, count in track.counts.items()
+                if kind is not Verdict.TAKEN
+            }
+        return views.diagnostics(now, self.get_fully_qualified_name(), level, message, values)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node."""
+    return process.main(Runner, "python -m ros_bridge.runner", f"{__doc__}{parameters.help_text()}", arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

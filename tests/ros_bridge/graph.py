@@ -1,0 +1,201 @@
+"""A real graph for tests: nodes in processes of their own, a client in this one, DDS on loopback, a domain apart."""
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+MISSING = "ROS 2 and rlcas_msgs are not installed; to have them: make ros"
+pytest.importorskip("rclpy", reason=MISSING)
+pytest.importorskip("rlcas_msgs", reason=MISSING)
+
+# The parser of interfaces brings a library that imports a deprecated module of Python's, when the first node is made.
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)
+    import rosidl_generator_py  # noqa: F401
+
+import rclpy  # noqa: E402
+from rclpy.context import Context  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from rlcas_msgs.msg import AircraftState, GeoReference, TrafficAlert, Trajectory, Waypoint  # noqa: E402
+
+from ros_bridge import qos  # noqa: E402
+from ros_bridge.messages import time_message  # noqa: E402
+from tests.ros_bridge.scenes import FRAME  # noqa: E402
+from tests.ros_bridge.scenes import aircraft as plain_aircraft  # noqa: E402
+from tests.ros_bridge.scenes import route_points as plain_points  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+PATIENCE = 15.0  # s; discovery alone may take 3 s
+NODE = "/rlcas_runner"
+
+
+@contextlib.contextmanager
+def domain() -> Iterator[int]:
+    """Reserve a domain id that no other test on this machine uses."""
+    for number in range(20, 200):
+        with socket.socket() as lock:
+            try:
+                lock.bind(("127.0.0.1", 23_000 + number))
+            except OSError:
+                continue
+            yield number
+            return
+    raise RuntimeError("no domain is free")
+
+
+class Process:
+    """A node in a process of its own."""
+
+    def __init__(self, module: str, number: int, *arguments: str) -> None:
+        environment = os.environ | {"ROS_DOMAIN_ID": str(number), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        self.popen = subprocess.Popen(
+            [sys.executable, "-m", module, *arguments],
+            cwd=ROOT,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def stop(self, how: signal.Signals = signal.SIGINT) -> tuple[int, str]:
+        """Return exit code and output."""
+        if self.popen.poll() is None:
+            self.popen.send_signal(how)
+        output, _ = self.popen.communicate(timeout=PATIENCE)
+        return self.popen.returncode, output
+
+
+class Client:
+    """Whatever talks to the node under test."""
+
+    def __init__(self, number: int) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=number, args=[])
+        self.node = Node("client", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self._publishers: dict[str, Any] = {}
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
+    def now(self) -> int:
+        return self.node.get_clock().now().nanoseconds
+
+    def spin(self, until: Callable[[], Any], patience: float = PATIENCE) -> Any:
+        """Spin until something is true and return it; fail when patience ends."""
+        end = time.monotonic() + patience
+        while not (result := until()):
+            assert time.monotonic() < end, "nothing came in time"
+            self.executor.spin_once(timeout_sec=0.02)
+        return result
+
+    def idle(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def say(self, kind: type, topic: str, message: Any, quality: Any) -> None:
+        """Publish once somebody listens."""
+        if topic not in self._publishers:
+            self._publishers[topic] = self.node.create_publisher(kind, topic, quality)
+        publisher = self._publishers[topic]
+        self.spin(lambda: publisher.get_subscription_count() > 0)
+        publisher.publish(message)
+
+    def hear(self, kind: type, topic: str, quality: Any) -> list[Any]:
+        """Return a list that grows with what is heard."""
+        heard: list[Any] = []
+        self.node.create_subscription(kind, topic, heard.append, quality)
+        return heard
+
+    def call(self, kind: type, service: str, request: Any, patience: float = PATIENCE) -> Any:
+        """Return the answer of a service."""
+        client = self.node.create_client(kind, service)
+        try:
+            self.spin(client.service_is_ready)
+            future = client.call_async(request)
+            self.spin(future.done, patience)
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+
+def as_message(kind: type, plain: SimpleNamespace) -> Any:
+    """Return a message with the fields of a plain object."""
+    message = kind()
+    for name, value in vars(plain).items():
+        if isinstance(value, SimpleNamespace):
+            for inner, part in vars(value).items():
+                if isinstance(part, SimpleNamespace):
+                    for last, leaf in vars(part).items():
+                        setattr(getattr(getattr(message, name), inner), last, leaf)
+                else:
+                    setattr(getattr(message, name), inner, part)
+        else:
+            setattr(message, name, value)
+    return message
+
+
+def aircraft(time: int, x: float, y: float, heading: float, speed: float, **more: Any) -> AircraftState:
+    return as_message(AircraftState, plain_aircraft(x, y, heading, speed, time=time, **more))
+
+
+def route(**more: Any) -> Trajectory:
+    points = [as_message(Waypoint, point) for point in plain_points(**more)]
+    return Trajectory(status=Trajectory.STATUS_ROUTE, waypoints=points)
+
+
+def reference(time: int, **more: Any) -> GeoReference:
+    message = GeoReference(latitude=FRAME.latitude, longitude=FRAME.longitude, **more)
+    message.header.stamp = time_message(time)
+    return message
+
+
+def alert(time: int, *ids: str, level: int = TrafficAlert.LEVEL_CORRECTIVE) -> TrafficAlert:
+    message = TrafficAlert(level=level, intruder_ids=list(ids))
+    message.header.stamp = time_message(time)
+    return message
+
+
+class World:
+    """A runner with everything it needs, and hands on its inputs."""
+
+    def __init__(self, client: Client, node: str = NODE) -> None:
+        self.client, self.node = client, node
+
+    def ownship(self, x: float = 0.0, y: float = 0.0, heading: float = 0.0, speed: float = 75.0, **more: Any) -> None:
+        time = more.pop("time", None) or self.client.now()
+        message = aircraft(time, x, y, heading, speed, **({"id": "own"} | more))
+        self.client.say(AircraftState, f"{self.node}/input/ownship", message, qos.SENSOR)
+
+    def intruder(self, x: float, y: float, heading: float, speed: float = 75.0, **more: Any) -> None:
+        time = more.pop("time", None) or self.client.now()
+        self.client.say(
+            AircraftState, f"{self.node}/input/traffic", aircraft(time, x, y, heading, speed, **more), qos.TRAFFIC
+        )
+
+    def alert(self, *ids: str, **more: Any) -> None:
+        message = alert(more.pop("time", None) or self.client.now(), *ids, **more)
+        self.client.say(TrafficAlert, f"{self.node}/input/alerts", message, qos.EVENTS)
+
+    def route(self, message: Trajectory | None = None, **more: Any) -> None:
+        self.client.say(Trajectory, f"{self.node}/input/route", message or route(**more), qos.LATCHED)
+
+    def reference(self, **more: Any) -> None:
+        message = reference(self.client.now(), **more)
+        self.client.say(GeoReference, f"{self.node}/input/geo_reference", message, qos.LATCHED)

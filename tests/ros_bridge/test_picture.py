@@ -1,0 +1,209 @@
+"""From what was heard to the planner's task: what is refused, under which code, and what the planner is told."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
+
+from agents.inference import Policy
+from agents.planner import plan
+from ros_bridge import hearing
+from ros_bridge.answers import flown, plan_points, start_point
+from ros_bridge.geodesy import LocalFrame
+from ros_bridge.picture import Code, Picture, Refusal, Settings, task
+from ros_bridge.tracks import Rules
+from tests.ros_bridge.scenes import FRAME, NOW, SECOND, aircraft, alert, geo_reference, point, published, route_points
+
+RULES = Rules()
+
+
+def heard(
+    *intruders, own=None, reference=None, points=None, alerts=(), frame: LocalFrame = FRAME, now: int = NOW
+) -> Picture:
+    picture = hearing.geo_reference(Picture(), reference or geo_reference(frame), now)
+    picture = hearing.route(picture, published(points or route_points(frame=frame)), now)
+    picture = hearing.ownship(picture, own or aircraft(0.0, 0.0, 0.0, 75.0, id="own", frame=frame), now, RULES)
+    for message in intruders:
+        picture = hearing.traffic(picture, message, now, RULES)
+    for message in alerts:
+        picture = hearing.alert(picture, message, now, RULES)
+    return picture
+
+
+def refusal(picture: Picture, now: int = NOW, settings: Settings | None = None) -> tuple[Code, str]:
+    with pytest.raises(Refusal) as caught:
+        task(picture, now, settings or Settings())
+    assert caught.value.message.startswith(caught.value.field)
+    return caught.value.code, caught.value.field
+
+
+def crossing(**more):
+    return aircraft(8_000.0, -8_000.0, math.pi / 2.0, 75.0, **more)
+
+
+def test_a_complete_picture_is_a_task():
+    wanted = task(heard(crossing()), NOW, Settings())
+    assert wanted.own == pytest.approx((0.0, 0.0, 0.0, 75.0), abs=1e-6)
+    assert wanted.identifiers == ("4b1a2c",)
+    assert wanted.intruders[0].state == pytest.approx((8_000.0, -8_000.0, math.pi / 2.0, 75.0), abs=1e-6)
+    assert [place.index for place in wanted.points] == list(range(7, 17))
+    assert wanted.points[0].x == pytest.approx(5_000.0, abs=1e-6)
+    assert wanted.notes == ("the wind is unknown and taken as calm",)
+
+
+@given(
+    st.sampled_from([(0.0, 0.0), (47.0, 8.0), (-33.0, 179.99), (89.0, 20.0)]),
+    st.floats(-60_000.0, 60_000.0),
+    st.floats(-60_000.0, 60_000.0),
+    st.floats(-math.pi, math.pi, exclude_max=True),
+    st.floats(0.0, 1.5),
+)
+def test_the_ownship_is_carried_to_the_request(origin, x: float, y: float, heading: float, age: float):
+    frame = LocalFrame(*origin)
+    late = NOW + round(age * SECOND)
+    state = task(heard(own=aircraft(x, y, heading, 75.0, id="own", frame=frame), frame=frame), late, Settings()).own
+    assert state.x == pytest.approx(x + 75.0 * age * math.cos(heading), abs=1e-3)
+    assert state.y == pytest.approx(y + 75.0 * age * math.sin(heading), abs=1e-3)
+    assert abs(math.remainder(state.heading - heading, 2.0 * math.pi)) < 1e-9
+
+
+def test_an_intruders_age_is_told_and_its_position_left_to_the_planner():
+    late = NOW + SECOND
+    picture = heard(crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
+    [intruder] = task(picture, late, Settings()).intruders
+    assert intruder.age == pytest.approx(1.0)
+    assert intruder.state.y == pytest.approx(-8_000.0, abs=1e-6)
+
+
+def test_a_turn_that_the_reports_show_is_expected_to_go_on_for_a_while():
+    later, late = math.pi / 2.0 + math.radians(3.0), NOW + SECOND
+    turned = aircraft(8_000.0, -7_925.0, later, 75.0, time=late)
+    picture = heard(crossing(), turned, own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
+    [intruder] = task(picture, late + SECOND // 2, Settings()).intruders
+    assert intruder.turn_rate == pytest.approx(math.radians(3.0), rel=1e-3)
+    assert intruder.turn_time == pytest.approx(14.5)
+
+
+def test_what_is_missing_is_named():
+    whole = heard(crossing())
+    assert refusal(whole, 0) == (Code.NO_CLOCK, "clock")
+    assert refusal(replace(whole, origin=None)) == (Code.NO_GEO_REFERENCE, "geo_reference")
+    assert refusal(replace(whole, own=Picture().own)) == (Code.NO_OWNSHIP, "ownship")
+    assert refusal(replace(whole, route=None)) == (Code.NO_ROUTE, "route")
+    assert refusal(heard(crossing(), alerts=[alert("4b1a2c", "beef01")])) == (Code.NO_INTRUDER, "intruder beef01")
+
+
+def test_what_is_stale_is_named():
+    late = NOW + 2 * SECOND
+    assert refusal(heard(), late) == (Code.STALE_OWNSHIP, "ownship.header.stamp")
+    late = NOW + 6 * SECOND
+    picture = heard(crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
+    assert refusal(picture, late) == (Code.STALE_INTRUDER, "intruder 4b1a2c.header.stamp")
+
+
+def test_what_comes_from_the_future_is_named():
+    early = NOW - SECOND
+    assert refusal(heard(now=early), early) == (Code.FUTURE_OWNSHIP, "ownship.header.stamp")
+    ahead = crossing(time=NOW + SECOND)
+    assert refusal(heard(ahead)) == (Code.FUTURE_INTRUDER, "intruder 4b1a2c.header.stamp")
+    assert refusal(heard(crossing(), alerts=[alert("4b1a2c", time=NOW + SECOND)])) == (
+        Code.INVALID_ALERT,
+        "alert.header.stamp",
+    )
+
+
+def test_what_cannot_be_read_is_named_until_it_is_replaced():
+    bad = crossing(latitude=math.nan)
+    assert refusal(heard(bad)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.latitude")
+    assert refusal(heard(crossing(), bad)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.latitude")
+    later = crossing(time=NOW + SECOND // 10)
+    assert task(heard(crossing(), bad, later), NOW + SECOND // 10, Settings()).identifiers == ("4b1a2c",)
+
+    broken = aircraft(0.0, 0.0, 0.0, math.inf, id="own")
+    assert refusal(heard(own=broken)) == (Code.INVALID_OWNSHIP, "ownship.velocity.x")
+    assert refusal(heard(reference=geo_reference(latitude=math.nan))) == (
+        Code.INVALID_GEO_REFERENCE,
+        "geo_reference.latitude",
+    )
+    twice = [point(1, 47.0, 8.0), point(1, 47.0, 8.1)]
+    assert refusal(heard(points=twice)) == (Code.INVALID_ROUTE, "route.waypoints[1].index")
+
+
+def test_places_far_from_the_geo_reference_are_refused_or_left_out():
+    assert refusal(heard(own=aircraft(101_000.0, 0.0, 0.0, 75.0, id="own"))) == (
+        Code.INVALID_OWNSHIP,
+        "ownship.position",
+    )
+    assert refusal(heard(points=route_points(spacing=11_000.0))) == (Code.INVALID_ROUTE, "route.waypoints[9]")
+    far = aircraft(301_000.0, 0.0, 0.0, 75.0)
+    wanted = task(heard(far), NOW, Settings())
+    assert wanted.identifiers == () and wanted.excluded[0].identifier == "4b1a2c"
+    # Whom an alert names is never left out for its distance.
+    assert task(heard(far, alerts=[alert("4b1a2c")]), NOW, Settings()).identifiers == ("4b1a2c",)
+
+
+def test_the_own_transmission_heard_again_is_no_intruder():
+    assert task(heard(aircraft(0.0, 0.0, 0.0, 75.0, id="own")), NOW, Settings()).identifiers == ()
+
+
+def test_heights_above_the_sea_become_comparable_with_the_undulation_only():
+    own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x07, altitude=1_000.0, altitude_reference=1)
+    other = crossing(valid=0x07, altitude=2_000.0, altitude_reference=2)
+    without = task(heard(other, own=own), NOW, Settings())
+    assert without.intruders[0].altitude is not None and without.intruders[0].altitude.reference == "msl"
+    undulated = geo_reference(geoid_undulation_valid=True, geoid_undulation=47.5)
+    with_it = task(heard(other, own=own, reference=undulated), NOW, Settings())
+    assert with_it.intruders[0].altitude is not None
+    assert (with_it.intruders[0].altitude.value, with_it.intruders[0].altitude.reference) == (2_047.5, "wgs84")
+
+
+@given(st.floats(-14.0, 14.0), st.floats(-14.0, 14.0), st.floats(-math.pi, math.pi))
+def test_in_wind_no_ground_speed_is_planned_that_the_air_forbids(east: float, north: float, way: float):
+    calm, wind = Settings(), SimpleNamespace(x=east, y=north, z=0.0)
+    own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x25, wind=wind)
+    options = task(heard(own=own), NOW, calm).options
+    for limits, free in ((options.limits, calm.options.limits), (options.manoeuvre, calm.options.manoeuvre)):
+        for speed in (limits.speed_min, limits.speed_max):
+            air = math.hypot(speed * math.cos(way) - east, speed * math.sin(way) - north)
+            assert min(free.speed_min, calm.options.limits.speed_min) - 1e-9 <= air <= free.speed_max + 1e-9
+        assert limits.speed_min < limits.speed_max
+
+
+def test_too_strong_a_wind_is_refused():
+    own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x25, wind=SimpleNamespace(x=15.0, y=15.0, z=0.0))
+    assert refusal(heard(own=own)) == (Code.INVALID_OWNSHIP, "ownship.wind")
+
+
+@pytest.mark.parametrize("origin", [(0.0, 179.99), (47.0, 8.0), (89.0, -20.0)])
+def test_a_plan_survives_its_way_over_the_ellipsoid(origin: tuple[float, float]):
+    frame = LocalFrame(*origin)
+    picture = heard(aircraft(8_000.0, -8_000.0, math.pi / 2.0, 75.0, frame=frame), frame=frame)
+    wanted = task(picture, NOW, Settings())
+    result = plan(wanted.own, wanted.intruders, wanted.points, Policy.load(), wanted.options)
+    points = plan_points(result, wanted)
+    assert len(points) == 20
+    assert [place.of_route for place in points] == [False] * 19 + [True]
+    start = start_point(frame, wanted.own, wanted.time, wanted.own_altitude)
+    own, waypoints = flown(frame, wanted.time, start, points)
+    assert own == pytest.approx(tuple(wanted.own), abs=1e-6)
+    for back, out in zip(waypoints, result.waypoints, strict=True):
+        assert back.index == out.index
+        assert math.hypot(back.x - out.x, back.y - out.y) <= 1e-6
+        assert abs(math.remainder(back.heading - out.heading, 2.0 * math.pi)) <= 1e-9
+        assert back.speed == out.speed
+        assert back.time == pytest.approx(out.time, abs=1e-9)
+    # Ground speed and track of each waypoint point to where the aircraft is a second later.
+    at = frame.geodetic(
+        np.array([w.x + w.speed * math.cos(w.heading) for w in waypoints]),
+        np.array([w.y + w.speed * math.sin(w.heading) for w in waypoints]),
+    )
+    for place, latitude, longitude in zip(points, at.latitude, at.longitude, strict=True):
+        here = LocalFrame(place.latitude, place.longitude).place(latitude, longitude)
+        track = math.degrees(math.atan2(float(here.x), float(here.y)))
+        assert abs(math.remainder(track - place.track_deg, 360.0)) <= 1e-3

@@ -1,0 +1,332 @@
+"""The runner as a process on a real graph: what it answers, publishes, latches, refuses and withdraws."""
+
+import math
+import signal
+import time
+import uuid
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from tests.ros_bridge.graph import MISSING, NODE, PATIENCE, Client, Process, World, domain
+
+pytest.importorskip("rclpy", reason=MISSING)
+
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState, GetState
+from nav_msgs.msg import Path
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rlcas_msgs.msg import AircraftState, Trajectory
+from rlcas_msgs.srv import GenerateTrajectory
+from rosgraph_msgs.msg import Clock
+from visualization_msgs.msg import MarkerArray
+
+from ros_bridge import qos
+from ros_bridge.conversions import trajectory
+from ros_bridge.messages import identity, time_message, uuid_of
+from ros_bridge.picture import Code
+
+SERVICE = f"{NODE}/generate_trajectory"
+
+
+@pytest.fixture(scope="module")
+def number() -> Iterator[int]:
+    with domain() as number:
+        yield number
+
+
+@pytest.fixture(scope="module")
+def runner(number: int) -> Iterator[Process]:
+    # Ages are generous, so that a busy machine does not make anything stale.
+    ages = ("ownship_max_age:=10.0", "intruder_max_age:=60.0", "request_max_age:=60.0", "forget_after:=600.0")
+    process = Process("ros_bridge.runner", number, "--ros-args", *(part for age in ages for part in ("-p", age)))
+    yield process
+    process.stop()
+
+
+@pytest.fixture(scope="module")
+def client(number: int, runner: Process) -> Iterator[Client]:
+    client = Client(number)
+    yield client
+    client.close()
+
+
+@pytest.fixture(scope="module")
+def world(client: Client) -> World:
+    return World(client)
+
+
+def asked(client: Client, **more) -> GenerateTrajectory.Response:
+    request = GenerateTrajectory.Request(**({"reason": GenerateTrajectory.Request.REASON_MANUAL} | more))
+    return client.call(GenerateTrajectory, SERVICE, request)
+
+
+def answer(
+    client: Client, wanted: Code, meanwhile: Callable[[], None] | None = None, **more
+) -> GenerateTrajectory.Response:
+    """Ask until the answer is the wanted one, because topics and service may overtake each other."""
+    end = time.monotonic() + PATIENCE
+    while True:
+        response = asked(client, **more)
+        if response.status == wanted or time.monotonic() > end:
+            assert Code(response.status) is wanted, f"{response.field}: {response.message}"
+            return response
+        if meanwhile is not None:
+            meanwhile()
+        client.idle(0.05)
+
+
+def test_one_thing_after_the_other_is_missing_until_there_is_a_plan(client: Client, world: World):
+    assert answer(client, Code.NO_GEO_REFERENCE).message == "geo_reference has not been received"
+    world.reference()
+    answer(client, Code.NO_OWNSHIP)
+    answer(client, Code.NO_ROUTE, world.ownship)
+    world.route()
+    response = answer(client, Code.SAFE, world.ownship)
+    assert response.message == "" and response.field == ""
+    assert response.advisory == "the wind is unknown and taken as calm"
+    assert len(response.trajectory.waypoints) == 20
+    assert response.trajectory.intruder_ids == []
+
+
+def encounter(world: World) -> None:
+    world.ownship()
+    world.intruder(8_000.0, -8_000.0, math.pi / 2.0)
+
+
+def test_a_safe_plan_is_published_and_latched_for_who_comes_late(client: Client, world: World):
+    response = answer(client, Code.SAFE, world.ownship)
+    while list(response.trajectory.intruder_ids) != ["4b1a2c"]:
+        encounter(world)
+        response = answer(client, Code.SAFE, lambda: encounter(world))
+    plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
+    paths = client.hear(Path, f"{NODE}/output/path", qos.LATCHED)
+    markers = client.hear(MarkerArray, f"{NODE}/output/markers", qos.LATCHED)
+    client.spin(lambda: plans and paths and markers)
+    assert plans[-1] == response.trajectory
+    assert len(paths[-1].poses) == 21
+    assert {marker.ns for marker in markers[-1].markers} >= {"plan", "waypoints", "indices", "traffic", "names"}
+
+    began, _, points = trajectory(plans[-1])
+    assert [round((point.time - began) / 1e9, 6) for point in points[:19]] == [20.0 * (n + 1) for n in range(19)]
+    assert points[-1].time - began >= 380e9
+    assert [point.of_route for point in points] == [False] * 19 + [True]
+    assert len({point.index for point in points} | set(range(7, 17))) == 29
+    assert response.trajectory.min_separation >= 1000.0
+    assert 0.0 < response.computation_time < 5.0
+
+
+def test_a_new_plan_has_a_greater_revision_and_replaces_only_the_one_that_holds(client: Client, world: World):
+    plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
+    first = answer(client, Code.SAFE, lambda: encounter(world)).trajectory
+    second = answer(client, Code.SAFE, lambda: encounter(world), previous_id=first.id).trajectory
+    assert second.revision > first.revision
+    assert uuid_of(second.id) != uuid_of(first.id)
+    refused = answer(client, Code.SUPERSEDED, previous_id=first.id)
+    assert refused.field == "request.previous_id"
+    assert refused.trajectory.waypoints == []
+    client.spin(lambda: plans and plans[-1].revision == second.revision)
+    assert [plan.revision for plan in plans] == sorted({plan.revision for plan in plans})
+
+
+def test_a_plan_that_is_not_safe_goes_into_the_answer_and_the_advice_only(client: Client, world: World):
+    plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
+    advice = client.hear(Trajectory, f"{NODE}/output/advisory", qos.EVENTS)
+
+    # Nose to nose and too close for any manoeuvre.
+    def close() -> None:
+        world.ownship()
+        world.intruder(1_500.0, 0.0, -math.pi, 100.0, id="close1")
+
+    response = answer(client, Code.UNRESOLVED, close)
+    assert response.message
+    client.spin(lambda: advice)
+    assert advice[-1].status == Trajectory.STATUS_UNRESOLVED
+    client.idle(0.2)
+    assert {plan.status for plan in plans} == {Trajectory.STATUS_SAFE}
+    assert uuid_of(response.trajectory.id) not in {uuid_of(plan.id) for plan in plans}
+
+
+def gone(world: World) -> None:
+    """Put the aircraft of the tests before out of the way, and the ownship at the origin."""
+    for _ in range(2):
+        world.ownship()
+        world.intruder(-60_000.0, -60_000.0, -math.pi / 2.0, id="close1")
+        world.client.idle(0.02)
+        world.intruder(-60_000.0, -60_000.0, -math.pi / 2.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "field"),
+    [
+        ({"latitude": math.nan}, Code.INVALID_OWNSHIP, "ownship.latitude"),
+        ({"valid": 0x04}, Code.INVALID_OWNSHIP, "ownship.valid"),
+        ({"time": -1_000_000_000}, Code.INVALID_OWNSHIP, "ownship.header.stamp"),
+        ({"ahead": 5.0}, Code.FUTURE_OWNSHIP, "ownship.header.stamp"),
+        ({"speed": 20.0}, Code.INVALID_OWNSHIP, "own.speed"),
+        ({"y": 20_000.0}, Code.INVALID_OWNSHIP, "ownship.position"),
+    ],
+)
+def test_a_bad_ownship_is_refused_until_a_good_one_comes(client: Client, world: World, change, code, field):
+    answer(client, Code.SAFE, lambda: gone(world))
+
+    def bad() -> None:
+        given = dict(change)
+        if "ahead" in given:
+            given["time"] = client.now() + round(given.pop("ahead") * 1e9)
+        world.ownship(**given)
+
+    bad()
+    # A second report of another place would confirm it.
+    assert answer(client, code, None if field == "ownship.position" else bad).field == field
+    answer(client, Code.SAFE, world.ownship)
+
+
+def test_requests_are_checked(client: Client, world: World):
+    assert answer(client, Code.INVALID_REQUEST, reason=0).field == "request.reason"
+    assert answer(client, Code.SUPERSEDED, previous_id=identity(uuid.UUID(int=7))).field == "request.previous_id"
+    request = GenerateTrajectory.Request(reason=1)
+    request.header.stamp.sec = 10
+    assert client.call(GenerateTrajectory, SERVICE, request).status == Code.STALE_REQUEST
+    request.header.stamp.sec = 2**31 - 1
+    assert client.call(GenerateTrajectory, SERVICE, request).status == Code.FUTURE_REQUEST
+
+
+def test_an_alert_about_an_unknown_aircraft_is_refused(client: Client, world: World):
+    answer(client, Code.SAFE, lambda: gone(world))
+    response = answer(client, Code.NO_INTRUDER, lambda: world.alert("beef01"))
+    assert response.field == "intruder beef01"
+    world.alert("beef01", "beef01")
+    assert answer(client, Code.INVALID_ALERT).field == "alert.intruder_ids[1]"
+    world.alert(level=0)
+    answer(client, Code.SAFE, lambda: gone(world))
+
+
+def set_to(client: Client, name: str, value: float):
+    given = Parameter(name=name, value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
+    [result] = client.call(SetParameters, f"{NODE}/set_parameters", SetParameters.Request(parameters=[given])).results
+    return result
+
+
+def test_a_silent_ownship_is_stale(client: Client, world: World):
+    answer(client, Code.SAFE, lambda: gone(world))
+    assert set_to(client, "ownship_max_age", 0.3).successful
+    client.idle(0.4)
+    assert answer(client, Code.STALE_OWNSHIP).field == "ownship.header.stamp"
+    assert set_to(client, "ownship_max_age", 10.0).successful
+
+
+def test_parameters_have_ranges(client: Client):
+    assert set_to(client, "alert_max_age", 11.0).successful
+    result = set_to(client, "separation", 999.0)
+    assert not result.successful
+    assert "separation" in result.reason
+
+
+def test_a_publisher_that_does_not_fit_is_reported(client: Client):
+    health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
+    poor = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    quiet = PublisherEventCallbacks(incompatible_qos=lambda _: None)
+    publisher = client.node.create_publisher(Trajectory, f"{NODE}/input/route", poor, event_callbacks=quiet)
+    try:
+        client.spin(lambda: health and health[-1].status[0].level == b"\x02")
+        assert "~/input/route: a publisher offers less" in health[-1].status[0].message
+    finally:
+        client.node.destroy_publisher(publisher)
+
+
+def test_deactivation_withdraws_the_plan(client: Client, world: World):
+    plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
+    held = answer(client, Code.SAFE, lambda: gone(world)).trajectory
+    client.spin(lambda: plans and plans[-1].revision == held.revision)
+    change = ChangeState.Request()
+    change.transition.id = 4
+    assert client.call(ChangeState, f"{NODE}/change_state", change).success
+    client.spin(lambda: plans[-1].revision > held.revision)
+    assert plans[-1].status == Trajectory.STATUS_WITHDRAWN
+    assert plans[-1].waypoints == []
+    answer(client, Code.NOT_ACTIVE)
+    change.transition.id = 3
+    assert client.call(ChangeState, f"{NODE}/change_state", change).success
+    assert client.call(GetState, f"{NODE}/get_state", GetState.Request()).current_state.label == "active"
+    answer(client, Code.SAFE, lambda: gone(world))
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+def test_the_process_ends_in_order(how: signal.Signals):
+    with domain() as number:
+        process, client = Process("ros_bridge.runner", number), Client(number)
+        try:
+            assert client.call(GetState, f"{NODE}/get_state", GetState.Request())
+        finally:
+            client.close()
+        code, output = process.stop(how)
+    assert code == 0, output
+    assert "Traceback" not in output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--bogus"], "unrecognized arguments: --bogus"),
+        (["--ros-args", "-p", "separation:=10.0"], "separation out of range"),
+        pytest.param(["--ros-args", "-p", "separation:=many"], "separation", marks=pytest.mark.slow),
+        (["--ros-args", "-p", "policy_file:=/nowhere/policy"], "no such policy file"),
+        pytest.param(
+            ["--ros-args", "-p", "route_durability:=forever"],
+            "expected transient_local or volatile",
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_bad_arguments_end_with_one_line_and_code_2(arguments: list[str], says: str):
+    with domain() as number:
+        process = Process("ros_bridge.runner", number, *arguments)
+        output, _ = process.popen.communicate(timeout=15.0)
+    assert process.popen.returncode == 2
+    assert says in output
+    assert "Traceback" not in output
+
+
+def test_messages_hold_what_the_conversions_expect():
+    from ros_bridge import conversions as read
+
+    bits = [name for name in dir(AircraftState) if name.startswith("VALID_")]
+    assert sorted(getattr(AircraftState, name) for name in bits) == [1 << n for n in range(8)]
+    assert AircraftState.VALID_WIND == read.WIND and AircraftState.VALID_POSITION_STD == read.POSITION_STD
+    for name in ("SAFE", "ROUTE", "BACKUP"):
+        assert getattr(Trajectory, f"STATUS_{name}") == getattr(read, f"STATUS_{name}")
+    codes = {
+        name.removeprefix("STATUS_"): getattr(GenerateTrajectory.Response, name)
+        for name in dir(GenerateTrajectory.Response)
+        if name.startswith("STATUS_")
+    }
+    assert codes == {code.name: code.value for code in Code}
+
+
+def test_on_simulated_time_nothing_holds_before_the_clock_runs_nor_after_it_has_stepped_back():
+    with domain() as number:
+        process = Process("ros_bridge.runner", number, "--ros-args", "-p", "use_sim_time:=true")
+        client = Client(number)
+        try:
+            world = World(client)
+            plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
+            assert asked(client).status == Code.NO_CLOCK
+            world.reference()
+            world.route()
+
+            def clock(seconds: int) -> None:
+                client.say(Clock, "/clock", Clock(clock=time_message(seconds * 10**9)), 10)
+
+            answer(client, Code.NO_OWNSHIP, lambda: clock(100))
+            held = answer(client, Code.SAFE, lambda: world.ownship(time=100 * 10**9)).trajectory
+            assert held.header.stamp.sec == 100
+            answer(client, Code.NO_OWNSHIP, lambda: clock(50))
+            client.spin(lambda: plans and plans[-1].status == Trajectory.STATUS_WITHDRAWN)
+            assert plans[-1].revision > held.revision
+        finally:
+            client.close()
+            process.stop()

@@ -1,0 +1,148 @@
+"""Reports in and out of order: what is taken, what is passed over, what is a fault and until when."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
+
+from envs import kinematics
+from envs.kinematics import SURROGATE, VehicleState
+from ros_bridge.conversions import aircraft as read
+from ros_bridge.tracks import NOBODY, Rules, Track, Verdict, forgotten, refused, taken
+from tests.ros_bridge.scenes import NOW, SECOND, aircraft
+
+RULES = Rules()
+START = VehicleState(np.float64(0.0), np.float64(0.0), np.float64(0.3), np.float64(75.0))
+
+
+def report(seconds: float, x: float | None = None, y: float = 0.0):
+    """Return a report of an aircraft that flies eastwards at 80 m/s and was at the origin at NOW."""
+    return read(aircraft(80.0 * seconds if x is None else x, y, 0.0, 80.0, time=NOW + round(seconds * SECOND)), "it")
+
+
+def fed(*reports, now: float = 0.0) -> tuple[Track, list[Verdict]]:
+    track, verdicts = NOBODY, []
+    for one in reports:
+        track, verdict = taken(track, one, "it", max(one.time, NOW + round(now * SECOND)), RULES)
+        verdicts.append(verdict)
+    return track, verdicts
+
+
+def test_reports_in_order_are_taken():
+    track, verdicts = fed(report(0.0), report(1.0), report(2.0))
+    assert verdicts == [Verdict.TAKEN] * 3
+    assert track.last == report(2.0)
+    assert track.fault is None
+    assert track.age(NOW + 3 * SECOND) == pytest.approx(1.0)
+
+
+def test_repeated_and_late_reports_change_nothing_but_the_counts():
+    track, verdicts = fed(report(0.0), report(1.0), report(1.0), report(0.0))
+    assert verdicts == [Verdict.TAKEN, Verdict.TAKEN, Verdict.DUPLICATE, Verdict.REORDERED]
+    assert track.last == report(1.0)
+    assert track.fault is None
+    assert track.counts == {Verdict.TAKEN: 2, Verdict.DUPLICATE: 1, Verdict.REORDERED: 1}
+
+
+@given(st.lists(st.integers(0, 6), min_size=1, max_size=12))
+def test_in_whatever_order_they_come_the_newest_counts(order: list[int]):
+    track, _ = fed(*(report(float(second)) for second in order), now=10.0)
+    assert track.last == report(float(max(order)))
+    assert track.fault is None
+    assert sum(track.counts.values()) == len(order)
+
+
+def test_two_reports_of_one_time_that_differ_are_a_fault():
+    track, verdicts = fed(report(0.0), report(0.0, x=50.0))
+    assert verdicts[-1] is Verdict.CONFLICT
+    assert track.last == report(0.0)
+    assert track.fault is not None and track.fault.message.startswith("it.header.stamp belongs to two reports")
+
+
+def test_a_report_from_the_future_is_a_fault_until_a_good_one_comes():
+    before, _ = fed(report(0.0))
+    after, verdict = taken(before, report(2.0), "it", NOW + SECOND, RULES)
+    assert verdict is Verdict.FUTURE
+    assert after.fault is not None and after.fault.message == (
+        "it.header.stamp is 1.000 s ahead of the clock, expected 0.5 s at most"
+    )
+    good, _ = taken(after, report(1.2), "it", NOW + round(1.2 * SECOND), RULES)
+    assert good.fault is None
+
+
+def test_a_jump_is_believed_when_a_second_report_confirms_it():
+    track, verdicts = fed(report(0.0), report(1.0, y=5_000.0))
+    assert verdicts[-1] is Verdict.JUMP
+    assert track.last == report(0.0)
+    assert track.fault is not None and track.fault.field == "it.position"
+    confirmed, verdict = taken(track, report(2.0, y=5_000.0), "it", NOW + 2 * SECOND, RULES)
+    assert verdict is Verdict.TAKEN
+    assert confirmed.last == report(2.0, y=5_000.0)
+    assert confirmed.fault is None
+
+
+def test_a_single_outlier_is_not_believed():
+    track, verdicts = fed(report(0.0), report(1.0, y=5_000.0), report(2.0))
+    assert verdicts == [Verdict.TAKEN, Verdict.JUMP, Verdict.TAKEN]
+    assert track.last == report(2.0)
+    assert track.fault is None
+
+
+def test_two_outliers_that_disagree_are_not_believed():
+    track, verdicts = fed(report(0.0), report(1.0, y=5_000.0), report(2.0, y=-5_000.0))
+    assert verdicts[1:] == [Verdict.JUMP, Verdict.JUMP]
+    assert track.last == report(0.0)
+
+
+@given(st.floats(0.1, 29.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+def test_what_lies_within_the_allowance_is_no_jump(seconds: float, ahead: float, aside: float):
+    allowed = 0.69 * (RULES.jump_distance + RULES.jump_speed * seconds)
+    _, verdicts = fed(report(0.0), report(seconds, x=80.0 * seconds + ahead * allowed, y=aside * allowed))
+    assert verdicts[-1] is Verdict.TAKEN
+
+
+def test_after_a_long_silence_any_place_is_believed():
+    _, verdicts = fed(report(0.0), report(31.0, y=50_000.0))
+    assert verdicts[-1] is Verdict.TAKEN
+
+
+def test_who_is_silent_is_forgotten_and_who_sends_rubbish_is_not():
+    late = NOW + 40 * SECOND
+    silent = fed(report(0.0))[0]
+    noisy = refused(silent, "it.latitude", "it.latitude is nan", late)
+    fresh = replace(silent, last=report(39.0))
+    kept, gone = forgotten({"a": silent, "b": noisy, "c": fresh}, late, 30.0)
+    assert set(kept) == {"b", "c"}
+    assert gone == ("a",)
+
+
+def turning(rate: float, every: float, std: float = 0.0, count: int = 9) -> Track:
+    """Return what is known of an aircraft that turns, after some reports."""
+    track = NOBODY
+    for number in range(count):
+        seconds = every * number
+        at = kinematics.advance(START, 0.0, rate, np.float64(seconds), SURROGATE, np)
+        time = NOW + round(seconds * SECOND)
+        state = tuple(float(value) for value in at)
+        message = aircraft(*state, time=time, valid=0x85, velocity_std=std)
+        track, _ = taken(track, read(message, "it"), "it", time, RULES)
+    return track
+
+
+@given(st.floats(0.3, 5.5), st.sampled_from([-1.0, 1.0]), st.sampled_from([0.1, 0.25, 0.5, 1.0]))
+def test_a_turn_shows_in_the_reports_whatever_their_rate(degrees: float, side: float, every: float):
+    rate = side * math.radians(degrees)
+    assert turning(rate, every).turn_rate == pytest.approx(rate, rel=1e-3, abs=5e-5)  # meridians converge
+
+
+def test_noise_and_gaps_and_what_no_aircraft_can_do_show_no_turn():
+    rate = math.radians(3.0)
+    assert turning(0.0, 1.0).turn_rate == 0.0
+    assert turning(rate, 1.0, std=3.0).turn_rate == 0.0
+    assert turning(rate, 6.0, count=3).turn_rate == 0.0
+    assert turning(math.radians(7.0), 1.0).turn_rate == 0.0

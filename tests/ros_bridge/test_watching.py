@@ -1,0 +1,169 @@
+"""The monitor's memory between messages: which reports it is told, on which clock, and which plans it takes."""
+
+import functools
+import itertools
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
+
+from agents.inference import Policy
+from agents.monitor_state import Flown, State
+from agents.planner import plan
+from agents.request import Altitude
+from ros_bridge import hearing
+from ros_bridge.answers import plan_points, start_point
+from ros_bridge.picture import Picture, Settings, task
+from ros_bridge.tracks import Rules
+from ros_bridge.watching import NOTHING, Published, Watching, activated, answered, apart, fly, stepped, withdrawn
+from tests.ros_bridge.scenes import NOW, SECOND, aircraft
+from tests.ros_bridge.test_picture import heard
+
+RULES = Rules()
+FAR = 30_000.0
+
+
+def traffic(picture: Picture, seconds: float, heading: float = math.pi, x: float | None = None) -> Picture:
+    """Return the picture with a report of an aircraft that comes from the east, 4 km to the left of the path."""
+    place = FAR - 75.0 * seconds if x is None else x
+    message = aircraft(place, 4_000.0, heading, 75.0, time=NOW + round(seconds * SECOND))
+    return hearing.traffic(picture, message, NOW + round(seconds * SECOND), RULES)
+
+
+def own(picture: Picture, seconds: float) -> Picture:
+    message = aircraft(75.0 * seconds, 0.0, 0.0, 75.0, id="own", time=NOW + round(seconds * SECOND))
+    return hearing.ownship(picture, message, NOW + round(seconds * SECOND), RULES)
+
+
+def published(picture: Picture, revision: int = 1, seconds: float = 0.0) -> Published:
+    wanted = task(picture, NOW + round(seconds * SECOND), Settings())
+    result = plan(wanted.own, wanted.intruders, wanted.points, Policy.load(), wanted.options)
+    assert result.safe
+    start = start_point(wanted.frame, wanted.own, wanted.time, None)
+    return Published(bytes(16), revision, wanted.time, start, plan_points(result, wanted), wanted.identifiers)
+
+
+@functools.cache
+def begun() -> tuple[Watching, Picture]:
+    """Return a monitor that has just begun to watch a plan, and what was heard."""
+    picture = traffic(heard(), 0.0)
+    return activated(NOTHING, picture, published(picture)), picture
+
+
+def test_before_the_first_plan_there_is_nothing_to_say():
+    watching, verdict = stepped(NOTHING, heard(), NOW, 600.0)
+    assert verdict is None
+    assert fly(watching) is Flown.NOTHING
+    assert fly(withdrawn(watching, 1)) is Flown.NOTHING
+
+
+@given(st.integers(SECOND // 1000, SECOND), st.lists(st.integers(SECOND // 1000, SECOND // 3), min_size=1, max_size=6))
+def test_a_report_that_is_told_again_is_in_order(first: int, steps: list[int]):
+    watching, picture = begun()
+    picture = own(traffic(picture, first / SECOND), first / SECOND)
+    now = NOW + first
+    for step in steps:
+        now += step
+        if now - NOW - first > SECOND:
+            break
+        watching, verdict = stepped(watching, picture, now, 600.0)
+        assert verdict is not None
+        assert [why.message for why in verdict.reasons] == []
+        assert verdict.state is State.MONITORING
+
+
+def test_reports_close_together_are_told_apart_far_enough_to_show_a_turn():
+    watching, picture = begun()
+    told = []
+    for tenth in range(1, 11):
+        seconds = 0.1 * tenth
+        picture = own(traffic(picture, seconds), seconds)
+        watching, _ = stepped(watching, picture, NOW + round(seconds * SECOND), 600.0)
+        told.append(watching.told["4b1a2c"].time)
+    times = sorted(set(told))
+    assert len(times) >= 3
+    assert all(b - a >= 0.25 * SECOND for a, b in itertools.pairwise(times))
+
+
+def test_news_is_told_at_once():
+    watching, picture = begun()
+    picture = own(traffic(picture, 0.5), 0.5)
+    watching, _ = stepped(watching, picture, NOW + SECOND // 2, 600.0)
+    picture = own(traffic(picture, 0.6, heading=-0.5 * math.pi, x=FAR - 45.0), 0.6)
+    watching, verdict = stepped(watching, picture, NOW + round(0.6 * SECOND), 600.0)
+    assert watching.told["4b1a2c"].time == NOW + round(0.6 * SECOND)
+    assert verdict is not None and verdict.measured.intruder_velocity[0] > 50.0
+
+
+def test_who_cannot_be_heard_well_is_missed_and_who_is_forgotten_is_not():
+    watching, picture = begun()
+    bad = aircraft(0.0, 9_000.0, 0.0, 75.0, id="bad001", latitude=math.nan, time=NOW + SECOND)
+    picture = hearing.traffic(own(traffic(picture, 1.0), 1.0), bad, NOW + SECOND, RULES)
+    watching, verdict = stepped(watching, picture, NOW + SECOND, 600.0)
+    assert verdict is not None and verdict.state is State.DENIED
+    assert any(why.message.startswith("intruders lack a report") for why in verdict.reasons)
+    picture = replace(picture, traffic={name: track for name, track in picture.traffic.items() if name != "bad001"})
+    picture = own(traffic(picture, 2.0), 2.0)
+    _, verdict = stepped(watching, picture, NOW + 2 * SECOND, 600.0)
+    assert verdict is not None and verdict.state is State.MONITORING
+
+
+def test_an_older_plan_is_passed_over_and_a_withdrawal_ends_the_newer():
+    watching, picture = begun()
+    newer = activated(watching, picture, replace(published(picture), revision=5))
+    assert newer.held is not None and newer.held.revision == 5
+    assert activated(newer, picture, replace(published(picture), revision=4)) is newer
+    assert withdrawn(newer, 5) is newer
+    ended = withdrawn(newer, 6)
+    assert ended.held is None
+    assert fly(ended) is Flown.BACKUP
+
+
+def test_an_answer_that_came_late_is_flown_on_its_own_times():
+    watching, picture = begun()
+    # An aircraft appears ahead on the path: a plan is wanted.
+    picture = own(traffic(picture, 1.0), 1.0)
+    ahead = aircraft(9_000.0, -9_000.0, 0.5 * math.pi, 75.0, id="new001", time=NOW + SECOND)
+    picture = hearing.traffic(picture, ahead, NOW + SECOND, RULES)
+    watching, verdict = stepped(watching, picture, NOW + SECOND, 600.0)
+    assert verdict is not None and verdict.ask is not None
+    # The runner begins 80 ms after the monitor has asked.
+    answer = published(picture, revision=2, seconds=1.08)
+    watching, taken_up = answered(watching, verdict.ask.number, answer)
+    assert taken_up and watching.held == answer
+    picture = own(traffic(picture, 1.1), 1.1)
+    watching, verdict = stepped(watching, picture, NOW + round(1.1 * SECOND), 600.0)
+    assert verdict is not None and verdict.state is State.MONITORING
+    assert abs(float(verdict.measured.along_track[0])) < 0.1
+    assert abs(float(verdict.measured.time_error[0])) < 1e-3
+
+
+def test_a_refusal_denies_the_plan():
+    watching, picture = begun()
+    picture = own(traffic(picture, 1.0), 1.0)
+    ahead = aircraft(9_000.0, -9_000.0, 0.5 * math.pi, 75.0, id="new001", time=NOW + SECOND)
+    picture = hearing.traffic(picture, ahead, NOW + SECOND, RULES)
+    watching, verdict = stepped(watching, picture, NOW + SECOND, 600.0)
+    assert verdict is not None and verdict.ask is not None
+    watching, taken_up = answered(watching, verdict.ask.number, None)
+    assert not taken_up
+    assert State(int(watching.watch.monitor.state[0])) in (State.DENIED, State.BACKUP)
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "expected"),
+    [
+        (Altitude(1_000.0, "msl"), Altitude(2_000.0, "msl"), True),
+        (Altitude(1_000.0, "msl"), Altitude(1_500.0, "msl"), False),
+        (Altitude(1_000.0, "msl"), Altitude(2_000.0, "wgs84"), False),
+        (Altitude(1_000.0, "msl"), None, False),
+        (Altitude(1_000.0, "msl"), Altitude(2_000.0, "msl", -3.0), False),
+        (Altitude(1_000.0, "msl"), Altitude(2_000.0, "msl", 3.0), True),
+    ],
+)
+def test_only_comparable_altitudes_set_aircraft_apart(a, b, expected: bool):
+    assert apart(a, b, 600.0) is expected
