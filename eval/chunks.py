@@ -27,7 +27,7 @@ from eval.film import Trajectories
 from eval.planned import SOURCES, STATUSES, Setting, fly_once, planned
 from eval.simulate import OUTCOMES, Flights, direct, fly, sensor_noise
 
-__all__ = ["MODES", "NETWORK_TILE", "Evaluation", "Pilot", "columns", "encounters", "trajectories"]
+__all__ = ["MODES", "NETWORK_TILE", "Evaluation", "Pilot", "columns", "encounters", "noise_of", "trajectories"]
 
 MODES = ("policy", "plan", "assured")
 """Who decides: the network once a second; a plan made at the start; such a plan under a monitor, with re-plans."""
@@ -91,7 +91,7 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     rules, limits = evaluation.rules, evaluation.limits
     starts = encounters(evaluation, first, count)
     begun = conditions(starts)
-    noise = _noise(evaluation, starts, first)
+    noise = noise_of(evaluation, starts, first)
     alone, _ = fly(starts, pilot.decide, rules, limits, noise=noise)
     bare, _ = fly(starts, direct(limits), rules, limits)
     beside = {"baseline": bare} if evaluation.mode == "policy" else {"baseline": bare, "policy": alone}
@@ -178,7 +178,7 @@ def trajectories(pilot: Pilot, numbers: Sequence[int]) -> tuple[Encounter, Traje
     starts = reduce(joined, singles)
     if evaluation.mode != "policy":
         return starts, _film(pilot, singles, starts, numbers)
-    noises = [_noise(evaluation, one, number) for one, number in zip(singles, numbers, strict=True)]
+    noises = [noise_of(evaluation, one, number) for one, number in zip(singles, numbers, strict=True)]
     heard = [noise for noise in noises if noise is not None]  # all of them or none
     _, film = fly(
         starts,
@@ -195,7 +195,7 @@ def trajectories(pilot: Pilot, numbers: Sequence[int]) -> tuple[Encounter, Traje
 def _film(pilot: Pilot, singles: list[Encounter], starts: Encounter, numbers: Sequence[int]) -> Trajectories:
     """Return the recorded trajectories of planned flights."""
     evaluation = pilot.evaluation
-    heard = [_noise(evaluation, one, number) for one, number in zip(singles, numbers, strict=True)]
+    heard = [noise_of(evaluation, one, number) for one, number in zip(singles, numbers, strict=True)]
     noise = np.concatenate([of(0) for of in heard if of is not None], axis=1) if heard[0] is not None else None
     plans = planned(starts, pilot.policy, evaluation.setting, noise)
     rules, setting = evaluation.rules, evaluation.setting
@@ -228,7 +228,7 @@ def _names(kinds: type[IntEnum]) -> np.ndarray:
     return np.array([kinds(code).name.lower() for code in range(len(kinds))], dtype=object)
 
 
-def _noise(evaluation: Evaluation, starts: Encounter, first: int) -> Callable[[int], np.ndarray] | None:
+def noise_of(evaluation: Evaluation, starts: Encounter, first: int) -> Callable[[int], np.ndarray] | None:
     """Return the sensors' noise, None if nobody's sensor has noise or latency.
 
     The whole source decides, not the chunk: even a perfect report is rounded, so it must be used everywhere or nowhere.

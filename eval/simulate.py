@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from agents.baselines import Baseline, Sight
 from envs import intruder
 from envs.draws import normals
 from envs.encounters import Encounter
@@ -23,10 +24,17 @@ from envs.relative import distance, leg_separation
 from envs.trees import take
 from eval.film import Film, Trajectories
 
-__all__ = ["OUTCOMES", "REVERSAL_RATE", "Decider", "Flights", "direct", "fly", "sensor_noise"]
+__all__ = ["OUTCOMES", "REVERSAL_RATE", "Decider", "Flights", "OnStates", "direct", "fly", "sensor_noise"]
 
 Decider: TypeAlias = Callable[[np.ndarray], np.ndarray]
 """Observations ``[M, 8]`` (float32, the contract's) to actions ``[M, 2]`` in [-1, 1]."""
+
+
+class OnStates(NamedTuple):
+    """A decider that sees the states of all aircraft instead of an observation."""
+
+    baseline: Baseline
+
 
 OUTCOMES = ("violation", "reached", "timeout")
 """Names of the outcome codes 0, 1, 2."""
@@ -73,6 +81,7 @@ class _Air(NamedTuple):
     path_length: np.ndarray
     side: np.ndarray
     reversals: np.ndarray
+    memory: np.ndarray
 
 
 def direct(limits: Limits) -> Decider:
@@ -100,21 +109,24 @@ def sensor_noise(seed: int, first: int, count: int, intruders: int) -> Callable[
 
 def fly(
     encounters: Encounter,
-    decider: Decider,
+    decider: Decider | OnStates,
     rules: Rules,
     limits: Limits,
     *,
     noise: Callable[[int], np.ndarray] | None = None,
+    recorded: VehicleState | None = None,
     record: bool = False,
 ) -> tuple[Flights, Trajectories | None]:
     """Fly encounters to their end; the decider acts once per time step.
 
     Args:
         encounters: the starts, ``[N]``, float64.
-        decider: sees the most critical intruder of each encounter and the goal.
+        decider: sees the most critical intruder of each encounter and the goal, or, on states, all intruders.
         rules: of the task.
         limits: of the ownship.
         noise: the sensors' noise by step, ``[4, N, K]``; None for perfect knowledge of the intruders.
+        recorded: the intruders' states at each time step, ``[T + 1, N, K]``, to be flown instead of what the encounters
+            say of them; as many steps as the rules allow.
         record: keep the trajectories too (about 150 bytes an encounter and second).
 
     Returns:
@@ -132,10 +144,19 @@ def fly(
             seen = perceive(seen, *air.previous, air.sensor, noise(step)[:, air.number], dt, np)
         chosen = most_critical(air.own, seen, air.mask, CRITICAL_RADIUS, np)
         observation = observe(air.own, chosen, air.goal_x, air.goal_y, np).astype(np.float32)
-        action = decider(observation).astype(np.float64)
+        memory = air.memory
+        if isinstance(decider, OnStates):
+            sight = Sight(air.own, seen, air.mask, air.goal_x, air.goal_y, rules.t_max - step * dt)
+            action, memory = decider.baseline.decide(sight, memory)
+        else:
+            action = decider(observation).astype(np.float64)
         acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
 
-        traffic = intruder.step(air.intruders, air.intent, step * dt, dt, np)
+        if recorded is None:
+            traffic = intruder.step(air.intruders, air.intent, step * dt, dt, np)
+        else:
+            there = VehicleState(*(field[step + 1, air.number] for field in recorded))
+            traffic = air.intruders._replace(vehicle=there)
         own = advance(air.own, acceleration, yaw_rate, dt, limits, np)
         step += 1
         separation = _separation(air, own, traffic.vehicle, dt)
@@ -154,6 +175,7 @@ def fly(
             time_of_min_separation=np.where(closer, step * dt, air.time_of_min_separation),
             reversals=air.reversals + (side * air.side < 0.0),
             side=side,
+            memory=memory,
         )
         if film is not None:
             film.expose(air.number, own, traffic.vehicle, (observation, action, separation))
@@ -186,6 +208,7 @@ def _takeoff(encounters: Encounter) -> _Air:
         by_step,
         by_step,
         np.zeros(count, np.int32),
+        np.zeros(count, np.int8),
     )
 
 

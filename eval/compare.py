@@ -1,0 +1,167 @@
+"""Policies and baselines on the same encounters, side by side: ``python -m eval.compare --out runs/compare``."""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from agents.configuration import ConfigError, Parser, run_cli
+from eval import picture_folder
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from eval.contest import Contest
+
+__all__ = ["main"]
+
+_CHUNK = 500
+_DESCRIPTION = """\
+Fly policies and baselines through the same encounters and say how they differ, with intervals for paired samples.
+
+Baselines: none (straight along the route), rules (the right-hand rules of the air), mvp (modified voltage potential,
+speed held), mvp_speed (the same, changing speed too). A policy is a .safetensors file of the toolkit, flown as it is
+and once more with its speed held; or a .nnet file of HorizontalCAS or ACAS Xu.
+
+Scenarios: those of eval.monte_carlo; file:PATH for a CSV file of your own; tracks:PATH for recorded tracks, replayed:
+a .json file of Lincoln Laboratory's encounters or a .daa or .xyz file of DAIDALUS.
+
+Written to --out, a new or empty folder: summary.json, encounters.parquet (a row an encounter) and compare.png, .svg
+(contents in docs/compare.md). The differences are those of success from the first row's."""
+
+_EPILOG = """\
+examples:
+  python -m eval.compare --out runs/compare
+  python -m eval.compare --policy runs/a/policy.safetensors --policy runs/b/policy.safetensors --out runs/a_b
+  python -m eval.compare --scenario maneuvering --baseline mvp --encounters 2000 --out runs/turning
+  python -m eval.compare --scenario tracks:encounters.json --out runs/recorded"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the comparison that the command line asks for and return the exit status.
+
+    Raises:
+        ConfigError: bad input; so are ``PolicyFileError``, ``NnetError``, ``EncounterError`` and ``TrackError``.
+    """
+    options = _parser().parse_args(arguments)
+    begun = time.perf_counter()
+    from eval.compare_setup import prepare, size
+
+    contest, weights, told = prepare(options)
+    out = options.out or Path("runs") / time.strftime("compare_%Y%m%d_%H%M%S")
+    picture_folder.create(out)
+    for sentence in told:
+        print(f"left out: {sentence}", file=sys.stderr)
+
+    from threadpoolctl import threadpool_limits
+
+    total = size(options, contest.evaluation)
+    chosen = None if weights is None else weights[:total]
+    # One thread: the network's rows would be rounded otherwise with another.
+    with threadpool_limits(1):
+        table = _flown(contest, total)
+    from agents.versions import versions
+    from eval.comparison import SCHEMA_VERSION, summarise
+
+    summary = {
+        "schema_version": SCHEMA_VERSION,
+        "scenario": options.scenario,
+        "seed": options.seed,
+        "confidence": options.confidence,
+        "resamples": options.resamples,
+        "ahead_s": options.ahead if contest.replayed else None,
+        "weighted": weights is not None,
+        **summarise(table, contest.entries, chosen, options.confidence, options.resamples, options.seed),
+        "left_out": list(told),
+        "wall_s": time.perf_counter() - begun,
+        "versions": versions("numpy", "scipy", "pyarrow"),
+    }
+    _write(out, summary, table)
+    from eval.compare_table import show
+
+    show(summary, out)
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m eval.compare", description=_DESCRIPTION, epilog=_EPILOG)
+    add = parser.add_argument
+    add(
+        "--policy",
+        type=Path,
+        metavar="FILE",
+        action="append",
+        default=[],
+        help="policy file, may be repeated (default: the one that ships)",
+    )
+    add(
+        "--baseline",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="none, rules, mvp or mvp_speed, may be repeated (default: all of them)",
+    )
+    add("--scenario", metavar="NAME", default="circle", help="a scenario's name, file:PATH or tracks:PATH")
+    add("--encounters", type=int, metavar="N", help="how many (default: 1000, or all of a file's)")
+    add("--seed", type=int, metavar="N", default=0, help="of encounters, sensor noise and bootstrap (default: 0)")
+    add("--ahead", type=float, metavar="S", default=220.0, help="of recorded tracks: goal, in seconds (default: 220)")
+    add("--confidence", type=float, metavar="P", default=0.95, help="of all intervals (default: 0.95)")
+    add("--resamples", type=int, metavar="N", default=2_000, help="of bootstraps (default: 2000)")
+    add("--out", type=Path, metavar="DIR", help="folder, new or empty (default: runs/compare_DATE_TIME)")
+    return parser
+
+
+def _flown(contest: "Contest", total: int) -> "dict[str, np.ndarray]":
+    """Fly all encounters and return the whole table."""
+    import numpy as np
+
+    from eval.contest import columns
+    from eval.progress import Progress
+
+    parts = []
+    with Progress(total, 0) as progress:
+        for first in range(0, total, _CHUNK):
+            size = min(_CHUNK, total - first)
+            parts.append(columns(contest, first, size))
+            outcome = parts[-1][f"{contest.entries[0].name}.outcome"]
+            progress.advance(size, int(np.count_nonzero(outcome == "reached")))
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _write(out: Path, summary: Mapping[str, Any], table: "Mapping[str, np.ndarray]") -> None:
+    """Write the files of the comparison."""
+    import matplotlib as mpl
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from eval.compare_figure import draw
+
+    (out / "summary.json").write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    kinds = {name: pa.string() if values.dtype == object else None for name, values in table.items()}
+    pq.write_table(
+        pa.table({name: pa.array(v, type=kinds[name]) for name, v in table.items()}), out / "encounters.parquet"
+    )
+    figure = draw(summary)
+    # Neither a date nor random names, so that the same call gives the same files.
+    with mpl.rc_context({"svg.hashsalt": "rlcas"}):
+        figure.savefig(out / "compare.png", dpi=130)
+        figure.savefig(out / "compare.svg", metadata={"Date": None})
+
+
+def _cli() -> int:
+    from agents.nnet import NnetError
+    from agents.policy_file import PolicyFileError
+    from envs.encounters import EncounterError
+    from envs.tracks import TrackError
+
+    try:
+        return main()
+    except (PolicyFileError, NnetError, EncounterError, TrackError) as problem:
+        raise ConfigError(str(problem)) from None
+
+
+if __name__ == "__main__":
+    run_cli(_cli)

@@ -1,0 +1,142 @@
+"""Several deciders on the same encounters: who takes part, and the table of how each of them fared."""
+
+from collections.abc import Callable
+from functools import reduce
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.baselines import BASELINES
+from agents.inference import Policy
+from agents.nnet import load_logic
+from agents.resolvability import Verdict, classify
+from envs.kinematics import Limits, VehicleState
+from envs.outcome import Rules
+from envs.replay import Replay
+from eval.chunks import NETWORK_TILE, Evaluation, encounters, noise_of
+from eval.film import Trajectories
+from eval.metrics import costs, losses, relative
+from eval.simulate import OUTCOMES, Decider, Flights, OnStates, fly
+from eval.volumes import ALERTS, VOLUMES, alerted, lead_times, lost, severity
+
+__all__ = ["REFERENCE", "Contest", "Entry", "baseline_entry", "columns", "policy_entries"]
+
+REFERENCE = "none"
+"""The flight without a resolver, which is always flown: risk ratios need it."""
+
+_SEVERE = "do365_en_route"
+
+
+class Entry(NamedTuple):
+    """One that takes part."""
+
+    name: str
+    kind: str
+    """policy, baseline or nnet."""
+    decider: Decider | OnStates
+    sha256: str | None = None
+    """Of a policy file."""
+
+
+class Contest(NamedTuple):
+    """All that the result of a comparison follows from."""
+
+    entries: tuple[Entry, ...]
+    evaluation: Evaluation
+    """Source, seed, rules and limits; nothing else of it counts."""
+    replayed: Replay | None = None
+    """Recorded intruders; then the evaluation's source is its starts."""
+
+
+def policy_entries(path: Path | None, name: str, limits: Limits, rules: Rules) -> tuple[Entry, ...]:
+    """Return the entries of a policy file: as it is, and with the speed held, as most published resolvers hold it.
+
+    A ``.nnet`` file is a logic that holds the speed anyway.
+
+    Raises:
+        PolicyFileError, NnetError: the file cannot be used.
+    """
+    if path is not None and path.suffix == ".nnet":
+        logic = load_logic(path, limits, rules.goal_radius, rules.separation)
+        return (Entry(name, "nnet", OnStates(logic)),)
+    policy = Policy.load(path)
+
+    def decide(observation: np.ndarray) -> np.ndarray:
+        return policy.tiled(observation, tile=NETWORK_TILE)
+
+    return (
+        Entry(name, "policy", decide, policy.sha256),
+        Entry(f"{name}, speed held", "policy", _held(decide), policy.sha256),
+    )
+
+
+def baseline_entry(name: str, limits: Limits, rules: Rules) -> Entry:
+    """Return the entry of a baseline, one of :data:`agents.baselines.BASELINES`."""
+    return Entry(name, "baseline", OnStates(BASELINES[name](limits, rules.goal_radius, rules.separation)))
+
+
+def columns(contest: Contest, first: int, count: int) -> dict[str, np.ndarray]:
+    """Return the table of the encounters ``first .. first + count - 1``: columns of each entry, ``NAME.COLUMN``.
+
+    Flights go on after a loss of separation, to the goal or the time limit, because smaller volumes are judged too.
+    What counts as a violation is the same as in :mod:`eval.simulate`: any loss before the end.
+    """
+    evaluation = contest.evaluation
+    rules, limits = evaluation.rules, evaluation.limits
+    starts = encounters(evaluation, first, count)
+    noise = noise_of(evaluation, starts, first)
+    recorded = _part(contest.replayed, first, count)
+    endless = rules._replace(separation=0.0)
+    table: dict[str, np.ndarray] = {"encounter": np.arange(first, first + count)}
+    solved = []
+    for entry in contest.entries:
+        heard = None if entry.name == REFERENCE else noise
+        flights, film = fly(starts, entry.decider, endless, limits, noise=heard, recorded=recorded, record=True)
+        assert film is not None
+        outcome = np.where(flights.min_separation < rules.separation, OUTCOMES.index("violation"), flights.outcome)
+        solved.append(outcome == OUTCOMES.index("reached"))
+        made = _columns(outcome, flights, film, starts.mask, rules.dt) | costs(starts, flights, film)._asdict()
+        table |= {f"{entry.name}.{name}": values for name, values in made.items()}
+    anyone = reduce(np.logical_or, solved)
+    route = np.hypot(starts.goal_x - starts.own.x, starts.goal_y - starts.own.y)
+    table["late_at_first_speed"] = route - rules.goal_radius > starts.own.speed * rules.t_max
+    if recorded is None:
+        # The search knows intruders by their intents, which noise does not touch and a recording has not.
+        table["unresolvable"] = classify(starts, rules, limits, solved=anyone).verdict == Verdict.UNRESOLVABLE
+    return table
+
+
+def _part(replayed: Replay | None, first: int, count: int) -> VehicleState | None:
+    if replayed is None:
+        return None
+    return VehicleState(*(field[:, first : first + count] for field in replayed.recorded))
+
+
+def _held(decide: Callable[[np.ndarray], np.ndarray]) -> Decider:
+    def held(observation: np.ndarray) -> np.ndarray:
+        return decide(observation) * np.array([0.0, 1.0], np.float32)
+
+    return held
+
+
+def _columns(
+    outcome: np.ndarray, flights: Flights, film: Trajectories, mask: np.ndarray, dt: float
+) -> dict[str, np.ndarray]:
+    """Return the columns of one entry but for the costs."""
+    seen = relative(film)
+    volume = VOLUMES[_SEVERE]
+    # After the end of a flight everything is nan; no number there, no loss, no alert.
+    with np.errstate(invalid="ignore"):
+        penetration = np.where(np.isfinite(seen.x) & mask, severity(volume, seen), 0.0)
+        loss = np.any(lost(volume, seen) & mask, axis=-1)
+        alerts = {name: np.any(alerted(level, seen) & mask, axis=-1) for name, level in ALERTS.items()}
+    return {
+        "outcome": np.array(OUTCOMES, dtype=object)[outcome],
+        "min_separation_m": flights.min_separation,
+        "duration_s": flights.duration,
+        "heading_reversals": flights.reversals,
+        "severity": penetration.max(axis=(0, 2)),
+        **{f"lost_{name}": losses(each, film, mask) for name, each in VOLUMES.items()},
+        **{f"lead_{name}_s": lead_times(alert, loss, dt) for name, alert in alerts.items()},
+    }

@@ -1,0 +1,211 @@
+"""Baselines obey the action contract, treat left and right alike where they should, and go home when it is clear."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.baselines import BASELINES, Direct, PotentialField, RightHand, Sight, homeward, steered, way_back
+from envs.angles import wrap
+from envs.kinematics import SURROGATE, VehicleState
+from envs.relative import straight_cpa
+
+NAMES = tuple(BASELINES)
+
+
+def seen(own, others, goal=(15_000.0, 0.0), left=300.0) -> Sight:
+    """Return the sight of one encounter from hand-made numbers (x, y, heading, speed)."""
+    return Sight(
+        VehicleState(*(np.array([float(value)]) for value in own)),
+        VehicleState(*(np.array([[float(other[i]) for other in others]]) for i in range(4))),
+        np.ones((1, len(others)), bool),
+        np.array([float(goal[0])]),
+        np.array([float(goal[1])]),
+        left,
+    )
+
+
+def decide(name: str, sight: Sight) -> np.ndarray:
+    baseline = BASELINES[name](SURROGATE, 500.0, 1_000.0)
+    action, memory = baseline.decide(sight, np.zeros(len(sight.goal_x), np.int8))
+    assert memory.shape == sight.goal_x.shape
+    return action
+
+
+def turned(sight: Sight, angle: float) -> Sight:
+    sine, cosine = math.sin(angle), math.cos(angle)
+
+    def state(s: VehicleState) -> VehicleState:
+        return VehicleState(s.x * cosine - s.y * sine, s.x * sine + s.y * cosine, wrap(s.heading + angle, np), s.speed)
+
+    x, y = sight.goal_x * cosine - sight.goal_y * sine, sight.goal_x * sine + sight.goal_y * cosine
+    return sight._replace(own=state(sight.own), intruders=state(sight.intruders), goal_x=x, goal_y=y)
+
+
+def mirrored(sight: Sight) -> Sight:
+    def state(s: VehicleState) -> VehicleState:
+        return VehicleState(s.x, -s.y, wrap(-s.heading, np), s.speed)
+
+    return sight._replace(own=state(sight.own), intruders=state(sight.intruders), goal_y=-sight.goal_y)
+
+
+def random_sights(count: int, intruders: int) -> Sight:
+    rng = np.random.default_rng(4)
+
+    def states(shape) -> VehicleState:
+        return VehicleState(
+            rng.uniform(-8_000, 8_000, shape),
+            rng.uniform(-8_000, 8_000, shape),
+            rng.uniform(-math.pi, math.pi, shape),
+            rng.uniform(50, 100, shape),
+        )
+
+    goal = rng.uniform(-15_000, 15_000, (2, count))
+    mask = rng.random((count, intruders)) < 0.7
+    return Sight(states(count), states((count, intruders)), mask, goal[0], goal[1], 200.0)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_actions_are_finite_within_the_contract_and_held_speeds_held(name: str) -> None:
+    action = decide(name, random_sights(3_000, 3))
+    assert action.shape == (3_000, 2)
+    assert np.isfinite(action).all()
+    assert np.abs(action).max() <= 1.0
+    assert action[:, 0].any() == (name == "mvp_speed")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_rotated_scene_gets_the_same_action(name: str) -> None:
+    sight = random_sights(2_000, 3)
+    np.testing.assert_allclose(decide(name, turned(sight, 1.2)), decide(name, sight), atol=2e-5)
+
+
+@pytest.mark.parametrize("name", ["none", "mvp", "mvp_speed"])
+def test_a_mirrored_scene_gets_the_mirrored_action(name: str) -> None:
+    # The rules of the air are one-sided on purpose.
+    sight = random_sights(2_000, 1)
+    ours, theirs = decide(name, sight), decide(name, mirrored(sight))
+    # Neither side is nearer in a hit: there the choice is to the right.
+    own = VehicleState(*(field[:, None] for field in sight.own))
+    aside = straight_cpa(own, sight.intruders, np).distance[:, 0] > 10.1
+    assert 0.95 < aside.mean() < 1.0
+    np.testing.assert_allclose(theirs[aside], (ours * [1.0, -1.0])[aside], atol=2e-5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_order_and_the_absence_of_intruders_do_not_matter(name: str) -> None:
+    sight = random_sights(1_000, 3)
+    order = [2, 0, 1]
+    other = sight._replace(
+        intruders=VehicleState(*(field[:, order] for field in sight.intruders)), mask=sight.mask[:, order]
+    )
+    np.testing.assert_allclose(decide(name, other), decide(name, sight), atol=1e-9)
+    moved = VehicleState(*(np.where(sight.mask, field, field[:, :1]) for field in sight.intruders))
+    np.testing.assert_allclose(decide(name, sight._replace(intruders=moved)), decide(name, sight), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_row_does_not_depend_on_its_company(name: str) -> None:
+    sight = random_sights(50, 3)
+    together = decide(name, sight)
+    for i in range(0, 50, 7):
+        one = Sight(
+            VehicleState(*(field[i : i + 1] for field in sight.own)),
+            VehicleState(*(field[i : i + 1] for field in sight.intruders)),
+            sight.mask[i : i + 1],
+            sight.goal_x[i : i + 1],
+            sight.goal_y[i : i + 1],
+            sight.left,
+        )
+        np.testing.assert_array_equal(decide(name, one)[0], together[i])
+
+
+FAR = (90_000, 90_000, 0, 50)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_without_conflict_everybody_goes_home(name: str) -> None:
+    assert decide(name, seen((0, 0, 0, 80), [FAR]))[0] == pytest.approx([0.0, 0.0])
+    assert decide(name, seen((0, 0, 0, 80), [FAR], (9_000, 9_000)))[0, 1] == 1.0
+    assert decide(name, seen((0, 0, 0, 80), [FAR], (9_000, -9_000)))[0, 1] == -1.0
+
+
+@pytest.mark.parametrize(
+    ("other", "rules", "mvp"),
+    [
+        ((9_000, 0, math.pi, 80), -1.0, -1.0),  # head-on: to the right
+        ((6_000, -6_000, math.pi / 2, 80), -1.0, -1.0),  # from the right, at the same time: behind it
+        ((4_000, 0, 0.0, 50), -1.0, -1.0),  # overtaking
+        ((6_000, 5_600, -math.pi / 2, 80), 0.0, 1.0),  # from the left it must yield; it crosses ahead: go behind it
+        ((6_000, 6_400, -math.pi / 2, 80), 0.0, -1.0),  # it crosses behind: go on ahead of it
+    ],
+)
+def test_sides_by_hand(other, rules: float, mvp: float) -> None:
+    sight = seen((0, 0, 0, 80), [other])
+    assert np.sign(decide("rules", sight)[0, 1]) == rules
+    assert np.sign(decide("mvp", sight)[0, 1]) == mvp
+
+
+def test_the_right_of_way_is_given_up_when_the_other_does_not_yield() -> None:
+    near = seen((0, 0, 0, 80), [(3_500, 3_400, -math.pi / 2, 80)])
+    assert decide("rules", near)[0, 1] == -1.0
+
+
+def test_mvp_passes_on_the_side_that_is_nearer_already() -> None:
+    # The intruder passes ahead from right to left by 300 m: it is let pass, to its right.
+    ahead = seen((0, 0, 0, 80), [(6_000, -5_700, math.pi / 2, 80)])
+    assert decide("mvp", ahead)[0, 1] < 0.0
+    behind = seen((0, 0, 0, 80), [(6_000, -6_700, math.pi / 2, 80)])
+    assert decide("mvp", behind)[0, 1] > 0.0
+
+
+def test_mvp_s_new_velocity_touches_the_protected_zone() -> None:
+    """The pushed velocity misses by the protected distance: the published construction, on a crossing from the left."""
+    own, other = (0.0, 0.0, 0.0, 80.0), (7_000.0, 7_400.0, -math.pi / 2, 80.0)
+    sight = seen(own, [other])
+    field = PotentialField(speed=True)
+    from agents.baselines import _conflicts
+
+    conflict = _conflicts(sight, sight.own.heading, 1_100.0, 300.0)
+    push_x, push_y = field._push(sight, conflict, 1_100.0)
+    vx, vy = 0.0 - (80.0 - push_x[0]), -80.0 + push_y[0]
+    time = -(other[0] * vx + other[1] * vy) / (vx * vx + vy * vy)
+    assert math.hypot(other[0] + vx * time, other[1] + vy * time) == pytest.approx(1_100.0, abs=1.0)
+
+
+@given(st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi), st.floats(50, 100))
+def test_steering_turns_the_short_way_and_stops_at_the_course(heading: float, course: float, speed: float) -> None:
+    own = VehicleState(np.zeros(1), np.zeros(1), np.array([heading]), np.array([speed]))
+    steering = steered(own, np.array([course]), SURROGATE)[0]
+    error = wrap(np.array([course - heading]), np)[0]
+    assert steering == pytest.approx(np.clip(0.5 * error / SURROGATE.yaw_rate_max, -1, 1))
+    # One second of it never goes past the course.
+    assert abs(steering * SURROGATE.yaw_rate_max) <= abs(error)
+
+
+def test_a_goal_inside_the_turning_circle_is_flown_away_from_first() -> None:
+    # At 100 m/s the circle has a radius of 1910 m; its middle is the worst place.
+    inside = seen((0, 0, 0, 100), [FAR], (0.0, 1_900.0))
+    assert homeward(inside, SURROGATE, 500.0)[0] == 0.0
+    outside = seen((0, 0, 0, 100), [FAR], (0.0, 4_500.0))
+    assert homeward(outside, SURROGATE, 500.0)[0] == pytest.approx(math.pi / 2)
+
+
+def test_the_way_back_is_free_past_the_closest_point_and_not_before() -> None:
+    before = seen((0, 0, 0, 80), [(6_000, 0, math.pi, 80)])
+    after = seen((0, 0, 0, 80), [(-2_000, 0, math.pi, 80)])
+    assert not way_back(before, SURROGATE, 500.0, 1_000.0)[0]
+    assert way_back(after, SURROGATE, 500.0, 1_000.0)[0]
+
+
+def test_mvp_with_speed_hurries_when_it_is_late() -> None:
+    late = seen((0, 0, 0, 60), [FAR], (15_000, 0), left=180.0)
+    assert decide("mvp_speed", late)[0, 0] == 1.0
+    assert decide("mvp_speed", late._replace(left=290.0))[0, 0] == 0.0
+
+
+def test_defaults_are_the_surrogate_s() -> None:
+    assert Direct() == Direct(SURROGATE, 500.0)
+    assert RightHand().separation == PotentialField().separation == 1_000.0

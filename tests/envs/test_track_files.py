@@ -1,0 +1,216 @@
+"""Recorded tracks: units are honoured, nothing is repaired in silence, and a bad file is refused by line and field."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from envs.local_frame import local
+from envs.track_files import read_daidalus
+from envs.track_units import FAMILIES, KNOT, si
+from envs.tracks import Repairs, TrackError, at_times
+from tests.recorded import recorded
+
+LOCAL = """\
+# made by hand
+NAME, sx, sy, sz, trk, gs, vs, time
+[none], [nmi], [km], [ft], [deg], [knot], [fpm], [ms]
+own, 0, 0, 1000, 90, 100, 600, 1000
+other, 1, 2, 2000, 180, 200, -600, 1000   # a remark
+own, 0.0277778, 0, 1010, 90, 100, 600, 2000
+other, 1, 1.897, 1990, 180, 200, -600, 2000
+"""
+GEOGRAPHIC = """\
+NAME lat lon alt vx vy vz time
+unitless [deg] [deg] [m] [m/s] [m/s] [m/s] [s]
+own 40.0 -74.0 1000 50 0 0 0
+other 40.01 -74.0 1000 0 -50 0 0
+own 40.0 -73.9994144 1000 50 0 0 1
+other 40.00955 -74.0 1000 0 -50 0 1
+"""
+
+
+def written(tmp_path: Path, text: str, name: str = "tracks.daa") -> Path:
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+def test_local_tracks_by_hand(tmp_path: Path) -> None:
+    (own, other), repairs = read_daidalus(written(tmp_path, LOCAL))
+    assert repairs == Repairs()
+    assert (own.name, other.name) == ("own", "other")
+    assert own.time.tolist() == [1.0, 2.0]
+    assert other.x == pytest.approx([1852.0, 1852.0])
+    assert other.y == pytest.approx([2000.0, 1897.0])
+    assert own.altitude == pytest.approx([304.8, 307.848])
+    assert own.vx == pytest.approx([100 * KNOT] * 2)
+    assert own.vy == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert other.vy == pytest.approx([-200 * KNOT] * 2)
+    assert other.vertical_rate == pytest.approx([-3.048] * 2)
+
+
+def test_geographic_tracks_are_local_to_the_ownship(tmp_path: Path) -> None:
+    own, other = read_daidalus(written(tmp_path, GEOGRAPHIC)).tracks
+    assert (own.x[0], own.y[0]) == (0.0, 0.0)
+    # A degree of latitude is 111 035 m here, one of longitude 85 394 m (Clarke's series for WGS 84).
+    assert other.y[0] == pytest.approx(1_110.35, abs=0.05)
+    assert own.x[1] == pytest.approx(50.0, abs=0.02)
+
+
+def test_units_scale_and_nothing_else(tmp_path: Path) -> None:
+    feet = LOCAL.replace("[km]", "[ft]").replace("[ms]", "[s]").replace(", 2000\n", ", 1001\n")
+    own, other = read_daidalus(written(tmp_path, feet)).tracks
+    assert other.y == pytest.approx(np.array([2.0, 1.897]) * 0.3048)
+    assert own.time.tolist() == [1000.0, 1001.0]
+    assert si("KNOT", "speed") == si("kts", "speed") == KNOT
+    assert si("knot", "length") is None
+    assert all(scale > 0.0 for family in FAMILIES.values() for scale in family.values())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("[nmi], ", "", r"line 3: 7 units, expected 8, one in brackets for each name"),
+        ("[nmi]", "[furlong]", r"line 3, field sx: unit '\[furlong\]', expected one in brackets of m, km, ft"),
+        ("[nmi]", "[knot]", r"line 3, field sx: unit '\[knot\]', expected one in brackets of m, km"),
+        ("[nmi]", "nmi", r"line 3, field sx: unit 'nmi', expected one in brackets"),
+        ("[nmi]", "[none]", r"line 3, field sx: unit '\[none\]'"),
+        ("[none], [nmi], [km], [ft], [deg], [knot], [fpm], [ms]\n", "", r"line 3, field name: unit 'own'"),
+        ("trk", "course", r"line 2: column 'course' is unknown"),
+        ("NAME, sx", "sx, sx", r"line 3, field sx: unit '\[none\]'"),
+        ("sx, sy", "sx, vx", r"line 3, field vx: unit '\[km\]'"),
+        ("other, 1, 2,", "other, 1,", r"line 5: 7 fields, expected 8"),
+        ("other, 1, 2,", "other, one, 2,", r"line 5, field sx: 'one', expected a number"),
+        ("other, 1, 2,", ", 1, 2,", r"line 5, field name: empty"),
+        ("other, 1, 2,", "other, nan, 2,", r"line 5, field sx: nan, expected a finite number"),
+        ("other, 1, 2,", "other, inf, 2,", r"line 5, field sx: inf, expected a finite number"),
+        ("600, 2000\n", "600, 1000\n", r"line 6, field time: 1 s of 'own', expected more than 1 s as in line 4"),
+        ("600, 2000\n", "600, 500\n", r"line 6, field time: 0.5 s of 'own', expected more than 1 s"),
+        ("600, 2000\n", "600, 9000\n", r"line 6, field time: a gap of 8 s in the track of 'own', expected at most 5 s"),
+    ],
+)
+def test_a_bad_file_is_refused_by_line_and_field(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+    assert old in LOCAL
+    with pytest.raises(TrackError, match="tracks.daa " + sentence):
+        read_daidalus(written(tmp_path, LOCAL.replace(old, new, 1)))
+
+
+@pytest.mark.parametrize(
+    ("missing", "sentence"),
+    [
+        ("sz", "column alt is missing"),
+        ("vs", "column vs is missing"),
+        ("time", "column time is missing"),
+        ("gs", "expected the columns trk and gs or vx and vy"),
+        ("sy", "expected the columns lat and lon or sx and sy"),
+    ],
+)
+def test_a_missing_column_is_named(tmp_path: Path, missing: str, sentence: str) -> None:
+    head = LOCAL.splitlines()[1].split(", ")
+    at = head.index(missing)
+    lines = [LOCAL.splitlines()[0]]
+    for line in LOCAL.splitlines()[1:]:
+        cells = line.split("#")[0].split(",")
+        lines.append(",".join(cells[:at] + cells[at + 1 :]))
+    with pytest.raises(TrackError, match=sentence):
+        read_daidalus(written(tmp_path, "\n".join(lines)))
+
+
+def test_repairs_are_made_on_request_and_counted(tmp_path: Path) -> None:
+    rows = ["own, 0, 0, 0, 350, 100, 0, {}", "own, {x}, 0, 0, 350, 100, 0, {}", "own, 8, 0, 0, 10, 100, 0, {}"]
+    text = "\n".join(LOCAL.splitlines()[:3]) + "\n"
+    text += rows[0].format(0) + "\n" + rows[1].format(1000, x="nan") + "\n" + rows[0].format(0) + "\n"
+    text += rows[2].format(16_000) + "\n"
+    with pytest.raises(TrackError, match="line 5, field sx"):
+        read_daidalus(written(tmp_path, text))
+    (own,), repairs = read_daidalus(written(tmp_path, text), repair=True, max_gap=5.0)
+    assert repairs == Repairs(not_finite=1, out_of_order=1, filled=3)
+    assert own.time.tolist() == [0.0, 4.0, 8.0, 12.0, 16.0]
+    assert own.x == pytest.approx(1852.0 * np.array([0, 2, 4, 6, 8]))
+    # From 350 to 10 degrees through north, the short way.
+    assert own.vx[2] == pytest.approx(0.0, abs=1e-9)
+    assert own.vy[2] == pytest.approx(100 * KNOT)
+    whole = read_daidalus(written(tmp_path, text.replace("nan", "1")), repair=True, max_gap=100.0)
+    assert whole.repairs == Repairs(out_of_order=1)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150)
+@given(st.integers(0, len(LOCAL)), st.sampled_from(["", "x", ",", "\n", "-", "9", "[", "\x00", "é"]), st.booleans())
+def test_a_damaged_file_is_read_or_refused_with_a_sentence(tmp_path: Path, at: int, put: str, cut: bool) -> None:
+    text = LOCAL[:at] + put + ("" if cut else LOCAL[at + 1 :])
+    try:
+        tracks, _ = read_daidalus(written(tmp_path, text))
+    except TrackError as problem:
+        assert "tracks.daa" in str(problem)
+        assert "\n" not in str(problem)
+    else:
+        for track in tracks:
+            assert all(np.isfinite(field).all() for field in track[1:8])
+            assert (np.diff(track.time) > 0.0).all()
+
+
+def test_what_is_no_file_of_tracks(tmp_path: Path) -> None:
+    with pytest.raises(TrackError, match="there is no such file"):
+        read_daidalus(tmp_path / "absent.daa")
+    with pytest.raises(TrackError, match="0 lines, expected"):
+        read_daidalus(written(tmp_path, ""))
+    (tmp_path / "binary.daa").write_bytes(b"\xff\xff")
+    with pytest.raises(TrackError, match="not a text in UTF-8"):
+        read_daidalus(tmp_path / "binary.daa")
+    with pytest.raises(TrackError, match="a place on the Earth"):
+        read_daidalus(written(tmp_path, GEOGRAPHIC.replace("own 40.0", "own 140.0", 1)))
+    with pytest.raises(TrackError, match="max_gap is nan"):
+        read_daidalus(written(tmp_path, LOCAL), max_gap=math.nan)
+
+
+def test_tracks_at_other_times(tmp_path: Path) -> None:
+    own = read_daidalus(written(tmp_path, LOCAL)).tracks[0]
+    middle = at_times(own, np.array([1.25, 1.5]))
+    assert middle.x == pytest.approx(own.x[1] * np.array([0.25, 0.5]))
+    with pytest.raises(TrackError, match="covers 1 to 2 s"):
+        at_times(own, np.array([1.5, 2.5]))
+
+
+@given(st.floats(-80, 80), st.floats(-180, 180), st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
+def test_the_local_frame_is_that_of_a_sphere_but_for_the_flattening(lat, lon, north, east) -> None:
+    reference = math.radians(lat), math.radians(lon)
+    x, y = local(reference[0] + math.radians(north), reference[1] + math.radians(east), reference)
+    radius = 6_371_000.0
+    down = math.radians(north) * radius
+    # Chords instead of arcs, convergence of the meridians, and 0.7 % for the ellipsoid.
+    across = math.radians(east) * radius * math.cos(reference[0] + math.radians(north))
+    bent = across * math.radians(east) * math.sin(reference[0]) / 2.0
+    size = math.hypot(down, across) + 1.0
+    assert abs(float(y) - down - bent) < 0.008 * size
+    assert abs(float(x) - across) < 0.008 * size
+
+
+@pytest.mark.parametrize("name", ["C1_0_120.daa", "H0_0_120.daa", "H0_0_120.xyz", "H1.daa", "scenario_5.daa"])
+def test_recorded_velocities_are_the_change_of_positions(name: str) -> None:
+    for track in read_daidalus(recorded(f"daidalus_scenarios/{name}")).tracks:
+        dt = np.diff(track.time)
+        vx, vy = 0.5 * (track.vx[1:] + track.vx[:-1]), 0.5 * (track.vy[1:] + track.vy[:-1])
+        off = np.hypot(np.diff(track.x) / dt - vx, np.diff(track.y) / dt - vy)
+        # The files' own projection of speeds to positions is a sphere's.
+        assert np.median(off) < 0.006 * np.hypot(vx, vy).max()
+
+
+def test_every_recorded_scenario_is_read() -> None:
+    folder = recorded("daidalus_scenarios")
+    paths = sorted(path for path in folder.iterdir() if re.fullmatch(r"\.(daa|xyz)", path.suffix))
+    assert len(paths) == 12
+    for path in paths:
+        tracks, repairs = read_daidalus(path)
+        assert repairs == Repairs()
+        assert len(tracks) == (4 if path.stem == "MultiAircraft" else 2)
+        assert all((np.diff(track.time) == pytest.approx(1.0)) for track in tracks)
+    # Same encounter in both forms, but for the projection.
+    flat, round_ = (read_daidalus(folder / f"H0_0_120.{kind}").tracks for kind in ("xyz", "daa"))
+    for a, b in zip(flat, round_, strict=True):
+        off = np.hypot(a.x - flat[0].x[0] - b.x, a.y - flat[0].y[0] - b.y)
+        assert off.max() < 60.0

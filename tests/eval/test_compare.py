@@ -1,0 +1,211 @@
+"""Peers side by side: the same flights as the evaluation's, one table, and clear words on bad input."""
+
+import json
+import math
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from agents import policy_file
+from agents.baselines import BASELINES
+from agents.configuration import ConfigError
+from agents.nnet import NnetError
+from envs import encounter_file
+from envs.encounters import EncounterError, scenario
+from envs.kinematics import SURROGATE
+from envs.outcome import RULES
+from envs.starts import numbered
+from envs.tracks import TrackError
+from eval import chunks, compare, compare_setup, contest, simulate
+from eval.chunks import Evaluation, Pilot
+from eval.contest import Contest, baseline_entry, policy_entries
+from eval.paired import mcnemar_exact, pairs, tango
+from eval.simulate import OnStates
+from tests.recorded import recorded
+
+
+def make(policy_path: Path, name: str, baselines=("none", "mvp")) -> Contest:
+    entries = policy_entries(policy_path, "ours", SURROGATE, RULES)
+    entries += tuple(baseline_entry(each, SURROGATE, RULES) for each in baselines)
+    return Contest(entries, Evaluation(policy_path, scenario(name), None, 4, RULES, SURROGATE))
+
+
+@pytest.mark.parametrize("name", ["circle", "noisy"])
+def test_a_policy_flies_here_as_in_the_evaluation(policy_path: Path, name: str) -> None:
+    made = make(policy_path, name, ("none",))
+    ours = contest.columns(made, 10, 60)
+    theirs = chunks.columns(Pilot.load(made.evaluation), 10, 60)
+    np.testing.assert_array_equal(ours["ours.outcome"], theirs["outcome"])
+    reached = theirs["outcome"] == "reached"
+    assert 0 < reached.sum() < 60
+    np.testing.assert_array_equal(ours["ours.path_excess"][reached], theirs["path_excess"][reached])
+    np.testing.assert_array_equal(ours["ours.min_separation_m"][reached], theirs["min_separation_m"][reached])
+    np.testing.assert_array_equal(ours["ours.heading_reversals"][reached], theirs["heading_reversals"][reached])
+    np.testing.assert_array_equal(ours["none.outcome"] == "violation", theirs["baseline_outcome"] == "violation")
+    # Flights go on after a loss, so that smaller volumes can be judged.
+    lost = theirs["outcome"] == "violation"
+    assert (ours["ours.min_separation_m"][lost] <= theirs["min_separation_m"][lost]).all()
+
+
+def test_a_row_does_not_depend_on_its_company(policy_path: Path) -> None:
+    made = make(policy_path, "multi", tuple(BASELINES))
+    few = scenario("multi", intruders=(2, 3), radius=(3_000.0, 4_000.0))
+    made = made._replace(evaluation=made.evaluation._replace(source=few))
+    together, apart = contest.columns(made, 0, 12), contest.columns(made, 8, 2)
+    for name, values in apart.items():
+        np.testing.assert_array_equal(values, together[name][8:10], err_msg=name)
+
+
+def test_the_resolver_none_is_the_evaluation_s_direct_flight() -> None:
+    starts = numbered(scenario("circle"), 9, 0, 80)
+    ours, _ = simulate.fly(starts, OnStates(BASELINES["none"](SURROGATE, 500.0, 1_000.0)), RULES, SURROGATE)
+    theirs, _ = simulate.fly(starts, simulate.direct(SURROGATE), RULES, SURROGATE)
+    np.testing.assert_array_equal(ours.outcome, theirs.outcome)
+    np.testing.assert_allclose(ours.min_separation, theirs.min_separation, atol=2.0)
+
+
+@pytest.mark.parametrize("name", ["rules", "mvp", "mvp_speed"])
+def test_resolvers_resolve(name: str) -> None:
+    starts = numbered(scenario("circle"), 9, 0, 150)
+    flown, _ = simulate.fly(starts, OnStates(BASELINES[name](SURROGATE, 500.0, 1_000.0)), RULES, SURROGATE)
+    share = np.bincount(flown.outcome, minlength=3) / 150
+    # Without a resolver nearly all are lost; published resolvers save nine of ten such conflicts.
+    assert share[0] < 0.2
+    assert share[1] > 0.7
+
+
+def test_a_held_speed_is_held(policy_path: Path) -> None:
+    _, held = policy_entries(policy_path, "ours", SURROGATE, RULES)
+    starts = numbered(scenario("circle"), 9, 0, 5)
+    _, film = simulate.fly(starts, held.decider, RULES, SURROGATE, record=True)
+    assert film is not None
+    assert np.nanmax(np.abs(film.own.speed - starts.own.speed)) == 0.0
+    assert held.name == "ours, speed held"
+
+
+def test_replayed_intruders_fly_their_recording() -> None:
+    starts = numbered(scenario("maneuvering"), 2, 0, 6)
+    plain, film = simulate.fly(starts, simulate.direct(SURROGATE), RULES, SURROGATE, record=True)
+    assert film is not None
+    # What was flown, flown again as a recording, up to where an encounter ended.
+    known = [np.where(np.isnan(field), 0.0, field) for field in film.intruders]
+    longer = [np.concatenate([field, np.repeat(field[-1:], 301 - len(field), axis=0)]) for field in known]
+    again, second = simulate.fly(
+        starts, simulate.direct(SURROGATE), RULES, SURROGATE, recorded=type(film.intruders)(*longer), record=True
+    )
+    assert second is not None
+    for field in simulate.Flights._fields:
+        np.testing.assert_array_equal(getattr(again, field), getattr(plain, field), err_msg=field)
+
+
+def test_the_command_and_its_files(policy_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "run"
+    arguments = ["--policy", str(policy_path), "--baseline", "mvp", "--encounters", "40", "--resamples", "200"]
+    assert compare.main([*arguments, "--out", str(out)]) == 0
+    assert sorted(path.name for path in out.iterdir()) == [
+        "compare.png",
+        "compare.svg",
+        "encounters.parquet",
+        "summary.json",
+    ]
+    summary = json.loads((out / "summary.json").read_text())
+    names = [row["name"] for row in summary["entries"]]
+    # The flight without a resolver comes along: ratios need it.
+    assert names == ["policy", "policy, speed held", "mvp", "none"]
+    table = pq.read_table(out / "encounters.parquet").to_pydict()
+    reached = {name: np.array(table[f"{name}.outcome"]) == "reached" for name in names}
+    possible = 40 - sum(table["unresolvable"])
+    for row in summary["entries"]:
+        count = int(reached[row["name"]].sum())
+        assert row["success_rate"]["count"] == count
+        assert row["success_given_resolvable"]["total"] == possible
+        rates = [row[f"{kind}_rate"]["count"] for kind in ("success", "violation", "timeout")]
+        assert sum(rates) == 40
+        parts = row["risk_ratio"]
+        assert parts["value"] == pytest.approx(parts["unresolved"] + parts["induced"])
+        if row["name"] != "policy":
+            counted = pairs(reached["policy"], reached[row["name"]])
+            assert row["difference"]["value"] == tango(counted).value
+            assert row["difference"]["mcnemar_exact_p"] == mcnemar_exact(counted)
+    assert summary["entries"][0]["difference"] is None
+    assert summary["entries"][3]["risk_ratio"]["value"] == 1.0
+    shown = capsys.readouterr().out
+    assert "policy, speed held" in shown
+    again = tmp_path / "again"
+    compare.main([*arguments, "--out", str(again)])
+    for name in ("encounters.parquet", "compare.svg"):
+        assert (again / name).read_bytes() == (out / name).read_bytes()
+
+
+def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:
+    encounter_file.write(tmp_path / "own.csv", numbered(scenario("multi"), 1, 0, 3))
+    out = tmp_path / "run"
+    assert compare.main(["--scenario", f"file:{tmp_path / 'own.csv'}", "--baseline", "rules", "--out", str(out)]) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["encounters"] == 3
+    assert math.isfinite(summary["entries"][0]["heading_reversals_mean"])
+
+
+def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = recorded("lincoln_lab/encounters.json")
+    out = tmp_path / "run"
+    compare.main(["--scenario", f"tracks:{path}", "--baseline", "mvp_speed", "--out", str(out)])
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["encounters"] + len(summary["left_out"]) == 50
+    assert summary["resolvable_rate"] is None
+    rates = {row["name"]: row["success_rate"]["value"] for row in summary["entries"]}
+    assert rates["none"] < 0.5
+    assert rates["mvp_speed"] > 0.8
+    assert "left out: 7: the ownship begins with" in capsys.readouterr().err
+    few = tmp_path / "few"
+    compare.main(["--scenario", f"tracks:{path}", "--baseline", "none", "--encounters", "3", "--out", str(few)])
+    assert json.loads((few / "summary.json").read_text())["encounters"] == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "kind", "sentence"),
+    [
+        (["--baseline", "mpv"], ConfigError, "--baseline: 'mpv'; expected one of none, rules, mvp, mvp_speed"),
+        (["--encounters", "0"], ConfigError, "--encounters: 0; expected 1 to 1e"),
+        (["--encounters", "many"], ConfigError, "invalid int value"),
+        (["--confidence", "nan"], ConfigError, "--confidence: nan; expected"),
+        (["--scenario", "circel"], EncounterError, "scenario 'circel' is unknown"),
+        (["--scenario", "file:absent.csv"], EncounterError, "absent.csv: there is no such file"),
+        (["--scenario", "tracks:absent.daa"], TrackError, "absent.daa: there is no such file"),
+        (["--scenario", "tracks:absent.txt"], ConfigError, "absent.txt ends in '.txt'; expected .json"),
+        (["--policy", "absent.nnet"], NnetError, "absent.nnet: there is no such file"),
+        (["--policy", "mvp.nnet"], NnetError, "mvp.nnet: there is no such file"),
+        (["--policy", "a.nnet", "--policy", "a.nnet"], ConfigError, "a file stands twice"),
+    ],
+)
+def test_bad_input_is_one_sentence(tmp_path: Path, arguments: list[str], kind: type, sentence: str) -> None:
+    with pytest.raises(kind) as told:
+        compare.main([*arguments, "--out", str(tmp_path / "run")])
+    assert sentence in str(told.value)
+    assert not (tmp_path / "run").exists()
+
+
+def test_exit_code_2_and_no_traceback(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "eval.compare", "--scenario", "tracks:absent.daa", "--out", str(tmp_path / "run")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "error: absent.daa: there is no such file\n"
+
+
+def test_policies_are_told_from_each_other_and_from_baselines() -> None:
+    paths = [Path("mvp.safetensors"), Path("one/policy.safetensors"), Path("two/policy.safetensors"), Path("c.nnet")]
+    assert compare_setup.policy_names(paths) == [str(path) for path in paths[:3]] + ["c"]
+
+
+def test_the_vehicle_is_the_policies_and_one(tmp_path: Path, policy_path: Path) -> None:
+    slower = policy_file.read(policy_path)
+    limits = {**slower.metadata["limits"], "speed_max": 90.0}
+    other = tmp_path / "other.safetensors"
+    policy_file.write(other, replace(slower, metadata={**slower.metadata, "limits": limits}))
+    with pytest.raises(ConfigError, match="expected policies of the same vehicle"):
+        compare.main(["--policy", str(policy_path), "--policy", str(other), "--out", str(tmp_path / "run")])

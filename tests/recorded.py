@@ -1,0 +1,17 @@
+"""Where tests find recorded encounters, which are not part of the project: RLCAS_DATA, or beside the checkout."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+__all__ = ["recorded"]
+
+
+def recorded(name: str) -> Path:
+    """Return the path of a file or folder of recorded data, or skip the test."""
+    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
+    path = Path(os.environ.get("RLCAS_DATA") or beside) / name
+    if not path.exists():
+        pytest.skip(f"{name} is not part of the project: set RLCAS_DATA to a folder that has it")
+    return path
