@@ -12,10 +12,10 @@ __all__ = ["FEATURE_SETS", "features", "side", "size"]
 
 FEATURE_SETS = ("none", "cpa", "mirror")
 """``none``: the bare observation (the paper's set-up); ``cpa``: geometry and closest point of approach; ``mirror``: the
-same with every scene seen so that the intruder is on the left, which makes the policy exactly symmetric."""
+same with every scene seen so that the intruder is left of the line to the goal: an exactly symmetric policy."""
 
 _SIZES = {"none": 8, "cpa": 22, "mirror": 22}
-_BEARING = 4  # to the intruder, of the observation; left positive
+_INTRUDER, _GOAL = 4, 6  # bearings in the observation, left positive
 
 
 def size(feature_set: str) -> int:
@@ -32,8 +32,9 @@ def size(feature_set: str) -> int:
 def side(observation: list[Any], feature_set: str, xp: Any) -> Any:
     """Return the factor of the network's yaw rate, ``[...]`` or 1.0: -1 where the scene is seen mirrored.
 
-    The choice by the intruder's bearing jumps where it crosses nose or tail, and nowhere else; as the signed inputs
-    jump with it, what a network says there may still be continuous in the scene.
+    The scene is mirrored where the intruder is to the right of the line to the goal. That line moves with the positions
+    alone; by the intruder's bearing, which a turn changes at once, a policy came to flutter where it flies at an
+    intruder's tail.
 
     Args:
         observation: the eight components of the contract, ``[...]`` each.
@@ -42,8 +43,10 @@ def side(observation: list[Any], feature_set: str, xp: Any) -> Any:
     """
     if feature_set != "mirror":
         return 1.0
-    # Not a choice between two constants, which numpy would widen to float64; a bearing of -0.0 counts as left.
-    return xp.copysign(1.0, observation[_BEARING] + 1e-30)
+    # The sine of the angle from the goal to the intruder has the sign of the angle within half a turn, and the other
+    # one beyond. Not a choice between constants, which numpy would widen to float64; -0.0 counts as left.
+    angle = observation[_INTRUDER] - observation[_GOAL] + 1e-30
+    return xp.copysign(1.0, angle) * xp.copysign(1.0, 1.0 - xp.abs(angle))
 
 
 def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:

@@ -72,14 +72,15 @@ def test_a_mirrored_scene_looks_the_same_to_the_mirrored_set():
     hands = [side(list(seen.T), "mirror", np) for seen in (observation, mirrored)]
     np.testing.assert_array_equal(hands[0], -hands[1])
     assert set(hands[0]) == {-1.0, 1.0}
-    # An intruder on the left is seen as it is.
-    left = observation[:, 4] >= 0.0
+    # An intruder to the left of the line to the goal is seen as it is.
+    left = np.sin(np.pi * (observation[:, 4] - observation[:, 6])) >= 0.0
+    np.testing.assert_array_equal(hands[0] > 0.0, left)
     np.testing.assert_array_equal(inputs(observation[left], "mirror"), inputs(observation[left]))
 
 
 def test_the_side_does_not_depend_on_the_sign_of_zero():
-    for bearing in (0.0, -0.0):
-        values = [0.1] * 4 + [bearing] + [0.1] * 3
+    for bearing, goal in ((0.0, 0.0), (-0.0, 0.0), (0.0, -0.0), (-0.0, -0.0), (0.3, 0.3)):
+        values = [0.1] * 4 + [bearing, 0.1, goal, 0.1]
         assert side(values, "mirror", FLOATS) == 1.0
         assert float(side([np.float32(v) for v in values], "mirror", np)) == 1.0
         assert float(side([jnp.float32(v) for v in values], "mirror", jnp)) == 1.0
