@@ -7,7 +7,7 @@ is a setting.
 
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 from agents.request import Altitude
@@ -15,7 +15,7 @@ from ros_bridge.conversions import report
 from ros_bridge.fields import SECOND, FieldError, identifier, integer, number, stamp
 from ros_bridge.tracks import Report
 
-__all__ = ["adsb_vehicle", "inspva", "nav_sat_fix"]
+__all__ = ["adsb_vehicle", "inspva", "nav_sat_fix", "odometry_velocity"]
 
 # MAVLink message 246, ADSB_FLAGS.
 _COORDINATES, _ALTITUDE, _HEADING, _VELOCITY = 1, 2, 4, 8
@@ -56,6 +56,27 @@ def nav_sat_fix(message: Any, twist: Any, identity: str, reference: str = "wgs84
         altitude=_altitude(f"{name}.altitude", message.altitude, reference, climb),
         position_std=spread,
     )
+
+
+def odometry_velocity(message: Any, name: str = "odometry") -> Any:
+    """Return the velocity of a nav_msgs/Odometry in ENU as something with the fields of a Twist.
+
+    Its twist is given in the frame of the body (REP 105's child frame), whose attitude in ENU is the pose's.
+
+    Raises:
+        FieldError: the attitude is no rotation, or a field is not finite.
+    """
+    twist, attitude = message.twist.twist.linear, message.pose.pose.orientation
+    x, y, z, w = (number(f"{name}.orientation.{axis}", getattr(attitude, axis), -1.01, 1.01, "") for axis in "xyzw")
+    length = math.sqrt(x * x + y * y + z * z + w * w)
+    if abs(length - 1.0) > 0.01:
+        raise FieldError(f"{name}.orientation", f"has length {length:g}, expected 1")
+    x, y, z, w = x / length, y / length, z / length, w / length
+    ahead, left, up = (number(f"{name}.twist.linear.{a}", getattr(twist, a), -400.0, 400.0, "m/s") for a in "xyz")
+    east = (1 - 2 * (y * y + z * z)) * ahead + 2 * (x * y - w * z) * left + 2 * (x * z + w * y) * up
+    north = 2 * (x * y + w * z) * ahead + (1 - 2 * (x * x + z * z)) * left + 2 * (y * z - w * x) * up
+    climb = 2 * (x * z - w * y) * ahead + 2 * (y * z + w * x) * left + (1 - 2 * (x * x + y * y)) * up
+    return SimpleNamespace(linear=SimpleNamespace(x=east, y=north, z=climb))
 
 
 def inspva(message: Any, identity: str, name: str = "inspva") -> Report:

@@ -7,7 +7,19 @@ fields, or a plain object in a test, serves as well.
 import math
 from typing import Any
 
-__all__ = ["SECOND", "FieldError", "flags", "identifier", "integer", "latitude", "longitude", "number", "stamp", "std"]
+__all__ = [
+    "SECOND",
+    "FieldError",
+    "flags",
+    "identifier",
+    "integer",
+    "latitude",
+    "longitude",
+    "nanoseconds",
+    "number",
+    "stamp",
+    "std",
+]
 
 SECOND = 1_000_000_000
 """Nanoseconds in a second: times of messages are whole nanoseconds."""
@@ -79,6 +91,11 @@ def stamp(name: str, value: Any) -> int:
     if total <= 0:
         raise FieldError(name, f"is {total / SECOND:g} s, expected a time after zero")
     return total
+
+
+def nanoseconds(value: Any) -> int:
+    """Return a time of ROS as it is, ns."""
+    return value.sec * SECOND + value.nanosec
 
 
 def identifier(name: str, value: Any) -> str:

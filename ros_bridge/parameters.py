@@ -16,13 +16,19 @@ from ros_bridge.tracks import Rules
 __all__ = [
     "MONITOR_NUMBERS",
     "MONITOR_OTHERS",
+    "NODES",
     "NUMBERS",
     "OTHERS",
+    "PILOT_NUMBERS",
+    "PILOT_OTHERS",
     "SIMULATOR_NUMBERS",
     "SIMULATOR_OTHERS",
+    "TRANSLATOR_NUMBERS",
+    "TRANSLATOR_OTHERS",
     "Number",
     "declare",
     "help_text",
+    "reference",
     "rules",
     "settings",
     "thresholds",
@@ -60,7 +66,11 @@ NUMBERS = (
 )
 OTHERS: tuple[tuple[str, Any, str], ...] = (
     ("extend_route", False, "whether a route that ends before the plan may be extended in its last direction"),
-    ("thorough", True, "whether the last, slow stages of the search are tried before giving up"),
+    (
+        "thorough",
+        True,
+        "whether the slow stages of the search are tried before giving up, but for the monitor's requests",
+    ),
     ("policy_file", "", "policy file; empty: the one that ships; read at the configuration"),
     ("map_frame", "map", "frame of path and markers: x east, y north of the geo-reference; read at the configuration"),
     (
@@ -92,6 +102,8 @@ MONITOR_NUMBERS = (
     Number("cross_track", 25.0, 1.0, 1_000.0, "m", "largest distance from the path"),
     Number("along_track", 50.0, 1.0, 1_000.0, "m", "largest distance ahead of or behind the plan"),
     Number("time_error", 1.0, 0.1, 60.0, "s", "largest delay or lead"),
+    Number("intruder_position", 50.0, 1.0, 1_000.0, "m", "largest deviation of an intruder from its prediction"),
+    Number("intruder_velocity", 5.0, 0.1, 100.0, "m/s", "the same of its velocity; noise: add three sigmas to both"),
     Number("runner_silence", 3.0, 1.5, 60.0, "s", "silence of the runner that is reported as a fault"),
 )
 MONITOR_OTHERS: tuple[tuple[str, Any, str], ...] = (
@@ -122,9 +134,38 @@ SIMULATOR_OTHERS: tuple[tuple[str, Any, str], ...] = (
     ("encounter", 0, "number of the first; read at the start"),
     ("encounters", 1, "how many are flown, one after the other; read at the start"),
     ("vehicle", "kinematic", "kinematic, point_mass or c208 (JSBSim); read at the start"),
-    ("monitor", True, "whether to fly what the monitor says; else the newest plan, and nobody watches it"),
+    ("monitor", True, "whether to fly what the monitor says; else the newest plan; read at the start"),
     ("map_frame", "map", "frame that headers name; read at the start"),
 )
+TRANSLATOR_NUMBERS = (
+    Number("velocity_apart", 0.2, 0.0, 2.0, "s", "largest time between a fix and the velocity that belongs to it"),
+    next(one for one in NUMBERS if one.name == "diagnostics_period"),
+)
+TRANSLATOR_OTHERS: tuple[tuple[str, Any, str], ...] = (
+    ("own_source", "none", "none, nav_sat_fix, inspva or inspvax; read at the start"),
+    ("own_id", "", "the ownship's name, such as its 24-bit address in hexadecimal; read at the start"),
+    (
+        "own_altitude_reference",
+        "wgs84",
+        "what altitudes of fixes are above: wgs84, msl or pressure; read at the start",
+    ),
+    ("traffic_source", "none", "none, adsb or nav_sat_fix; read at the start"),
+    ("traffic_id", "", "the intruder's name, where its source is a fix; read at the start"),
+    ("adsb_barometric_reference", "", "what ADS-B's barometric altitudes are above; empty: unknown; read at the start"),
+    ("adsb_geometric_reference", "", "what ADS-B's geometric altitudes are above; empty: unknown; read at the start"),
+)
+PILOT_NUMBERS = (next(one for one in NUMBERS if one.name == "ownship_max_age"),)
+PILOT_OTHERS: tuple[tuple[str, Any, str], ...] = (
+    ("monitor", True, "whether to fly what the monitor says; else the newest plan; read at the start"),
+)
+NODES = (
+    ("runner", NUMBERS, OTHERS),
+    ("monitor", MONITOR_NUMBERS, MONITOR_OTHERS),
+    ("simulator", SIMULATOR_NUMBERS, SIMULATOR_OTHERS),
+    ("translator", TRANSLATOR_NUMBERS, TRANSLATOR_OTHERS),
+    ("pilot", PILOT_NUMBERS, PILOT_OTHERS),
+)
+"""Names of the nodes with their parameters."""
 
 
 def declare(node: Any, numbers: Sequence[Number] = NUMBERS, others: Sequence[tuple[str, Any, str]] = OTHERS) -> None:
@@ -135,9 +176,8 @@ def declare(node: Any, numbers: Sequence[Number] = NUMBERS, others: Sequence[tup
         descriptor = ParameterDescriptor(description=one.meaning + unit, floating_point_range=[span])
         node.declare_parameter(one.name, float(one.default), descriptor)
     for name, default, meaning in others:
-        node.declare_parameter(
-            name, default, ParameterDescriptor(description=meaning, read_only=isinstance(default, str))
-        )
+        fixed = isinstance(default, str) or "read at the start" in meaning
+        node.declare_parameter(name, default, ParameterDescriptor(description=meaning, read_only=fixed))
 
 
 def settings(node: Any) -> Settings:
@@ -182,6 +222,8 @@ def thresholds(node: Any) -> Thresholds:
         cross_track=value("cross_track"),
         along_track=value("along_track"),
         time_error=value("time_error"),
+        intruder_position=value("intruder_position"),
+        intruder_velocity=value("intruder_velocity"),
         replan_interval=value("replan_interval"),
         answer_time=value("answer_time"),
         own_age=value("ownship_max_age"),
@@ -194,3 +236,22 @@ def help_text(numbers: Sequence[Number] = NUMBERS, others: Sequence[tuple[str, A
     lines = [f"  {n.name:20} {n.default:g} {n.unit} ({n.low:g} to {n.high:g}): {n.meaning}" for n in numbers]
     lines += [f"  {name:20} {default!r}: {meaning}" for name, default, meaning in others]
     return "\n".join(lines)
+
+
+def reference() -> str:
+    """Return all parameters as tables in Markdown, as they stand in docs/ros.md."""
+    parts = []
+    for node, numbers, others in NODES:
+        rows = [f"**{node}**", "", "| parameter | default | range | unit | meaning |", "|---|---|---|---|---|"]
+        rows += [f"| `{n.name}` | {n.default:g} | {n.low:g} to {n.high:g} | {n.unit} | {n.meaning} |" for n in numbers]
+        rows += [f"| `{name}` | `{_shown(default)}` | | | {meaning} |" for name, default, meaning in others]
+        parts.append("\n".join(rows))
+    return "\n\n".join(parts) + "\n"
+
+
+def _shown(default: Any) -> str:
+    return str(default).lower() if isinstance(default, bool) else str(default) or '""'
+
+
+if __name__ == "__main__":
+    print(reference(), end="")

@@ -11,7 +11,6 @@ import rclpy
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
-from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 __all__ = ["main"]
@@ -19,7 +18,7 @@ __all__ = ["main"]
 _LOOK = 1.0  # s between two looks at whether the node has finished
 
 
-def main(make: Callable[[], Node], program: str, text: str, arguments: Sequence[str] | None = None) -> int:
+def main(make: Callable[[], Any], program: str, text: str, arguments: Sequence[str] | None = None) -> int:
     """Run a node until it is told to stop, and return the exit code.
 
     A lifecycle node is configured and activated first. A node that ends by itself has ``finished``, and then ``code``.
@@ -34,7 +33,7 @@ def main(make: Callable[[], Node], program: str, text: str, arguments: Sequence[
     parser = argparse.ArgumentParser(
         prog=program, description=text, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
-    alive = isinstance(make, type) and issubclass(make, LifecycleNode)
+    alive = _has_life_cycle(make)
     if alive:
         parser.add_argument("--manual", action="store_true", help="wait to be configured and activated by others")
     try:
@@ -60,6 +59,10 @@ def main(make: Callable[[], Node], program: str, text: str, arguments: Sequence[
             code = 2
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RuntimeError:
+        # A signal between two steps of the executor ends the context under it; the error has no public class.
+        if rclpy.ok():
+            raise
     finally:
         # A second Ctrl-C must not break the cleaning up.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -67,6 +70,10 @@ def main(make: Callable[[], Node], program: str, text: str, arguments: Sequence[
         node.destroy_node()
         rclpy.try_shutdown()
     return code
+
+
+def _has_life_cycle(make: Any) -> bool:
+    return isinstance(make, type) and issubclass(make, LifecycleNode)
 
 
 def _started(node: Any) -> bool:

@@ -23,13 +23,16 @@ import sys
 import time
 import uuid
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Path
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.task import Future
 from rlcas_msgs.msg import AircraftState, GeoReference, TrafficAlert, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -42,6 +45,7 @@ from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from ros_bridge import conversions, hearing, parameters, process, qos, views
 from ros_bridge.fields import SECOND, FieldError
+from ros_bridge.lateness import by_then
 from ros_bridge.messages import header, identity, plan_message, uuid_of
 from ros_bridge.picture import Code, Picture, Refusal, Task, refusal_of, task
 from ros_bridge.tracks import Verdict, forgotten
@@ -70,6 +74,9 @@ class Runner(LifecycleNode):
         self._answers: dict[str, int] = {}
         self._last_answer = "none yet"
         self._entities: list[Callable[[], Any]] = []
+        self._thread = ThreadPoolExecutor(1, "search")
+        self._searching = False
+        self._era = 0
 
     # Life cycle.
 
@@ -96,7 +103,10 @@ class Runner(LifecycleNode):
         self._paths = self._speak(Path, "~/output/path", qos.LATCHED)
         self._markers = self._speak(MarkerArray, "~/output/markers", qos.LATCHED)
         self._health = self._speak(DiagnosticArray, "/diagnostics", qos.EVENTS)
-        service = self.create_service(GenerateTrajectory, "~/generate_trajectory", self._on_request)
+        answering: Any = self._on_request  # a coroutine, which rclpy's types do not know of
+        # A group of its own, and reentrant: while one answer is waited for, all else goes on.
+        group = ReentrantCallbackGroup()
+        service = self.create_service(GenerateTrajectory, "~/generate_trajectory", answering, callback_group=group)
         timer = self.create_timer(self.get_parameter("diagnostics_period").value, self._on_timer)
         show = self.create_timer(_SHOW, self._on_show)
         self._entities += [
@@ -115,10 +125,14 @@ class Runner(LifecycleNode):
         """Withdraw the plan, because nobody would replace it, and stop answering."""
         self._withdraw()
         self._active = False
+        self._era += 1
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget everything."""
+        if self._searching:
+            self.get_logger().error("a search is under way, whose answer is owed: ask again in some seconds")
+            return TransitionCallbackReturn.FAILURE
         self._end()
         return TransitionCallbackReturn.SUCCESS
 
@@ -162,27 +176,33 @@ class Runner(LifecycleNode):
             back = (self._latest - now) / SECOND
             self.get_logger().warning(f"the clock stepped back by {back:.1f} s: states, alert and plan are forgotten")
             self._picture = hearing.reset(self._picture)
+            self._era += 1
             self._latest = now
             self._withdraw()
         self._latest = max(self._latest, now)
         return now
 
     def _on_ownship(self, message: AircraftState) -> None:
-        self._picture = hearing.ownship(self._picture, message, self._now(), parameters.rules(self))
+        now = self._now()  # may reset the picture
+        self._picture = hearing.ownship(self._picture, message, now, parameters.rules(self))
 
     def _on_traffic(self, message: AircraftState) -> None:
-        self._picture = hearing.traffic(self._picture, message, self._now(), parameters.rules(self))
+        now = self._now()  # may reset the picture
+        self._picture = hearing.traffic(self._picture, message, now, parameters.rules(self))
 
     def _on_alert(self, message: TrafficAlert) -> None:
-        self._picture = hearing.alert(self._picture, message, self._now(), parameters.rules(self))
+        now = self._now()  # may reset the picture
+        self._picture = hearing.alert(self._picture, message, now, parameters.rules(self))
 
     def _on_route(self, message: Trajectory) -> None:
-        self._picture = hearing.route(self._picture, message, self._now())
+        now = self._now()
+        self._picture = hearing.route(self._picture, message, now)
         if self._picture.route_fault is not None:
             self.get_logger().error(self._picture.route_fault.message)
 
     def _on_geo_reference(self, message: GeoReference) -> None:
-        self._picture = hearing.geo_reference(self._picture, message, self._now())
+        now = self._now()
+        self._picture = hearing.geo_reference(self._picture, message, now)
         if self._picture.origin_fault is not None:
             self.get_logger().error(self._picture.origin_fault.message)
 
@@ -209,12 +229,12 @@ class Runner(LifecycleNode):
 
     # Answers.
 
-    def _on_request(
+    async def _on_request(
         self, request: GenerateTrajectory.Request, response: GenerateTrajectory.Response
     ) -> GenerateTrajectory.Response:
         began = time.perf_counter()
         try:
-            self._answer(request, response)
+            await self._answer(request, response)
         except Refusal as refusal:
             response.status, response.field, response.message = int(refusal.code), refusal.field, refusal.message
         except Exception as error:  # The node must live on, and the caller must not take silence for consent.
@@ -226,7 +246,7 @@ class Runner(LifecycleNode):
         self._last_answer = f"{name} {response.message}".strip()
         return response
 
-    def _answer(self, request: GenerateTrajectory.Request, response: GenerateTrajectory.Response) -> None:
+    async def _answer(self, request: GenerateTrajectory.Request, response: GenerateTrajectory.Response) -> None:
         now = self._now()
         if not self._active or self._policy is None:
             raise Refusal(Code.NOT_ACTIVE, "node", "node is not active, expected it to be activated first")
@@ -239,17 +259,43 @@ class Runner(LifecycleNode):
             raise Refusal(Code.INVALID_ROUTE, error.field, str(error)) from error
         wanted = task(self._picture, now, settings, asked)
         try:
-            result = plan(
-                wanted.own,
-                wanted.intruders,
-                wanted.points,
-                self._policy,
-                wanted.options,
-                own_altitude=wanted.own_altitude,
-            )
+            result = _planned(wanted, self._policy, thorough=False)
+            # A monitor cannot wait for the slow stages: it asks again, and has its backup meanwhile.
+            patient = request.reason != request.REASON_REPLAN and not self._searching
+            if not result.safe and settings.options.thorough and patient:
+                result = await self._searched(wanted, self._policy, asked)
         except RequestError as error:
             raise refusal_of(error, wanted) from error
         self._publish(result, wanted, response)
+
+    async def _searched(self, wanted: Task, policy: Policy, asked: conversions.Route | None) -> Plan:
+        """Search thoroughly in a thread beside the node, which goes on listening and answering meanwhile."""
+        era, unique = self._era, self._unique
+        done = Future(executor=self.executor)
+        job = self._thread.submit(_planned, wanted, policy, thorough=True)
+        self._searching = True
+        job.add_done_callback(lambda _: self._wake(done))
+        try:
+            await done
+        finally:
+            self._searching = False
+        now = self._now()
+        if era != self._era or not self._active:
+            what = "was answered after the node had been deactivated or the clock had stepped back"
+            raise Refusal(Code.NOT_ACTIVE, "request", f"request {what}, expected another request")
+        if unique != self._unique:
+            raise Refusal(Code.SUPERSEDED, "plan", "plan was overtaken by another while it was sought")
+        found = job.result()
+        if not found.safe:
+            return found
+        return by_then(found, wanted, task(self._picture, now, parameters.settings(self), asked))
+
+    def _wake(self, done: Future) -> None:
+        """Let the node go on with an answer; called from the other thread."""
+        executor = self.executor
+        done.set_result(None)
+        if executor is not None:
+            executor.wake()
 
     def _check(self, request: GenerateTrajectory.Request, now: int, oldest: float, future: float) -> None:
         known = (request.REASON_ALERT, request.REASON_REPLAN, request.REASON_MANUAL)
@@ -339,6 +385,11 @@ class Runner(LifecycleNode):
                 if kind is not Verdict.TAKEN
             }
         return views.diagnostics(now, self.get_fully_qualified_name(), level, message, values)
+
+
+def _planned(wanted: Task, policy: Policy, *, thorough: bool) -> Plan:
+    options = replace(wanted.options, thorough=thorough)
+    return plan(wanted.own, wanted.intruders, wanted.points, policy, options, own_altitude=wanted.own_altitude)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -195,17 +195,19 @@ def _handling() -> Iterator[Verdict]:
         yield Verdict(f"short period: frequency, {where}", short.frequency, "-", "rad/s", "-", "report", True)
 
 
-def envelope(variant: str = "ex", loading: Loading | None = None) -> list[tuple[float, float, float]]:
+def envelope(
+    variant: str = "ex", loading: Loading | None = None, altitude: float = REFERENCE_ALTITUDE
+) -> list[tuple[float, float, float]]:
     """Return true airspeed (m/s) and the accelerations (m/s^2) that idle and full power give in level flight.
 
-    At the reference altitude; speeds without a level equilibrium are left out.
+    Speeds without a level equilibrium at the altitude (m) are left out.
     """
     fdm = Fdm(variant, loading or Loading())
     weight = fdm.loading.weight or fdm.variant.takeoff_weight
     found = []
     for speed in range(44, 107, 2):
         try:
-            needed = solve(fdm, float(speed))
+            needed = solve(fdm, float(speed), altitude)
         except TrimError:
             continue
         mass = weight * _POUND / 9.80665

@@ -1,14 +1,12 @@
 """A real graph for tests: nodes in processes of their own, a client in this one, DDS on loopback, a domain apart."""
 
-import contextlib
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -31,6 +29,7 @@ from rclpy.node import Node  # noqa: E402
 from rlcas_msgs.msg import AircraftState, GeoReference, TrafficAlert, Trajectory, Waypoint  # noqa: E402
 
 from ros_bridge import qos  # noqa: E402
+from ros_bridge.domains import free_domain  # noqa: E402
 from ros_bridge.messages import time_message  # noqa: E402
 from tests.ros_bridge.scenes import FRAME  # noqa: E402
 from tests.ros_bridge.scenes import aircraft as plain_aircraft  # noqa: E402
@@ -41,18 +40,7 @@ PATIENCE = 15.0  # s; discovery alone may take 3 s
 NODE = "/rlcas_runner"
 
 
-@contextlib.contextmanager
-def domain() -> Iterator[int]:
-    """Reserve a domain id that no other test on this machine uses."""
-    for number in range(20, 200):
-        with socket.socket() as lock:
-            try:
-                lock.bind(("127.0.0.1", 23_000 + number))
-            except OSError:
-                continue
-            yield number
-            return
-    raise RuntimeError("no domain is free")
+domain = free_domain
 
 
 class Process:

@@ -327,6 +327,14 @@ def test_on_simulated_time_nothing_holds_before_the_clock_runs_nor_after_it_has_
             answer(client, Code.NO_OWNSHIP, lambda: clock(50))
             client.spin(lambda: plans and plans[-1].status == Trajectory.STATUS_WITHDRAWN)
             assert plans[-1].revision > held.revision
+
+            # What is heard first after the clock has stepped back is judged by the new time alone.
+            answer(client, Code.SAFE, lambda: world.ownship(time=50 * 10**9))
+            clock(20)
+            client.idle(0.3)
+            world.ownship(time=20 * 10**9)
+            client.idle(0.3)
+            assert asked(client).status == Code.SAFE
         finally:
             client.close()
             process.stop()

@@ -1,0 +1,209 @@
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+"""Runner, monitor and simulator together, faster than real time, without a ROS installation.
+
+    python -m ros_bridge.demo [--random 50] [--vehicle c208] [--record flight.mcap]
+
+Starts runner and monitor as processes of their own on a domain of their own, flies encounters with the simulator and
+prints a table: the first answer, the smallest distance since the first SAFE plan was taken up, the largest distance
+from the plans flown, the plans that the monitor asked for, and what answers took.
+
+Exit code: 0 if every plan called SAFE kept 1000 m and no flight failed, 1 if not, 2 for bad input.
+"""
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from ros_bridge.domains import free_domain
+
+__all__ = ["FOUR", "MARGINS", "main"]
+
+FOUR = ("crossing_left", "crossing_right", "head_on", "same_course")
+"""The paper's scenarios."""
+
+MARGINS = {"kinematic": 25.0, "point_mass": 50.0, "c208": 50.0}
+"""Added to the separation for what each vehicle leaves of its plan, m (docs/ros.md)."""
+
+_PATIENCE = 15.0  # s in which a process must end
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly the demonstration and return the exit code."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    try:
+        encounters = list(_encounters(options))
+        with free_domain() as domain:
+            # Before ROS is loaded: nobody else's graph is disturbed.
+            os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+            return _flown(options, encounters)
+    except (ValueError, RuntimeError) as error:
+        print(f"{parser.prog}: error: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m ros_bridge.demo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--scenarios", default=",".join(FOUR), help=f"names with commas, or none (default {','.join(FOUR)})"
+    )
+    parser.add_argument("--each", type=int, default=1, help="encounters of each scenario (default 1)")
+    parser.add_argument("--random", type=int, default=0, help="encounters of the scenario circle besides (default 0)")
+    parser.add_argument("--seed", type=int, default=0, help="of the encounters (default 0)")
+    parser.add_argument("--vehicle", default="kinematic", help="kinematic, point_mass or c208 (default kinematic)")
+    parser.add_argument("--rate", type=float, default=40.0, help="times real time, at most (default 40)")
+    parser.add_argument(
+        "--deciding-rate", type=float, default=1.0, help="the same while a plan is asked for (default 1)"
+    )
+    margins = ", ".join(f"{name} {margin:g}" for name, margin in MARGINS.items())
+    parser.add_argument("--margin", type=float, help=f"m added to the separation planned with (default {margins})")
+    parser.add_argument("--position-std", type=float, default=0.0, help="noise of traffic, m one sigma (default 0)")
+    parser.add_argument("--velocity-std", type=float, default=0.0, help="noise of traffic, m/s one sigma (default 0)")
+    parser.add_argument("--record", type=Path, metavar="FILE.mcap", help="record the graph (default: no recording)")
+    parser.add_argument("--verbose", action="store_true", help="show what the nodes log")
+    return parser
+
+
+def _encounters(options: argparse.Namespace) -> Iterator[tuple[str, Any, int]]:
+    """Yield names, encounters and their numbers."""
+    from envs.encounters import scenario
+    from envs.starts import numbered
+    from envs.trees import take
+    from ros_bridge.simulation import VEHICLES
+
+    if options.vehicle not in VEHICLES:
+        raise ValueError(f"--vehicle is {options.vehicle!r}, expected one of {', '.join(VEHICLES)}")
+    for name, least in (("each", 1), ("random", 0), ("seed", 0)):
+        if getattr(options, name) < least:
+            raise ValueError(f"--{name} is {getattr(options, name)}, expected {least} or more")
+    if options.margin is not None and not 0.0 <= options.margin <= 5_000.0:
+        raise ValueError(f"--margin is {options.margin:g} m, expected 0 to 5000 m")
+    named = [name for name in options.scenarios.split(",") if name not in ("", "none")]
+    wanted = [(name, options.each) for name in named] + [("circle", options.random)] * (options.random > 0)
+    if not wanted:
+        raise ValueError("--scenarios is none and --random 0, expected something to fly")
+    for name, count in wanted:
+        every = numbered(scenario(name), options.seed, 0, count)
+        for number in range(count):
+            yield f"{name} {number}", take(every, [number]), number
+
+
+def _flown(options: argparse.Namespace, encounters: Sequence[tuple[str, Any, int]]) -> int:
+    try:
+        import rclpy
+        import rlcas_msgs  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise ValueError(f"{error.name} is not installed; to have it: make ros") from error
+    from rclpy.exceptions import ParameterException
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+    from ros_bridge.flight_log import kept, table
+    from ros_bridge.recording import Recorder
+    from ros_bridge.simulator import Simulator
+
+    margin = MARGINS[options.vehicle] if options.margin is None else options.margin
+    level = "info" if options.verbose else "fatal"
+    settings = {
+        "vehicle": options.vehicle,
+        "rate": float(options.rate),
+        "deciding_rate": float(options.deciding_rate),
+        "traffic_position_std": float(options.position_std),
+        "traffic_velocity_std": float(options.velocity_std),
+    }
+    given = [part for name, value in settings.items() for part in ("-p", f"{name}:={value}")]
+    rclpy.init(args=["--ros-args", "--log-level", level, *given])
+    nodes: list[subprocess.Popen[bytes]] = []
+    recorder = None
+    try:
+        simulator = Simulator()
+    except ValueError:
+        rclpy.try_shutdown()
+        raise
+    except ParameterException as error:
+        rclpy.try_shutdown()
+        raise ValueError(f"{error} (times real time: 0.1 to 1000; noise: 0 to 500 m, 0 to 50 m/s)") from error
+    executor = SingleThreadedExecutor()
+    executor.add_node(simulator)
+    try:
+        if options.record is not None:
+            recorder = Recorder(simulator, options.record, lambda: simulator.now)
+        nodes = [
+            _start("runner", level, {"margin": margin}),
+            _start("monitor", level, {"margin": margin} | _borne(options, encounters)),
+        ]
+        for name, encounter, number in encounters:
+            simulator.begin(encounter, name, number)
+            while simulator.flying:
+                executor.spin_once(timeout_sec=0.1)
+                _alive(nodes)
+            print(".", end="", file=sys.stderr, flush=True)
+        print(file=sys.stderr)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        print("\ninterrupted; what was flown:", file=sys.stderr)
+    finally:
+        # A second Ctrl-C must not break the cleaning up.
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        _stop(nodes)
+        if recorder is not None:
+            recorder.close()
+        executor.shutdown()
+        simulator.destroy_node()
+        rclpy.try_shutdown()
+        signal.signal(signal.SIGINT, before)
+    if not simulator.logs:
+        raise ValueError("nothing was flown to its end")
+    print(f"vehicle {options.vehicle}, margin {margin:g} m, seed {options.seed}, two nodes in processes of their own\n")
+    print(table(simulator.logs))
+    if options.record is not None:
+        print(f"recorded: {options.record} ({options.record.stat().st_size / 1e6:.1f} MB)")
+    return 0 if kept(simulator.logs) and len(simulator.logs) == len(encounters) else 1
+
+
+def _borne(options: argparse.Namespace, encounters: Sequence[tuple[str, Any, int]]) -> dict[str, float]:
+    """Return what the monitor must bear of the intruders: three sigmas of their noise more than usual."""
+    from agents.thresholds import Thresholds
+
+    usual = Thresholds()
+    result = {}
+    for name, least in (("position", options.position_std), ("velocity", options.velocity_std)):
+        spread = max(least, *(float(getattr(one.sensor, f"{name}_std")[0, 0]) for _, one, _ in encounters))
+        result[f"intruder_{name}"] = getattr(usual, f"intruder_{name}") + 3.0 * spread
+    return result
+
+
+def _start(name: str, level: str, settings: dict[str, float]) -> "subprocess.Popen[bytes]":
+    given = ["-p", "use_sim_time:=true"]
+    given += [part for key, value in settings.items() for part in ("-p", f"{key}:={float(value)}")]
+    return subprocess.Popen([sys.executable, "-m", f"ros_bridge.{name}", "--ros-args", "--log-level", level, *given])
+
+
+def _alive(nodes: Sequence["subprocess.Popen[bytes]"]) -> None:
+    for node in nodes:
+        if node.poll() is not None:
+            raise ValueError(f"runner or monitor ended with exit code {node.returncode} (--verbose shows why)")
+
+
+def _stop(nodes: Sequence["subprocess.Popen[bytes]"]) -> None:
+    for node in nodes:
+        node.terminate()
+    end = time.monotonic() + _PATIENCE
+    for node in nodes:
+        try:
+            node.wait(max(end - time.monotonic(), 0.1))
+        except subprocess.TimeoutExpired:
+            node.kill()
+            node.wait()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

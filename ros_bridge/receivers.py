@@ -1,0 +1,87 @@
+"""What receivers make of the truth: states that come at a rate, late, with noise, and sometimes not at all.
+
+The noise is white, as the nodes assume it to be. Real errors of satellite navigation last for minutes; both aircraft
+then see the same part of them, so that their distance is known better than their places.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.kinematics import VehicleState
+
+__all__ = ["Heard", "Quality", "Receiver"]
+
+_TOLERANCE = 1e-6  # s
+
+
+class Quality(NamedTuple):
+    """Of the reports of one receiver."""
+
+    rate: float = 10.0
+    """Hz."""
+    latency: float = 0.0
+    """From the time that a report speaks of to its arrival, s."""
+    dropout: float = 0.0
+    """Share of the reports that never arrive."""
+    position_std: float = 0.0
+    """One sigma per axis, m."""
+    velocity_std: float = 0.0
+    """One sigma per axis, m/s."""
+
+
+class Heard(NamedTuple):
+    """A report as it arrives."""
+
+    identifier: str
+    time: float
+    """That it speaks of, s."""
+    state: VehicleState
+    """With its noise."""
+
+
+class Receiver:
+    """Turns true states into reports; aircraft report one after the other, not all at once.
+
+    Args:
+        quality: of the reports.
+        seed: of noise, losses and of when within a period each aircraft reports.
+    """
+
+    def __init__(self, quality: Quality, seed: int) -> None:
+        self.quality = quality
+        self._random = np.random.default_rng(seed)
+        self._due: dict[str, float] = {}
+        self._waiting: list[tuple[float, Heard]] = []
+
+    def hear(self, time: float, truth: Mapping[str, VehicleState]) -> list[Heard]:
+        """Return what arrives at a time, s; to be called as often as the aircraft move."""
+        period = 1.0 / self.quality.rate
+        for name, state in truth.items():
+            if name not in self._due:
+                # Everybody is heard at the beginning; after that each has its own moment.
+                self._due[name] = time - period * self._random.random()
+            elif time < self._due[name] - _TOLERANCE:
+                continue
+            self._due[name] += period
+            if self._random.random() >= self.quality.dropout:
+                self._waiting.append((time + self.quality.latency, Heard(name, time, self._noisy(state))))
+        arrived = [heard for when, heard in self._waiting if when <= time + _TOLERANCE]
+        self._waiting = [(when, heard) for when, heard in self._waiting if when > time + _TOLERANCE]
+        return arrived
+
+    def _noisy(self, state: VehicleState) -> VehicleState:
+        position, velocity = self.quality.position_std, self.quality.velocity_std
+        if position == 0.0 and velocity == 0.0:
+            return state
+        x, y, east, north = self._random.standard_normal(4)
+        east = state.speed * math.cos(state.heading) + velocity * east
+        north = state.speed * math.sin(state.heading) + velocity * north
+        return VehicleState(
+            float(state.x + position * x),
+            float(state.y + position * y),
+            math.atan2(north, east),
+            math.hypot(east, north),
+        )

@@ -1,0 +1,195 @@
+"""The simulated world: the ownship on its vehicle, intruders, the truth about how far apart they come. No ROS.
+
+The ownship flies lines: straight on at first, then plans and backups as they are published. A kinematic vehicle is
+led along them by :mod:`envs.follower`, one with an aircraft's lags by :mod:`envs.c208.guidance`.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from envs import intruder
+from envs.encounters import Encounter
+from envs.follower import PERIOD, KinematicVehicle, Vehicle, guidance
+from envs.kinematics import C208_PUBLISHED, VehicleState
+from envs.relative import leg_separation, straight_cpa
+from envs.trees import take
+from envs.waypoints import Legs, Waypoint, at, knots, legs
+
+__all__ = ["ALTITUDE", "OWN", "VEHICLES", "Air", "Line", "SimulationError", "Truth", "straight_on", "vehicle"]
+
+ALTITUDE = 2_500.0
+"""At which everybody flies, m."""
+
+OWN = "own"
+"""The ownship's name."""
+
+VEHICLES = ("kinematic", "point_mass", "c208")
+"""Ownships: limits without lags, the aircraft's lags and powers, and the aircraft in JSBSim."""
+
+GOAL_RADIUS = 500.0  # m
+_LONGEST = 1_000.0  # s; no encounter lasts longer
+
+
+class SimulationError(ValueError):
+    """What cannot be simulated; the message says which and what was expected."""
+
+
+class Truth(NamedTuple):
+    """What has happened so far."""
+
+    separation: float = math.inf
+    """Smallest distance to any intruder, m."""
+    when: float = math.nan
+    """Of that, s."""
+    error: float = 0.0
+    """Largest distance from where the line was at the time, m, plans only."""
+
+
+class Line:
+    """A curve to be flown, and where it is at a time.
+
+    Args:
+        curves: its legs, ``[L]``.
+        began: when its clock was 0, s.
+        lags: whether the vehicle has an aircraft's lags.
+    """
+
+    def __init__(self, curves: Legs, began: float, lags: bool) -> None:
+        self._curves, self._began = curves, began
+        self._guide: Any = None
+        if lags:
+            from envs.c208.guidance import Guide, Path
+
+            self._guide = Guide(Path(curves, began=began))
+
+    def place(self, time: float) -> VehicleState:
+        """Return where it is at a time, s."""
+        return VehicleState(*(float(field) for field in at(self._curves, np.float64(time - self._began))))
+
+    def commands(self, state: VehicleState, time: float) -> tuple[float, float]:
+        """Return acceleration (m/s^2) and yaw rate (rad/s) for the coming period."""
+        if self._guide is not None:
+            return self._guide.commands(state, time)
+        acceleration, yaw_rate = guidance(self._curves, state, np.float64(time - self._began))
+        return float(acceleration), float(yaw_rate)
+
+
+def vehicle(name: str, state: VehicleState) -> Vehicle:
+    """Return an ownship; JSBSim is loaded for those that need it alone.
+
+    Raises:
+        SimulationError: the name is unknown, what it needs is not installed, or it cannot fly so.
+    """
+    if name == "kinematic":
+        return KinematicVehicle(state, C208_PUBLISHED)
+    if name not in VEHICLES:
+        raise SimulationError(f"vehicle is {name!r}, expected one of {', '.join(VEHICLES)}")
+    try:
+        from envs.c208.point_mass import PointMassVehicle
+        from envs.c208.vehicle import C208Vehicle, FlightError
+    except ModuleNotFoundError as error:
+        what = f"needs {error.name}, which is not installed (pip install 'rlcas-toolkit[sim]')"
+        raise SimulationError(f"vehicle {name!r} {what}") from error
+    if name == "point_mass":
+        return PointMassVehicle(state, altitude=ALTITUDE)
+    try:
+        return C208Vehicle(state, altitude=ALTITUDE)
+    except FlightError as error:
+        raise SimulationError(f"vehicle {name!r}: {error}") from error
+
+
+def straight_on(state: VehicleState, began: float, lags: bool) -> Line:
+    """Return the line straight ahead from a state."""
+    reach = state.speed * _LONGEST
+    x, y = state.x + reach * math.cos(state.heading), state.y + reach * math.sin(state.heading)
+    end = Waypoint(0, x, y, state.heading, state.speed, _LONGEST)
+    return Line(legs(knots(state, [end])), began, lags)
+
+
+class Air:
+    """One encounter in flight.
+
+    Args:
+        encounter: one, own fields ``[1]``, intruders ``[1, K]``.
+        kind: of the ownship's vehicle, one of :data:`VEHICLES`.
+
+    Raises:
+        SimulationError: as :func:`vehicle` has it.
+    """
+
+    def __init__(self, encounter: Encounter, kind: str = "kinematic") -> None:
+        start = VehicleState(*(float(field[0]) for field in encounter.own))
+        self.vehicle = vehicle(kind, start)
+        self.lags = kind != "kinematic"
+        self.time = 0.0
+        """s since the beginning."""
+        self.goal = float(encounter.goal_x[0]), float(encounter.goal_y[0])
+        self.course = start.heading
+        self.line = straight_on(start, 0.0, self.lags)
+        """What is flown."""
+        self.on_plan = False
+        """Whether that is a plan, so that errors count."""
+        self.truth = Truth()
+        """Since the beginning, or since somebody put a new one here."""
+        self.reached: float | None = None
+        """When the goal was passed, s."""
+        there = np.flatnonzero(encounter.mask[0])
+        self._intruders = intruder.start(VehicleState(*(field[0][there] for field in encounter.intruders)), np)
+        self._intent = take(take(encounter.intent, 0), there)
+        self.names = tuple(f"4b{number + 1:04x}" for number in range(len(there)))
+        """Of the intruders."""
+
+    @property
+    def own(self) -> VehicleState:
+        """The ownship's true state."""
+        return VehicleState(*(float(field) for field in self.vehicle.state))
+
+    @property
+    def traffic(self) -> dict[str, VehicleState]:
+        """The intruders' true states by name."""
+        rows = np.stack(self._intruders.vehicle, axis=-1).tolist()
+        return {name: VehicleState(*row) for name, row in zip(self.names, rows, strict=True)}
+
+    def fly(self, curves: Legs, began: float, *, plan: bool) -> None:
+        """Fly other legs ``[L]`` from now on, whose clock was 0 at ``began`` (s)."""
+        self.line, self.on_plan = Line(curves, began, self.lags), plan
+
+    def step(self) -> None:
+        """Fly on by one period.
+
+        Raises:
+            envs.c208.vehicle.FlightError: of the vehicle.
+        """
+        before, others = self.own, self._intruders.vehicle
+        acceleration, yaw_rate = self.line.commands(before, self.time)
+        self.vehicle.step(acceleration, yaw_rate, PERIOD)
+        after = self.own
+        self._intruders = intruder.step(self._intruders, self._intent, self.time, PERIOD, np)
+        self.time = round(self.time + PERIOD, 6)
+        apart = leg_separation(before, after, others, self._intruders.vehicle, PERIOD, np)
+        least = float(np.min(apart, initial=math.inf))
+        if least < self.truth.separation:
+            self.truth = self.truth._replace(separation=least, when=self.time)
+        if self.on_plan:
+            place = self.line.place(self.time)
+            error = math.hypot(place.x - after.x, place.y - after.y)
+            self.truth = self.truth._replace(error=max(self.truth.error, error))
+        if self.reached is None:
+            east, north = after.x - self.goal[0], after.y - self.goal[1]
+            beyond = east * math.cos(self.course) + north * math.sin(self.course) > 0.0
+            if beyond or math.hypot(east, north) <= GOAL_RADIUS:
+                self.reached = self.time
+
+    def over(self) -> bool:
+        """Return whether the goal has been passed and everybody flies apart."""
+        if self.reached is None:
+            return False
+        other = self._intruders.vehicle
+        return bool(np.all(straight_cpa(self.own, other, np).time <= 0.0))
+
+    def closest(self) -> float:
+        """Return how close anybody would come if all flew straight on, m."""
+        cpa = straight_cpa(self.own, self._intruders.vehicle, np)
+        return float(np.min(cpa.distance, initial=math.inf))

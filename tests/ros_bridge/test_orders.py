@@ -1,0 +1,100 @@
+"""What is flown: plans called SAFE that the monitor names, its backup, and nothing else."""
+
+import math
+import uuid
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
+
+from ros_bridge.orders import Orders
+from tests.ros_bridge.graph import MISSING, NODE, World
+from tests.ros_bridge.inside import beside
+
+pytest.importorskip("rclpy", reason=MISSING)
+
+from geometry_msgs.msg import Twist
+from rlcas_msgs.msg import AssuranceStatus, Trajectory, Waypoint
+
+from envs.waypoints import Waypoint as LocalWaypoint
+from ros_bridge import qos
+from ros_bridge.answers import backup_points, start_point
+from ros_bridge.messages import header, identity, point_message
+from ros_bridge.pilot import Pilot
+from tests.ros_bridge.scenes import FRAME
+
+
+def test_the_codes_are_those_of_the_messages():
+    from ros_bridge import orders
+
+    assert orders.STATUS_WITHDRAWN == Trajectory.STATUS_WITHDRAWN
+    assert (orders.FLY_PLAN, orders.FLY_BACKUP) == (AssuranceStatus.FLY_PLAN, AssuranceStatus.FLY_BACKUP)
+
+
+def message(number: int, status: int = Trajectory.STATUS_SAFE) -> SimpleNamespace:
+    return SimpleNamespace(id=identity(uuid.UUID(int=number)), status=status)
+
+
+def word(fly: int, number: int = 0) -> SimpleNamespace:
+    return SimpleNamespace(fly=fly, trajectory_id=identity(uuid.UUID(int=number)))
+
+
+def test_the_monitor_decides_which_plan_is_flown():
+    orders, first, second, backup = Orders(), message(1), message(2), message(9, Trajectory.STATUS_BACKUP)
+    assert orders.plan(first) and orders.wanted() is None
+    orders.says(word(AssuranceStatus.FLY_PLAN, 1))
+    assert orders.wanted() is first
+    # A newer plan is flown when the monitor has taken it up, and one that has not come yet is none.
+    assert orders.plan(second) and orders.wanted() is first
+    orders.says(word(AssuranceStatus.FLY_PLAN, 2))
+    assert orders.wanted() is second
+    orders.says(word(AssuranceStatus.FLY_PLAN, 3))
+    assert orders.wanted() is None
+    orders.says(word(AssuranceStatus.FLY_BACKUP))
+    assert orders.wanted() is None
+    orders.backup(backup)
+    assert orders.wanted() is backup
+    orders.says(word(AssuranceStatus.FLY_NOTHING))
+    assert orders.wanted() is None
+
+
+def test_what_is_not_safe_is_not_flown_and_a_withdrawn_plan_no_more():
+    orders = Orders(watched=False)
+    assert not orders.plan(message(1, Trajectory.STATUS_UNRESOLVED)) and orders.wanted() is None
+    safe = message(2)
+    assert orders.plan(safe) and orders.wanted() is safe
+    assert not orders.plan(message(3, Trajectory.STATUS_WITHDRAWN)) and orders.wanted() is None
+
+
+def test_the_pilot_turns_to_the_plan_and_falls_silent_without_an_ownship():
+    with beside(Pilot, ownship_max_age=0.5) as (_, client):
+        world = World(client)
+        now = client.now()
+        # Straight east at 75 m/s, 20 s a leg; the ownship is 30 m to its right.
+        points = [LocalWaypoint(n, 1_500.0 * n, 0.0, 0.0, 75.0, 20.0 * n) for n in range(1, 21)]
+        start = start_point(FRAME, SimpleNamespace(x=0.0, y=0.0, heading=0.0, speed=75.0), now, None)
+        every: list[Waypoint] = [point_message(point) for point in backup_points(FRAME, points, now, None)]
+        name = identity(uuid.uuid4())
+        plan = Trajectory(header=header(now, "map"), id=name, status=1, start=point_message(start), waypoints=every)
+        client.say(Trajectory, f"{NODE}/output/trajectory", plan, qos.LATCHED)
+        status = AssuranceStatus(fly=AssuranceStatus.FLY_PLAN, trajectory_id=name)
+        client.say(AssuranceStatus, "/rlcas_monitor/output/status", status, qos.LATCHED)
+        commands: list[Twist] = client.hear(Twist, "/rlcas_pilot/output/command", qos.EVENTS)
+        client.idle(0.3)
+        assert commands == []
+
+        def told() -> bool:
+            east = 75.0 * (client.now() - now) / 1e9
+            world.ownship(east, -30.0)
+            return bool(commands)
+
+        client.spin(told)
+        command = commands[-1]
+        # Lateral acceleration of 0.25 / s^2 a metre, as a turn rate at 75 m/s, cut off at the limit of 5 degrees/s.
+        assert command.angular.z == pytest.approx(min(0.25 * 30.0 / 75.0, math.radians(5.0)), rel=0.05)
+        assert command.linear.x == pytest.approx(75.0, abs=0.5)
+        client.idle(0.7)
+        told_last = len(commands)
+        client.idle(0.3)
+        assert len(commands) == told_last

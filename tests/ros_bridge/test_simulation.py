@@ -1,0 +1,88 @@
+"""The simulated world: the truth that it keeps, and how plans are flown in it."""
+
+import importlib.util
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from agents.inference import Policy
+from agents.planner import plan
+from envs.encounters import scenario
+from envs.kinematics import VehicleState
+from envs.relative import straight_cpa
+from envs.starts import numbered
+from envs.waypoints import RoutePoint, knots, legs
+from ros_bridge.simulation import VEHICLES, Air, SimulationError, vehicle
+
+NEEDS_JSBSIM = pytest.mark.skipif(importlib.util.find_spec("jsbsim") is None, reason="JSBSim is not installed")
+
+
+def met(name: str = "crossing_left", number: int = 0):
+    return numbered(scenario(name), 0, number, 1)
+
+
+def test_the_truth_of_straight_flights_is_the_closest_point_of_approach():
+    encounter = met()
+    air = Air(encounter)
+    expected = straight_cpa(air.own, encounter.intruders, np)
+    while not air.over():
+        air.step()
+    assert air.truth.separation == pytest.approx(float(expected.distance[0, 0]), abs=0.1)
+    assert air.truth.when == pytest.approx(float(expected.time[0, 0]), abs=0.2)
+    assert air.reached is not None and air.time < 300.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "bound"),
+    [
+        ("kinematic", 0.1),
+        pytest.param("point_mass", 20.0, marks=NEEDS_JSBSIM),
+        pytest.param("c208", 20.0, marks=NEEDS_JSBSIM),
+    ],
+)
+def test_a_plan_is_flown_as_it_was_made_and_keeps_its_separation(kind: str, bound: float):
+    encounter = met("head_on")
+    air = Air(encounter, kind)
+    own = air.own
+    east, north = (air.goal[0] - own.x) / 10.0, (air.goal[1] - own.y) / 10.0
+    route = [RoutePoint(n, own.x + east * n, own.y + north * n) for n in range(10, 90, 10)]
+    made = plan(own, list(air.traffic.values()), route, Policy.load())
+    assert made.safe
+    air.fly(legs(knots(own, made.waypoints)), 0.0, plan=True)
+    while not air.over() and air.time < 300.0:
+        air.step()
+    assert air.truth.error < bound
+    assert air.truth.separation == pytest.approx(made.min_separation, abs=2.0 * bound)
+
+
+def test_only_intruders_that_exist_fly():
+    encounter = numbered(scenario("multi"), 0, 0, 1)
+    air = Air(encounter)
+    assert len(air.traffic) == int(encounter.mask.sum()) < encounter.mask.size
+    air.step()
+    moved = {name: state.x for name, state in air.traffic.items()}
+    assert list(moved) == list(air.names)
+
+
+def test_a_vehicle_that_there_is_not_is_refused():
+    with pytest.raises(SimulationError, match=r"vehicle is 'glider', expected one of kinematic, point_mass, c208"):
+        vehicle("glider", VehicleState(0.0, 0.0, 0.0, 70.0))
+
+
+@NEEDS_JSBSIM
+def test_a_vehicle_that_cannot_fly_so_is_refused():
+    with pytest.raises(SimulationError, match="c208"):
+        vehicle("c208", VehicleState(0.0, 0.0, 0.0, 300.0))
+
+
+def test_jsbsim_is_loaded_for_who_needs_it_alone():
+    code = (
+        "import sys; from envs.kinematics import VehicleState; from ros_bridge.simulation import vehicle; "
+        "vehicle('kinematic', VehicleState(0.0, 0.0, 0.0, 70.0)); "
+        "print('jsbsim' in sys.modules, 'rclpy' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "False"]
+    assert VEHICLES[0] == "kinematic"

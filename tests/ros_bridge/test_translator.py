@@ -1,0 +1,124 @@
+"""Other people's messages on a graph: passed on as they mean it, or not at all and with the reason."""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
+
+from ros_bridge import adapters
+from ros_bridge.fields import FieldError
+from tests.ros_bridge.graph import MISSING, NODE
+from tests.ros_bridge.inside import beside
+from tests.ros_bridge.scenes import NOW, SECOND, stamp
+
+pytest.importorskip("rclpy", reason=MISSING)
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped
+from rlcas_msgs.msg import AircraftState
+from sensor_msgs.msg import NavSatFix
+
+from ros_bridge import qos
+from ros_bridge.messages import time_message
+from ros_bridge.translator import Translator, main, paired
+
+TRANSLATOR = "/rlcas_translator"
+
+
+def odometry(roll: float, pitch: float, yaw: float, ahead: float, left: float, up: float) -> SimpleNamespace:
+    cr, sr, cp, sp, cy, sy = (f(0.5 * a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
+    quaternion = SimpleNamespace(
+        w=cr * cp * cy + sr * sp * sy,
+        x=sr * cp * cy - cr * sp * sy,
+        y=cr * sp * cy + sr * cp * sy,
+        z=cr * cp * sy - sr * sp * cy,
+    )
+    linear = SimpleNamespace(x=ahead, y=left, z=up)
+    return SimpleNamespace(
+        header=SimpleNamespace(stamp=stamp(NOW)),
+        pose=SimpleNamespace(pose=SimpleNamespace(orientation=quaternion)),
+        twist=SimpleNamespace(twist=SimpleNamespace(linear=linear)),
+    )
+
+
+@given(*(st.floats(-1.5, 1.5) for _ in range(2)), st.floats(-math.pi, math.pi), *(st.floats(-50.0, 50.0),) * 3)
+def test_odometry_turns_with_the_body(roll, pitch, yaw, ahead, left, up):
+    # Roll about x, then pitch about y, then yaw about z: one axis after the other, as matrices do it.
+    x, y, z = ahead, math.cos(roll) * left - math.sin(roll) * up, math.sin(roll) * left + math.cos(roll) * up
+    x, z = math.cos(pitch) * x + math.sin(pitch) * z, -math.sin(pitch) * x + math.cos(pitch) * z
+    x, y = math.cos(yaw) * x - math.sin(yaw) * y, math.sin(yaw) * x + math.cos(yaw) * y
+    linear = adapters.odometry_velocity(odometry(roll, pitch, yaw, ahead, left, up)).linear
+    assert (linear.x, linear.y, linear.z) == pytest.approx((x, y, z), abs=1e-9)
+
+
+def test_an_attitude_that_is_none_is_refused():
+    message = odometry(0.0, 0.0, 0.0, 70.0, 0.0, 0.0)
+    message.pose.pose.orientation = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=0.0)
+    with pytest.raises(FieldError, match=r"odometry\.orientation has length 0, expected 1"):
+        adapters.odometry_velocity(message)
+
+
+def fix(time: int, **more) -> NavSatFix:
+    message = NavSatFix(latitude=47.1, longitude=8.2, altitude=1_900.0, **more)
+    message.header.stamp = time_message(time)
+    message.status.status = 0
+    return message
+
+
+def velocity(time: int, east: float = 60.0, north: float = 30.0) -> TwistStamped:
+    message = TwistStamped()
+    message.header.stamp = time_message(time)
+    message.twist.linear.x, message.twist.linear.y = east, north
+    return message
+
+
+def test_a_fix_goes_with_the_velocity_of_its_time_alone():
+    report = paired(fix(NOW), velocity(NOW - SECOND // 10), "n1", "msl", 0.2)
+    assert (report.east, report.north, report.time) == (60.0, 30.0, NOW)
+    assert report.altitude is not None and report.altitude.reference == "msl"
+    turned = paired(fix(NOW), odometry(0.0, 0.0, 0.5 * math.pi, 70.0, 0.0, 0.0), "n1", "wgs84", 0.2)
+    assert (turned.east, turned.north) == pytest.approx((0.0, 70.0), abs=1e-9)
+    with pytest.raises(FieldError, match="velocity has not been received"):
+        paired(fix(NOW), None, "n1", "msl", 0.2)
+    with pytest.raises(FieldError, match=r"velocity\.header\.stamp is 1\.00 s from the fix's, expected 0\.2 s"):
+        paired(fix(NOW), velocity(NOW - SECOND), "n1", "msl", 0.2)
+
+
+def test_what_is_good_is_passed_on_and_the_rest_is_said():
+    with beside(Translator, own_source="nav_sat_fix", own_id="4b1234", own_altitude_reference="msl") as (_, client):
+        states = client.hear(AircraftState, f"{NODE}/input/ownship", qos.SENSOR)
+        health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
+        client.say(NavSatFix, f"{TRANSLATOR}/input/fix", fix(NOW), qos.SENSOR)
+        client.spin(
+            lambda: (
+                health and health[-1].status[0].message == "velocity has not been received, expected one beside the fix"
+            )
+        )
+        assert states == []
+        client.say(TwistStamped, f"{TRANSLATOR}/input/velocity", velocity(NOW), qos.SENSOR)
+        client.idle(0.1)
+        client.say(NavSatFix, f"{TRANSLATOR}/input/fix", fix(NOW), qos.SENSOR)
+        client.spin(lambda: states)
+        state = states[0]
+        assert (state.id, state.latitude, state.velocity.x, state.velocity.y) == ("4b1234", 47.1, 60.0, 30.0)
+        assert (state.altitude, state.altitude_reference) == (1_900.0, AircraftState.ALTITUDE_MSL)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ([], "own_source and traffic_source are both none"),
+        (["own_source:=gps"], "own_source is 'gps', expected one of none, nav_sat_fix, inspva, inspvax"),
+        (["own_source:=nav_sat_fix"], "own_id is empty"),
+        (["traffic_source:=adsb"], "adsb needs the package mavros_msgs"),
+    ],
+)
+def test_bad_parameters_end_with_one_line_and_code_2(given, says, capfd):
+    arguments = ["--ros-args", *(part for one in given for part in ("-p", one))]
+    assert main(arguments) == 2
+    error = capfd.readouterr().err
+    assert says in error and "Traceback" not in error
