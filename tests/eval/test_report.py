@@ -1,0 +1,319 @@
+"""The report shows what the run's files say, refuses what is no run, and lets nothing of the data become markup."""
+
+import base64
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.configuration import ConfigError
+from eval import report
+from eval.kinds import MARKERS
+from eval.report_choice import NEAREST, OTHERS, POINTS, choose, points
+from eval.report_data import flight_data, json_text, page_data
+from eval.report_flights import Replayed, Witness, evaluation_of, fly_again
+from eval.report_headline import headline
+from eval.report_run import read_run
+from tests.eval.report_runs import TRACKS, report_page, report_run
+
+__all__ = ["report_page", "report_run"]
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def copy(report_run: Path, tmp_path: Path) -> Path:
+    """Return a copy of the run that a test may spoil."""
+    return Path(shutil.copytree(report_run, tmp_path / "run"))
+
+
+def edit_summary(folder: Path, change: Any) -> None:
+    summary = json.loads((folder / "summary.json").read_text())
+    change(summary)
+    (folder / "summary.json").write_text(json.dumps(summary))
+
+
+def edit_table(folder: Path, change: Any) -> None:
+    path = folder / "encounters.parquet"
+    pq.write_table(change(pq.read_table(path)), path)
+
+
+def renumbered(table: pa.Table) -> pa.Table:
+    return table.set_column(0, "encounter", pa.array(np.arange(len(table)) + 1))
+
+
+def renamed(table: pa.Table) -> pa.Table:
+    return table.set_column(table.column_names.index("outcome"), "outcome", pa.array(["lost"] * len(table)))
+
+
+def set_key(key: str, value: Any) -> Any:
+    return lambda folder: edit_summary(folder, lambda summary: summary.__setitem__(key, value))
+
+
+SPOILT = {
+    "no config.yaml": lambda folder: (folder / "config.yaml").unlink(),
+    "no encounters.parquet": lambda folder: (folder / "encounters.parquet").unlink(),
+    "no summary.json": lambda folder: (folder / "summary.json").unlink(),
+    "schema_version is 2": set_key("schema_version", 2),
+    "cannot be read as JSON": lambda folder: (folder / "summary.json").write_text('{"schema_version": 1'),
+    "holds NaN": lambda folder: (folder / "summary.json").write_text('{"schema_version": NaN}'),
+    "success_rate is 0.9": set_key("success_rate", 0.9),
+    "risk_ratio is 'low'": set_key("risk_ratio", "low"),
+    "policy_sha256 is '0000": set_key("policy_sha256", "0" * 64),
+    "seed is 77": set_key("seed", 77),
+    "cannot be read as parquet": lambda folder: (folder / "encounters.parquet").write_bytes(b"PAR1"),
+    "has the schema 'none'": lambda folder: edit_table(folder, lambda table: table.replace_schema_metadata(None)),
+    "has no column bearing_deg": lambda folder: edit_table(folder, lambda table: table.drop_columns(["bearing_deg"])),
+    "does not hold 0, 1": lambda folder: edit_table(folder, renumbered),
+    "holds 'lost'": lambda folder: edit_table(folder, renamed),
+    "has 20 rows, expected 24": lambda folder: edit_table(folder, lambda table: table.slice(0, 20)),
+    "counts 0 encounters as 'reached'": lambda folder: edit_summary(
+        folder, lambda summary: summary["success_rate"].update(count=0)
+    ),
+    "seeed is unknown": lambda folder: (folder / "config.yaml").write_text("seeed: 1\n"),
+    "initial_conditions.png: cannot be read": lambda folder: (folder / "config.yaml").write_text(
+        (folder / "config.yaml").read_text().replace("figures: false", "figures: true")
+    ),
+    "report.html is a folder": lambda folder: (folder / "report.html").mkdir(),
+}
+
+
+@pytest.mark.parametrize("sentence", SPOILT)
+def test_what_is_no_whole_run_is_refused_with_a_sentence(sentence: str, copy: Path) -> None:
+    SPOILT[sentence](copy)
+    before = sorted(path.name for path in copy.iterdir())
+    with pytest.raises(ConfigError, match=re.escape(sentence)) as caught:
+        report.main([str(copy), "--tracks", "0"])
+    assert "expected" in str(caught.value) or "unknown" in str(caught.value)
+    assert sorted(path.name for path in copy.iterdir()) == before  # nothing is left behind
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["nowhere"], "nowhere does not exist, expected a folder"),
+        (["pyproject.toml"], "pyproject.toml is a file, expected a folder"),
+        ([], "required: DIR"),
+        (["nowhere", "--tracks", "-1"], "expected a whole number"),
+        (["nowhere", "--show", "1,two"], "expected numbers of encounters"),
+    ],
+)
+def test_a_users_mistake_ends_with_status_2_and_one_line(arguments: list[str], sentence: str) -> None:
+    result = subprocess.run(
+        [sys.executable, "-m", "eval.report", *arguments], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 2
+    assert result.stderr.startswith("error: ")
+    assert sentence in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_number_that_the_run_does_not_have_is_refused(copy: Path) -> None:
+    with pytest.raises(ConfigError, match="--show: 24; expected numbers of encounters, 0 to 23"):
+        report.main([str(copy), "--show", "24"])
+
+
+def test_another_policy_is_refused(copy: Path) -> None:
+    with pytest.raises(ConfigError, match=r"has SHA-256 .* as in the run"):
+        report.main([str(copy), "--policy", str(ROOT / "agents" / "data" / "policy.safetensors")])
+
+
+def test_an_unwritable_target_fails_before_anything_is_flown(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(**_: Any) -> Any:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(report.tempfile, "mkstemp", refuse)
+    monkeypatch.setattr(report, "_made", lambda *_: pytest.fail("the work has begun"))
+    with pytest.raises(ConfigError, match="cannot be written: Permission denied"):
+        report.main([str(copy)])
+
+
+def test_flights_come_out_as_the_table_says(report_run: Path) -> None:
+    run = read_run(report_run)
+    failed = {int(number) for number in np.flatnonzero(run.kinds == "violation")[:2]}
+    numbers = [*range(6), *sorted(failed)]
+    flights = list(fly_again(run, evaluation_of(run), numbers, failed))
+    assert [flight.number for flight in flights] == numbers
+    for flight in flights:
+        assert flight.same
+        # The start counts too.
+        start = np.min(np.hypot(*(flight.intruders[:, :, 0] - flight.own[:, 0]).T))
+        closest = min(start, float(np.min(flight.separation)))
+        assert closest == pytest.approx(run.table["min_separation_m"][flight.number], abs=1e-6)
+        assert len(flight.separation) == run.table["duration_s"][flight.number]
+        assert flight.own.shape == (2, len(flight.separation) + 1)
+        if flight.witness is not None:
+            assert flight.number in failed
+            assert flight.witness.separation >= run.config.rules.separation
+            to_goal = np.hypot(flight.witness.x[-1] - flight.goal[0], flight.witness.y[-1] - flight.goal[1])
+            assert to_goal <= run.config.rules.goal_radius + 1e-6
+
+
+def test_a_flight_that_differs_from_the_table_is_marked(report_run: Path) -> None:
+    run = read_run(report_run)
+    elsewhere = run.table["min_separation_m"] + np.where(run.table["encounter"] == 3, 1.0, 0.0)
+    run = run._replace(table={**run.table, "min_separation_m": elsewhere})
+    flights = list(fly_again(run, evaluation_of(run), [3, 4], set()))
+    assert [flight.same for flight in flights] == [False, True]
+    assert "differs" in flight_data(flights[0])
+    assert "differs" not in flight_data(flights[1])
+
+
+def unpacked(stored: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Read a flight as the page does."""
+    whole = np.frombuffer(base64.b64decode(stored["packed"]), "<i2").astype(float)
+    states, count = stored["steps"] + 1, stored["intruders"]
+    witness = stored.get("witness", {}).get("points", 0)
+    sizes = (2 * states, 2 * states * count, stored["steps"], 2 * witness, stored["steps"], stored["steps"])
+    own, others, separation, also, turn, push = np.split(whole, np.cumsum(sizes)[:-1])
+    scale = stored["scale"]
+    return {
+        "own": own.reshape(2, -1) * scale,
+        "intruders": others.reshape(count, 2, -1) * scale,
+        "separation": separation * scale,
+        "witness": also.reshape(2, -1) * scale,
+        "turn": turn * 1e-3,
+        "push": push * 1e-3,
+    }
+
+
+@given(
+    steps=st.integers(1, 40),
+    count=st.integers(1, 8),
+    size=st.floats(1.0, 3e6),
+    offset=st.floats(-1e6, 1e6),
+    seed=st.integers(0, 99),
+)
+def test_a_packed_flight_is_the_flight_to_half_its_scale(
+    steps: int, count: int, size: float, offset: float, seed: int
+) -> None:
+    draw = np.random.default_rng(seed).uniform
+    own, others = draw(-size, size, (2, steps + 1)) + offset, draw(-size, size, (count, 2, steps + 1)) + offset
+    way = draw(-size, size, (2, 5)) + offset
+    witness = Witness(way[0], way[1], 60.0, 1_001.0)
+    turn, push = draw(-0.09, 0.09, steps), draw(-1.0, 1.0, steps)
+    flight = Replayed(7, (offset, offset), own, others, draw(0, size, steps), push, turn, True, None, None, witness)
+    stored = flight_data(flight)
+    found, half = unpacked(stored), 0.5 * stored["scale"] + 1e-6
+    # The origin is not stored: what matters is where everybody is from each other and from the goal.
+    shift = own[:, :1] - found["own"][:, :1]
+    assert np.abs(shift - np.round(shift)).max() <= half + 0.5
+    assert np.abs(found["own"] + shift - own).max() <= 2.0 * half
+    assert np.abs(found["intruders"] + shift - others).max() <= 2.0 * half
+    assert np.abs(found["witness"] + shift - way).max() <= 2.0 * half
+    assert np.abs(np.array(stored["goal"]) + shift[:, 0] - offset).max() <= half + 0.1
+    assert np.abs(found["separation"] - flight.separation).max() <= half
+    assert np.abs(found["turn"] - np.degrees(turn)).max() <= 5.1e-4
+    assert np.abs(found["push"] - push).max() <= 5.1e-4
+
+
+def run_of(kinds: list[str]) -> Any:
+    """Return what choosing reads of a run with these kinds of encounters."""
+    separation = np.random.default_rng(len(kinds)).uniform(1_000.0, 1_200.0, len(kinds))
+    rules = SimpleNamespace(separation=1_000.0)
+    table = {"min_separation_m": separation}
+    return SimpleNamespace(kinds=np.array(kinds, dtype=object), table=table, config=SimpleNamespace(rules=rules))
+
+
+@given(kinds=st.lists(st.sampled_from(list(MARKERS)), min_size=1, max_size=400), most=st.integers(0, 500))
+def test_failures_come_first_and_nobody_twice(kinds: list[str], most: int) -> None:
+    run = run_of(kinds)
+    chosen = choose(run, most, [0][:most])
+    numbers = np.concatenate([choice.numbers for choice in chosen]) if chosen else np.array([])
+    assert len(set(numbers.tolist())) == len(numbers) <= most
+    failures = np.flatnonzero((run.kinds == "violation") | (run.kinds == "time-out"))
+    if most > len(failures):
+        assert set(failures) <= set(numbers)
+    by_group = {choice.group: choice for choice in chosen}
+    for group, bound in (("near misses", NEAREST), ("other successes", OTHERS)):
+        if group in by_group:
+            assert len(by_group[group].numbers) <= bound
+    if "near misses" in by_group:
+        nearest = run.table["min_separation_m"][by_group["near misses"].numbers]
+        assert (np.diff(nearest) >= 0.0).all()
+
+
+def test_a_large_run_keeps_its_points_bounded_and_its_failures() -> None:
+    kinds = ["success"] * 60_000
+    for number in range(0, 60_000, 100):
+        kinds[number] = "violation"
+    replayed = np.arange(0, 500)
+    shown = points(run_of(kinds), replayed)
+    assert len(shown) == len(set(shown.tolist())) == POINTS
+    assert (np.diff(shown) > 0).all()
+    assert set(range(0, 60_000, 100)) | set(range(500)) <= set(shown.tolist())
+
+
+@given(st.dictionaries(st.text(), st.text() | st.floats(allow_nan=False, allow_infinity=False) | st.none()))
+def test_json_in_the_page_cannot_leave_its_element(data: dict[str, Any]) -> None:
+    text = json_text({**data, "</script><!--<script>": "&lt;"})
+    assert not set("<>&") & set(text)
+    assert text.isascii()
+    assert json.loads(text) == {**data, "</script><!--<script>": "&lt;"}
+
+
+def test_the_page_says_what_the_summary_says(report_run: Path, report_page: Path) -> None:
+    text, summary = report_page.read_text(encoding="utf-8"), json.loads((report_run / "summary.json").read_text())
+    rows = dict(re.findall(r'<tr><th scope="row">([^<]*)</th><td>([^<]*)</td>', text))
+    assert rows["success, of all encounters"] == f"{100 * summary['success_rate']['value']:.2f} %"
+    assert rows["risk ratio: violations with the resolver / without it"] == f"{summary['risk_ratio']:.4f}"
+    assert len(rows) == len(headline(summary))
+    violations = summary["violation_rate"]
+    assert f"{violations['count']} of {violations['total']}" in text
+    data = json.loads(re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1])
+    assert f"{len(data['flights'])} encounters have tracks" in text
+    run = read_run(report_run)
+    kinds = np.frombuffer(base64.b64decode(data["kind"]), np.uint8)
+    assert [data["kinds"][code] for code in kinds] == run.kinds.tolist()
+    assert set(np.flatnonzero(run.kinds != "success")) <= {int(number) for number in data["flights"]}
+
+
+def test_the_page_holds_everything_and_asks_for_nothing(report_page: Path) -> None:
+    text = report_page.read_text(encoding="utf-8")
+    policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', text)[1]
+    assert "default-src 'none'" in policy
+    assert "unsafe-eval" not in policy
+    scripts = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
+    digests = [base64.b64encode(hashlib.sha256(code.encode()).digest()).decode() for code in scripts]
+    assert re.findall(r"'sha256-([^']*)'", policy) == digests
+    data = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1]
+    for code in (data, *scripts, re.search(r"<style>(.*?)</style>", text, re.DOTALL)[1]):
+        text = text.replace(code, "")
+    assert not re.findall(r"""(?:src|href|url)\s*[=(]\s*["']?(?!data:|#)[^"'\s>]+""", text)
+    assert "http:" not in text
+    assert "https:" not in text
+
+
+def test_the_same_run_gives_the_same_page(report_run: Path, report_page: Path, tmp_path: Path) -> None:
+    again = Path(shutil.copytree(report_run, tmp_path / "again"))
+    report.main([str(again), "--tracks", str(TRACKS)])
+    assert (again / "report.html").read_bytes() == report_page.read_bytes()
+
+
+def test_page_data_are_finite_json(report_run: Path) -> None:
+    run = read_run(report_run)
+    data = page_data(run, np.arange(len(run.kinds)), {})
+    assert json.loads(json_text(data))["count"] == len(run.kinds)
+
+
+def test_the_bundled_library_is_the_published_one() -> None:
+    data = ROOT / "eval" / "data"
+    digest = hashlib.sha256((data / "echarts.min.js").read_bytes()).hexdigest()
+    readme = (data / "README.md").read_text(encoding="utf-8")
+    assert digest in readme
+    version = re.search(r"Apache ECharts ([0-9.]+[0-9])", readme)[1]
+    assert f'.version="{version}"' in (data / "echarts.min.js").read_text(encoding="utf-8")
+    assert f"Apache ECharts {version}" in (data / "report.html").read_text(encoding="utf-8")
+    assert "Apache License" in (data / "echarts-LICENSE.txt").read_text(encoding="utf-8")

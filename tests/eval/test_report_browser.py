@@ -1,0 +1,215 @@
+"""The report in a real browser: it replays what is clicked, obeys the keyboard, and needs no network."""
+
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eval.report_choice import choose
+from eval.report_data import page_data
+from eval.report_page import page
+from eval.report_run import read_run
+from tests.eval.report_runs import HOSTILE, TRACKS, report_page, report_run
+
+__all__ = ["report_page", "report_run"]
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed (Debian's package: chromium)")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as driver:
+        # No sandbox: as root, which continuous integration is, Chromium starts no other way; the page is our own.
+        launched = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield launched
+        launched.close()
+
+
+class Opened:
+    """A page with what it asked for and what went wrong in it."""
+
+    def __init__(self, browser: Any, path: Path, fragment: str = "", scheme: str = "light") -> None:
+        self.page = browser.new_page(viewport={"width": 1280, "height": 900}, color_scheme=scheme)
+        self.asked: list[str] = []
+        self.wrong: list[str] = []
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.on("pageerror", lambda problem: self.wrong.append(str(problem)))
+        self.page.on("console", lambda message: self.wrong.append(message.text))
+        self.page.goto(path.as_uri() + fragment)
+        self.page.wait_for_selector("html[data-ready]", timeout=20_000)
+
+    def text(self, selector: str) -> str:
+        return self.page.inner_text(selector)
+
+    def chosen(self) -> int:
+        return int(re.match(r"Encounter (\d+)", self.text("#chosen"))[1])
+
+    def listed(self) -> list[str]:
+        return self.page.eval_on_selector_all("#list option", "options => options.map((o) => o.textContent)")
+
+    def paper(self) -> str:
+        return self.page.evaluate("getComputedStyle(document.body).backgroundColor")
+
+
+@pytest.fixture
+def opened(browser: Any, report_page: Path) -> Iterator[Opened]:
+    one = Opened(browser, report_page)
+    yield one
+    assert one.wrong == []
+    one.page.close()
+
+
+def stored(path: Path) -> dict[str, Any]:
+    return json.loads(re.search(r'id="data">(.*?)</script>', path.read_text(encoding="utf-8"), re.DOTALL)[1])
+
+
+def test_it_opens_on_a_flight_and_asks_for_nothing_but_itself(opened: Opened, report_page: Path) -> None:
+    assert len(opened.listed()) == len(stored(report_page)["flights"]) == TRACKS
+    assert opened.asked == [report_page.as_uri()]
+    assert opened.page.eval_on_selector("#tracks canvas", "canvas => canvas.width > 100")
+
+
+def test_a_click_on_a_point_of_either_plot_replays_that_encounter(opened: Opened) -> None:
+    place = """(id) => {
+        const chart = echarts.getInstanceByDom(document.getElementById(id));
+        const series = chart.getOption().series.filter((s) => s.id.startsWith("kind"));
+        const at = (s, value) => chart.convertToPixel({ seriesId: s.id }, value);
+        const points = series.flatMap((s) => s.data.map((value) => ({ value, at: at(s, value) })));
+        const alone = (p) => points.every((q) => p === q || Math.hypot(p.at[0] - q.at[0], p.at[1] - q.at[1]) > 15);
+        const [x, y] = points.find(alone).at;
+        return [x, y, points.find(alone).value[2]];
+    }"""
+    for name in ("plane", "polar"):
+        opened.page.select_option("#order", "2")
+        x, y, row = opened.page.evaluate(place, name)
+        opened.page.click(f"#{name}", position={"x": x, "y": y})
+        assert opened.chosen() == row  # every encounter is a point here, so that the row is the number
+
+
+def test_the_filter_leaves_only_what_is_ticked(opened: Opened) -> None:
+    everything = opened.listed()
+    opened.page.uncheck('input[name="kind"][value="0"]')
+    failures = opened.listed()
+    assert failures == [text for text in everything if "success" not in text]
+    assert 0 < len(failures) < len(everything)
+    opened.page.check('input[name="kind"][value="0"]')
+    opened.page.check("#near")
+    assert all(int(re.search(r"(\d+) m ·", text)[1]) <= 1_050 for text in opened.listed())
+
+
+def test_the_keyboard_is_enough(opened: Opened) -> None:
+    first = opened.chosen()
+    opened.page.focus("#list")
+    opened.page.keyboard.press("ArrowDown")
+    assert opened.chosen() != first
+    opened.page.focus("#time")
+    opened.page.keyboard.press("Home")
+    assert opened.text("#clock") == "0 s"
+    start = opened.text("#moment")
+    for _ in range(3):
+        opened.page.keyboard.press("ArrowRight")
+    assert opened.text("#clock") == "3 s"
+    assert opened.text("#moment") != start
+    opened.page.focus("#play")
+    opened.page.keyboard.press("Enter")
+    playwright.expect(opened.page.locator("#clock")).not_to_have_text("3 s")
+    reached = {opened.page.evaluate("document.activeElement.id")}
+    for _ in range(40):
+        opened.page.keyboard.press("Tab")
+        reached.add(opened.page.evaluate("document.activeElement.id"))
+    assert {"theme", "near", "tracked", "order", "list", "previous", "next", "goto", "play", "time", "speed"} <= reached
+
+
+def test_the_distance_shown_is_that_of_the_tracks(opened: Opened) -> None:
+    separation = float(re.search(r"· (\d+) m ·", opened.text("#chosen").removeprefix("Encounter"))[1])
+    distance = float(re.search(r"distance (\d+) m", opened.text("#moment"))[1])
+    # The replay begins at the second in which the closest approach was.
+    assert abs(distance - separation) < 150.0
+
+
+def test_an_encounter_without_tracks_says_how_to_get_them(opened: Opened, report_page: Path) -> None:
+    data = stored(report_page)
+    number = next(number for number in range(data["count"]) if str(number) not in data["flights"])
+    opened.page.fill("#goto", str(number))
+    opened.page.keyboard.press("Enter")
+    assert opened.chosen() == number
+    assert f"--show {number}" in opened.text("#note")
+    assert opened.page.is_disabled("#play")
+    opened.page.fill("#goto", "987654")
+    opened.page.keyboard.press("Enter")
+    assert "not on this page" in opened.text("#note")
+
+
+def test_a_fragment_names_the_encounter(browser: Any, report_page: Path) -> None:
+    number = int(next(iter(stored(report_page)["flights"])))
+    opened = Opened(browser, report_page, f"#{number}")
+    assert opened.chosen() == number
+    opened.page.close()
+
+
+def test_names_from_the_data_stay_text(opened: Opened) -> None:
+    assert HOSTILE in opened.text("#chosen")
+    assert opened.page.title() != "lost"
+    assert opened.page.eval_on_selector_all("main img, main b", "found => found.length") == 0
+
+
+def test_the_browser_is_forbidden_every_connection(browser: Any, report_page: Path) -> None:
+    opened = Opened(browser, report_page)
+    tried = """() => new Promise((done) => {
+        addEventListener("securitypolicyviolation", (event) => done(event.violatedDirective));
+        fetch("http://127.0.0.1:9/").catch(() => setTimeout(() => done("reached"), 500));
+    })"""
+    assert opened.page.evaluate(tried) == "connect-src"
+    opened.page.close()
+
+
+def test_light_dark_and_paper(browser: Any, report_page: Path) -> None:
+    dark = Opened(browser, report_page, scheme="dark")
+    assert dark.paper() == "rgb(20, 23, 26)"
+    dark.page.click("#theme")
+    assert dark.paper() == "rgb(255, 255, 255)"
+    dark.page.click("#theme")
+    dark.page.emulate_media(media="print")
+    dark.page.wait_for_selector("html[data-printing]")
+    assert dark.paper() == "rgb(255, 255, 255)"
+    assert not dark.page.is_visible("#filter")
+    assert dark.page.is_visible("#tracks")
+    assert dark.page.evaluate("document.querySelector('#tracks canvas').clientWidth") <= 690
+    dark.page.emulate_media(media="screen")
+    dark.page.wait_for_selector("html:not([data-printing])")
+    assert dark.paper() == "rgb(20, 23, 26)"
+    assert dark.wrong == []
+    dark.page.close()
+
+
+def test_ten_thousand_encounters_are_ready_in_three_seconds_and_15_mb(
+    browser: Any, report_run: Path, report_page: Path, tmp_path: Path
+) -> None:
+    small, count = read_run(report_run), 10_000
+    rows = np.arange(count) % len(small.kinds)
+    table = {name: values[rows] for name, values in small.table.items()} | {"encounter": np.arange(count)}
+    # As dense as a real run, so that the points must all be drawn.
+    table["bearing_deg"] = np.random.default_rng(0).uniform(-180.0, 180.0, count)
+    config = small.config.model_copy(update={"encounters": count})
+    run = small._replace(table=table, kinds=small.kinds[rows], config=config)
+    known = stored(report_page)["flights"]
+    flights = {number: known[str(rows[number])] for number in range(count) if str(rows[number]) in known}
+    flights = dict(list(flights.items())[:1_000])
+    large = tmp_path / "report.html"
+    large.write_text(page(run, choose(run, 1_000), page_data(run, np.arange(count), flights), "a test"), "utf-8")
+    assert large.stat().st_size < 15_000_000
+    for _ in range(3):  # other work on the machine only adds
+        opened = Opened(browser, large)
+        ready = int(opened.page.get_attribute("html", "data-ready"))
+        assert len(opened.listed()) == 1_000
+        opened.page.close()
+        if ready < 3_000:
+            return
+    pytest.fail(f"the page was ready after {ready} ms at the last of three times")
