@@ -84,7 +84,8 @@ def assert_same_curve(out: Path, expected: Path) -> None:
         np.testing.assert_allclose(curve[name], wanted[name], rtol=2e-3, atol=2e-4, err_msg=name)
 
 
-@pytest.mark.parametrize("devices", [2, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("devices", [2, 4])
 def test_virtual_devices_learn_what_one_learns(devices: int, tmp_path: Path, config_file: Path, alone: Path) -> None:
     ended(start("--config", config_file, "--out", tmp_path / "run", "--devices", devices))
     assert_same_curve(tmp_path / "run", alone)
