@@ -149,7 +149,7 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if self._over:
             raise error.ResetNeeded(f"the encounter has ended ({self._outcome}); call reset to begin another one")
         acceleration, yaw_rate = checked_actions(action, (2,)).tolist()
-        self._flight, result = flight.step(self._flight, (acceleration, yaw_rate), self.rules, self.limits)
+        self._flight, result = self._advance(self._flight, (acceleration, yaw_rate))
         separation = min(result.separations)
         self._min_separation = min(self._min_separation, separation)
         judged = result.outcome
@@ -213,6 +213,10 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             self._outcome,
             label,
         )
+
+    def _advance(self, before: flight.Flight, action: tuple[float, float]) -> tuple[flight.Flight, flight.Result]:
+        """Fly one step; another vehicle does so in its own way."""
+        return flight.step(before, action, self.rules, self.limits)
 
     def _record(self, separations: tuple[float, ...]) -> None:
         if self.render_mode is not None and self._flight is not None:

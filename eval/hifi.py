@@ -1,18 +1,15 @@
 """Flights of the true aircraft: ``python -m eval.hifi --scenario head_on --flights 50 --out runs/hifi``."""
 
 import argparse
-import hashlib
-import json
-import os
-import signal
 import sys
 import time
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.configuration import ConfigError, Parser, load, run_cli
+from agents.configuration import ConfigError, Parser, run_cli
+from eval.command import fly_missing, loaded, named_policy, named_source, refusing, whole
 
 if TYPE_CHECKING:
     from eval.hifi_config import HifiConfig
@@ -71,21 +68,12 @@ def _parser() -> argparse.ArgumentParser:
     add("--vehicle", metavar="NAME", help="what flies (default: c208_ex)")
     add("--condition", metavar="NAME", help="what it meets (default: calm)")
     add("--scenario", metavar="NAME", help="a scenario's name or file:PATH (default: circle)")
-    add("--flights", type=_whole(1), metavar="N", help="how many (default: 200, or all of a file's)")
-    add("--seed", type=_whole(0), metavar="N", help="of encounters, conditions and noise (default: 0)")
-    add("--workers", type=_whole(0), metavar="N", help="processes; 0: one for every core (default: 0)")
+    add("--flights", type=whole(1), metavar="N", help="how many (default: 200, or all of a file's)")
+    add("--seed", type=whole(0), metavar="N", help="of encounters, conditions and noise (default: 0)")
+    add("--workers", type=whole(0), metavar="N", help="processes; 0: one for every core (default: 0)")
     add("--resume", action="store_true", help="go on with the run in --out instead of beginning one")
     add("--out", type=Path, metavar="DIR", help="folder of the run (default: runs/hifi_DATE_TIME)")
     return parser
-
-
-def _whole(least: int) -> Any:
-    def number(text: str) -> int:
-        if not text.isascii() or not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"{text!r}; expected a whole number of at least {least}")
-        return int(text)
-
-    return number
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -94,6 +82,7 @@ def _run(options: argparse.Namespace) -> int:
         raise ConfigError("--resume: expected --out with the folder of the run")
     config = _config(options)
     from eval.hifi_folder import HifiFolder
+    from eval.hifi_workers import fly_flights
     from eval.workers import WorkerError
 
     campaign, config = campaign_of(config)
@@ -103,7 +92,7 @@ def _run(options: argparse.Namespace) -> int:
     else:
         folder.create()
     try:
-        finished, flown = _fly(folder, campaign, config)
+        finished, flown = fly_missing(folder, config, partial(fly_flights, campaign), "flights")
     except WorkerError as problem:
         print(f"error: {problem}\n{_how_to_resume(folder)}", file=sys.stderr)
         return 1
@@ -122,31 +111,10 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _config(options: argparse.Namespace) -> "HifiConfig":
-    """Return the configuration: a file's or a begun run's values under those of the command line."""
     from eval.hifi_config import HifiConfig
 
-    path = options.config
-    if path is None and options.resume:
-        path = options.out / "config.yaml"
-        if not path.is_file():
-            raise ConfigError(f"--resume: {options.out} holds no run (no config.yaml), expected one that was begun")
-    overrides = []
-    if options.policy is not None:
-        # Absolute, because a path of the command line is meant from the working directory.
-        overrides += [f"policy={json.dumps(str(options.policy.absolute()))}"]
-        overrides += [] if options.resume else ["policy_sha256=null"]
-    if options.scenario is not None:
-        name = options.scenario
-        name = f"file:{Path(name[5:]).absolute()}" if name.startswith("file:") and name[5:] else name
-        overrides += [f"scenario={name}", *([] if options.resume else ["scenario_sha256=null"])]
     keys = {"mode": "mode", "vehicle": "aircraft", "condition": "condition.name", "flights": "encounters"}
-    keys |= {"seed": "seed", "workers": "workers"}
-    named = {key: getattr(options, name) for name, key in keys.items()}
-    overrides += [f"{key}={value}" for key, value in named.items() if value is not None]
-    try:
-        return load(HifiConfig, path, [*overrides, *options.set])
-    except ConfigError as problem:
-        raise ConfigError(str(problem) if options.set else str(problem).replace("--set: ", "", 1)) from None
+    return loaded(HifiConfig, options, keys | {"seed": "seed", "workers": "workers"}, "")
 
 
 def campaign_of(config: "HifiConfig") -> "tuple[Campaign, HifiConfig]":
@@ -155,83 +123,19 @@ def campaign_of(config: "HifiConfig") -> "tuple[Campaign, HifiConfig]":
     Raises:
         ConfigError: policy or file of encounters are not those expected, or the limits leave no room.
     """
-    from agents.inference import Policy
     from eval.hifi_flights import Campaign
     from eval.workers import cores
 
-    policy = Policy.load(config.policy)
-    if config.policy_sha256 not in (None, policy.sha256):
-        raise ConfigError(
-            f"policy {config.policy or 'that ships'} has SHA-256 {policy.sha256}, "
-            f"expected {config.policy_sha256} (key policy_sha256)"
-        )
+    policy = named_policy(config)
     limits = policy.limits if config.vehicle is None else config.vehicle.limits()
-    resolved: dict[str, Any] = {"policy_sha256": policy.sha256, "encounters": config.wanted}
-    if config.file is None:
-        source: Any = config.sampled()
-    else:
-        from envs import encounter_file
-
-        source, found = encounter_file.read(config.file, limits)
-        digest = hashlib.sha256(config.file.read_bytes()).hexdigest()
-        if config.scenario_sha256 not in (None, digest):
-            raise ConfigError(
-                f"{config.file} has SHA-256 {digest}, expected {config.scenario_sha256} (key scenario_sha256)"
-            )
-        count = len(found) if config.encounters is None else config.encounters
-        if count > len(found):
-            raise ConfigError(f"flights is {count}; expected at most {len(found)}, as many as {config.file} holds")
-        resolved |= {"scenario_sha256": digest, "encounters": count}
+    source, _, resolved = named_source(config, limits, "flights")
+    resolved |= {"policy_sha256": policy.sha256}
     resolved["chunk"] = config.chunk_for(resolved["encounters"], config.workers or cores())
     campaign = Campaign(
         *(config.policy, source, config.seed, config.rules.rules(), limits, config.mode, config.setting()),
         *(config.aircraft, config.condition.family(), config.wind_plan),
     )
     return campaign, config.model_copy(update=resolved)
-
-
-def _fly(folder: "HifiFolder", campaign: "Campaign", config: "HifiConfig") -> tuple[bool, int]:
-    """Fly every chunk that is not stored yet; return whether all are, and how many flights were flown now."""
-    from eval.hifi_workers import fly_flights
-    from eval.progress import Progress
-    from eval.workers import Chunk, cores
-
-    assert config.chunk is not None  # it is resolved
-    total, size = config.wanted, config.chunk
-    stored = folder.done()
-    chunks = [Chunk(first, min(size, total - first)) for first in range(0, total, size)]
-    missing = [chunk for chunk in chunks if chunk.first not in stored]
-    before = total - sum(chunk.size for chunk in missing)
-    flown = 0
-    with _stop_on_interrupt() as stopped, Progress(total, before) as progress:
-        for chunk, columns in fly_flights(campaign, missing, config.workers or cores(), lambda: bool(stopped)):
-            folder.store(chunk.first, columns)
-            flown += chunk.size
-            progress.advance(chunk.size, int((columns["outcome"] == "reached").sum()))
-    return before + flown == total, flown
-
-
-@contextmanager
-def _stop_on_interrupt() -> Generator[list[int], None, None]:
-    """Give a list that a first Ctrl-C (or SIGTERM) makes non-empty; a second one interrupts at once."""
-    received: list[int] = []
-
-    def note(number: int, _: Any) -> None:
-        if received:
-            raise KeyboardInterrupt
-        received.append(number)
-        os.write(sys.stderr.fileno(), b"\nfinishing the flights in the air (Ctrl-C again stops at once)\n")
-
-    try:
-        before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    except ValueError:  # not in the main thread, where Ctrl-C arrives
-        yield received
-        return
-    try:
-        yield received
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _how_to_resume(folder: "HifiFolder") -> str:
@@ -289,15 +193,5 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
 
 
-def _cli() -> int:
-    from agents.policy_file import PolicyFileError
-    from envs.encounters import EncounterError
-
-    try:
-        return main()
-    except (PolicyFileError, EncounterError) as problem:
-        raise ConfigError(str(problem)) from None
-
-
 if __name__ == "__main__":
-    run_cli(_cli)
+    run_cli(refusing(main))

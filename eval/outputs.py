@@ -20,15 +20,24 @@ from eval.config import MonteCarloConfig
 
 __all__ = ["RunFolder"]
 
-_TABLE, _PARTS, _CONFIG, _SUMMARY = "encounters.parquet", "parts", "config.yaml", "summary.json"
-_SCHEMA = {b"rlcas_schema": b"monte_carlo 1"}
+_PARTS, _CONFIG, _SUMMARY = "parts", "config.yaml", "summary.json"
 _ROW_GROUP = 65_536
 _FREE = ("policy", "workers", "figures", "confidence", "resamples")
 """Keys of a configuration on which no row of the table depends: a resumed run may change them."""
 
 
 class RunFolder:
-    """The files of one evaluation."""
+    """The files of one evaluation.
+
+    Attributes:
+        model: of its configuration.
+        table: name of the file with a row an encounter.
+        schema: of that file, in its metadata.
+    """
+
+    model: type[MonteCarloConfig] = MonteCarloConfig
+    table: str = "encounters.parquet"
+    schema: bytes = b"monte_carlo 1"
 
     def __init__(self, path: Path, config: MonteCarloConfig) -> None:
         """Name a folder; nothing is touched before :meth:`create` or :meth:`resume`.
@@ -66,7 +75,7 @@ class RunFolder:
         path = self.path / _CONFIG
         if not path.is_file():
             raise ConfigError(f"--resume: {self.path} holds no run (no {_CONFIG}), expected one that was begun")
-        before, now = _plain(load(MonteCarloConfig, path)), _plain(self._config)
+        before, now = _plain(load(self.model, path)), _plain(self._config)
         for key in now:
             if before[key] != now[key]:
                 raise ConfigError(
@@ -90,7 +99,7 @@ class RunFolder:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        if (self.path / _TABLE).is_file():
+        if (self.path / self.table).is_file():
             return set(range(0, self._config.wanted, self._config.chunk or self._config.wanted))
         stored = set()
         for path in (self.path / _PARTS).glob("*.parquet"):
@@ -118,13 +127,13 @@ class RunFolder:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        target = self.path / _TABLE
+        target = self.path / self.table
         if not target.is_file():
             paths = sorted((self.path / _PARTS).glob("*.parquet"))
             # One array a column, so that the file does not show how the run was cut into chunks.
             joined = pa.concat_tables([pq.read_table(path) for path in paths]).combine_chunks()
-            joined = joined.replace_schema_metadata(_SCHEMA)
-            self._write(_TABLE, lambda path: pq.write_table(joined, path, row_group_size=_ROW_GROUP))
+            joined = joined.replace_schema_metadata({b"rlcas_schema": self.schema})
+            self._write(self.table, lambda path: pq.write_table(joined, path, row_group_size=_ROW_GROUP))
         shutil.rmtree(self.path / _PARTS, ignore_errors=True)
         table = pq.read_table(target)
         return {name: table.column(name).to_numpy() for name in table.column_names}

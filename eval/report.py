@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.configuration import ConfigError, Parser, run_cli
+from eval.command import refusing
 
 if TYPE_CHECKING:
     from eval.report_choice import Choice
@@ -155,15 +156,5 @@ def _flights(run: "Run", chosen: "Sequence[Choice]", policy: Path | None) -> dic
     return flights
 
 
-def _cli() -> int:
-    from agents.policy_file import PolicyFileError
-    from envs.encounters import EncounterError
-
-    try:
-        return main()
-    except (PolicyFileError, EncounterError) as problem:
-        raise ConfigError(str(problem)) from None
-
-
 if __name__ == "__main__":
-    run_cli(_cli)
+    run_cli(refusing(main))

@@ -14,7 +14,7 @@ from envs.c208.conditions import CALM, Conditions
 from envs.c208.vehicle import C208Vehicle, FlightError
 from envs.encounters import EncounterError, Scenario
 from envs.flight import Flight, Result
-from envs.gymnasium_contract import OUTCOMES, checked_actions, error
+from envs.gymnasium_contract import error
 from envs.gymnasium_env import DeconflictionEnv, register, registry
 from envs.kinematics import SURROGATE, Limits, VehicleState, commands
 from envs.outcome import RULES, Rules
@@ -85,25 +85,14 @@ class C208Env(DeconflictionEnv):
             gymnasium.error.ResetNeeded: no encounter is in progress.
             gymnasium.error.InvalidAction: the action has a wrong shape or is not finite.
         """
-        if self._flight is None or self._vehicle is None:
+        if self._vehicle is None:
             raise error.ResetNeeded("step was called before reset; call reset to begin an encounter")
-        if self._over:
-            raise error.ResetNeeded(f"the encounter has ended ({self._outcome}); call reset to begin another one")
-        acceleration, yaw_rate = checked_actions(action, (2,)).tolist()
-        self._flight, result = self._advance(self._flight, self._vehicle, (acceleration, yaw_rate))
-        separation = min(result.separations)
-        self._min_separation = min(self._min_separation, separation)
-        judged = result.outcome
-        self._outcome = OUTCOMES[1 * judged.violation + 2 * judged.reached + 3 * judged.timeout]
-        self._over = self._outcome != OUTCOMES[0]
-        self._record(result.separations)
-        if self.render_mode == "human":
-            self.render()
-        info = self._info(separation, result.goal_distance) | self._aircraft()
-        terminated, truncated = bool(judged.violation or judged.reached), bool(judged.timeout)
-        return self._observe(), float(result.reward), terminated, truncated, info
+        observation, reward, terminated, truncated, info = super().step(action)
+        return observation, reward, terminated, truncated, info | self._aircraft()
 
-    def _advance(self, before: Flight, vehicle: C208Vehicle, action: tuple[float, float]) -> tuple[Flight, Result]:
+    def _advance(self, before: Flight, action: tuple[float, float]) -> tuple[Flight, Result]:
+        vehicle = self._vehicle
+        assert vehicle is not None  # step has asked
         acceleration, yaw_rate = commands(action, self.limits, _XP)
         vehicle.step(acceleration, yaw_rate, self.rules.dt)
         own = VehicleState(*(float(field) for field in vehicle.state))

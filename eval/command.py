@@ -1,0 +1,189 @@
+"""What the commands that fly many encounters share: options, configuration, source, chunks, interrupts, exit status."""
+
+import argparse
+import hashlib
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable, Generator, Iterable, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from agents.configuration import ConfigError, load
+
+if TYPE_CHECKING:
+    from agents.inference import Policy
+    from envs.kinematics import Limits
+    from eval.config import MonteCarloConfig
+    from eval.outputs import RunFolder
+    from eval.workers import Chunk
+
+__all__ = ["fly_missing", "loaded", "named_policy", "named_source", "refusing", "whole"]
+
+Config = TypeVar("Config", bound="MonteCarloConfig")
+
+
+def whole(least: int) -> Callable[[str], int]:
+    """Return a type of an option: a whole number of at least ``least``."""
+
+    def number(text: str) -> int:
+        if not text.isascii() or not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"{text!r}; expected a whole number of at least {least}")
+        return int(text)
+
+    return number
+
+
+def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, str], prefix: str) -> Config:
+    """Return the configuration: a file's or a begun run's values under those of the command line.
+
+    Args:
+        model: of the configuration.
+        options: with config, resume, out, policy, scenario, set and what ``keys`` names.
+        keys: key of the configuration by the option's name.
+        prefix: what stands for ``--set: `` in messages about options that have names of their own.
+
+    Raises:
+        ConfigError: a value or the run that shall be resumed is not usable.
+    """
+    path = options.config
+    if path is None and options.resume:
+        path = options.out / "config.yaml"
+        if not path.is_file():
+            raise ConfigError(f"--resume: {options.out} holds no run (no config.yaml), expected one that was begun")
+    overrides = []
+    if options.policy is not None:
+        # Absolute, because a path of the command line is meant from the working directory.
+        overrides += [f"policy={json.dumps(str(options.policy.absolute()))}"]
+        overrides += [] if options.resume else ["policy_sha256=null"]
+    if options.scenario is not None:
+        name = options.scenario
+        name = f"file:{Path(name[5:]).absolute()}" if name.startswith("file:") and name[5:] else name
+        overrides += [f"scenario={name}", *([] if options.resume else ["scenario_sha256=null"])]
+    named = {key: getattr(options, name) for name, key in keys.items()}
+    overrides += [f"{key}={value}" for key, value in named.items() if value is not None]
+    try:
+        return load(model, path, [*overrides, *options.set])
+    except ConfigError as problem:
+        raise ConfigError(str(problem) if options.set else str(problem).replace("--set: ", prefix, 1)) from None
+
+
+def named_policy(config: "MonteCarloConfig") -> "Policy":
+    """Load the policy that a configuration names.
+
+    Raises:
+        ConfigError: it is not the expected one.
+        PolicyFileError: it is refused.
+    """
+    from agents.inference import Policy
+
+    policy = Policy.load(config.policy)
+    if config.policy_sha256 not in (None, policy.sha256):
+        raise ConfigError(
+            f"policy {config.policy or 'that ships'} has SHA-256 {policy.sha256}, "
+            f"expected {config.policy_sha256} (key policy_sha256)"
+        )
+    return policy
+
+
+def named_source(
+    config: "MonteCarloConfig", limits: "Limits", counted: str
+) -> "tuple[Any, tuple[str, ...] | None, dict[str, Any]]":
+    """Return scenario or encounters, names of the encounters of a file, and what is resolved thereby.
+
+    Args:
+        config: of the run.
+        limits: of the ownship.
+        counted: what the number of encounters is called in messages.
+
+    Raises:
+        ConfigError: the file is not the expected one or holds too few.
+    """
+    if config.file is None:
+        return config.sampled(), None, {"encounters": config.wanted}
+    from envs import encounter_file
+
+    source, found = encounter_file.read(config.file, limits)
+    digest = hashlib.sha256(config.file.read_bytes()).hexdigest()
+    if config.scenario_sha256 not in (None, digest):
+        raise ConfigError(
+            f"{config.file} has SHA-256 {digest}, expected {config.scenario_sha256} (key scenario_sha256)"
+        )
+    names = tuple(found)
+    count = len(names) if config.encounters is None else config.encounters
+    if count > len(names):
+        raise ConfigError(f"{counted} is {count}; expected at most {len(names)}, as many as {config.file} holds")
+    return source, names, {"scenario_sha256": digest, "encounters": count}
+
+
+def fly_missing(
+    folder: "RunFolder",
+    config: "MonteCarloConfig",
+    fly: "Callable[[list[Chunk], int, Callable[[], bool]], Iterable[tuple[Chunk, Mapping[str, Any]]]]",
+    what: str,
+) -> tuple[bool, int]:
+    """Fly every chunk that is not stored yet; return whether all are, and how many encounters were flown now.
+
+    Args:
+        folder: of the run.
+        config: as resolved.
+        fly: (chunks, workers, whether to stop) -> chunks with their columns, in any order.
+        what: is in the air, for the message of an interrupt.
+    """
+    from eval.progress import Progress
+    from eval.workers import Chunk, cores
+
+    assert config.chunk is not None  # it is resolved
+    total, size = config.wanted, config.chunk
+    stored = folder.done()
+    chunks = [Chunk(first, min(size, total - first)) for first in range(0, total, size)]
+    missing = [chunk for chunk in chunks if chunk.first not in stored]
+    before = total - sum(chunk.size for chunk in missing)
+    flown = 0
+    with _stop_on_interrupt(what) as stopped, Progress(total, before) as progress:
+        for chunk, columns in fly(missing, config.workers or cores(), lambda: bool(stopped)):
+            folder.store(chunk.first, columns)
+            flown += chunk.size
+            progress.advance(chunk.size, int((columns["outcome"] == "reached").sum()))
+    return before + flown == total, flown
+
+
+def refusing(main: Callable[[], int]) -> Callable[[], int]:
+    """Return a command whose refused policies and encounters are bad input, as a bad configuration is."""
+
+    def command() -> int:
+        from agents.policy_file import PolicyFileError
+        from envs.encounters import EncounterError
+
+        try:
+            return main()
+        except (PolicyFileError, EncounterError) as problem:
+            raise ConfigError(str(problem)) from None
+
+    return command
+
+
+@contextmanager
+def _stop_on_interrupt(what: str) -> Generator[list[int], None, None]:
+    """Give a list that a first Ctrl-C (or SIGTERM) makes non-empty; a second one interrupts at once."""
+    received: list[int] = []
+
+    def note(number: int, _: Any) -> None:
+        if received:
+            raise KeyboardInterrupt
+        received.append(number)
+        # Not print(): the signal may have interrupted one.
+        os.write(sys.stderr.fileno(), f"\nfinishing the {what} in the air (Ctrl-C again stops at once)\n".encode())
+
+    try:
+        before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:  # not in the main thread, where Ctrl-C arrives
+        yield received
+        return
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
