@@ -1,37 +1,37 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""Latency of the runner on a real graph: ``python -m benchmarks.ros_latency [--calls 500]``.
+"""Latency of the runner on a real graph: ``python -m benchmarks.ros_latency [--calls 1000]``.
 
-The runner is a process of its own, the caller this one; DDS on loopback. Each call asks for the plan of another random
-circle encounter, whose states are published before; in turns with it goes the floor, an empty service
-(std_srvs/Trigger) of a third process on the same graph. ``end to end`` is from the call to the answer in the caller's
-hands, ``computation`` what the runner says that it took, ``overhead`` the difference. Needs ``make ros``.
+Runner, translator and caller are processes of their own; DDS on loopback. All the time the caller publishes a fix and
+a velocity at 100 Hz, which the translator passes on as the ownship's state at 100 Hz, and the intruder at 20 Hz. Each
+call asks for the plan of another random circle encounter; in turns with it goes the floor, an empty service
+(std_srvs/Trigger) of a fourth process on the same graph. ``end to end`` is from the call to the answer in the caller's
+hands, ``computation`` what the runner says that it took, ``overhead`` the difference. Beside them: the times from a
+kill and start of the runner until it answers at all and until a plan is SAFE, and its memory. Needs ``make ros``.
 """
 
 import argparse
 import contextlib
-import math
 import os
-import socket
 import subprocess
-import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from benchmarks.measure import report
+from benchmarks.ros_graph import ORIGIN, PATIENCE, placed, resident, start, way
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
 from envs.starts import numbered
 from envs.trees import take
 from eval.plan_flight import request_of
-from ros_bridge.geodesy import LocalFrame
+from ros_bridge.domains import free_domain
 
-PATIENCE = 15.0  # s
-NODE = "/rlcas_runner"
-ORIGIN = (47.0, 8.0)
-FRAME = LocalFrame(*ORIGIN)
-SETTLE = 0.02  # s for what is published to arrive before the call
+NODE, TRANSLATOR = "/rlcas_runner", "/rlcas_translator"
+OWN_RATE, TRAFFIC_RATE = 100.0, 20.0  # Hz
+SETTLE = 3.5 / TRAFFIC_RATE  # s: a place far from the one before is believed from the second report on
+RESTARTS = 5
 
 
 def empty_service() -> None:
@@ -52,9 +52,11 @@ class Caller:
 
     def __init__(self) -> None:
         import rclpy
+        from geometry_msgs.msg import TwistStamped
         from rclpy.executors import SingleThreadedExecutor
         from rlcas_msgs.msg import AircraftState, GeoReference
         from rlcas_msgs.srv import GenerateTrajectory
+        from sensor_msgs.msg import NavSatFix
         from std_srvs.srv import Trigger
 
         from ros_bridge import qos
@@ -63,40 +65,68 @@ class Caller:
         self.node = rclpy.create_node("caller")
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
-        self.own = self.node.create_publisher(AircraftState, f"{NODE}/input/ownship", qos.SENSOR)
+        self.fix = self.node.create_publisher(NavSatFix, f"{TRANSLATOR}/input/fix", qos.SENSOR)
+        self.velocity = self.node.create_publisher(TwistStamped, f"{TRANSLATOR}/input/velocity", qos.SENSOR)
         self.traffic = self.node.create_publisher(AircraftState, f"{NODE}/input/traffic", qos.TRAFFIC)
         self.origin = self.node.create_publisher(GeoReference, f"{NODE}/input/geo_reference", qos.LATCHED)
         self.plan = self.node.create_client(GenerateTrajectory, f"{NODE}/generate_trajectory")
         self.empty = self.node.create_client(Trigger, "/empty/call")
+
+        self.scene: tuple[VehicleState, VehicleState] | None = None
+        self.node.create_timer(1.0 / OWN_RATE, self._say_own)
+        self.node.create_timer(1.0 / TRAFFIC_RATE, self._say_traffic)
 
     def wait(self) -> None:
         """Wait until all are there."""
         for client in (self.plan, self.empty):
             if not client.wait_for_service(PATIENCE):
                 raise SystemExit(f"{client.srv_name} did not come up within {PATIENCE:g} s")
+        every = (self.fix, self.velocity, self.traffic, self.origin)
+        self.spin(lambda: all(one.get_subscription_count() > 0 for one in every), "runner and translator to subscribe")
+
+    def spin(self, until: Callable[[], bool], what: str) -> None:
+        """Publish and listen until something holds."""
         end = time.monotonic() + PATIENCE
-        every = (self.own, self.traffic, self.origin)
-        while any(one.get_subscription_count() == 0 for one in every):
+        while not until():
             if time.monotonic() > end:
-                raise SystemExit(f"the runner did not subscribe within {PATIENCE:g} s")
+                raise SystemExit(f"waited {PATIENCE:g} s for {what}")
             self.executor.spin_once(timeout_sec=0.02)
 
-    def scene(self, own: VehicleState, other: VehicleState) -> None:
-        """Publish where ownship and intruder are now."""
-        from rlcas_msgs.msg import AircraftState, GeoReference
+    def show(self, own: VehicleState, other: VehicleState) -> None:
+        """Publish another scene from now on, and wait until it is believed."""
+        from rlcas_msgs.msg import GeoReference
 
         self.origin.publish(GeoReference(latitude=ORIGIN[0], longitude=ORIGIN[1]))
-        # Each scene is far from the one before; the second report of a place confirms that it is no outlier.
-        for _ in range(2):
-            now = self.node.get_clock().now().to_msg()
-            for name, state, publisher in (("own", own, self.own), ("other", other, self.traffic)):
-                at = FRAME.geodetic(state.x, state.y)
-                true = state.heading - float(at.convergence)
-                message = AircraftState(id=name, valid=5, latitude=float(at.latitude), longitude=float(at.longitude))
-                message.header.stamp = now
-                message.velocity.x, message.velocity.y = state.speed * math.cos(true), state.speed * math.sin(true)
-                publisher.publish(message)
-            time.sleep(0.5 * SETTLE)
+        self.scene = own, other
+        end = time.monotonic() + SETTLE
+        self.spin(lambda: time.monotonic() > end, "the scene")
+
+    def _say_own(self) -> None:
+        from geometry_msgs.msg import TwistStamped
+        from sensor_msgs.msg import NavSatFix, NavSatStatus
+
+        if self.scene is None:
+            return
+        at, east, north = placed(self.scene[0])
+        now = self.node.get_clock().now().to_msg()
+        twist = TwistStamped()
+        twist.header.stamp = now
+        twist.twist.linear.x, twist.twist.linear.y = east, north
+        self.velocity.publish(twist)
+        fix = NavSatFix(status=NavSatStatus(status=0), latitude=at[0], longitude=at[1], altitude=2_500.0)
+        fix.header.stamp = now
+        self.fix.publish(fix)
+
+    def _say_traffic(self) -> None:
+        from rlcas_msgs.msg import AircraftState
+
+        if self.scene is None:
+            return
+        at, east, north = placed(self.scene[1])
+        message = AircraftState(id="other", valid=5, latitude=at[0], longitude=at[1])
+        message.header.stamp = self.node.get_clock().now().to_msg()
+        message.velocity.x, message.velocity.y = east, north
+        self.traffic.publish(message)
 
     def call(self, client: Any, request: Any) -> tuple[float, Any]:
         """Return the time from call to answer, s, and the answer."""
@@ -108,15 +138,6 @@ class Caller:
             if time.perf_counter() > end:
                 raise SystemExit(f"{client.srv_name} did not answer within {PATIENCE:g} s")
         return time.perf_counter() - began, future.result()
-
-
-def way(x: list[float], y: list[float]) -> list[Any]:
-    """Return a route as waypoints."""
-    from rlcas_msgs.msg import Waypoint
-
-    at = FRAME.geodetic(x, y)
-    places = zip(at.latitude.tolist(), at.longitude.tolist(), strict=True)
-    return [Waypoint(index=n, latitude=latitude, longitude=longitude) for n, (latitude, longitude) in enumerate(places)]
 
 
 def measured(caller: Caller, first: int, calls: int) -> dict[str, list[float]]:
@@ -132,7 +153,7 @@ def measured(caller: Caller, first: int, calls: int) -> dict[str, list[float]]:
         row = take(request, number)
         own = VehicleState(*(float(field) for field in row.own))
         other = VehicleState(*(float(field[0]) for field in row.traffic.state))
-        caller.scene(own, other)
+        caller.show(own, other)
         floor, _ = caller.call(caller.empty, Trigger.Request())
         asked = GenerateTrajectory.Request(reason=3, route=way(row.route_x.tolist(), row.route_y.tolist()))
         took, answer = caller.call(caller.plan, asked)
@@ -147,55 +168,84 @@ def measured(caller: Caller, first: int, calls: int) -> dict[str, list[float]]:
     return times
 
 
-def free_domain() -> int:
-    """Return a domain id that no other run of this on the machine uses, kept until the process ends."""
-    for number in range(200, 230):
-        lock = socket.socket()
-        try:
-            lock.bind(("127.0.0.1", 23_000 + number))
-        except OSError:
-            lock.close()
-            continue
-        _LOCKS.append(lock)
-        return number
-    raise SystemExit("no domain is free")
+def restarted(caller: Caller, runner: "subprocess.Popen[bytes]", figures: dict[str, Any]) -> "subprocess.Popen[bytes]":
+    """Kill the runner and start it again, several times; return the last one."""
+    from rlcas_msgs.srv import GenerateTrajectory
 
-
-_LOCKS: list[socket.socket] = []
+    ready, first = [], []
+    request = take(request_of(numbered(scenario("circle"), 0, 0, 1)), 0)
+    route = way(request.route_x.tolist(), request.route_y.tolist())
+    for _ in range(RESTARTS):
+        runner.kill()
+        runner.wait()
+        began = time.perf_counter()
+        runner = start("ros_bridge.runner")
+        asked, answers = [], []
+        while not any(answer.status == answer.STATUS_SAFE for answer in answers):
+            # Calls to the killed one are never answered; DDS holds it for present for a while.
+            asked.append(caller.plan.call_async(GenerateTrajectory.Request(reason=3, route=route)))
+            end = time.perf_counter() + 0.02
+            while time.perf_counter() < end:
+                caller.executor.spin_once(timeout_sec=0.005)
+            answers = [answer for future in asked if (answer := future.result()) is not None]
+            if answers and len(ready) == len(first):
+                ready.append(time.perf_counter() - began)
+            if time.perf_counter() - began > PATIENCE:
+                raise SystemExit(f"the runner did not answer within {PATIENCE:g} s of its start")
+        first.append(time.perf_counter() - began)
+        for future in asked:
+            caller.plan.remove_pending_request(future)
+    figures |= {"ready_max_s": max(ready), "killed_to_safe_plan_max_s": max(first)}
+    return runner
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--calls", type=int, default=500, help="calls of each kind (default 500)")
+    parser.add_argument("--calls", type=int, default=1000, help="calls of each kind (default 1000)")
     parser.add_argument("--serve-empty", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.serve_empty:
         empty_service()
         return
-    os.environ |= {"ROS_DOMAIN_ID": str(free_domain()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    with free_domain() as domain:
+        os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        figures = flown(options.calls)
+    for name, value in figures.items():
+        print(f"{name:28} {value:.4g}" if isinstance(value, float) else f"{name:28} {value}")
+    report(figures, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
+
+
+def flown(calls: int) -> dict[str, Any]:
+    """Return the figures of a graph that is started and stopped for them."""
+    own = ("-p", "own_source:=nav_sat_fix", "-p", "own_id:=own")
     servers = [
-        subprocess.Popen([sys.executable, "-m", "ros_bridge.runner"]),
-        subprocess.Popen([sys.executable, "-m", "benchmarks.ros_latency", "--serve-empty"]),
+        start("ros_bridge.runner"),
+        start("ros_bridge.translator", "--ros-args", *own),
+        start("benchmarks.ros_latency", "--serve-empty"),
     ]
     try:
         caller = Caller()
         caller.wait()
-        measured(caller, options.calls, 20)
-        times = measured(caller, 0, options.calls)
-        figures: dict[str, Any] = {"benchmark": "ros_latency", "calls": options.calls}
+        measured(caller, calls, 20)
+        times = measured(caller, 0, calls)
+        figures: dict[str, Any] = {"benchmark": "ros_latency", "calls": calls}
         for kind, values in sorted(times.items()):
             figures[f"{kind}_count"] = len(values)
             for mark, share in (("median", 50.0), ("p90", 90.0), ("p99", 99.0), ("max", 100.0)):
                 figures[f"{kind}_{mark}_ms"] = 1e3 * float(np.percentile(values, share))
+        figures["runner_resident_mib"] = resident(servers[0])
+        servers[0] = restarted(caller, servers[0], figures)
+        began = time.perf_counter()
+        servers[0].terminate()
+        figures["exit_code_of_sigterm"] = servers[0].wait(PATIENCE)
+        figures["sigterm_to_exit_s"] = time.perf_counter() - began
     finally:
         for server in servers:
             server.terminate()
         for server in servers:
             server.wait(PATIENCE)
-    for name, value in figures.items():
-        print(f"{name:28} {value:.4g}" if isinstance(value, float) else f"{name:28} {value}")
-    report(figures, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
+    return figures
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from envs.angles import sincos, wrap
 
-__all__ = ["C208_PUBLISHED", "SURROGATE", "Limits", "VehicleState", "advance", "commands", "velocity"]
+__all__ = ["C208_PUBLISHED", "SURROGATE", "Limits", "VehicleState", "advance", "commands", "velocity", "within"]
 
 
 class VehicleState(NamedTuple):
@@ -46,6 +46,27 @@ SURROGATE = Limits(50.0, 100.0, -0.5, 0.5, math.radians(3.0))
 
 C208_PUBLISHED = Limits(31.0, 100.0, -0.8, 0.5, math.radians(5.0))
 """The true Cessna 208's limits as the paper states them (same table)."""
+
+
+def within(first: Limits, second: Limits) -> Limits:
+    """Return the limits that keep both; floats.
+
+    Raises:
+        ValueError: they share less than 1 m/s of speed.
+    """
+    both = Limits(
+        max(first.speed_min, second.speed_min),
+        min(first.speed_max, second.speed_max),
+        max(first.acceleration_min, second.acceleration_min),
+        min(first.acceleration_max, second.acceleration_max),
+        min(first.yaw_rate_max, second.yaw_rate_max),
+    )
+    if both.speed_min >= both.speed_max - 1.0:
+        raise ValueError(
+            f"allows {second.speed_min:g} to {second.speed_max:g} m/s; expected a range that overlaps "
+            f"{first.speed_min:g} to {first.speed_max:g} m/s by more than 1 m/s"
+        )
+    return both
 
 
 def commands(action: Any, limits: Limits, xp: Any) -> tuple[Any, Any]:

@@ -45,19 +45,29 @@ class PlannerConfig(Strict):
     vehicle: VehicleConfig | None = Field(
         default=None, json_schema_extra={"expected": "null, the path of a YAML file, or a group of keys"}
     )
-    """Limits of the legs and of the vehicle that follows them; null: the Cessna 208's as the paper states them."""
+    """Limits of the legs and of the vehicle that follows them; manoeuvres keep inside the surrogate's, too; null: the
+    Cessna 208's as the paper states them."""
 
     def setting(self) -> "Setting":
-        """Return this as the planner takes it."""
-        from agents.request import Options
+        """Return this as the planner takes it: manoeuvres inside both the surrogate's limits and the vehicle's.
+
+        Raises:
+            ConfigError: there is no speed that both have.
+        """
+        from agents.request import Options, gentle
         from agents.traffic import Requirement
-        from envs.kinematics import C208_PUBLISHED
+        from envs.kinematics import C208_PUBLISHED, SURROGATE, within
         from eval.planned import Setting
 
         limits = C208_PUBLISHED if self.vehicle is None else self.vehicle.limits()
+        try:
+            manoeuvre = gentle(within(SURROGATE, limits))
+        except ValueError as problem:
+            raise ConfigError(f"planner.vehicle: {problem}") from None
         options = Options(
             requirement=Requirement(margin=self.margin),
             limits=limits,
+            manoeuvre=manoeuvre,
             goal_radius=self.goal_radius,
             rejoin_by=self.rejoin_by,
             direct=self.direct,

@@ -132,7 +132,7 @@ def campaign_of(config: "HifiConfig") -> "tuple[Campaign, HifiConfig]":
     resolved |= {"policy_sha256": policy.sha256}
     resolved["chunk"] = config.chunk_for(resolved["encounters"], config.workers or cores())
     campaign = Campaign(
-        *(config.policy, source, config.seed, config.rules.rules(), limits, config.mode, config.setting()),
+        *(config.policy, source, config.seed, config.rules.rules(), limits, config.mode, config.planner.setting()),
         *(config.aircraft, config.condition.family(), config.wind_plan),
     )
     return campaign, config.model_copy(update=resolved)

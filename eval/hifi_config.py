@@ -7,12 +7,9 @@ from pydantic import Field, ValidationInfo, field_validator, model_serializer, m
 
 from agents.configuration import ConfigError, Strict
 from agents.configuration_keys import nearest
-from agents.request import gentle
 from envs.c208.conditions import TURBULENCE
-from envs.kinematics import SURROGATE, Limits
 from eval.config import MonteCarloConfig
 from eval.hifi_conditions import CONDITIONS, Family
-from eval.planned import Setting
 
 __all__ = ["AIRCRAFT", "HIFI_MODES", "ConditionConfig", "HifiConfig"]
 
@@ -145,30 +142,3 @@ class HifiConfig(MonteCarloConfig):
     def chunk_for(self, encounters: int, workers: int) -> int:
         """Return the size of the chunks: a flight takes a second, and what is interrupted shall lose little."""
         return self.chunk or max(1, min(_CHUNK, -(-encounters // workers)))
-
-    def setting(self) -> Setting:
-        """Return how plans are made and flown: manoeuvres inside both the surrogate's limits and the vehicle's."""
-        setting = self.planner.setting()
-        manoeuvre = gentle(within(SURROGATE, setting.limits))
-        return setting._replace(options=replace(setting.options, manoeuvre=manoeuvre))
-
-
-def within(first: Limits, second: Limits) -> Limits:
-    """Return the limits that keep both.
-
-    Raises:
-        ConfigError: there is no speed that does.
-    """
-    both = Limits(
-        max(first.speed_min, second.speed_min),
-        min(first.speed_max, second.speed_max),
-        max(first.acceleration_min, second.acceleration_min),
-        min(first.acceleration_max, second.acceleration_max),
-        min(first.yaw_rate_max, second.yaw_rate_max),
-    )
-    if both.speed_min >= both.speed_max - 1.0:
-        raise ConfigError(
-            f"planner.vehicle allows {second.speed_min:g} to {second.speed_max:g} m/s; expected a range that overlaps "
-            f"{first.speed_min:g} to {first.speed_max:g} m/s by more than 1 m/s"
-        )
-    return both

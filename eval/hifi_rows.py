@@ -5,7 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from agents.resolvability import Verdict, classify
 from envs.follower import PERIOD
+from envs.kinematics import SURROGATE, within
 from envs.outcome import Rules
 from eval.conditions import conditions
 from eval.hifi_flights import Campaign, Crew, Flown, flown
@@ -36,7 +38,8 @@ def columns(crew: Crew, first: int, count: int) -> dict[str, np.ndarray]:
 def row_of(campaign: Campaign, number: int, one: Flown) -> dict[str, Any]:
     """Return the row of one flight."""
     verdict = _verdict(one, campaign.rules)
-    return {"flight": number} | verdict | _plan(one) | _loss(one) | _errors(one) | _monitor(campaign, one) | _scene(one)
+    plan = _plan(one) | _bound(campaign, one)
+    return {"flight": number} | verdict | plan | _loss(one) | _errors(one) | _monitor(campaign, one) | _scene(one)
 
 
 def _verdict(one: Flown, rules: Rules) -> dict[str, Any]:
@@ -91,6 +94,20 @@ def _plan(one: Flown) -> dict[str, Any]:
         "plan_speed_min_m_s": float(speeds.min()),
         "plan_speed_max_m_s": float(speeds.max()),
     }
+
+
+def _bound(campaign: Campaign, one: Flown) -> dict[str, Any]:
+    """Say whether the separation that the plan must keep can be kept at all, within the limits of its manoeuvres."""
+    options = campaign.setting.options
+    required = options.requirement.separation + options.requirement.margin
+    rules = campaign.rules._replace(separation=required)
+    solved = one.made is not None and bool(one.made.plans.proposals.safe[0])
+    limits = within(SURROGATE, campaign.setting.limits)
+    begins = limits.speed_min <= float(one.scene.encounter.own.speed[0]) <= limits.speed_max
+    if not begins and not solved:
+        return {"verdict": "outside"}
+    judged = classify(one.scene.encounter, rules, limits, solved=np.array([solved]))
+    return {"verdict": Verdict(int(judged.verdict[0])).name.lower()}
 
 
 def _loss(one: Flown) -> dict[str, Any]:

@@ -37,12 +37,16 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, A
         found = asdict(rate(int(np.count_nonzero(mask)), of, confidence))
         return found | {"value": None if of == 0 else found["value"]}
 
+    # Refusing is no success: a plan that was not flown for the wind resolves nothing.
+    flyable = safe & (outcome != "refused")
+    bound = ~np.isin(table["verdict"], ("unresolvable", "outside"))
     safe_total, begun = int(np.count_nonzero(safe)), outcome != "refused"
     rates = {"success_rate": share(outcome == "reached")}
     rates |= {f"{name}_rate": share(outcome == name) for name in HIFI_OUTCOMES[1:]}
     rates |= {
         "success_of_begun": share(outcome == "reached", int(np.count_nonzero(begun))),
         "plan_safe_rate": share(safe),
+        "safe_of_resolvable": share(flyable & bound, int(np.count_nonzero(bound))),
         "success_of_safe": share(safe & (outcome == "reached"), safe_total),
         "violation_of_safe": share(safe & (outcome == "violation"), safe_total),
     }

@@ -18,9 +18,12 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ros_bridge.domains import free_domain
+
+if TYPE_CHECKING:
+    from ros_bridge.flight_log import FlightLog
 
 __all__ = ["FOUR", "MARGINS", "main"]
 
@@ -162,11 +165,33 @@ def _flown(options: argparse.Namespace, encounters: Sequence[tuple[str, Any, int
         signal.signal(signal.SIGINT, before)
     if not simulator.logs:
         raise ValueError("nothing was flown to its end")
+    _judge(simulator.logs, [one for _, one, _ in encounters], margin)
     print(f"vehicle {options.vehicle}, margin {margin:g} m, seed {options.seed}, two nodes in processes of their own\n")
     print(table(simulator.logs))
     if options.record is not None:
         print(f"recorded: {options.record} ({options.record.stat().st_size / 1e6:.1f} MB)")
     return 0 if kept(simulator.logs) and len(simulator.logs) == len(encounters) else 1
+
+
+def _judge(logs: "Sequence[FlightLog]", encounters: Sequence[Any], margin: float) -> None:
+    """Note which encounters can be resolved at the separation that was planned with.
+
+    What is not proven unresolvable counts as resolvable; nothing is said where nobody had to ask for a plan.
+    """
+    import numpy as np
+
+    from agents.resolvability import Verdict, classify
+    from envs.kinematics import SURROGATE
+    from envs.outcome import RULES
+    from ros_bridge.flight_log import NEVER_ASKED, SEPARATION
+
+    rules = RULES._replace(separation=SEPARATION + margin)
+    for log, encounter in zip(logs, encounters, strict=False):
+        if log.first == NEVER_ASKED:
+            continue
+        # The first second is the time to hear everybody and to answer: what is lost by then counts, too.
+        verdict = classify(encounter, rules, SURROGATE, solved=np.array([log.safe_at is not None])).verdict[0]
+        log.resolvable = bool(verdict != Verdict.UNRESOLVABLE)
 
 
 def _borne(options: argparse.Namespace, encounters: Sequence[tuple[str, Any, int]]) -> dict[str, float]:

@@ -5,10 +5,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-__all__ = ["SEPARATION", "FlightLog", "kept", "table"]
+__all__ = ["NEVER_ASKED", "SEPARATION", "FlightLog", "kept", "table"]
 
 SEPARATION = 1_000.0
 """What a plan called SAFE must keep, m."""
+
+NEVER_ASKED = "no alert"
+"""The first answer where no plan was asked for."""
 
 _HEAD = (
     "encounter",
@@ -31,7 +34,7 @@ class FlightLog:
     """How one encounter went."""
 
     name: str
-    first: str = "no alert"
+    first: str = NEVER_ASKED
     """Status of the first answer."""
     source: str = ""
     """Of the first SAFE plan."""
@@ -57,6 +60,8 @@ class FlightLog:
     """Taken, s of real time."""
     failure: str = ""
     """Why the flight did not go on; empty: it did."""
+    resolvable: bool | None = None
+    """Whether the separation planned with can be kept at all; None: not looked at."""
 
     @property
     def kept(self) -> bool:
@@ -86,6 +91,13 @@ def table(logs: Sequence[FlightLog]) -> str:
         )
     else:
         lines.append(f"none of {len(logs)} encounters had a plan called SAFE")
+    possible = [log for log in logs if log.resolvable]
+    if possible:
+        called = sum(log.safe_at is not None for log in possible)
+        lines.append(
+            f"called SAFE of those that can be resolved at the separation planned with: {called} of {len(possible)} "
+            f"({100.0 * called / len(possible):.1f} %)"
+        )
     every = [value for log in logs for value in log.latency]
     if every:
         marks = np.percentile(every, (50.0, 90.0, 99.0, 100.0)) * 1e3

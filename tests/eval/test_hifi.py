@@ -60,8 +60,27 @@ def test_summary_follows_from_the_table(finished: Path) -> None:
         assert summary[key] == {"value": count / 3, "low": low, "high": high, "count": count, "total": 3}
     safe = table["plan_status"] == "safe"
     assert summary["success_of_safe"]["total"] == safe.sum()
+    assert set(table["verdict"]) <= {"resolvable", "unresolvable", "undecided", "outside"}
+    possible = np.isin(table["verdict"], ["resolvable", "undecided"])
+    flown = safe & (table["outcome"] != "refused") & possible
+    of_resolvable = summary["safe_of_resolvable"]
+    assert (of_resolvable["count"], of_resolvable["total"]) == (flown.sum(), possible.sum())
     assert summary["errors"]["position_error_max_m"]["1"] == np.nanmax(table["position_error_max_m"][safe])
     assert sum(summary["reasons"].values()) == sum(text != "" for text in table["reason"])
+
+
+def test_what_cannot_be_kept_is_told_from_what_the_planner_gave_up(tmp_path: Path, policy_path: Path) -> None:
+    def verdicts(*more: str) -> np.ndarray:
+        out = tmp_path / str(len(list(tmp_path.iterdir())))
+        run(out, "--policy", str(policy_path), "--vehicle", "surrogate", "--flights", "1", *more)
+        return table_of(out)["verdict"]
+
+    head_on = ("--scenario", "head_on", "--set", "changes.radius=[2500,2500]", "--set", "figures=false")
+    assert (verdicts(*head_on) == "resolvable").all()
+    # Nobody keeps 6 km away from an intruder that begins 5 km ahead.
+    assert (verdicts(*head_on, "--set", "planner.margin=5000") == "unresolvable").all()
+    slow = ("--set", "changes.own_speed=[51,52]", "--set", "planner.vehicle=configs/vehicle_c208.yaml")
+    assert (verdicts(*head_on, *slow, "--set", "planner.margin=5000") == "outside").all()
 
 
 def test_every_column_and_key_is_documented(finished: Path) -> None:
@@ -134,7 +153,7 @@ def test_an_interrupted_run_finishes_what_is_in_the_air(tmp_path: Path) -> None:
         (["--flights", "0"], "expected a whole number of at least 1"),
         (["--set", "condition.wind_mps=[0,40]"], "expected .low, high. within 0.0 to 30.0"),
         (["--set", "condition.turbulence=[severe]"], "expected a list of none, light, moderate"),
-        (["--set", "planner.vehicle.speed_max_mps=50.5"], "planner.vehicle allows 50 to 50.5 m/s"),
+        (["--set", "planner.vehicle.speed_max_mps=50.5"], "planner.vehicle: allows 50 to 50.5 m/s"),
         (["--set", "wind_plan=sea"], "wind_plan: 'sea' is unknown; expected one of air, ground"),
         (["--resume"], "holds no run"),
     ],

@@ -161,9 +161,9 @@ def test_the_error_of_the_navigation_is_as_large_as_stated_and_changes_slowly() 
 
 
 def test_gentle_manoeuvres_keep_the_limits_of_the_vehicle_too() -> None:
-    setting = load(HifiConfig, None, ["planner.vehicle=configs/vehicle_c208.yaml"]).setting()
+    setting = load(HifiConfig, None, ["planner.vehicle=configs/vehicle_c208.yaml"]).planner.setting()
     assert setting.options.manoeuvre.speed_min == 55.0
     assert setting.options.manoeuvre.speed_max < 90.0
     assert setting.options.manoeuvre.acceleration_max < 0.28
     assert replace(setting.options, manoeuvre=Options().manoeuvre) != setting.options
-    assert load(HifiConfig).setting().options.manoeuvre == Options().manoeuvre
+    assert load(HifiConfig).planner.setting().options.manoeuvre == Options().manoeuvre

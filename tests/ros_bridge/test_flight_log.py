@@ -26,5 +26,13 @@ def test_the_table_names_what_went_wrong():
     assert "900.0 !" in text and "1100.0 " in text
     assert "20.0 times real time" in text
     assert "answers, end to end, ms: median 15.0, 90 % 19.0, 99 % 19.9, max 20.0 (2 requests)" in text
+    # Refusing is no success where the encounter could have been resolved.
+    judged = [
+        flown(resolvable=True),
+        flown(resolvable=True, safe_at=None),
+        flown(resolvable=False, safe_at=None),
+        flown(),
+    ]
+    assert "of those that can be resolved at the separation planned with: 1 of 2 (50.0 %)" in table(judged)
     none = table([flown(safe_at=None, failure="runner and monitor have not answered")])
     assert "none of 1 encounters had a plan called SAFE" in none and "x 0: runner and monitor" in none
