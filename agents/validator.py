@@ -100,10 +100,13 @@ def validate(
     ok = sound[:, None]
     found.note(2, ~(curves.miss <= CLOSED) & ok)
     # Comparisons ask for what is right, so that not-a-number is wrong. Who is beyond a speed limit may stay there, but
-    # not go further, nor come back to it.
+    # not go further, nor come back to it: the bounds follow the most moderate speed so far, not that of the arc before,
+    # or else the tolerance would add up from arc to arc.
     speed, after = curves.speed, curves.speed + _gain(curves)
-    steady = after >= np.minimum(limits.speed_min, speed) - TOLERANCE.speed_min
-    steady &= after <= np.maximum(limits.speed_max, speed) + TOLERANCE.speed_max
+    so_far = speed.reshape(count, -1)
+    lowest = np.minimum(limits.speed_min, np.maximum.accumulate(so_far, axis=-1)).reshape(speed.shape)
+    highest = np.maximum(limits.speed_max, np.minimum.accumulate(so_far, axis=-1)).reshape(speed.shape)
+    steady = (after >= lowest - TOLERANCE.speed_min) & (after <= highest + TOLERANCE.speed_max)
     found.note(3, ~steady.all(axis=-1) & ok)
     gentle = (curves.acceleration >= limits.acceleration_min - TOLERANCE.acceleration_min) & (
         curves.acceleration <= limits.acceleration_max + TOLERANCE.acceleration_max

@@ -112,6 +112,21 @@ def test_every_fault_is_found(name: str, change: Any, checks: set[str]) -> None:
     assert not found.safe.any()
 
 
+@pytest.mark.parametrize(("speed", "sign"), [(100.0, 1.0), (31.0, -1.0), (100.6, 1.0)])
+def test_rounding_does_not_add_up_beyond_a_limit(speed: float, sign: float) -> None:
+    time = 20.0 * np.arange(11.0)[None]
+    knots = Knots(speed * time, 0.0 * time, 0.0 * time, speed + 0.0 * time, time)
+    curves = legs(knots)
+    creeping = np.full_like(curves.acceleration, sign * 0.4e-6 / 2.0)  # 0.4 um/s an arc of 2 s
+    gained = np.arange(curves.speed.size).reshape(curves.speed.shape) * sign * 0.4e-6
+    intruders, check = traffic(1, 0, 0), CHECKS.index("speed")
+    assert not validate(knots, intruders, Requirement(), C208_PUBLISHED, curves).wrong[check, 0]
+    found = validate(
+        knots, intruders, Requirement(), C208_PUBLISHED, curves._replace(acceleration=creeping, speed=speed + gained)
+    )
+    assert found.wrong[check, 0] and found.leg[check, 0] == 0
+
+
 def test_plans_are_judged_one_by_one() -> None:
     knots, intruders = plans(60, 5), traffic(60, 4, 6, turning=True)
     whole = validate(knots, intruders, Requirement(1_000.0, 5.0), C208_PUBLISHED)
