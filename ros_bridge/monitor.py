@@ -21,13 +21,13 @@ What shall be flown is AssuranceStatus.fly. Parameters:
 import math
 import sys
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rlcas_msgs.msg import AircraftState, AssuranceStatus, GeoReference, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 
@@ -37,6 +37,7 @@ from agents.thresholds import Cause
 from agents.watch import Ask, Verdict
 from ros_bridge import hearing, parameters, process, qos, views
 from ros_bridge.fields import SECOND, FieldError
+from ros_bridge.listening import ListeningNode
 from ros_bridge.messages import backup_message, header, published_of
 from ros_bridge.picture import Picture
 from ros_bridge.tracks import forgotten
@@ -44,20 +45,16 @@ from ros_bridge.watching import NOTHING, Published, activated, answered, fly, st
 
 __all__ = ["Monitor", "main"]
 
-_BACKWARD = SECOND // 2  # by how much the clock may step back before everything is forgotten
 _BACKUP_AGAIN = SECOND  # between two publications of the backup that is flown
 _RUNNER = "rlcas_runner"
 
 
-class Monitor(LifecycleNode):
+class Monitor(ListeningNode):
     """The node; what it decides is decided in :mod:`ros_bridge.watching` and :mod:`agents.watch`."""
 
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_monitor", **more)
         parameters.declare(self, parameters.MONITOR_NUMBERS, parameters.MONITOR_OTHERS)
-        self._entities: list[Callable[[], Any]] = []
-        self._misfits: dict[str, str] = {}
-        self._active = False
         self._start()
 
     def _start(self) -> None:
@@ -86,18 +83,10 @@ class Monitor(LifecycleNode):
         self._backup = self._speak(Trajectory, "~/output/backup", qos.LATCHED)
         self._health = self._speak(DiagnosticArray, "/diagnostics", qos.EVENTS)
         self._client = self.create_client(GenerateTrajectory, f"{_RUNNER}/generate_trajectory")
-        timers = [
-            self.create_timer(self.get_parameter("period").value, self._on_timer),
-            self.create_timer(self.get_parameter("diagnostics_period").value, self._on_health),
-        ]
         self._entities.append(lambda: self.destroy_client(self._client))
-        self._entities += [lambda timer=timer: self.destroy_timer(timer) for timer in timers]
+        self._repeat(self.get_parameter("period").value, self._on_timer)
+        self._repeat(self.get_parameter("diagnostics_period").value, self._on_health)
         return TransitionCallbackReturn.SUCCESS
-
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to judge."""
-        self._active = True
-        return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop judging."""
@@ -106,9 +95,7 @@ class Monitor(LifecycleNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget everything."""
-        for destroy in self._entities:
-            destroy()
-        self._entities.clear()
+        self._destroy()
         self._start()
         return TransitionCallbackReturn.SUCCESS
 
@@ -117,32 +104,10 @@ class Monitor(LifecycleNode):
         self._active = False
         return self.on_cleanup(state)
 
-    def _hear(self, kind: type, topic: str, callback: Callable[[Any], None], quality: Any) -> None:
-        events = qos.subscription_events(topic, self._misfit)
-        heard = self.create_subscription(kind, topic, callback, quality, event_callbacks=events)
-        self._entities.append(lambda: self.destroy_subscription(heard))
-
-    def _speak(self, kind: type, topic: str, quality: Any) -> Any:
-        events = qos.publisher_events(topic, self._misfit)
-        make = self.create_publisher if topic == "/diagnostics" else self.create_lifecycle_publisher
-        said = make(kind, topic, quality, event_callbacks=events)
-        self._entities.append(lambda: self.destroy_publisher(said))
-        return said
-
-    def _misfit(self, topic: str, sentence: str) -> None:
-        self._misfits[topic] = sentence
-        self.get_logger().error(sentence)
-
     # Inputs.
 
-    def _now(self) -> int:
-        now = self.get_clock().now().nanoseconds
-        if now < self._latest - _BACKWARD:
-            back = (self._latest - now) / SECOND
-            self.get_logger().warning(f"the clock stepped back by {back:.1f} s: everything is forgotten")
-            self._start()
-        self._latest = max(self._latest, now)
-        return now
+    def _stepped_back(self) -> None:
+        self._start()
 
     def _on_ownship(self, message: AircraftState) -> None:
         now = self._now()

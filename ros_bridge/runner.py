@@ -22,7 +22,7 @@ Parameters:
 import sys
 import time
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -31,7 +31,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Path
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.task import Future
 from rlcas_msgs.msg import AircraftState, GeoReference, TrafficAlert, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
@@ -46,18 +46,18 @@ from envs.waypoints import RoutePoint
 from ros_bridge import conversions, hearing, parameters, process, qos, views
 from ros_bridge.fields import SECOND, FieldError
 from ros_bridge.lateness import by_then
+from ros_bridge.listening import ListeningNode
 from ros_bridge.messages import header, identity, plan_message, uuid_of
 from ros_bridge.picture import Code, Picture, Refusal, Task, refusal_of, task
 from ros_bridge.tracks import Verdict, forgotten
 
 __all__ = ["Runner", "main"]
 
-_BACKWARD = SECOND // 2  # by how much the clock may step back before everything heard is forgotten
 _SHOW = 0.1  # s at most from a plan to its picture
 _NOBODY = uuid.UUID(int=0)
 
 
-class Runner(LifecycleNode):
+class Runner(ListeningNode):
     """The node; everything that can be decided without ROS is decided in :mod:`ros_bridge.picture`."""
 
     def __init__(self, **more: Any) -> None:
@@ -65,15 +65,11 @@ class Runner(LifecycleNode):
         parameters.declare(self)
         self._picture = Picture()
         self._policy: Policy | None = None
-        self._latest = 0
         self._revision = 0
         self._unique = _NOBODY
-        self._active = False
         self._to_show: tuple[Plan, Task] | None = None
-        self._misfits: dict[str, str] = {}
         self._answers: dict[str, int] = {}
         self._last_answer = "none yet"
-        self._entities: list[Callable[[], Any]] = []
         self._thread = ThreadPoolExecutor(1, "search")
         self._searching = False
         self._era = 0
@@ -107,19 +103,10 @@ class Runner(LifecycleNode):
         # A group of its own, and reentrant: while one answer is waited for, all else goes on.
         group = ReentrantCallbackGroup()
         service = self.create_service(GenerateTrajectory, "~/generate_trajectory", answering, callback_group=group)
-        timer = self.create_timer(self.get_parameter("diagnostics_period").value, self._on_timer)
-        show = self.create_timer(_SHOW, self._on_show)
-        self._entities += [
-            lambda: self.destroy_service(service),
-            lambda: self.destroy_timer(timer),
-            lambda: self.destroy_timer(show),
-        ]
+        self._entities.append(lambda: self.destroy_service(service))
+        self._repeat(self.get_parameter("diagnostics_period").value, self._on_timer)
+        self._repeat(_SHOW, self._on_show)
         return TransitionCallbackReturn.SUCCESS
-
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to answer."""
-        self._active = True
-        return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Withdraw the plan, because nobody would replace it, and stop answering."""
@@ -145,42 +132,15 @@ class Runner(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _end(self) -> None:
-        for destroy in self._entities:
-            destroy()
-        self._entities.clear()
+        self._destroy()
         self._picture, self._policy = Picture(), None
-
-    def _hear(self, kind: type, topic: str, callback: Callable[[Any], None], quality: Any) -> None:
-        events = qos.subscription_events(topic, self._misfit)
-        heard = self.create_subscription(kind, topic, callback, quality, event_callbacks=events)
-        self._entities.append(lambda: self.destroy_subscription(heard))
-
-    def _speak(self, kind: type, topic: str, quality: Any) -> Any:
-        events = qos.publisher_events(topic, self._misfit)
-        # Diagnostics speak of the inactive node too.
-        make = self.create_publisher if topic == "/diagnostics" else self.create_lifecycle_publisher
-        said = make(kind, topic, quality, event_callbacks=events)
-        self._entities.append(lambda: self.destroy_publisher(said))
-        return said
-
-    def _misfit(self, topic: str, sentence: str) -> None:
-        self._misfits[topic] = sentence
-        self.get_logger().error(sentence)
 
     # Inputs.
 
-    def _now(self) -> int:
-        """Return the node's time, ns; when it has stepped back, everything heard belongs to another time."""
-        now = self.get_clock().now().nanoseconds
-        if now < self._latest - _BACKWARD:
-            back = (self._latest - now) / SECOND
-            self.get_logger().warning(f"the clock stepped back by {back:.1f} s: states, alert and plan are forgotten")
-            self._picture = hearing.reset(self._picture)
-            self._era += 1
-            self._latest = now
-            self._withdraw()
-        self._latest = max(self._latest, now)
-        return now
+    def _stepped_back(self) -> None:
+        self._picture = hearing.reset(self._picture)
+        self._era += 1
+        self._withdraw()
 
     def _on_ownship(self, message: AircraftState) -> None:
         now = self._now()  # may reset the picture
@@ -238,7 +198,8 @@ class Runner(LifecycleNode):
         except Refusal as refusal:
             response.status, response.field, response.message = int(refusal.code), refusal.field, refusal.message
         except Exception as error:  # The node must live on, and the caller must not take silence for consent.
-            self.get_logger().fatal(f"a request failed for an error of the runner: {error!r}")
+            if rclpy.ok(context=self.context):  # else it is being stopped, and nothing can be published any more
+                self.get_logger().fatal(f"a request failed for an error of the runner: {error!r}")
             response.status, response.message = int(Code.INTERNAL_ERROR), f"the runner failed: {error!r}"
         response.computation_time = time.perf_counter() - began
         name = Code(response.status).name
