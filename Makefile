@@ -3,6 +3,7 @@
 #   make test         lint, types, import rules and the default tests
 #   make test-slow    the tests that the default run leaves out
 #   make format       rewrite the sources in the house format
+#   make docs         build the documentation site into site/ (the build needs no network)
 #   make ros          add ROS 2 and our interfaces to the environment (Linux on x86-64; needs g++)
 #   make constraints  resolve all dependencies anew (needs uv)
 #   make clean        remove the environment and caches, keep runs/
@@ -16,7 +17,7 @@ PROJECT := pyproject.toml constraints/build.in
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 COMPILE := $(UV) pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 --no-emit-index-url
 
-.PHONY: help demo test test-slow lint format venv venv-run ros constraints clean
+.PHONY: help demo test test-slow lint format docs venv venv-run ros constraints clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -82,12 +83,16 @@ format: venv
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+docs: venv
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+	@echo "site/index.html"
+
 # Versions move only on `make constraints UPGRADE=--upgrade`.
 constraints:
 	$(COMPILE) --generate-hashes $(UPGRADE) --extra train --extra sim --extra report --extra tensorboard \
 	  $(PROJECT) -o constraints/run.txt
 	$(COMPILE) --generate-hashes $(UPGRADE) --extra train --extra sim --extra report --extra tensorboard --extra onnx \
-	  --extra sweep --extra dev -c constraints/run.txt $(PROJECT) -o constraints/dev.txt
+	  --extra sweep --extra cluster --extra docs --extra dev -c constraints/run.txt $(PROJECT) -o constraints/dev.txt
 	$(COMPILE) --generate-hashes $(UPGRADE) --extra ros -c constraints/dev.txt $(PROJECT) -o constraints/ros.txt
 	$(COMPILE) --no-annotate $(UPGRADE) --extra peers -c constraints/run.txt pyproject.toml -o constraints/peers.txt
 	@{ echo "# Versions without hashes: torch is built anew for each platform and processor (CPU builds carry a local"; \
@@ -96,5 +101,5 @@ constraints:
 	  cat constraints/peers.txt; } > constraints/peers.tmp && mv constraints/peers.tmp constraints/peers.txt
 
 clean:
-	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf .venv build dist site *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -29,7 +29,7 @@ SEED_END = 2**31
 class NetworkConfig(Strict):
     """Actor and critic; they share the shape and no weights."""
 
-    hidden: tuple[Annotated[int, Field(ge=1, le=8192)], ...] = Field(default=(256, 256), min_length=1, max_length=8)
+    hidden: tuple[Annotated[int, Field(ge=1, le=4096)], ...] = Field(default=(256, 256), min_length=1, max_length=8)
     """Widths of the hidden layers of actor and of critic (paper: two of 256)."""
     feature_set: Literal["cpa", "mirror", "none"] = "cpa"
     """What the first layer sees: the bare observation (none), geometry and closest point of approach derived from it
