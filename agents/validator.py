@@ -103,7 +103,7 @@ def validate(
     # not go further, nor come back to it: the bounds follow the most moderate speed so far, not that of the arc before,
     # or else the tolerance would add up from arc to arc.
     speed, after = curves.speed, curves.speed + _gain(curves)
-    so_far = speed.reshape(count, -1)
+    so_far = speed.reshape(count, (points - 1) * ARCS)
     lowest = np.minimum(limits.speed_min, np.maximum.accumulate(so_far, axis=-1)).reshape(speed.shape)
     highest = np.maximum(limits.speed_max, np.minimum.accumulate(so_far, axis=-1)).reshape(speed.shape)
     steady = (after >= lowest - TOLERANCE.speed_min) & (after <= highest + TOLERANCE.speed_max)

@@ -175,6 +175,7 @@ def test_a_goal_beside_the_ownship_lies_inside_its_turning_circle():
     assert (judged.verdict == Verdict.RESOLVABLE).all()
 
 
+@pytest.mark.slow
 def test_no_proof_touches_a_solved_encounter():
     for family, count in ((CLOSE, 300), (scenario("maneuvering", radius=(1_500.0, 5_000.0)), 200), (CROWDED, 60)):
         encounters = numbered(family, 5, 0, count)

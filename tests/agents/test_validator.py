@@ -127,6 +127,11 @@ def test_rounding_does_not_add_up_beyond_a_limit(speed: float, sign: float) -> N
     assert found.wrong[check, 0] and found.leg[check, 0] == 0
 
 
+def test_no_plans_are_no_trouble() -> None:
+    found = validate(Knots(*np.zeros((5, 0, 21))), traffic(0, 0, 0), Requirement(), C208_PUBLISHED)
+    assert found.safe.shape == (0,)
+
+
 def test_plans_are_judged_one_by_one() -> None:
     knots, intruders = plans(60, 5), traffic(60, 4, 6, turning=True)
     whole = validate(knots, intruders, Requirement(1_000.0, 5.0), C208_PUBLISHED)

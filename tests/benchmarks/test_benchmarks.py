@@ -69,6 +69,7 @@ def test_report_names_machine_and_versions(capsys: pytest.CaptureFixture[str]):
     assert printed["versions"]["numpy"] == np.__version__
 
 
+@pytest.mark.slow
 def test_training_without_the_peer_ends_with_one_json_object(capsys: pytest.CaptureFixture[str]):
     sets = [argument for key in TINY for argument in ("--set", key)]
     training.main([*sets, "--repeats", "2", "--no-sb3"])

@@ -84,6 +84,7 @@ def test_the_route_of_an_evaluation(encounters: Encounter) -> None:
     np.testing.assert_allclose(spacing, 5_000.0)
 
 
+@pytest.mark.slow
 def test_a_run_tells_of_plans(tmp_path: Path) -> None:
     out = tmp_path / "run"
     arguments = ["--mode", "plan", "--encounters", "12", "--seed", "5", *SMALL, "--workers", "1", "--out", str(out)]
@@ -112,6 +113,7 @@ def test_every_scenario_can_be_planned_for(tmp_path: Path, name: str) -> None:
     assert np.all(table["whole_min_separation_m"] > 0.0)
 
 
+@pytest.mark.slow
 def test_flights_of_plans_are_drawn(tmp_path: Path) -> None:
     out = tmp_path / "drawn"
     arguments = ["--mode", "plan", "--encounters", "12", "--set", "resamples=200", "--workers", "1"]

@@ -91,6 +91,7 @@ def test_virtual_devices_learn_what_one_learns(devices: int, tmp_path: Path, con
     assert_same_curve(tmp_path / "run", alone)
 
 
+@pytest.mark.slow
 def test_two_processes_learn_what_one_learns_and_the_first_one_writes(
     tmp_path: Path, config_file: Path, alone: Path
 ) -> None:

@@ -145,6 +145,7 @@ def test_ctrl_c_saves_and_exports(config_file: Path, tmp_path: Path) -> None:
     assert int(stored.stem.rpartition("-")[2]) == metrics.read(out)["update"][-1]
 
 
+@pytest.mark.slow
 def test_another_seed_is_another_run_and_the_same_seed_the_same(
     uninterrupted: Path, config_file: Path, tmp_path: Path
 ) -> None:

@@ -151,6 +151,7 @@ def test_each_environment_is_lost_by_the_separation_that_it_asks_for() -> None:
     np.testing.assert_array_equal(state.ended, result.outcome.ended(jnp))
 
 
+@pytest.mark.slow
 def test_a_spread_changes_the_training_and_not_the_judgement(plain: Task) -> None:
     spread = task_of("world.separation_spread=2000.0")
     assert spread.rules == plain.rules

@@ -43,6 +43,7 @@ def test_a_plan_within_power_in_calm_air_may_not_be_in_wind() -> None:
     assert all(any(not within_power(plan, gale) for gale in gales) for plan in plans)
 
 
+@pytest.mark.slow
 def test_the_pictures_are_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
