@@ -10,7 +10,7 @@ import json
 import math
 import os
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +18,12 @@ import numpy as np
 
 from envs.local_frame import local
 from envs.track_units import FOOT, KNOT
-from envs.tracks import Rows, Track, TrackError, TrackFile, ordered, summed
+from envs.tracks import Repairs, Rows, Track, TrackError, TrackFile, ordered, summed
 
-__all__ = ["read_adsb"]
+__all__ = ["is_adsb", "ordered_flights", "read_adsb", "track_of"]
+
+_STANDING = 10.0
+"""m; a position that has not changed over more than this is stale."""
 
 _FIELDS: dict[str, tuple[str, float, float, float]] = {
     "time": ("timestamp", 1e-3, 0.0, 1e14),
@@ -66,21 +69,96 @@ def read_adsb(
         if name not in rows:
             continue
         where = f"{source} report {number}"
-        time = _value(report, "time", where)
+        time = _value(report, "time", where, repair)
         # A report without a time may belong to the window: it is for the check of the rows.
         if not math.isfinite(time) or window[0] <= time <= window[1]:
-            rows[name].append((number, {key: _value(report, key, where) for key in _FIELDS}))
+            rows[name].append((number, {key: _value(report, key, where, repair) for key in _FIELDS}))
     for name, found in rows.items():
         if not found:
             raise TrackError(f"{source}: no report of {name!r} from {window[0]:.0f} to {window[1]:.0f} s")
     kept = {name: ordered(source, name, found, repair, max_gap, "report") for name, found in rows.items()}
     first = kept[aircraft[0]][0][0][1]
     reference = first["lat"], first["lon"]
-    tracks = tuple(_track(name, found, reference) for name, (found, _) in kept.items())
+    tracks = tuple(track_of(name, found, reference) for name, (found, _) in kept.items())
     return TrackFile(tracks, summed([repairs for _, repairs in kept.values()]))
 
 
-def _track(name: str, rows: Rows, reference: tuple[float, float]) -> Track:
+def is_adsb(path: str | os.PathLike[str]) -> bool:
+    """Return whether a JSON file begins like one of reports: its first object has an ``icao24``.
+
+    Raises:
+        TrackError: it cannot be read.
+    """
+    found = _reports(os.fspath(path))
+    return bool(found) and isinstance(found[0], dict) and "icao24" in found[0]
+
+
+def ordered_flights(
+    path: str | os.PathLike[str], apart: float, *, repair: bool = False, max_gap: float = 5.0
+) -> Iterator[tuple[str, Rows, Repairs]]:
+    """Yield the flights of all aircraft: address, ordered reports, and what it took to order them.
+
+    Args:
+        path: of the file.
+        apart: one report of an aircraft and the next in the file with more time than this between them, to either side,
+            are of different flights, s.
+        repair: drop reports without a value or out of order, and fill gaps, instead of refusing the file.
+        max_gap: longest time between two reports of a flight, s.
+
+    Raises:
+        TrackError: as of :func:`read_adsb`.
+    """
+    source = os.fspath(path)
+    flights: dict[str, list[Rows]] = {}
+    for number, report in enumerate(_reports(source), start=1):
+        where = f"{source} report {number}"
+        if not isinstance(report, dict):
+            raise TrackError(f"{where}: expected an object")
+        name = report.get("icao24")
+        if not isinstance(name, str) or not name:
+            raise TrackError(f"{where}, field icao24: {name!r}, expected an address")
+        if report.get("onground") is True:
+            continue
+        values = {key: _value(report, key, where, repair) for key in _FIELDS}
+        parts = flights.setdefault(name, [[]])
+        if parts[-1] and abs(values["time"] - parts[-1][-1][1]["time"]) > apart:
+            parts.append([])
+        parts[-1].append((number, values))
+    for name, parts in flights.items():
+        for rows in parts:
+            # A flight of reports without a value is no flight; without repairs it is refused.
+            if repair and not any(_whole(values) for _, values in rows):
+                yield name, [], Repairs(not_finite=len(rows))
+                continue
+            fresh = _fresh(source, rows, repair)
+            kept, repairs = ordered(source, name, fresh, repair, max_gap, "report")
+            yield name, kept, repairs._replace(stale=len(rows) - len(fresh))
+
+
+def _whole(values: dict[str, float]) -> bool:
+    return all(map(math.isfinite, values.values()))
+
+
+def _fresh(source: str, rows: Rows, repair: bool) -> Rows:
+    """Return the reports without those that only repeat a position, as receivers do when they have heard no other."""
+    kept: Rows = []
+    for number, values in rows:
+        if kept:
+            before = kept[-1][1]
+            moved = values["gs"] * (values["time"] - before["time"])
+            if (values["lat"], values["lon"]) == (before["lat"], before["lon"]) and moved > _STANDING:
+                if not repair:
+                    raise TrackError(
+                        f"{source} report {number}, field latitude: the position of {values['time']:.15g} s is that of "
+                        f"{before['time']:.15g} s at {values['gs']:.0f} m/s, expected another"
+                    )
+                continue
+        kept.append((number, values))
+    return kept
+
+
+def track_of(name: str, rows: Rows, reference: tuple[float, float]) -> Track:
+    """Return the track of ordered reports, local to a latitude and longitude, rad."""
     columns = {key: np.array([values[key] for _, values in rows]) for key in _FIELDS}
     x, y = local(columns["lat"], columns["lon"], reference)
     speed, track = columns["gs"], columns["trk"]
@@ -88,8 +166,8 @@ def _track(name: str, rows: Rows, reference: tuple[float, float]) -> Track:
     return Track(name, columns["time"], x, y, columns["alt"], vx, vy, columns["vs"], {})
 
 
-def _value(report: dict[str, Any], key: str, where: str) -> float:
-    """Return a value in SI units; nan where the receiver had none."""
+def _value(report: dict[str, Any], key: str, where: str, repair: bool) -> float:
+    """Return a value in SI units; nan where the receiver had none, and for repair where it is beyond belief."""
     name, scale, low, high = _FIELDS[key]
     if name not in report:
         raise TrackError(f"{where}, field {name}: missing")
@@ -99,6 +177,8 @@ def _value(report: dict[str, Any], key: str, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise TrackError(f"{where}, field {name}: {value!r}, expected a number or null")
     if value == value and not low <= value <= high:  # noqa: PLR0124  nan is for the check of the rows
+        if repair:
+            return math.nan
         raise TrackError(f"{where}, field {name}: {repr(value)[:40]}, expected {low:g} to {high:g}")
     return float(value) * scale
 

@@ -17,6 +17,7 @@ __all__ = [
     "Gains",
     "Intent",
     "IntruderState",
+    "Recording",
     "start",
     "step",
 ]
@@ -51,6 +52,22 @@ class Intent(NamedTuple):
     """Largest turn rate used, rad/s, positive."""
 
 
+class Recording(NamedTuple):
+    """A flight that is known already, in the place of an :class:`Intent`; fields ``[..., K, T + 1]``, numpy.
+
+    Row 0 is the start, and the rows are as far apart as the steps of whoever flies. What comes after the last one is
+    flown straight on.
+    """
+
+    x: Any
+    """m."""
+    y: Any
+    heading: Any
+    """rad."""
+    speed: Any
+    """m/s."""
+
+
 class IntruderState(NamedTuple):
     """Vehicle and controller; fields ``[..., K]``."""
 
@@ -75,18 +92,26 @@ def start(vehicle: VehicleState, xp: Any) -> IntruderState:
     )
 
 
-def step(state: IntruderState, intent: Intent, time: Any, dt: float, xp: Any, gains: Gains = GAINS) -> IntruderState:
-    """Advance the intruder by one controller step.
+def step(
+    state: IntruderState, intent: Intent | Recording, time: Any, dt: float, xp: Any, gains: Gains = GAINS
+) -> IntruderState:
+    """Advance the intruder by one controller step, or by one row of its recording.
 
     Args:
         state: ``[..., K]``.
-        intent: ``[..., K]``.
+        intent: ``[..., K]``; with a recording the time is one number.
         time: s since the start at the beginning of the step, ``[..., 1]`` or broadcastable.
         dt: duration of the step, s.
         xp: array namespace.
         gains: of the heading controller.
     """
     vehicle = state.vehicle
+    if isinstance(intent, Recording):
+        row = round(time / dt) + 1
+        if row < intent.x.shape[-1]:
+            return state._replace(vehicle=VehicleState(*(field[..., row] for field in intent)))
+        still = vehicle.heading * 0.0
+        return state._replace(vehicle=advance(vehicle, still, still, dt, INTRUDER_LIMITS, xp))
     # The intent changes in the one step that begins at or within dt after the onset.
     changes = xp.logical_and(time >= intent.onset, time - dt < intent.onset)
     sine, cosine = sincos(wrap(vehicle.heading + intent.heading_change, xp), xp)

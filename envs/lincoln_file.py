@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from envs.track_units import FOOT
-from envs.tracks import Track, TrackError
+from envs.tracks import Repairs, Track, TrackError, summed
 
 __all__ = ["LincolnEncounter", "published_miss", "read_lincoln", "tracks_of"]
 
@@ -60,10 +60,17 @@ class LincolnEncounter(NamedTuple):
     """Published time of closest approach, s; nan if there is none."""
     weight: float
     """Importance weight; 1 if there is none."""
+    repairs: Repairs = Repairs()
+    """What was done to the events."""
 
 
-def read_lincoln(path: str | os.PathLike[str]) -> list[LincolnEncounter]:
+def read_lincoln(path: str | os.PathLike[str], *, repair: bool = False) -> list[LincolnEncounter]:
     """Read a file of encounters.
+
+    Args:
+        path: of the file.
+        repair: drop events that are not finite or out of order, instead of refusing the file. Nothing can make up for
+            initial conditions.
 
     Raises:
         TrackError: the file cannot be read or is not as documented; the message names file, encounter and field (the
@@ -71,7 +78,7 @@ def read_lincoln(path: str | os.PathLike[str]) -> list[LincolnEncounter]:
     """
     source = os.fspath(path)
     try:
-        found = json.loads(Path(source).read_text(encoding="utf-8"), parse_constant=_refuse)
+        found = json.loads(Path(source).read_text(encoding="utf-8"), parse_constant=float if repair else _refuse)
     except FileNotFoundError:
         raise TrackError(f"{source}: there is no such file") from None
     except UnicodeDecodeError as problem:
@@ -86,7 +93,7 @@ def read_lincoln(path: str | os.PathLike[str]) -> list[LincolnEncounter]:
         raise TrackError(f"{source}: not usable as JSON: {problem}") from None
     if not isinstance(found, list) or not found:
         raise TrackError(f"{source}: expected a list of encounters that is not empty")
-    encounters = [_encounter(each, f"{source} encounter {i + 1}") for i, each in enumerate(found)]
+    encounters = [_encounter(each, f"{source} encounter {i + 1}", repair) for i, each in enumerate(found)]
     numbers: set[int] = set()
     for i, one in enumerate(encounters):
         if one.number in numbers:
@@ -149,7 +156,7 @@ def _refuse(word: str) -> None:
     raise _NotFiniteError(word)
 
 
-def _encounter(each: Any, where: str) -> LincolnEncounter:
+def _encounter(each: Any, where: str, repair: bool) -> LincolnEncounter:
     if not isinstance(each, dict):
         raise TrackError(f"{where}: expected an object")
     state = [_pair(each, key, where) * scale for key, scale in _STATE.items()]
@@ -174,30 +181,49 @@ def _encounter(each: Any, where: str) -> LincolnEncounter:
     weight = told("w", 1.0)
     if not weight > 0.0:
         raise TrackError(f"{where}, field w: {weight:g}, expected a positive weight")
+    own, own_repairs = _events(events[0], f"{where}, ownship's events", repair)
+    other, other_repairs = _events(events[1], f"{where}, intruder's events", repair)
     return LincolnEncounter(
         int(number),
         *state,
         duration=duration,
-        events=(_events(events[0], f"{where}, ownship's events"), _events(events[1], f"{where}, intruder's events")),
+        events=(own, other),
         miss=told("hmd", math.nan) * FOOT,
         vertical_miss=told("vmd", math.nan) * FOOT,
         time=(told("tca", math.nan) - 1.0) * _STEP,
         weight=weight,
+        repairs=summed([own_repairs, other_repairs]),
     )
 
 
-def _events(rows: Any, where: str) -> np.ndarray:
-    """Return events ``[E, 4]`` in SI units, their times increasing."""
+def _events(rows: Any, where: str, repair: bool) -> tuple[np.ndarray, Repairs]:
+    """Return events ``[E, 4]`` in SI units, their times increasing, and what it took."""
     if not isinstance(rows, list):
         raise TrackError(f"{where}: expected a list of rows")
-    values = [_row(row, f"{where}, row {i + 1}") for i, row in enumerate(rows)]
-    table = np.array(values, dtype=np.float64).reshape(-1, len(_EVENT_FIELDS))
-    backwards = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
-    if backwards.size:
-        raise TrackError(f"{where}, row {backwards[0] + 2}: time does not increase, expected rows in order of time")
+    bad, late = 0, 0
+    kept: list[list[float]] = []
+    for i, row in enumerate(rows):
+        if repair and isinstance(row, list) and any(value is None or _is_none(value) for value in row):
+            bad += 1
+            continue
+        values = _row(row, f"{where}, row {i + 1}")
+        if kept and values[0] <= kept[-1][0]:
+            if not repair:
+                raise TrackError(
+                    f"{where}, row {i + 1}, time: {values[0]:g} s does not increase, expected more than "
+                    f"{kept[-1][0]:g} s as in the row before"
+                )
+            late += 1
+            continue
+        kept.append(values)
+    table = np.array(kept, dtype=np.float64).reshape(-1, len(_EVENT_FIELDS))
     if not len(table):
         table = np.zeros((1, len(_EVENT_FIELDS)))  # nothing is ever commanded
-    return table * (1.0, FOOT, 1.0, FOOT)
+    return table * (1.0, FOOT, 1.0, FOOT), Repairs(not_finite=bad, out_of_order=late)
+
+
+def _is_none(value: Any) -> bool:
+    return isinstance(value, float) and not math.isfinite(value)
 
 
 def _row(row: Any, where: str) -> list[float]:

@@ -44,11 +44,13 @@ class Repairs(NamedTuple):
     """What had to be done to tracks; counts of rows."""
 
     not_finite: int = 0
-    """Dropped because a number in them was none."""
+    """Dropped because a number in them was none, or beyond belief."""
     out_of_order: int = 0
     """Dropped because their time was not after the one before."""
     filled: int = 0
     """Added on the straight line across gaps."""
+    stale: int = 0
+    """Dropped because they repeat the position before although the aircraft moves."""
 
 
 class TrackFile(NamedTuple):
@@ -119,8 +121,8 @@ def ordered(
         if before is not None and values["time"] <= before["time"]:
             if not repair:
                 raise TrackError(
-                    f"{where}, field time: {values['time']:g} s of {name!r}, expected more than {before['time']:g} s "
-                    f"as in {noun} {kept[-1][0]}"
+                    f"{where}, field time: {values['time']:.15g} s of {name!r}, expected more than "
+                    f"{before['time']:.15g} s as in {noun} {kept[-1][0]}"
                 )
             counts["out_of_order"] += 1
             continue

@@ -15,17 +15,18 @@ import numpy as np
 
 from agents.inference import Policy
 from agents.request import Options
-from agents.resolvability import Method, Verdict, classify
+from agents.resolvability import Method, Verdict
 from envs.encounters import Encounter, Scenario
 from envs.kinematics import C208_PUBLISHED, Limits
 from envs.outcome import Rules
-from envs.starts import joined, numbered
-from envs.trees import take
+from envs.starts import joined
 from eval.assured import fly_assured
 from eval.conditions import conditions
 from eval.film import Trajectories
+from eval.hindsight import verdicts
 from eval.planned import SOURCES, STATUSES, Setting, fly_once, planned
 from eval.simulate import OUTCOMES, Flights, direct, fly, sensor_noise
+from eval.sources import Source, drawn, spread
 
 __all__ = ["MODES", "NETWORK_TILE", "Evaluation", "Pilot", "columns", "encounters", "noise_of", "trajectories"]
 
@@ -41,10 +42,9 @@ class Evaluation(NamedTuple):
 
     policy: Path | None
     """File of the policy; None for the shipped one."""
-    source: Scenario | Encounter
-    """A scenario to draw from, or the encounters of a file."""
+    source: Source
     names: tuple[str, ...] | None
-    """Names of a file's encounters."""
+    """Names of the encounters of a file."""
     seed: int
     rules: Rules
     limits: Limits
@@ -80,16 +80,14 @@ def encounters(evaluation: Evaluation, first: int, count: int) -> Encounter:
     Raises:
         EncounterError: one of them meets the scenario's conditions in none of its attempts.
     """
-    if isinstance(evaluation.source, Scenario):
-        return numbered(evaluation.source, evaluation.seed, first, count)
-    return take(evaluation.source, slice(first, first + count))
+    return drawn(evaluation.source, evaluation.seed, first, count)[0]
 
 
 def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     """Return the table of a chunk: a column a name, a row an encounter; docs/evaluation.md says what each means."""
     evaluation = pilot.evaluation
     rules, limits = evaluation.rules, evaluation.limits
-    starts = encounters(evaluation, first, count)
+    starts, weights = drawn(evaluation.source, evaluation.seed, first, count)
     begun = conditions(starts)
     noise = noise_of(evaluation, starts, first)
     alone, _ = fly(starts, pilot.decide, rules, limits, noise=noise)
@@ -98,7 +96,7 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     flown, more = (alone, {}) if evaluation.mode == "policy" else _planned(pilot, starts, noise)
     reached = flown.outcome == OUTCOMES.index("reached")
     solved = reduce(np.logical_or, (other.outcome == OUTCOMES.index("reached") for other in beside.values()), reached)
-    judged = classify(starts, rules, limits, solved=solved)
+    judged = verdicts(starts, rules, limits, solved=solved)
 
     # The route is the straight line to the goal: what is left of it at the end counts as flown straight.
     route = np.maximum(begun.route_length, 1.0)  # a start on the goal has none
@@ -108,6 +106,7 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     return {
         "encounter": number,
         "name": np.array([names[i] if names else None for i in number], dtype=object),
+        "weight": weights,
         "outcome": np.array(OUTCOMES, dtype=object)[flown.outcome],
         "score": flown.score,
         "duration_s": flown.duration,
@@ -155,7 +154,7 @@ def _planned(
     }
     if evaluation.mode == "plan":
         return flown.flights, more
-    assured, _ = fly_assured(starts, plans, pilot.policy, rules, setting, spread=_spread(evaluation), noise=noise)
+    assured, _ = fly_assured(starts, plans, pilot.policy, rules, setting, spread=spread(evaluation.source), noise=noise)
     more |= _beside({"plan": flown.flights})
     more |= {"replans": assured.replans, "backup_s": assured.backup}
     return assured.flown.flights, more
@@ -204,18 +203,10 @@ def _film(pilot: Pilot, singles: list[Encounter], starts: Encounter, numbers: Se
     else:
         by_second = None if noise is None else _together([of for of in heard if of is not None])
         _, film = fly_assured(
-            starts, plans, pilot.policy, rules, setting, spread=_spread(evaluation), noise=by_second, record=True
+            starts, plans, pilot.policy, rules, setting, spread=spread(evaluation.source), noise=by_second, record=True
         )
     assert film is not None
     return film
-
-
-def _spread(evaluation: Evaluation) -> tuple[float, float]:
-    """Return one sigma of reported positions, m, and velocities, m/s: the largest of the whole source."""
-    source = evaluation.source
-    if isinstance(source, Scenario):
-        return source.position_std, source.velocity_std
-    return float(np.max(source.sensor.position_std)), float(np.max(source.sensor.velocity_std))
 
 
 def _together(noises: Sequence[Callable[[int], np.ndarray]]) -> Callable[[int], np.ndarray]:

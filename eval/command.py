@@ -3,7 +3,9 @@
 import argparse
 import hashlib
 import json
+import math
 import os
+import shutil
 import signal
 import sys
 from collections.abc import Callable, Generator, Iterable, Mapping
@@ -16,13 +18,27 @@ from agents.configuration import ConfigError, load
 if TYPE_CHECKING:
     from agents.inference import Policy
     from envs.kinematics import Limits
+    from eval.cluster import Cluster
     from eval.config import MonteCarloConfig
     from eval.outputs import RunFolder
     from eval.workers import Chunk
 
-__all__ = ["fly_missing", "loaded", "named_policy", "named_source", "refusing", "whole"]
+__all__ = [
+    "begin",
+    "cluster_of",
+    "fly_missing",
+    "joined",
+    "loaded",
+    "named_policy",
+    "named_source",
+    "refusing",
+    "whole",
+]
 
 Config = TypeVar("Config", bound="MonteCarloConfig")
+
+_ROW_BYTES, _PART_BYTES = 500, 64_000
+"""What a row and a part take on the disk, generously: a row stands in a part and in the joined table."""
 
 
 def whole(least: int) -> Callable[[str], int]:
@@ -48,6 +64,8 @@ def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, 
     Raises:
         ConfigError: a value or the run that shall be resumed is not usable.
     """
+    from eval.config import PREFIXES
+
     path = options.config
     if path is None and options.resume:
         path = options.out / "config.yaml"
@@ -60,7 +78,8 @@ def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, 
         overrides += [] if options.resume else ["policy_sha256=null"]
     if options.scenario is not None:
         name = options.scenario
-        name = f"file:{Path(name[5:]).absolute()}" if name.startswith("file:") and name[5:] else name
+        kind = next((each for each in PREFIXES if name.startswith(each) and name != each), None)
+        name = name if kind is None else f"{kind}{Path(name.removeprefix(kind)).absolute()}"
         overrides += [f"scenario={name}", *([] if options.resume else ["scenario_sha256=null"])]
     named = {key: getattr(options, name) for name, key in keys.items()}
     overrides += [f"{key}={value}" for key, value in named.items() if value is not None]
@@ -101,27 +120,81 @@ def named_source(
     Raises:
         ConfigError: the file is not the expected one or holds too few.
     """
-    if config.file is None:
-        return config.sampled(), None, {"encounters": config.wanted}
-    from envs import encounter_file
+    from eval.sources import read_source
 
-    source, found = encounter_file.read(config.file, limits)
+    source, names = read_source(config, limits)
+    if config.file is None:
+        return source, names, {"encounters": config.wanted}
     digest = hashlib.sha256(config.file.read_bytes()).hexdigest()
     if config.scenario_sha256 not in (None, digest):
         raise ConfigError(
             f"{config.file} has SHA-256 {digest}, expected {config.scenario_sha256} (key scenario_sha256)"
         )
-    names = tuple(found)
+    if names is None:
+        return source, names, {"scenario_sha256": digest, "encounters": config.wanted}
     count = len(names) if config.encounters is None else config.encounters
     if count > len(names):
         raise ConfigError(f"{counted} is {count}; expected at most {len(names)}, as many as {config.file} holds")
     return source, names, {"scenario_sha256": digest, "encounters": count}
 
 
+@contextmanager
+def cluster_of(options: argparse.Namespace, packages: tuple[str, ...] = ()) -> "Generator[Cluster | None, None, None]":
+    """Give the cluster that ``--scheduler`` names, connected; None without that option, where nothing of Dask is used.
+
+    Args:
+        options: with scheduler and workers.
+        packages: beside the usual ones, whose versions must be the same on every worker.
+
+    Raises:
+        ConfigError: nobody answers there, a worker does not fit, or Dask is not installed.
+    """
+    if options.scheduler is None:
+        yield None
+        return
+    if options.workers is not None:
+        raise ConfigError("--workers and --scheduler: expected one of them, because a cluster has its own workers")
+    try:
+        from eval.cluster import connected
+    except ModuleNotFoundError as problem:
+        if problem.name not in ("dask", "distributed"):
+            raise
+        raise ConfigError(
+            f"--scheduler: {problem.name} is not installed, expected the extra cluster (pip install "
+            "'rlcas-toolkit[cluster]')"
+        ) from None
+    from eval.cluster_kit import DECISIVE
+
+    with connected(options.scheduler, (*DECISIVE, *packages)) as cluster:
+        yield cluster
+
+
+def begin(folder: "RunFolder", config: "MonteCarloConfig", *, resume: bool) -> None:
+    """Begin a run in its folder, if the disk has room for it, or go on with one.
+
+    Raises:
+        ConfigError: it has not, or as the folder's own methods.
+    """
+    if resume:
+        folder.resume()
+        return
+    assert config.chunk is not None  # it is resolved
+    there = next(path for path in (folder.path.absolute(), *folder.path.absolute().parents) if path.exists())
+    disk, needed = shutil.disk_usage(there), config.wanted * _ROW_BYTES
+    free = disk.free if disk.total else math.inf  # what has no size, such as /proc, refuses by itself
+    needed += -(-config.wanted // config.chunk) * _PART_BYTES
+    if free < needed:
+        raise ConfigError(
+            f"--out {folder.path}: {free / 1e6:.1f} MB are free there, expected about {needed / 1e6:.1f} MB for "
+            f"{config.wanted} rows"
+        )
+    folder.create()
+
+
 def fly_missing(
     folder: "RunFolder",
     config: "MonteCarloConfig",
-    fly: "Callable[[list[Chunk], int, Callable[[], bool]], Iterable[tuple[Chunk, Mapping[str, Any]]]]",
+    fly: "Callable[[list[Chunk], Callable[[], bool]], Iterable[tuple[Chunk, Mapping[str, Any]]]]",
     what: str,
 ) -> tuple[bool, int]:
     """Fly every chunk that is not stored yet; return whether all are, and how many encounters were flown now.
@@ -129,11 +202,14 @@ def fly_missing(
     Args:
         folder: of the run.
         config: as resolved.
-        fly: (chunks, workers, whether to stop) -> chunks with their columns, in any order.
+        fly: (chunks, whether to stop) -> chunks with their columns, in any order.
         what: is in the air, for the message of an interrupt.
+
+    Raises:
+        RunError: a chunk cannot be stored, or as ``fly``.
     """
     from eval.progress import Progress
-    from eval.workers import Chunk, cores
+    from eval.workers import Chunk, RunError
 
     assert config.chunk is not None  # it is resolved
     total, size = config.wanted, config.chunk
@@ -143,11 +219,28 @@ def fly_missing(
     before = total - sum(chunk.size for chunk in missing)
     flown = 0
     with _stop_on_interrupt(what) as stopped, Progress(total, before) as progress:
-        for chunk, columns in fly(missing, config.workers or cores(), lambda: bool(stopped)):
-            folder.store(chunk.first, columns)
+        for chunk, columns in fly(missing, lambda: bool(stopped)):
+            try:
+                folder.store(chunk.first, columns)
+            except OSError as problem:
+                raise RunError(f"{folder.path}: a chunk cannot be stored: {problem.strerror or problem}") from None
             flown += chunk.size
             progress.advance(chunk.size, int((columns["outcome"] == "reached").sum()))
     return before + flown == total, flown
+
+
+def joined(folder: "RunFolder") -> Mapping[str, Any]:
+    """Return the whole table of a run whose chunks are all stored.
+
+    Raises:
+        RunError: it cannot be written.
+    """
+    from eval.workers import RunError
+
+    try:
+        return folder.finish()
+    except OSError as problem:
+        raise RunError(f"{folder.path}: the table cannot be written: {problem.strerror or problem}") from None
 
 
 def refusing(main: Callable[[], int]) -> Callable[[], int]:
@@ -156,10 +249,11 @@ def refusing(main: Callable[[], int]) -> Callable[[], int]:
     def command() -> int:
         from agents.policy_file import PolicyFileError
         from envs.encounters import EncounterError
+        from envs.tracks import TrackError
 
         try:
             return main()
-        except (PolicyFileError, EncounterError) as problem:
+        except (PolicyFileError, EncounterError, TrackError) as problem:
             raise ConfigError(str(problem)) from None
 
     return command

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -27,7 +26,8 @@ speed held), mvp_speed (the same, changing speed too). A policy is a .safetensor
 and once more with its speed held; or a .nnet file of HorizontalCAS or ACAS Xu.
 
 Scenarios: those of eval.monte_carlo; file:PATH for a CSV file of your own; tracks:PATH for recorded tracks, replayed:
-a .json file of Lincoln Laboratory's encounters or a .daa or .xyz file of DAIDALUS.
+a .json file of Lincoln Laboratory's encounters or of ADS-B reports, or a .daa or .xyz file of DAIDALUS; lincoln:PATH
+for traffic drawn from a file of one of Lincoln Laboratory's encounter models.
 
 Written to --out, a new or empty folder: summary.json, encounters.parquet (a row an encounter) and compare.png, .svg
 (contents in docs/compare.md). The differences are those of success from the first row's."""
@@ -49,20 +49,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     begun = time.perf_counter()
     from eval.compare_setup import prepare, size
+    from eval.sources import said, say
 
-    contest, weights, told = prepare(options)
+    contest = prepare(options)
     out = options.out or Path("runs") / time.strftime("compare_%Y%m%d_%H%M%S")
     picture_folder.create(out)
-    for sentence in told:
-        print(f"left out: {sentence}", file=sys.stderr)
+    say(contest.evaluation.source)
 
     from threadpoolctl import threadpool_limits
 
     total = size(options, contest.evaluation)
-    chosen = None if weights is None else weights[:total]
     # One thread: the network's rows would be rounded otherwise with another.
     with threadpool_limits(1):
         table = _flown(contest, total)
+    weighted = bool((table["weight"] != 1.0).any())
+    chosen = table["weight"] if weighted else None
     from agents.versions import versions
     from eval.comparison import SCHEMA_VERSION, summarise
 
@@ -73,9 +74,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "confidence": options.confidence,
         "resamples": options.resamples,
         "ahead_s": options.ahead if contest.replayed else None,
-        "weighted": weights is not None,
+        "weighted": weighted,
         **summarise(table, contest.entries, chosen, options.confidence, options.resamples, options.seed),
-        "left_out": list(told),
+        **said(contest.evaluation.source),
         "wall_s": time.perf_counter() - begun,
         "versions": versions("numpy", "scipy", "pyarrow"),
     }
@@ -104,7 +105,8 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         help="none, rules, mvp or mvp_speed, may be repeated (default: all of them)",
     )
-    add("--scenario", metavar="NAME", default="circle", help="a scenario's name, file:PATH or tracks:PATH")
+    add("--scenario", metavar="NAME", default="circle", help="a name, file:PATH, tracks:PATH or lincoln:PATH")
+    add("--repair", action="store_true", help="drop and fill what is wrong in recorded tracks, and say what was done")
     add("--encounters", type=int, metavar="N", help="how many (default: 1000, or all of a file's)")
     add("--seed", type=int, metavar="N", default=0, help="of encounters, sensor noise and bootstrap (default: 0)")
     add("--ahead", type=float, metavar="S", default=220.0, help="of recorded tracks: goal, in seconds (default: 220)")

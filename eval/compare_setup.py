@@ -4,8 +4,6 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from agents.baselines import BASELINES
 from agents.configuration import ConfigError
 from agents.configuration_keys import nearest
@@ -13,21 +11,20 @@ from agents.inference import Policy
 from envs import encounter_file
 from envs.encounters import scenario
 from envs.kinematics import SURROGATE, Limits
-from envs.lincoln_file import read_lincoln, tracks_of
 from envs.outcome import RULES, Rules
-from envs.replay import Replay, replay
-from envs.track_files import read_daidalus
 from eval.chunks import Evaluation
+from eval.config import FILE, MODEL, TRACKS, TracksConfig, TrafficConfig
 from eval.contest import REFERENCE, Contest, Entry, baseline_entry, policy_entries
+from eval.sources import read_model_traffic, read_tracks
 
 __all__ = ["policy_names", "prepare", "size"]
 
-_TRACKS, _FILE = "tracks:", "file:"
 _DEFAULT_ENCOUNTERS = 1_000
+_LATEST_CPA, _LONGEST_ROUTE = TrafficConfig().cpa_time[1], 400.0
 
 
-def prepare(options: argparse.Namespace) -> tuple[Contest, np.ndarray | None, Sequence[str]]:
-    """Return the contest, the weights of its encounters, and sentences on what was left out.
+def prepare(options: argparse.Namespace) -> Contest:
+    """Return the contest.
 
     Raises:
         ConfigError: an option is out of its range; ``PolicyFileError``, ``NnetError``, ``EncounterError`` and
@@ -36,18 +33,24 @@ def prepare(options: argparse.Namespace) -> tuple[Contest, np.ndarray | None, Se
     _check(options)
     limits = _limits(options.policy)
     entries = _entries(options, limits, RULES)
-    replayed, weights, left_out = None, None, ()
     names: tuple[str, ...] | None = None
-    if options.scenario.startswith(_TRACKS):
-        replayed, weights = _recorded(options, limits, RULES)
-        source, names, left_out = replayed.starts, replayed.names, replayed.left_out
-    elif options.scenario.startswith(_FILE):
-        source, found = encounter_file.read(options.scenario.removeprefix(_FILE), limits)
+    if options.scenario.startswith(TRACKS):
+        path, how = (
+            Path(options.scenario.removeprefix(TRACKS)),
+            TracksConfig(ahead=options.ahead, repair=options.repair),
+        )
+        source = read_tracks(path, limits, how)
+        names = source.names
+    elif options.scenario.startswith(FILE):
+        source, found = encounter_file.read(options.scenario.removeprefix(FILE), limits)
         names = tuple(found)
+    elif options.scenario.startswith(MODEL):
+        path = Path(options.scenario.removeprefix(MODEL))
+        source = read_model_traffic(path, _traffic(options.ahead), limits)
     else:
         source = scenario(options.scenario)
     evaluation = Evaluation(None, source, names, options.seed, RULES, limits)
-    return Contest(entries, evaluation, replayed), weights, left_out
+    return Contest(entries, evaluation)
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -63,6 +66,13 @@ def _check(options: argparse.Namespace) -> None:
         # Inverted, so that NaN is refused.
         if not low <= value <= high:
             raise ConfigError(f"{name}: {value:g}; expected {low:g} to {high:g}")
+
+
+def _traffic(ahead: float) -> TrafficConfig:
+    """Return how encounters with a model's traffic are drawn."""
+    if not _LATEST_CPA <= ahead <= _LONGEST_ROUTE:
+        raise ConfigError(f"--ahead: {ahead:g}; expected {_LATEST_CPA:g} to {_LONGEST_ROUTE:g} with {MODEL}PATH")
+    return TrafficConfig(ahead=ahead)
 
 
 def _limits(policies: Sequence[Path]) -> Limits:
@@ -106,26 +116,6 @@ def policy_names(paths: Sequence[Path]) -> list[str]:
     if len(set(names)) < len(names):
         raise ConfigError("--policy: a file stands twice; expected different ones")
     return names
-
-
-def _recorded(options: argparse.Namespace, limits: Limits, rules: Rules) -> tuple[Replay, np.ndarray | None]:
-    """Return the replayed encounters of a file of tracks and their weights."""
-    path = Path(options.scenario.removeprefix(_TRACKS))
-    weights: dict[str, float] = {}
-    if path.suffix == ".json":
-        found = read_lincoln(path)
-        weights = {str(each.number): each.weight for each in found}
-        flown = ((str(each.number), tracks_of(each)) for each in found)
-        encounters = [(name, own, [other]) for name, (own, other) in flown]
-    elif path.suffix in (".daa", ".xyz"):
-        own, *others = read_daidalus(path).tracks
-        encounters = [(path.stem, own, others)]
-    else:
-        raise ConfigError(f"--scenario: {path} ends in {path.suffix!r}; expected .json, .daa or .xyz")
-    steps = round(rules.t_max / rules.dt)
-    replayed = replay(encounters, steps=steps, dt=rules.dt, ahead=options.ahead, limits=limits)
-    chosen = np.array([weights[name] for name in replayed.names]) if weights else None
-    return replayed, chosen
 
 
 def size(options: argparse.Namespace, evaluation: Evaluation) -> int:

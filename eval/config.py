@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -11,14 +11,19 @@ from agents.configuration_keys import nearest
 from agents.configuration_world import RulesConfig, ScenarioConfig, VehicleConfig
 from agents.request import MARGIN
 from envs.encounters import SCENARIOS, Scenario
+from envs.replay import AHEAD
+from envs.sobol import REPLICATES
 
 if TYPE_CHECKING:
     from eval.planned import Setting
 
-__all__ = ["FILE", "MonteCarloConfig", "PlannerConfig"]
+__all__ = ["FILE", "MODEL", "PREFIXES", "TRACKS", "MonteCarloConfig", "PlannerConfig", "TracksConfig", "TrafficConfig"]
 
-FILE = "file:"
-"""Prefix of a scenario that is a file of encounters."""
+FILE, TRACKS, MODEL = "file:", "tracks:", "lincoln:"
+PREFIXES: tuple[str, ...] = (FILE, TRACKS, MODEL)
+"""Of scenarios that are files: of encounters, of recorded tracks, of an encounter model."""
+
+_Model = TypeVar("_Model", bound=Strict)
 
 _DEFAULT_ENCOUNTERS = 10_000
 _LARGEST_CHUNK = 1_250
@@ -78,8 +83,63 @@ class PlannerConfig(Strict):
         return Setting(options, limits)
 
 
+class TracksConfig(Strict):
+    """How recorded tracks become encounters."""
+
+    ahead: float = Field(default=AHEAD, ge=10.0, le=3_600.0)
+    """The goal lies so many seconds ahead on the ownship's first course, at its first speed."""
+    repair: bool = False
+    """Whether rows without a value or out of order are dropped and gaps filled; otherwise such files are refused."""
+    max_gap: float = Field(default=5.0, gt=0.0, le=3_600.0)
+    """Longest time between two rows of an aircraft, s."""
+    within: float = Field(default=5_000.0, gt=0.0, le=100_000.0)
+    """Aircraft of ADS-B reports that come this near each other, m, are an encounter."""
+    vertical: float = Field(default=300.0, gt=0.0, le=20_000.0)
+    """If their altitudes then differ by no more than this, m."""
+    lead: float = Field(default=120.0, ge=30.0, le=600.0)
+    """Seconds before their closest approach at which that encounter begins."""
+
+
+_Pair = tuple[float, float]
+
+
+class TrafficConfig(Strict):
+    """Encounters with an encounter model's traffic: what ``changes`` can change."""
+
+    own_speed: _Pair = (50.0, 100.0)
+    """Range of the ownship's speed, m/s."""
+    cpa_time: _Pair = (30.0, 180.0)
+    """Range of the time of the closest approach without a resolver, s."""
+    miss: float = Field(default=1_000.0, gt=0.0, le=50_000.0)
+    """Largest distance there, m."""
+    min_initial_separation: float = Field(default=1_000.0, ge=0.0, le=50_000.0)
+    """Starts closer than this, m, are drawn again."""
+    ahead: float = Field(default=AHEAD, ge=10.0, le=400.0)
+    """The goal lies so many seconds ahead at the own speed, s."""
+    attempts: int = Field(default=200, ge=1, le=10_000)
+    """How many draws an encounter has to meet the conditions."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "TrafficConfig":
+        for key, (least, most) in {"own_speed": (1.0, 300.0), "cpa_time": (0.0, 380.0)}.items():
+            low, high = getattr(self, key)
+            if not least <= low <= high <= most:
+                raise ConfigError(f"{key} is [{low:g}, {high:g}]; expected [low, high] within {least:g} to {most:g}")
+        if self.cpa_time[1] > self.ahead:
+            raise ConfigError(
+                f"cpa_time is up to {self.cpa_time[1]:g} s; expected at most {self.ahead:g} s, when the goal is "
+                "reached (ahead)"
+            )
+        return self
+
+
 class MonteCarloConfig(Strict):
     """An evaluation; the defaults fly the shipped policy through the paper's circle encounters."""
+
+    files: ClassVar[tuple[str, ...]] = PREFIXES
+    """Scenarios of files that can be flown."""
+    quasi: ClassVar[bool] = True
+    """Whether encounters can be drawn quasi-randomly: intervals must know of it."""
 
     policy: Path | None = None
     """Policy file (.safetensors), looked for beside the configuration file and then in the working directory; null:
@@ -92,17 +152,23 @@ class MonteCarloConfig(Strict):
     baseline: str = Field(default="none", json_schema_extra={"expected": "none"})
     """What is flown beside for comparison: none, straight along the route without any resolver."""
     scenario: str = Field(
-        default="circle", json_schema_extra={"expected": f"one of {', '.join(SCENARIOS)}, or {FILE}PATH"}
+        default="circle",
+        json_schema_extra={"expected": f"one of {', '.join(SCENARIOS)}, or {', '.join(f'{p}PATH' for p in PREFIXES)}"},
     )
-    """Where the encounters come from: a scenario's name, or file:PATH for a CSV file of one's own."""
+    """Where the encounters come from: a scenario's name; file:PATH for a CSV file of one's own; tracks:PATH for
+    recorded tracks; lincoln:PATH for traffic of an encounter model."""
     scenario_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
-    """SHA-256 that the file of encounters must have; null: any."""
+    """SHA-256 that the scenario's file must have; null: any."""
     changes: dict[str, Any] = Field(default={}, json_schema_extra={"expected": "a group of a scenario's numbers"})
     """Numbers of the scenario to change, such as {min_initial_separation: 0}."""
     encounters: int | None = Field(default=None, ge=1, le=100_000_000)
     """How many encounters are flown; null: 10000, or all of a file's."""
     seed: int = Field(default=0, ge=0, lt=2**63)
     """Of encounters, sensor noise and bootstrap."""
+    draws: str = Field(default="random", json_schema_extra={"expected": "random or sobol"})
+    """How the encounters of a sampled scenario are drawn: random, independently; sobol, as scrambled Sobol points in 16
+    independent randomisations, whose spread then gives the intervals (a multiple of 16 encounters; powers of two serve
+    best). Sensor noise is random in both."""
     chunk: int | None = Field(default=None, ge=1, le=100_000)
     """Encounters that are flown together and stored together; null: equal shares of the workers, at most 1250. It
     changes no result."""
@@ -118,6 +184,7 @@ class MonteCarloConfig(Strict):
     )
     """Limits of the ownship; null: those that the policy was trained for."""
     planner: PlannerConfig = PlannerConfig()
+    tracks: TracksConfig = TracksConfig()
     figures: bool = True
     """Whether figures are drawn."""
 
@@ -129,6 +196,14 @@ class MonteCarloConfig(Strict):
             raise ConfigError(f"{value!r} is not available in this version; expected {' or '.join(known)}")
         return value
 
+    @field_validator("draws")
+    @classmethod
+    def _drawable(cls, value: str) -> str:
+        known = ("random", "sobol") if cls.quasi else ("random",)
+        if value not in known:
+            raise ConfigError(f"{value!r} is not available here; expected {' or '.join(known)}")
+        return value
+
     @field_validator("policy")
     @classmethod
     def _policy(cls, path: Path | None, info: ValidationInfo) -> Path | None:
@@ -137,30 +212,49 @@ class MonteCarloConfig(Strict):
     @field_validator("scenario")
     @classmethod
     def _scenario(cls, name: str, info: ValidationInfo) -> str:
-        if name.startswith(FILE):
-            if name == FILE:
-                raise ConfigError(f"{name!r} names no file; expected {FILE}PATH")
-            return f"{FILE}{_located(Path(name.removeprefix(FILE)), info)}"
+        prefix = next((each for each in PREFIXES if name.startswith(each)), None)
+        if prefix is not None:
+            if prefix not in cls.files:
+                known = " and ".join(f"{each}PATH" for each in cls.files)
+                raise ConfigError(f"{name!r} cannot be flown here; expected a sampled scenario or {known}")
+            if name == prefix:
+                raise ConfigError(f"{name!r} names no file; expected {prefix}PATH")
+            return f"{prefix}{_located(Path(name.removeprefix(prefix)), info)}"
         if name not in SCENARIOS:
             close = nearest(name, SCENARIOS)
             hint = f"; did you mean {close}?" if close else ""
-            raise ConfigError(f"{name!r} is unknown; expected one of {', '.join(SCENARIOS)}, or {FILE}PATH{hint}")
+            files = ", ".join(f"{each}PATH" for each in cls.files)
+            raise ConfigError(f"{name!r} is unknown; expected one of {', '.join(SCENARIOS)}, or {files}{hint}")
         return name
 
     @model_validator(mode="after")
     def _check(self) -> "MonteCarloConfig":
         if self.file is None:
             self.sampled()
+        elif self.prefix == MODEL:
+            self.traffic()
         elif self.changes:
             raise ConfigError(f"changes: {next(iter(self.changes))} cannot be changed, the encounters stand in a file")
         if self.file is None and self.scenario_sha256 is not None:
-            raise ConfigError(f"scenario_sha256 is for a scenario {FILE}PATH, not for {self.scenario!r}; expected null")
+            wanted = ", ".join(f"{each}PATH" for each in self.files)
+            raise ConfigError(f"scenario_sha256 is for a scenario {wanted}, not for {self.scenario!r}; expected null")
+        if self.draws == "sobol" and self.file is not None:
+            raise ConfigError(f"draws is 'sobol', but {self.scenario!r} is a file; expected random")
+        if self.draws == "sobol" and self.wanted % REPLICATES:
+            raise ConfigError(
+                f"encounters is {self.wanted}; expected a multiple of {REPLICATES}, the randomisations of draws sobol"
+            )
         return self
 
     @property
+    def prefix(self) -> str | None:
+        """What kind of file the scenario is, one of :data:`PREFIXES`; None for a sampled scenario."""
+        return next((each for each in PREFIXES if self.scenario.startswith(each)), None)
+
+    @property
     def file(self) -> Path | None:
-        """The user's file of encounters, None for a sampled scenario."""
-        return Path(self.scenario.removeprefix(FILE)) if self.scenario.startswith(FILE) else None
+        """The scenario's file, None for a sampled scenario."""
+        return None if self.prefix is None else Path(self.scenario.removeprefix(self.prefix))
 
     @property
     def wanted(self) -> int:
@@ -181,12 +275,22 @@ class MonteCarloConfig(Strict):
         for key in ("name", "weight"):
             if key in self.changes:
                 raise ConfigError(f"changes.{key} is unknown; expected a number of the scenario")
+        return self._changed(ScenarioConfig, f"name={self.scenario}").scenario()
+
+    def traffic(self) -> TrafficConfig:
+        """Return what is drawn from an encounter model, with its changes.
+
+        Raises:
+            ConfigError: a change names an unknown number or a value outside its range.
+        """
+        return self._changed(TrafficConfig)
+
+    def _changed(self, model: type[_Model], *first: str) -> _Model:
         # Through the sentences of the configuration, which name the key and the nearest one.
         from agents.configuration import load
 
         try:
-            written = [f"{key}={_yaml(value)}" for key, value in self.changes.items()]
-            return load(ScenarioConfig, None, [f"name={self.scenario}", *written]).scenario()
+            return load(model, None, [*first, *(f"{key}={_yaml(value)}" for key, value in self.changes.items())])
         except ConfigError as problem:
             raise ConfigError(f"changes.{str(problem).removeprefix('--set: ')}") from None
 

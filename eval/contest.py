@@ -10,14 +10,16 @@ import numpy as np
 from agents.baselines import BASELINES
 from agents.inference import Policy
 from agents.nnet import load_logic
-from agents.resolvability import Verdict, classify
-from envs.kinematics import Limits, VehicleState
+from agents.resolvability import Verdict
+from envs.kinematics import Limits
 from envs.outcome import Rules
 from envs.replay import Replay
-from eval.chunks import NETWORK_TILE, Evaluation, encounters, noise_of
+from eval.chunks import NETWORK_TILE, Evaluation, noise_of
 from eval.film import Trajectories
+from eval.hindsight import verdicts
 from eval.metrics import costs, losses, relative
 from eval.simulate import OUTCOMES, Decider, Flights, OnStates, fly
+from eval.sources import drawn
 from eval.volumes import ALERTS, VOLUMES, alerted, lead_times, lost, severity
 
 __all__ = ["REFERENCE", "Contest", "Entry", "baseline_entry", "columns", "policy_entries"]
@@ -45,8 +47,11 @@ class Contest(NamedTuple):
     entries: tuple[Entry, ...]
     evaluation: Evaluation
     """Source, seed, rules and limits; nothing else of it counts."""
-    replayed: Replay | None = None
-    """Recorded intruders; then the evaluation's source is its starts."""
+
+    @property
+    def replayed(self) -> bool:
+        """Whether the intruders are recorded ones."""
+        return isinstance(self.evaluation.source, Replay)
 
 
 def policy_entries(path: Path | None, name: str, limits: Limits, rules: Rules) -> tuple[Entry, ...]:
@@ -84,15 +89,14 @@ def columns(contest: Contest, first: int, count: int) -> dict[str, np.ndarray]:
     """
     evaluation = contest.evaluation
     rules, limits = evaluation.rules, evaluation.limits
-    starts = encounters(evaluation, first, count)
+    starts, weights = drawn(evaluation.source, evaluation.seed, first, count)
     noise = noise_of(evaluation, starts, first)
-    recorded = _part(contest.replayed, first, count)
     endless = rules._replace(separation=0.0)
-    table: dict[str, np.ndarray] = {"encounter": np.arange(first, first + count)}
+    table: dict[str, np.ndarray] = {"encounter": np.arange(first, first + count), "weight": weights}
     solved = []
     for entry in contest.entries:
         heard = None if entry.name == REFERENCE else noise
-        flights, film = fly(starts, entry.decider, endless, limits, noise=heard, recorded=recorded, record=True)
+        flights, film = fly(starts, entry.decider, endless, limits, noise=heard, record=True)
         assert film is not None
         outcome = np.where(flights.min_separation < rules.separation, OUTCOMES.index("violation"), flights.outcome)
         solved.append(outcome == OUTCOMES.index("reached"))
@@ -101,16 +105,8 @@ def columns(contest: Contest, first: int, count: int) -> dict[str, np.ndarray]:
     anyone = reduce(np.logical_or, solved)
     route = np.hypot(starts.goal_x - starts.own.x, starts.goal_y - starts.own.y)
     table["late_at_first_speed"] = route - rules.goal_radius > starts.own.speed * rules.t_max
-    if recorded is None:
-        # The search knows intruders by their intents, which noise does not touch and a recording has not.
-        table["unresolvable"] = classify(starts, rules, limits, solved=anyone).verdict == Verdict.UNRESOLVABLE
+    table["unresolvable"] = verdicts(starts, rules, limits, solved=anyone).verdict == Verdict.UNRESOLVABLE
     return table
-
-
-def _part(replayed: Replay | None, first: int, count: int) -> VehicleState | None:
-    if replayed is None:
-        return None
-    return VehicleState(*(field[:, first : first + count] for field in replayed.recorded))
 
 
 def _held(decide: Callable[[np.ndarray], np.ndarray]) -> Decider:

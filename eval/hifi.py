@@ -3,20 +3,24 @@
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.configuration import ConfigError, Parser, run_cli
-from eval.command import fly_missing, loaded, named_policy, named_source, refusing, whole
+from eval.command import begin, cluster_of, fly_missing, joined, loaded, named_policy, named_source, refusing, whole
 
 if TYPE_CHECKING:
     from eval.hifi_config import HifiConfig
     from eval.hifi_flights import Campaign
     from eval.hifi_folder import HifiFolder
+    from eval.workers import Chunk
 
 __all__ = ["campaign_of", "main"]
+
+_DECISIVE = ("jsbsim",)
+"""Packages beside the usual ones on whose versions flights depend."""
 
 _DESCRIPTION = """\
 Fly what the planner, the policy or the assured loop decide on the true aircraft, a Cessna 208B in JSBSim, and say how
@@ -71,6 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--flights", type=whole(1), metavar="N", help="how many (default: 200, or all of a file's)")
     add("--seed", type=whole(0), metavar="N", help="of encounters, conditions and noise (default: 0)")
     add("--workers", type=whole(0), metavar="N", help="processes; 0: one for every core (default: 0)")
+    add("--scheduler", metavar="ADDRESS", help="fly on a Dask cluster instead, such as tcp://node7:8786")
     add("--resume", action="store_true", help="go on with the run in --out instead of beginning one")
     add("--out", type=Path, metavar="DIR", help="folder of the run (default: runs/hifi_DATE_TIME)")
     return parser
@@ -83,23 +88,34 @@ def _run(options: argparse.Namespace) -> int:
     config = _config(options)
     from eval.hifi_folder import HifiFolder
     from eval.hifi_workers import fly_flights
-    from eval.workers import WorkerError
+    from eval.workers import RunError, cores
 
-    campaign, config = campaign_of(config)
-    folder = HifiFolder(options.out or Path("runs") / time.strftime("hifi_%Y%m%d_%H%M%S"), config)
-    if options.resume:
-        folder.resume()
-    else:
-        folder.create()
-    try:
-        finished, flown = fly_missing(folder, config, partial(fly_flights, campaign), "flights")
-    except WorkerError as problem:
-        print(f"error: {problem}\n{_how_to_resume(folder)}", file=sys.stderr)
-        return 1
-    if not finished:
+    with cluster_of(options, _DECISIVE) as cluster:
+        workers = config.workers or cores() if cluster is None else cluster.size()
+        campaign, config = campaign_of(config, workers)
+        folder = HifiFolder(options.out or Path("runs") / time.strftime("hifi_%Y%m%d_%H%M%S"), config)
+        begin(folder, config, resume=options.resume)
+        if cluster is None:
+
+            def fly(chunks: "list[Chunk]", stopped: Callable[[], bool]) -> "Iterator[tuple[Chunk, Any]]":
+                return fly_flights(campaign, chunks, workers, stopped)
+
+        else:
+            from eval.cluster_kit import DECISIVE, Flier
+            from eval.hifi_flights import Crew
+            from eval.hifi_rows import columns
+
+            flier = Flier(Crew, columns, (*DECISIVE, *_DECISIVE))
+            fly = partial(cluster.fly, flier, campaign, str(config.policy_sha256))
+        try:
+            finished, flown = fly_missing(folder, config, fly, "flights")
+            table = joined(folder) if finished else None
+        except RunError as problem:
+            print(f"error: {problem}\n{_how_to_resume(folder)}", file=sys.stderr)
+            return 1
+    if table is None:
         print(f"interrupted; finished chunks are kept. {_how_to_resume(folder)}", file=sys.stderr)
         return 130
-    table = folder.finish()
     summary = _summary(table, config, time.perf_counter() - begun, flown)
     paths = [folder.write_summary(summary)]
     if config.figures:
@@ -117,20 +133,23 @@ def _config(options: argparse.Namespace) -> "HifiConfig":
     return loaded(HifiConfig, options, keys | {"seed": "seed", "workers": "workers"}, "")
 
 
-def campaign_of(config: "HifiConfig") -> "tuple[Campaign, HifiConfig]":
+def campaign_of(config: "HifiConfig", workers: int = 1) -> "tuple[Campaign, HifiConfig]":
     """Load what a configuration names and return what is to be flown, with the configuration as resolved.
+
+    Args:
+        config: of the run.
+        workers: among whom its chunks are shared.
 
     Raises:
         ConfigError: policy or file of encounters are not those expected, or the limits leave no room.
     """
     from eval.hifi_flights import Campaign
-    from eval.workers import cores
 
     policy = named_policy(config)
     limits = policy.limits if config.vehicle is None else config.vehicle.limits()
     source, _, resolved = named_source(config, limits, "flights")
     resolved |= {"policy_sha256": policy.sha256}
-    resolved["chunk"] = config.chunk_for(resolved["encounters"], config.workers or cores())
+    resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
     campaign = Campaign(
         *(config.policy, source, config.seed, config.rules.rules(), limits, config.mode, config.planner.setting()),
         *(config.aircraft, config.condition.family(), config.wind_plan),

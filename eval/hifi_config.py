@@ -1,14 +1,14 @@
 """What flights of the true aircraft can be told: the keys of ``eval.monte_carlo``, and conditions and vehicle."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import Field, ValidationInfo, field_validator, model_serializer, model_validator
 
 from agents.configuration import ConfigError, Strict
 from agents.configuration_keys import nearest
 from envs.c208.conditions import TURBULENCE
-from eval.config import MonteCarloConfig
+from eval.config import FILE, MonteCarloConfig
 from eval.hifi_conditions import CONDITIONS, Family
 
 __all__ = ["AIRCRAFT", "HIFI_MODES", "ConditionConfig", "HifiConfig"]
@@ -101,6 +101,10 @@ class ConditionConfig(Strict):
 
 class HifiConfig(MonteCarloConfig):
     """Flights of the true aircraft; the defaults fly plans of the shipped policy once, in calm air."""
+
+    # Recorded intruders fly over the ground, and here everybody flies in the air mass.
+    files: ClassVar[tuple[str, ...]] = (FILE,)
+    quasi: ClassVar[bool] = False
 
     mode: str = Field(default="plan", json_schema_extra={"expected": "plan, closed or assured"})
     """Who decides: plan, the planner once at the start, whose plan is then followed; closed, the network alone, once

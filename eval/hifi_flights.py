@@ -97,10 +97,11 @@ class Flown(NamedTuple):
 
 
 class Crew:
-    """A campaign with its policy loaded."""
+    """A campaign with its policy: a given one, or else that of the campaign's file, loaded when it is first needed."""
 
-    def __init__(self, campaign: Campaign) -> None:
+    def __init__(self, campaign: Campaign, policy: Policy | None = None) -> None:
         self.campaign = campaign
+        self._given = policy
 
     @cached_property
     def policy(self) -> Policy:
@@ -109,7 +110,7 @@ class Crew:
         Raises:
             PolicyFileError: the file cannot be used.
         """
-        return Policy.load(self.campaign.policy)
+        return Policy.load(self.campaign.policy) if self._given is None else self._given
 
 
 def scene_of(campaign: Campaign, number: int) -> Scene:

@@ -3,19 +3,20 @@
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.configuration import ConfigError, Parser, run_cli
-from eval.command import fly_missing, loaded, named_policy, named_source, refusing, whole
+from eval.command import begin, cluster_of, fly_missing, joined, loaded, named_policy, named_source, refusing, whole
 
 if TYPE_CHECKING:
     from agents.inference import Policy
     from eval.chunks import Evaluation
     from eval.config import MonteCarloConfig
     from eval.outputs import RunFolder
+    from eval.workers import Chunk
 
 __all__ = ["main"]
 
@@ -23,7 +24,9 @@ _DESCRIPTION = """\
 Fly a policy through many encounters and say how often it succeeds, with intervals.
 
 Sampled scenarios: circle (the paper's), crossing_left, crossing_right, head_on, same_course, maneuvering, noisy,
-multi; or file:PATH for a CSV file of your own (columns in docs/evaluation.md).
+multi; or file:PATH for a CSV file of your own (columns in docs/evaluation.md), tracks:PATH for recorded tracks (a
+.json file of Lincoln Laboratory's encounters or of ADS-B reports, a .daa or .xyz file of DAIDALUS), lincoln:PATH for
+traffic drawn from a file of one of Lincoln Laboratory's encounter models.
 
 Written to --out: summary.json, encounters.parquet (a row an encounter), config.yaml as resolved, and figures as PNG
 and SVG. The same config.yaml gives the same table again, bit for bit, on the same kind of machine and versions,
@@ -35,6 +38,7 @@ examples:
   python -m eval.monte_carlo --scenario multi --encounters 2000 --out runs/multi
   python -m eval.monte_carlo --set changes.min_initial_separation=0 --out runs/unfiltered
   python -m eval.monte_carlo --resume --out runs/circle        go on with a run that was interrupted
+  python -m eval.monte_carlo --scheduler tcp://node7:8786 --encounters 1000000 --out runs/many
 
 Every key of the configuration, with its unit and default: python -m eval.monte_carlo --help-keys"""
 
@@ -68,11 +72,18 @@ def _parser() -> argparse.ArgumentParser:
         help="who decides: policy (the network once a second), plan (planned once, then followed) or assured (planned, "
         "monitored and planned again); default: policy",
     )
-    add("--scenario", metavar="NAME", help="a scenario's name or file:PATH (default: circle)")
+    add("--scenario", metavar="NAME", help="a name, file:PATH, tracks:PATH or lincoln:PATH (default: circle)")
+    add(
+        "--repair",
+        action="store_const",
+        const="true",
+        help="drop and fill what is wrong in recorded tracks, and say what was done (default: refuse such files)",
+    )
     add("--encounters", type=whole(1), metavar="N", help="how many (default: 10000, or all of a file's)")
     add("--seed", type=whole(0), metavar="N", help="of encounters, sensor noise and bootstrap (default: 0)")
     add("--baseline", metavar="NAME", help="flown beside: none, straight along the route (default: none)")
     add("--workers", type=whole(0), metavar="N", help="processes; 0: one for every core (default: 0)")
+    add("--scheduler", metavar="ADDRESS", help="fly on a Dask cluster instead, such as tcp://node7:8786")
     add("--resume", action="store_true", help="go on with the run in --out instead of beginning one")
     add("--out", type=Path, metavar="DIR", help="folder of the run (default: runs/monte_carlo_DATE_TIME)")
     return parser
@@ -84,27 +95,36 @@ def _evaluate(options: argparse.Namespace) -> int:
         raise ConfigError("--resume: expected --out with the folder of the run")
     config = _config(options)
     from eval.outputs import RunFolder
+    from eval.sources import said, say
+    from eval.workers import RunError, cores, fly_chunks
 
-    evaluation, policy, config = _prepare(config)
-    folder = RunFolder(options.out or Path("runs") / time.strftime("monte_carlo_%Y%m%d_%H%M%S"), config)
-    if options.resume:
-        folder.resume()
-    else:
-        folder.create()
+    with cluster_of(options) as cluster:
+        workers = config.workers or cores() if cluster is None else cluster.size()
+        evaluation, policy, config = _prepare(config, workers)
+        say(evaluation.source)
+        folder = RunFolder(options.out or Path("runs") / time.strftime("monte_carlo_%Y%m%d_%H%M%S"), config)
+        begin(folder, config, resume=options.resume)
+        if cluster is None:
 
-    from eval.workers import WorkerError, fly_chunks
+            def fly(chunks: "list[Chunk]", stopped: Callable[[], bool]) -> "Iterator[tuple[Chunk, Any]]":
+                return fly_chunks(evaluation, chunks, workers, stopped)
 
-    try:
-        finished, flown = fly_missing(folder, config, partial(fly_chunks, evaluation), "chunks")
-    except WorkerError as problem:
-        print(f"error: {problem}\n{_how_to_resume(folder)}", file=sys.stderr)
-        return 1
-    if not finished:
+        else:
+            from eval.chunks import Pilot, columns
+            from eval.cluster_kit import Flier
+
+            fly = partial(cluster.fly, Flier(Pilot, columns), evaluation, policy.sha256)
+        try:
+            finished, flown = fly_missing(folder, config, fly, "chunks")
+            table = joined(folder) if finished else None
+        except RunError as problem:
+            print(f"error: {problem}\n{_how_to_resume(folder)}", file=sys.stderr)
+            return 1
+    if table is None:
         print(f"interrupted; finished chunks are kept. {_how_to_resume(folder)}", file=sys.stderr)
         return 130
-    table = folder.finish()
     wall_s = time.perf_counter() - begun
-    summary = _summary(table, config, policy, wall_s, flown)
+    summary = _summary(table, config, policy, wall_s, flown) | said(evaluation.source)
     paths = [folder.write_summary(summary)]
     if config.figures:
         from eval.figures import draw_all
@@ -120,19 +140,18 @@ def _config(options: argparse.Namespace) -> "MonteCarloConfig":
     from eval.config import MonteCarloConfig
 
     keys = {key: key for key in ("mode", "encounters", "seed", "baseline", "workers")}
-    return loaded(MonteCarloConfig, options, keys, "--")
+    return loaded(MonteCarloConfig, options, keys | {"repair": "tracks.repair"}, "--")
 
 
-def _prepare(config: "MonteCarloConfig") -> "tuple[Evaluation, Policy, MonteCarloConfig]":
-    """Load what the configuration names and return it with the configuration as resolved."""
+def _prepare(config: "MonteCarloConfig", workers: int) -> "tuple[Evaluation, Policy, MonteCarloConfig]":
+    """Load what the configuration names and return it with the configuration as resolved for so many workers."""
     from eval.chunks import Evaluation
-    from eval.workers import cores
 
     policy = named_policy(config)
     limits = policy.limits if config.vehicle is None else config.vehicle.limits()
     source, names, resolved = named_source(config, limits, "encounters")
     resolved |= {"policy_sha256": policy.sha256}
-    resolved["chunk"] = config.chunk_for(resolved["encounters"], config.workers or cores())
+    resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
     rules, setting = config.rules.rules(), config.planner.setting()
     evaluation = Evaluation(config.policy, source, names, config.seed, rules, limits, config.mode, setting)
     return evaluation, policy, config.model_copy(update=resolved)
@@ -145,8 +164,12 @@ def _how_to_resume(folder: "RunFolder") -> str:
 def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: float, flown: int) -> dict[str, Any]:
     """Return the content of summary.json."""
     from agents.versions import versions
+    from envs.sobol import REPLICATES
+    from eval.replicated import replicated
     from eval.summary import SCHEMA_VERSION, summarise
+    from eval.weighted import summarise_weighted
 
+    how = (config.confidence, config.resamples, config.seed)
     return {
         "schema_version": SCHEMA_VERSION,
         "encounters": config.wanted,
@@ -157,7 +180,9 @@ def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: f
         "baseline": config.baseline,
         "policy_sha256": policy.sha256,
         "confidence": config.confidence,
-        **summarise(table, config.confidence, config.resamples, config.seed),
+        **summarise(table, *how),
+        **({"draws": "sobol"} | replicated(table, REPLICATES, config.confidence) if config.draws == "sobol" else {}),
+        "weighted": summarise_weighted(table, *how),
         "wall_s": wall_s,
         "encounters_flown_now": flown,
         "encounters_per_s": flown / wall_s if flown else None,

@@ -8,7 +8,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -122,21 +122,13 @@ class RunFolder:
         table = _table(columns).replace_schema_metadata({b"rlcas_run": self._identity().encode()})
         self._write(f"{_PARTS}/{first:09d}.parquet", lambda path: pq.write_table(table, path))
 
-    def finish(self) -> dict[str, np.ndarray]:
-        """Join the parts, all of which must be there, and return the whole table."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
+    def finish(self) -> Mapping[str, np.ndarray]:
+        """Join the parts, all of which must be there, and return the whole table, whose columns are read when used."""
         target = self.path / self.table
         if not target.is_file():
-            paths = sorted((self.path / _PARTS).glob("*.parquet"))
-            # One array a column, so that the file does not show how the run was cut into chunks.
-            joined = pa.concat_tables([pq.read_table(path) for path in paths]).combine_chunks()
-            joined = joined.replace_schema_metadata({b"rlcas_schema": self.schema})
-            self._write(self.table, lambda path: pq.write_table(joined, path, row_group_size=_ROW_GROUP))
+            self._write(self.table, self._join)
         shutil.rmtree(self.path / _PARTS, ignore_errors=True)
-        table = pq.read_table(target)
-        return {name: table.column(name).to_numpy() for name in table.column_names}
+        return _Columns(target)
 
     def write_summary(self, summary: Mapping[str, Any]) -> Path:
         """Write ``summary.json`` and return its path."""
@@ -157,6 +149,22 @@ class RunFolder:
             )
         return [self.path / f"{name}.{kind}" for kind in ("png", "svg")]
 
+    def _join(self, path: Path) -> None:
+        """Write the parts as one file, a group of rows at a time, however many there are."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        parts = sorted((self.path / _PARTS).glob("*.parquet"))
+        schema = pq.read_schema(parts[0]).with_metadata({b"rlcas_schema": self.schema})
+        with pq.ParquetWriter(path, schema) as writer:
+            held = schema.empty_table()
+            for part in parts:
+                held = pa.concat_tables([held, pq.read_table(part).replace_schema_metadata(schema.metadata)])
+                while held.num_rows >= _ROW_GROUP or (part is parts[-1] and held.num_rows > 0):
+                    # One array a column, so that the file does not show how the run was cut into chunks.
+                    writer.write_table(held.slice(0, _ROW_GROUP).combine_chunks(), row_group_size=_ROW_GROUP)
+                    held = held.slice(_ROW_GROUP)
+
     def _identity(self) -> str:
         """Return what tells whether a stored part belongs to this run."""
         made = {
@@ -175,6 +183,36 @@ class RunFolder:
             Path(temporary).replace(target)
         finally:
             Path(temporary).unlink(missing_ok=True)
+
+
+class _Columns(Mapping[str, np.ndarray]):
+    """Columns of a parquet file, read when they are asked for and not kept: only those in use take memory."""
+
+    def __init__(self, path: Path) -> None:
+        import pyarrow.parquet as pq
+
+        self._path, self._names = path, pq.read_schema(path).names
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        if name not in self._names:
+            raise KeyError(name)
+        column = pq.read_table(self._path, columns=[name]).column(0)
+        if not pa.types.is_string(column.type):
+            return column.to_numpy()
+        # Few different words: each as one object, not as one a row.
+        pieces = [piece.dictionary_encode() for piece in column.chunks]
+        words = (np.array([*piece.dictionary.to_pylist(), None], dtype=object) for piece in pieces)
+        codes = (piece.indices.fill_null(-1).to_numpy(zero_copy_only=False) for piece in pieces)
+        return np.concatenate([np.empty(0, object), *(some[code] for some, code in zip(words, codes, strict=True))])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
 def _plain(config: MonteCarloConfig) -> dict[str, Any]:

@@ -16,9 +16,8 @@ from agents.inference import Policy
 from agents.planner import Plans
 from agents.resolvability import replay
 from agents.witness import least_cost
-from envs import encounter_file
 from envs.angles import wrap
-from envs.encounters import Encounter, Scenario
+from envs.encounters import Encounter
 from envs.kinematics import commands
 from envs.starts import joined
 from envs.trees import take
@@ -28,6 +27,7 @@ from eval.film import Trajectories
 from eval.planned import STATUSES, fly_once, planned
 from eval.report_run import Run
 from eval.simulate import OUTCOMES, Flights, fly
+from eval.sources import read_source, spread
 
 __all__ = ["Replayed", "Witness", "evaluation_of", "fly_again"]
 
@@ -97,19 +97,14 @@ def evaluation_of(run: Run, policy_path: Any = None) -> Evaluation:
             "(--policy names the file, --tracks 0 makes the page without tracks)"
         )
     limits = policy.limits if config.vehicle is None else config.vehicle.limits()
-    source: Scenario | Encounter
-    names = None
-    if config.file is None:
-        source = config.sampled()
-    else:
-        source, found = encounter_file.read(config.file, limits)
+    source, names = read_source(config, limits)
+    if config.file is not None:
         digest = hashlib.sha256(config.file.read_bytes()).hexdigest()
         if digest != config.scenario_sha256:
             raise ConfigError(
                 f"{config.file} has SHA-256 {digest}, expected {config.scenario_sha256} as in the run "
                 "(--tracks 0 makes the page without tracks)"
             )
-        names = tuple(found)
     rules, setting = config.rules.rules(), config.planner.setting()
     return Evaluation(path, source, names, config.seed, rules, limits, config.mode, setting)
 
@@ -169,7 +164,7 @@ def _flown(
         flights, rows = flown.flights, np.flatnonzero(plans.proposals.last >= 0)
     else:
         assured, film = fly_assured(
-            starts, plans, pilot.policy, rules, setting, spread=_spread(evaluation), noise=noise, record=True
+            starts, plans, pilot.policy, rules, setting, spread=spread(evaluation.source), noise=noise, record=True
         )
         flights = assured.flown.flights
     assert film is not None
@@ -226,11 +221,3 @@ def _witnesses(evaluation: Evaluation, starts: Encounter, rows: list[int]) -> di
         arrival, separation = float(best.arrival[place]), float(best.separation[place])
         found[rows[int(place)]] = Witness(flight.own.x[on], flight.own.y[on], arrival, separation)
     return found
-
-
-def _spread(evaluation: Evaluation) -> tuple[float, float]:
-    """Return one sigma of reported positions, m, and velocities, m/s: the largest of the whole source."""
-    source = evaluation.source
-    if isinstance(source, Scenario):
-        return source.position_std, source.velocity_std
-    return float(np.max(source.sensor.position_std)), float(np.max(source.sensor.velocity_std))

@@ -114,7 +114,6 @@ def fly(
     limits: Limits,
     *,
     noise: Callable[[int], np.ndarray] | None = None,
-    recorded: VehicleState | None = None,
     record: bool = False,
 ) -> tuple[Flights, Trajectories | None]:
     """Fly encounters to their end; the decider acts once per time step.
@@ -125,8 +124,6 @@ def fly(
         rules: of the task.
         limits: of the ownship.
         noise: the sensors' noise by step, ``[4, N, K]``; None for perfect knowledge of the intruders.
-        recorded: the intruders' states at each time step, ``[T + 1, N, K]``, to be flown instead of what the encounters
-            say of them; as many steps as the rules allow.
         record: keep the trajectories too (about 150 bytes an encounter and second).
 
     Returns:
@@ -152,11 +149,7 @@ def fly(
             action = decider(observation).astype(np.float64)
         acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
 
-        if recorded is None:
-            traffic = intruder.step(air.intruders, air.intent, step * dt, dt, np)
-        else:
-            there = VehicleState(*(field[step + 1, air.number] for field in recorded))
-            traffic = air.intruders._replace(vehicle=there)
+        traffic = intruder.step(air.intruders, air.intent, step * dt, dt, np)
         own = advance(air.own, acceleration, yaw_rate, dt, limits, np)
         step += 1
         separation = _separation(air, own, traffic.vehicle, dt)

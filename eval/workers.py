@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 from envs.encounters import EncounterError
 from eval.chunks import Evaluation, Pilot, columns
 
-__all__ = ["Chunk", "WorkerError", "cores", "fly_chunks"]
+__all__ = ["Chunk", "RunError", "WorkerError", "cores", "fly_chunks"]
 
 
 class Chunk(NamedTuple):
@@ -32,7 +32,11 @@ class Chunk(NamedTuple):
     size: int
 
 
-class WorkerError(RuntimeError):
+class RunError(RuntimeError):
+    """A run cannot go on, though its input is good; the message says why. What is stored remains."""
+
+
+class WorkerError(RunError):
     """A worker has failed; the message says how."""
 
 

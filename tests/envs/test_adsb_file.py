@@ -105,4 +105,4 @@ def test_a_recorded_pair_comes_as_close_as_published_and_can_be_flown() -> None:
     first, second = at_times(own, times), at_times(other, times)
     assert np.hypot(first.x - second.x, first.y - second.y).min() == pytest.approx(float(line[4]), abs=5.0)
     made = replay([("pair", own, [other])], steps=100)
-    assert np.isfinite(made.recorded.x).all()
+    assert np.isfinite(made.starts.intent.x).all()

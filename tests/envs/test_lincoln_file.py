@@ -75,7 +75,10 @@ def test_flights_meet_the_published_miss_distances() -> None:
         (lambda one: one.update(id=None), "field id: None, expected a finite number"),
         (lambda one: one.update({EVENTS: [[]]}), "expected a list of events for each of two aircraft"),
         (lambda one: one[EVENTS][0][1].pop(), "ownship's events, row 2: expected 4 numbers"),
-        (lambda one: one[EVENTS][0][1].__setitem__(0, -1.0), "ownship's events, row 2: time does not increase"),
+        (
+            lambda one: one[EVENTS][0][1].__setitem__(0, -1.0),
+            "ownship's events, row 2, time: -1 s does not increase, expected more than 0 s",
+        ),
         (lambda one: one[EVENTS][1][0].__setitem__(3, True), "intruder's events, row 1, acceleration: True"),
         (lambda one: one["meta"].update(hmd="near"), "field hmd: 'near'"),
         (lambda one: one["meta"].update(w=-1.0), "field w: -1, expected a positive weight"),
@@ -115,15 +118,15 @@ def test_a_replay_is_the_track_and_straight_on_after_it(tmp_path: Path) -> None:
     made = replay([("seven", own, [other])], steps=100, ahead=100.0)
     assert made.names == ("seven",)
     assert made.left_out == ()
-    starts, recorded_states = made.starts, made.recorded
+    starts, recorded_states = made.starts, made.starts.intent
     assert starts.goal_y[0] == pytest.approx(100.0 * 200.0 * FOOT)
     assert starts.own.heading[0] == pytest.approx(math.pi / 2)
     seconds = np.arange(61)
-    assert recorded_states.x[:61, 0, 0] == pytest.approx(other.x[10 * seconds])
-    assert recorded_states.y[:61, 0, 0] == pytest.approx(other.y[10 * seconds])
+    assert recorded_states.x[0, 0, :61] == pytest.approx(other.x[10 * seconds])
+    assert recorded_states.y[0, 0, :61] == pytest.approx(other.y[10 * seconds])
     beyond = np.arange(1, 41)
-    assert recorded_states.y[61:, 0, 0] == pytest.approx(other.y[-1] + other.vy[-1] * beyond)
-    assert recorded_states.speed[100, 0, 0] == pytest.approx(np.hypot(other.vx[-1], other.vy[-1]))
+    assert recorded_states.y[0, 0, 61:] == pytest.approx(other.y[-1] + other.vy[-1] * beyond)
+    assert recorded_states.speed[0, 0, 100] == pytest.approx(np.hypot(other.vx[-1], other.vy[-1]))
 
 
 def test_what_cannot_be_flown_is_left_out_with_the_reason(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -17,6 +18,7 @@ from agents.configuration import ConfigError
 from agents.nnet import NnetError
 from envs import encounter_file
 from envs.encounters import EncounterError, scenario
+from envs.intruder import Recording
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 from envs.starts import numbered
@@ -29,7 +31,7 @@ from eval.simulate import OnStates
 from tests.recorded import recorded
 
 
-def make(policy_path: Path, name: str, baselines=("none", "mvp")) -> Contest:
+def make(policy_path: Path, name: str, baselines: tuple[str, ...] = ("none", "mvp")) -> Contest:
     entries = policy_entries(policy_path, "ours", SURROGATE, RULES)
     entries += tuple(baseline_entry(each, SURROGATE, RULES) for each in baselines)
     return Contest(entries, Evaluation(policy_path, scenario(name), None, 4, RULES, SURROGATE))
@@ -94,9 +96,10 @@ def test_replayed_intruders_fly_their_recording() -> None:
     assert film is not None
     # What was flown, flown again as a recording, up to where an encounter ended.
     known = [np.where(np.isnan(field), 0.0, field) for field in film.intruders]
-    longer = [np.concatenate([field, np.repeat(field[-1:], 301 - len(field), axis=0)]) for field in known]
+    recording = Recording(*(np.moveaxis(field, 0, -1) for field in known))
+    replayed: Any = recording
     again, second = simulate.fly(
-        starts, simulate.direct(SURROGATE), RULES, SURROGATE, recorded=type(film.intruders)(*longer), record=True
+        starts._replace(intent=replayed), simulate.direct(SURROGATE), RULES, SURROGATE, record=True
     )
     assert second is not None
     for field in simulate.Flights._fields:
@@ -157,7 +160,8 @@ def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     compare.main(["--scenario", f"tracks:{path}", "--baseline", "mvp_speed", "--out", str(out)])
     summary = json.loads((out / "summary.json").read_text())
     assert summary["encounters"] + len(summary["left_out"]) == 50
-    assert summary["resolvable_rate"] is None
+    assert summary["resolvable_rate"]["total"] == summary["encounters"]
+    assert summary["repairs"] == {"not_finite": 0, "out_of_order": 0, "filled": 0, "stale": 0}
     rates = {row["name"]: row["success_rate"]["value"] for row in summary["entries"]}
     assert rates["none"] < 0.5
     assert rates["mvp_speed"] > 0.8
@@ -177,7 +181,8 @@ def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         (["--scenario", "circel"], EncounterError, "scenario 'circel' is unknown"),
         (["--scenario", "file:absent.csv"], EncounterError, "absent.csv: there is no such file"),
         (["--scenario", "tracks:absent.daa"], TrackError, "absent.daa: there is no such file"),
-        (["--scenario", "tracks:absent.txt"], ConfigError, "absent.txt ends in '.txt'; expected .json"),
+        (["--scenario", "tracks:absent.txt"], TrackError, "absent.txt ends in '.txt'; expected .json"),
+        (["--scenario", "lincoln:absent.txt"], EncounterError, "absent.txt: there is no such file"),
         (["--policy", "absent.nnet"], NnetError, "absent.nnet: there is no such file"),
         (["--policy", "mvp.nnet"], NnetError, "mvp.nnet: there is no such file"),
         (["--policy", "a.nnet", "--policy", "a.nnet"], ConfigError, "a file stands twice"),

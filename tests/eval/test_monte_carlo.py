@@ -143,6 +143,7 @@ def test_another_seed_is_another_run(finished: Path, tmp_path: Path) -> None:
     assert other != (finished / "encounters.parquet").read_bytes()
 
 
+@pytest.mark.slow
 def test_killed_runs_go_on_and_leave_no_process(finished: Path, tmp_path: Path) -> None:
     out = tmp_path / "killed"
     process = start(

@@ -1,0 +1,158 @@
+"""Encounters from one form of file to another: ``python -m eval.convert encounters.json own.csv``."""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from agents.configuration import ConfigError, Parser, run_cli
+from eval.command import refusing
+
+if TYPE_CHECKING:
+    from envs.encounter_exchange import Scene
+
+__all__ = ["main"]
+
+_DESCRIPTION = """\
+Turn encounters from one form of file into another; the names' ends say which:
+
+  .csv         our own (columns in docs/evaluation.md), for --scenario file:PATH
+  .json        two-aircraft encounters of MIT Lincoln Laboratory's form
+  .daa, .xyz   one encounter in the form of NASA's DAIDALUS; written with local positions
+
+What the other form cannot hold is refused in one sentence; with --lossy it is left out, and named."""
+
+_EPILOG = """\
+examples:
+  python -m eval.convert own.csv own.json --altitude-ft 5000 --lossy
+  python -m eval.convert own.csv one.xyz --encounter "from the right" --altitude-ft 5000 --lossy
+  python -m eval.convert scenario.daa own.csv --lossy"""
+
+_TRACKS = (".daa", ".xyz")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Convert what the command line names and return the exit status.
+
+    Raises:
+        ConfigError: bad input; so are ``EncounterError`` and ``TrackError``.
+    """
+    options = _parser().parse_args(arguments)
+    for path in (options.source, options.target):
+        if path.suffix not in (".csv", ".json", *_TRACKS):
+            raise ConfigError(f"{path} ends in {path.suffix!r}; expected .csv, .json, .daa or .xyz")
+    if options.target.exists():
+        raise ConfigError(f"{options.target} is there already, expected a new file")
+    if not 10.0 <= options.ahead <= 3_600.0 or not 1 <= options.seconds <= 3_600:
+        raise ConfigError("--ahead: expected 10 to 3600 s, --seconds: 1 to 3600")
+    if options.altitude_ft is not None and not -2_000.0 <= options.altitude_ft <= 60_000.0:
+        raise ConfigError(f"--altitude-ft: {options.altitude_ft:g}; expected -2000 to 60000")
+    count = _convert(options)
+    print(f"{options.target}: {count} encounter{'s' if count != 1 else ''}")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m eval.convert", description=_DESCRIPTION, epilog=_EPILOG)
+    add = parser.add_argument
+    add("source", type=Path, metavar="FROM", help="file to read")
+    add("target", type=Path, metavar="TO", help="file to write, a new one")
+    add("--encounter", metavar="NAME", help="convert this one alone (default: all)")
+    add("--altitude-ft", type=float, metavar="FT", help="of encounters that have no altitude")
+    add("--seconds", type=int, default=300, metavar="S", help="of encounters of ours that become tracks (default: 300)")
+    add("--ahead", type=float, default=220.0, metavar="S", help="goal, where the form has none (default: 220 s ahead)")
+    add("--repair", action="store_true", help="drop and fill what is wrong in tracks, and say what was done")
+    add("--lossy", action="store_true", help="leave out what the other form cannot hold, and name it")
+    return parser
+
+
+def _convert(options: argparse.Namespace) -> int:
+    from envs.encounter_exchange import daidalus_text, encounters_of_scenes, lincoln_objects
+    from envs.track_units import FOOT
+
+    scenes = _read(options)
+    if options.encounter is not None:
+        known = [scene.name for scene in scenes]
+        scenes = [scene for scene in scenes if scene.name == options.encounter]
+        if not scenes:
+            raise ConfigError(
+                f"--encounter: {options.encounter!r} is not in {options.source}; it holds {known[:5]} ..."
+            )
+    lost: list[str] = []
+    target = options.target.suffix
+
+    def losing(what: str, which: "Sequence[Scene]") -> None:
+        if which:
+            lost.append(f"{what} of {len(which)} of {len(scenes)} encounters, the first {which[0].name!r}")
+
+    if target == ".csv":
+        losing("altitudes", [scene for scene in scenes if scene.altitudes])
+        losing("the ownship's motion after the start", [scene for scene in scenes if not scene.straight(0)])
+        losing("the weight", [scene for scene in scenes if scene.weight != 1.0])
+    else:
+        losing("the goal", [scene for scene in scenes if scene.goal is not None])
+        losing("the noise of reports", [scene for scene in scenes if any(scene.sensor)])
+        if target in _TRACKS:
+            losing("the weight", [scene for scene in scenes if scene.weight != 1.0])
+        else:
+            losing("the name", [scene for scene in scenes if not _whole(scene.name)])
+    if lost and not options.lossy:
+        raise ConfigError(f"{options.target} cannot hold {'; '.join(lost)}; expected --lossy to leave it out")
+    altitude = None if options.altitude_ft is None else options.altitude_ft * FOOT
+    if target == ".csv":
+        from envs import encounter_file
+
+        encounter_file.write(options.target, *encounters_of_scenes(scenes, options.ahead))
+    elif target == ".json":
+        _write(options.target, json.dumps(lincoln_objects(scenes, altitude), allow_nan=False) + "\n")
+    else:
+        if len(scenes) != 1:
+            raise ConfigError(
+                f"{options.source} holds {len(scenes)} encounters and {target} files one, expected --encounter NAME"
+            )
+        _write(options.target, daidalus_text(scenes[0], altitude))
+    for sentence in lost:
+        print(f"left out: {sentence}", file=sys.stderr)
+    return len(scenes)
+
+
+def _whole(name: str) -> bool:
+    return name.isascii() and name.isdecimal() and str(int(name)) == name
+
+
+def _read(options: argparse.Namespace) -> "list[Scene]":
+    from envs.encounter_exchange import scenes_of, scenes_of_tracks
+    from envs.lincoln_file import read_lincoln, tracks_of
+    from envs.track_files import read_daidalus
+    from envs.tracks import Repairs, summed
+
+    path = options.source
+    if path.suffix == ".csv":
+        from envs import encounter_file
+
+        encounters, names = encounter_file.read(path)
+        return scenes_of(encounters, names, options.seconds)
+    repairs = Repairs()
+    if path.suffix == ".json":
+        found = read_lincoln(path, repair=options.repair)
+        repairs = summed([each.repairs for each in found])
+        recorded = [(str(each.number), tracks_of(each), each.weight) for each in found]
+    else:
+        tracks, repairs = read_daidalus(path, repair=options.repair)
+        recorded = [(path.stem, tracks, 1.0)]
+    if any(repairs):
+        print("repaired: " + ", ".join(f"{v} {k}" for k, v in repairs._asdict().items() if v), file=sys.stderr)
+    return scenes_of_tracks(recorded)
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as problem:
+        raise ConfigError(f"{path}: cannot be written: {problem.strerror}") from None
+
+
+if __name__ == "__main__":
+    run_cli(refusing(main))

@@ -1,0 +1,284 @@
+"""Recorded tracks and an encounter model's traffic in the evaluation: repeatable, weighted, repaired only if asked."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from agents.configuration import ConfigError
+from agents.resolvability import Method, Verdict
+from envs.encounters import EncounterError
+from envs.intruder import Recording
+from envs.kinematics import SURROGATE, VehicleState
+from envs.outcome import RULES
+from envs.replay import encounters_of
+from envs.tracks import TrackError
+from eval import compare, hindsight, monte_carlo, report
+from eval.weighted import summarise_weighted
+from tests.envs.test_encounter_model import SMALL
+from tests.envs.test_lincoln_file import ONE
+from tests.recorded import recorded
+
+QUICK = ("--set", "resamples=200", "--set", "figures=false", "--workers", "1")
+DAA = """\
+NAME, sx, sy, sz, vx, vy, vz, time
+[none], [m], [m], [m], [m/s], [m/s], [m/s], [s]
+own, 0, 0, 0, 75, 0, 0, 0
+other, 9000, 100, 0, -75, 0, 0, 0
+own, 75, 0, 0, 75, 0, 0, 1
+other, 8925, 100, 0, -75, 0, 0, 1
+own, 150, 0, 0, 75, 0, 0, 2
+other, 8850, 100, 0, -75, 0, 0, 2
+"""
+
+
+def fly(out: Path, *arguments: str) -> dict:
+    assert monte_carlo.main([*arguments, *QUICK, "--out", str(out)]) == 0
+    return json.loads((out / "summary.json").read_text())
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    path = tmp_path / "model.txt"
+    path.write_text(SMALL)
+    return path
+
+
+def test_a_model_s_traffic_is_weighted_and_repeatable(model: Path, tmp_path: Path) -> None:
+    common = ("--scenario", f"lincoln:{model}")
+    summary = fly(tmp_path / "one", *common, "--encounters", "10")
+    table = pq.read_table(tmp_path / "one" / "encounters.parquet").to_pydict()
+    weight, reached = np.array(table["weight"]), np.array(table["outcome"]) == "reached"
+    assert (weight > 0.0).all()
+    found = summary["weighted"]
+    assert found["success_rate"]["value"] == pytest.approx(weight @ reached / weight.sum())
+    assert found["effective_sample_size"] == pytest.approx(weight.sum() ** 2 / (weight**2).sum())
+    assert summary["success_rate"]["count"] == reached.sum()
+    # Everyone conflicts: that is what was drawn.
+    assert set(table["baseline_outcome"]) == {"violation"}
+    fly(tmp_path / "two", *common, "--encounters", "10", "--set", "chunk=7")
+    assert (tmp_path / "two/encounters.parquet").read_bytes() == (tmp_path / "one/encounters.parquet").read_bytes()
+    fly(tmp_path / "three", "--config", str(tmp_path / "one/config.yaml"))
+    assert (tmp_path / "three/encounters.parquet").read_bytes() == (tmp_path / "one/encounters.parquet").read_bytes()
+    assert report.main([str(tmp_path / "one"), "--tracks", "3"]) == 0
+    model.write_text(SMALL + "\n")
+    with pytest.raises(ConfigError, match="has SHA-256"):
+        fly(tmp_path / "four", "--config", str(tmp_path / "one/config.yaml"))
+
+
+def test_changes_of_a_model_s_traffic(model: Path, tmp_path: Path) -> None:
+    common = ("--scenario", f"lincoln:{model}", "--encounters", "6")
+    fly(tmp_path / "far", *common, "--set", "changes.miss=8000", "--set", "changes.own_speed=[60, 61]")
+    table = pq.read_table(tmp_path / "far/encounters.parquet").to_pydict()
+    assert max(table["own_speed_m_s"]) <= 61.0
+    assert "reached" in table["baseline_outcome"]
+
+
+@pytest.mark.parametrize(
+    "mode", ["policy", *(pytest.param(each, marks=pytest.mark.slow) for each in ("plan", "assured"))]
+)
+def test_recorded_tracks_in_every_mode(tmp_path: Path, mode: str) -> None:
+    (tmp_path / "straight.daa").write_text(DAA)
+    (tmp_path / "turning.json").write_text(json.dumps([ONE]))
+    for name in ("straight.daa", "turning.json")[: 1 if mode == "assured" else 2]:
+        where = tmp_path / f"run_{name}"
+        summary = fly(where, "--scenario", f"tracks:{tmp_path / name}", "--mode", mode)
+        assert summary["encounters"] == 1
+        assert summary["left_out"] == []
+        assert sum(summary["repairs"].values()) == 0
+        table = pq.read_table(where / "encounters.parquet").to_pydict()
+        assert table["name"] == ["straight" if name.endswith("daa") else "7"]
+        assert table["weight"] == [1.0 if name.endswith("daa") else 2.5]
+        assert report.main([str(where), "--tracks", "5"]) == 0
+    # Head-on, 100 m to the side: without a resolver a loss, and there is room for an escape.
+    assert pq.read_table(tmp_path / "run_straight.daa/encounters.parquet").to_pydict()["baseline_outcome"] == [
+        "violation"
+    ]
+
+
+@pytest.mark.slow
+def test_the_public_encounters_fly(tmp_path: Path) -> None:
+    source = recorded("lincoln_lab/encounters.json")
+    summary = fly(tmp_path / "run", "--scenario", f"tracks:{source}")
+    assert summary["encounters"] + len(summary["left_out"]) == 50
+    assert summary["weighted"]["effective_sample_size"] < 15.0
+    assert summary["undecided_rate"]["count"] == 0
+
+
+def test_repairs_are_made_only_if_asked_for_and_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "bad.daa"
+    path.write_text(DAA.replace("own, 75,", "own, nan,") + DAA.splitlines()[-1].replace(", 2", ", 1") + "\n")
+    common = ("--scenario", f"tracks:{path}")
+    with pytest.raises(TrackError, match=r"bad.daa line 5, field sx: nan, expected a finite number"):
+        fly(tmp_path / "refused", *common)
+    assert not (tmp_path / "refused").exists()
+    summary = fly(tmp_path / "repaired", *common, "--repair")
+    assert summary["repairs"] == {"not_finite": 1, "out_of_order": 1, "filled": 0, "stale": 0}
+    assert "repaired: 1 rows without a value dropped, 1 rows out of order dropped" in capsys.readouterr().err
+    assert (
+        compare.main(["--scenario", f"tracks:{path}", "--baseline", "none", "--repair", "--out", str(tmp_path / "c")])
+        == 0
+    )
+    assert json.loads((tmp_path / "c/summary.json").read_text())["repairs"]["not_finite"] == 1
+
+
+def test_a_comparison_with_a_model_s_traffic(model: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    arguments = ["--scenario", f"lincoln:{model}", "--baseline", "mvp", "--encounters", "8", "--resamples", "100"]
+    assert compare.main([*arguments, "--out", str(out)]) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["weighted"] is True
+    assert summary["entries"][-1]["risk_ratio"]["value"] == 1.0
+
+
+def reports(positions: list[tuple[str, int, float, float]], **more: object) -> list[dict]:
+    """Return reports of aircraft that fly east at 142 kt: name, second, latitude, longitude."""
+    usual = {"altitude": 5_000, "groundspeed": 142.24, "track": 90, "vertical_rate": 0}
+    return [
+        {"icao24": name, "timestamp": 1_000_000_000 + 1_000 * second, "latitude": y, "longitude": x, **usual, **more}
+        for name, second, y, x in positions
+    ]
+
+
+def test_pairs_of_adsb_reports_become_encounters(tmp_path: Path) -> None:
+    # 0.001 degrees are 73.17 m here, 142.24 kt; they pass 1.1 km beside each other after 70 s.
+    east = [("aaa", t, 49.0, 2.0 + 0.001 * t) for t in range(160)]
+    west = [("bbb", t, 49.01, 2.14 - 0.001 * t) for t in range(160)]
+    far = [("ccc", t, 50.5, 2.14 - 0.001 * t) for t in range(160)]
+    found = reports(east) + reports(west, track=270) + reports(far, track=270)
+    path = tmp_path / "adsb.json"
+    path.write_text(json.dumps(found))
+    summary = fly(tmp_path / "run", "--scenario", f"tracks:{path}")
+    table = pq.read_table(tmp_path / "run/encounters.parquet").to_pydict()
+    assert summary["encounters"] == 1
+    assert table["name"] == ["aaa-bbb-1000070"]
+    # 0.01 degrees of latitude, and what the parallel bends away from its tangent over 0.14 degrees, x^2 tan(lat) / 2 R.
+    assert table["d_cpa_m"][0] == pytest.approx(1_112.0 + 10_230.0**2 * 1.1504 / 2 / 6.39e6, abs=2.0)
+    assert table["t_cpa_s"][0] == pytest.approx(70.0, abs=1.0)
+    assert table["own_speed_m_s"][0] == pytest.approx(73.17, abs=0.05)
+
+    found[80]["latitude"], found[81]["longitude"] = found[79]["latitude"], found[79]["longitude"]
+    found[80]["longitude"], found[81]["latitude"] = found[79]["longitude"], found[79]["latitude"]
+    found[30]["altitude"] = None
+    path.write_text(json.dumps(found))
+    with pytest.raises(TrackError, match="report 81, field latitude: the position of 1000080 s is that of 1000079 s"):
+        fly(tmp_path / "refused", "--scenario", f"tracks:{path}")
+    again = fly(tmp_path / "again", "--scenario", f"tracks:{path}", "--repair")
+    assert again["repairs"] == {"not_finite": 1, "out_of_order": 0, "filled": 0, "stale": 2}
+    assert again["encounters"] == 1
+
+
+def test_a_loose_recording_is_not_proven_unresolvable() -> None:
+    """An intruder that starts almost upon the ownship, whose rows are off arcs, and one that keeps to them."""
+    times = np.arange(120.0)
+    own = VehicleState(*np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [75.0, 75.0]]))
+    straight = np.stack([1_100.0 - 75.0 * times, 0.0 * times, np.pi + 0.0 * times, 75.0 + 0.0 * times])
+    loose = straight.copy()
+    loose[1, 60] = 5.0
+    recording = Recording(*np.stack([straight, loose], axis=1)[:, :, None])
+    starts = encounters_of(own, recording, np.ones((2, 1), bool), 220.0)
+    found = hindsight.verdicts(starts, RULES, SURROGATE, np.zeros(2, bool))
+    assert found.verdict.tolist() == [Verdict.UNRESOLVABLE, Verdict.UNDECIDED]
+    assert found.method[0] in (Method.CONTAINMENT, Method.SPLITTING)
+    assert found.method[1] == Method.NONE
+
+
+def test_weighted_rates_by_hand() -> None:
+    table = {
+        "weight": np.array([3.0, 1.0, 4.0]),
+        "outcome": np.array(["reached", "violation", "timeout"], object),
+        "baseline_outcome": np.array(["violation", "violation", "reached"], object),
+        "verdict": np.array(["resolvable", "unresolvable", "undecided"], object),
+    }
+    found = summarise_weighted(table, 0.95, 200, 0)
+    assert found is not None
+    assert found["success_rate"]["value"] == pytest.approx(3 / 8)
+    assert found["success_given_resolvable"]["value"] == pytest.approx(3 / 7)
+    assert found["resolvable_rate"]["value"] == pytest.approx(7 / 8)
+    assert found["risk_ratio"] == pytest.approx(1 / 4)
+    assert found["effective_sample_size"] == pytest.approx(64 / 26)
+    assert found["largest_share"] == pytest.approx(0.5)
+    for name in ("success_rate", "violation_rate", "success_given_resolvable"):
+        assert 0.0 <= found[name]["low"] <= found[name]["value"] <= found[name]["high"] <= 1.0
+    assert summarise_weighted(table | {"weight": np.ones(3)}, 0.95, 200, 0) is None
+
+
+@pytest.mark.slow
+def test_weighted_intervals_cover() -> None:
+    """Of repeated samples the 95 % interval holds the truth about as often as it says."""
+    rng, held = np.random.default_rng(0), 0
+    for seed in range(120):
+        weight = rng.exponential(1.0, 150)
+        # What is heavy fails more often: the weighted rate is not the plain one.
+        failed = rng.random(150) < np.clip(0.1 + 0.1 * weight, 0.0, 1.0)
+        outcome = np.where(failed, "violation", "reached").astype(object)
+        table = {
+            "weight": weight,
+            "outcome": outcome,
+            "baseline_outcome": outcome,
+            "verdict": np.full(150, "undecided"),
+        }
+        found = summarise_weighted(table, 0.95, 200, seed)
+        assert found is not None
+        held += found["violation_rate"]["low"] <= 0.2997 <= found["violation_rate"]["high"]
+    assert held >= 104
+
+
+@pytest.mark.parametrize(
+    ("arguments", "kind", "sentence"),
+    [
+        (["--scenario", "lincoln:"], ConfigError, "'lincoln:' names no file; expected lincoln:PATH"),
+        (["--scenario", "lincoln:none.txt"], EncounterError, "none.txt: there is no such file"),
+        (["--scenario", "tracks:none.daa"], TrackError, "none.daa: there is no such file"),
+        (["--scenario", "tracks:none.txt"], TrackError, "ends in '.txt'; expected .json, .json.gz, .daa or .xyz"),
+        (["--scenario", "lincoln:MODEL", "--set", "changes.mis=3"], ConfigError, "changes.mis is unknown"),
+        (["--scenario", "lincoln:MODEL", "--set", "changes.miss=-3"], ConfigError, "changes.miss is -3"),
+        (
+            ["--scenario", "lincoln:MODEL", "--set", "changes.cpa_time=[9, 2]"],
+            ConfigError,
+            "cpa_time is [9, 2]; expected",
+        ),
+        (
+            ["--scenario", "lincoln:MODEL", "--set", "changes.cpa_time=[9, 300]"],
+            ConfigError,
+            "when the goal is reached",
+        ),
+        (
+            ["--scenario", "lincoln:MODEL", "--set", "changes.own_speed=[20, 60]"],
+            EncounterError,
+            "the ownship's limits",
+        ),
+        (["--scenario", "tracks:DAA", "--set", "changes.miss=3"], ConfigError, "changes: miss cannot be changed"),
+        (["--scenario", "tracks:DAA", "--encounters", "2"], ConfigError, "encounters is 2; expected at most 1"),
+        (["--scenario", "tracks:DAA", "--set", "tracks.max_gap=0.5"], TrackError, "a gap of 1 s in the track of 'own'"),
+    ],
+)
+def test_bad_input_is_one_sentence(
+    model: Path, tmp_path: Path, arguments: list[str], kind: type, sentence: str
+) -> None:
+    (tmp_path / "one.daa").write_text(DAA)
+    told = [each.replace("MODEL", str(model)).replace("DAA", str(tmp_path / "one.daa")) for each in arguments]
+    with pytest.raises(kind) as problem:
+        fly(tmp_path / "run", *told)
+    assert sentence in str(problem.value)
+    assert not (tmp_path / "run").exists()
+
+
+def test_exit_code_2_and_no_traceback(tmp_path: Path) -> None:
+    (tmp_path / "cut.txt").write_text(SMALL[:300])
+    command = [sys.executable, "-m", "eval.monte_carlo", "--scenario", f"lincoln:{tmp_path / 'cut.txt'}"]
+    done = subprocess.run([*command, "--out", str(tmp_path / "run")], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+
+
+def test_the_true_aircraft_flies_no_recorded_tracks(tmp_path: Path) -> None:
+    from eval import hifi
+
+    with pytest.raises(ConfigError, match="cannot be flown here; expected a sampled scenario or file:PATH"):
+        hifi.main(["--scenario", "tracks:one.daa", "--out", str(tmp_path / "run")])
