@@ -1,0 +1,401 @@
+"""A real scheduler and real workers on the loopback: the same bits, whatever dies, one sentence for every mistake."""
+
+import contextlib
+import importlib
+import json
+import os
+import resource
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from agents.configuration import ConfigError
+from agents.policy_file import PolicyFileError
+from agents.versions import versions
+from envs.encounters import SCENARIOS
+from envs.outcome import RULES
+from eval import hifi, monte_carlo
+
+pytest.importorskip("distributed", reason="the extra cluster is not installed")
+
+ROOT = Path(__file__).resolve().parents[2]
+RUN = ("--encounters", "48", "--seed", "4", "--set", "figures=false", "--set", "resamples=200")
+
+
+class Processes:
+    """A scheduler and its workers, ended together."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._all = folder, list[subprocess.Popen[bytes]]()
+        self._file = folder / "scheduler.json"
+        self.scheduler = self._start("scheduler", "--port", "0", "--scheduler-file", str(self._file), "--no-dashboard")
+        wait_until(self._file.exists)
+        self.address = json.loads(self._file.read_text(encoding="utf-8"))["address"]
+
+    def worker(self, *options: str, **environment: str) -> subprocess.Popen[bytes]:
+        return self._start("worker", self.address, "--nthreads", "1", "--no-dashboard", *options, **environment)
+
+    def _start(self, *arguments: str, **environment: str) -> subprocess.Popen[bytes]:
+        with (self._folder / f"log_{len(self._all)}.txt").open("wb") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "dask", *arguments, "--host", "127.0.0.1"],
+                cwd=self._folder,
+                stdout=log,
+                stderr=log,
+                env=os.environ | environment,
+                start_new_session=True,
+            )
+        self._all.append(process)
+        return process
+
+    def end(self) -> None:
+        for process in self._all[::-1]:
+            # With the nanny's child, which has the group of its parent.
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+def wait_until(true: Callable[[], bool], seconds: float = 180.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Processes]:
+    """A scheduler with two workers, none of which has the toolkit's folder as its working directory."""
+    processes = Processes(tmp_path_factory.mktemp("cluster"))
+    try:
+        for _ in range(2):
+            processes.worker("--no-nanny")
+        yield processes
+    finally:
+        processes.end()
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory, policy_path: Path) -> Path:
+    """The folder of the same run in one process."""
+    out = tmp_path_factory.mktemp("runs") / "alone"
+    assert monte_carlo.main(["--policy", str(policy_path), *RUN, "--workers", "1", "--out", str(out)]) == 0
+    return out
+
+
+def start(out: Path, *arguments: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "eval.monte_carlo", *arguments, "--out", str(out)]
+    return subprocess.Popen(
+        command,
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        encoding="utf-8",
+        start_new_session=True,
+    )
+
+
+def parts(out: Path) -> list[Path]:
+    return list((out / "parts").glob("*.parquet"))
+
+
+def test_a_cluster_gives_the_bits_of_one_process(cluster: Processes, alone: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    process = start(out, "--config", str(alone / "config.yaml"), "--set", "chunk=13", "--scheduler", cluster.address)
+    _, errors = process.communicate(timeout=180)
+    assert process.returncode == 0, errors
+    assert "48 of 48 encounters" in errors
+    # Progress, and nothing of Dask's own.
+    assert all(" of 48 encounters, " in line for line in errors.splitlines()), errors
+    assert (out / "encounters.parquet").read_bytes() == (alone / "encounters.parquet").read_bytes()
+
+
+@pytest.mark.slow
+def test_a_driver_that_is_killed_leaves_its_chunks_and_a_free_cluster(
+    cluster: Processes, alone: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "killed"
+    process = start(out, "--config", str(alone / "config.yaml"), "--set", "chunk=4", "--scheduler", cluster.address)
+    wait_until(lambda: len(parts(out)) >= 2 or process.poll() is not None)
+    process.kill()
+    process.communicate()
+    stored = len(parts(out))
+    assert 2 <= stored < 12
+    # On another kind of workers it goes on to the same table.
+    assert monte_carlo.main(["--resume", "--workers", "1", "--out", str(out)]) == 0
+    assert (out / "encounters.parquet").read_bytes() == (alone / "encounters.parquet").read_bytes()
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert summary["encounters_flown_now"] == 48 - 4 * stored
+
+    from distributed import Client
+
+    with Client(cluster.address, set_as_default=False) as client:
+        wait_until(lambda: not client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)))
+
+
+@pytest.mark.slow
+def test_ctrl_c_keeps_what_is_flown_and_another_cluster_goes_on(
+    cluster: Processes, alone: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "stopped"
+    process = start(out, "--config", str(alone / "config.yaml"), "--set", "chunk=4", "--scheduler", cluster.address)
+    wait_until(lambda: bool(parts(out)) or process.poll() is not None)
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=180)
+    assert process.returncode == 130, errors
+    assert "finishing the chunks in the air" in errors
+    assert f"Go on with: python -m eval.monte_carlo --resume --out {out}" in errors
+    assert "Traceback" not in errors
+    assert 1 <= len(parts(out)) < 12
+    assert monte_carlo.main(["--resume", "--scheduler", cluster.address, "--out", str(out)]) == 0
+    assert (out / "encounters.parquet").read_bytes() == (alone / "encounters.parquet").read_bytes()
+
+
+@pytest.mark.slow
+def test_flights_of_the_true_aircraft_are_the_same_there(cluster: Processes, policy_path: Path, tmp_path: Path) -> None:
+    run = ("--vehicle", "point_mass", "--flights", "3", "--policy", str(policy_path), "--set", "figures=false")
+    assert hifi.main([*run, "--workers", "1", "--out", str(tmp_path / "here")]) == 0
+    there = tmp_path / "there"
+    assert hifi.main([*run, "--set", "chunk=1", "--scheduler", cluster.address, "--out", str(there)]) == 0
+    assert (there / "flights.parquet").read_bytes() == (tmp_path / "here" / "flights.parquet").read_bytes()
+
+
+@pytest.mark.slow
+def test_an_encounter_that_cannot_be_drawn_is_the_user_s_affair(cluster: Processes, tmp_path: Path) -> None:
+    impossible = ("--set", "changes.conflicts_closer_than=1e-9", "--set", "changes.attempts=1")
+    out = tmp_path / "run"
+    process = start(out, *RUN, *impossible, "--scheduler", cluster.address)
+    _, errors = process.communicate(timeout=180)
+    assert process.returncode == 2, errors
+    assert len(errors.splitlines()) == 1, errors
+    assert "does not meet the conditions of scenario 'circle' in 1 attempts" in errors
+
+
+@pytest.mark.slow
+def test_a_disk_that_fills_ends_the_run_with_one_sentence(cluster: Processes, alone: Path, tmp_path: Path) -> None:
+    out = tmp_path / "full"
+    command = [sys.executable, "-m", "eval.monte_carlo", "--config", str(alone / "config.yaml"), "--out", str(out)]
+    done = subprocess.run(
+        [*command, "--scheduler", cluster.address],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        # No file may grow beyond what the configuration takes, as on a disk that is full.
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (6_000, 6_000)),
+    )
+    assert done.returncode == 1, done.stderr
+    problem, advice = done.stderr.splitlines()[-2:]
+    assert problem.startswith(f"error: {out}: a chunk cannot be stored: ")
+    assert "File too large" in problem
+    assert advice.startswith("Go on with: python -m eval.monte_carlo --resume")
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("address", "sentence"),
+    [
+        ("node7", "'node7' is no address; expected tcp://HOST:PORT"),
+        ("tcp://node7", "'tcp://node7' is no address"),
+        ("http://node7:80", "is no address"),
+        ("tcp://node7:99999", "is no address"),
+        ("tcp://127.0.0.1:1", "no Dask scheduler answers within 5 s"),
+    ],
+)
+def test_wrong_addresses_are_refused(address: str, sentence: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        monte_carlo.main(["--scheduler", address, "--out", str(tmp_path / "run")])
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.slow
+def test_strangers_are_no_schedulers(cluster: Processes, tmp_path: Path) -> None:
+    """One listens and keeps silent, one speaks another language, one is a worker."""
+    with socket.create_server(("127.0.0.1", 0)) as silent, socket.create_server(("127.0.0.1", 0)) as other:
+
+        def answer() -> None:
+            connection, _ = other.accept()
+            with connection:
+                connection.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+
+        threading.Thread(target=answer, daemon=True).start()
+        for listener in (silent, other):
+            begun = time.monotonic()
+            with pytest.raises(ConfigError, match="no Dask scheduler answers"):
+                monte_carlo.main(["--scheduler", f"tcp://127.0.0.1:{listener.getsockname()[1]}"])
+            assert time.monotonic() - begun < 10.0
+
+    from distributed import Client
+
+    with Client(cluster.address, set_as_default=False) as client:
+        worker = next(iter(client.scheduler_info()["workers"]))
+    with pytest.raises(ConfigError, match="is the address of a Worker, expected that of a Dask scheduler"):
+        monte_carlo.main(["--scheduler", worker, "--out", str(tmp_path / "run")])
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_worker_that_joins_later_is_held_to_the_run_too(policy_path: Path) -> None:
+    """What it is sent is checked there before it flies: versions and the policy's digest."""
+    from agents.inference import Policy
+    from eval.chunks import Evaluation, Pilot, columns
+    from eval.cluster_kit import Flier, fly, packed, unpacked
+    from eval.workers import WorkerError
+
+    policy = Policy.load(policy_path)
+    evaluation = Evaluation(policy_path, SCENARIOS["circle"], None, 0, RULES, policy.limits)
+    kit = unpacked(packed("run", Flier(Pilot, columns), evaluation, policy.sha256))
+    assert kit.work.policy is None
+    assert kit.versions == {name: versions(name)[name] for name in ("rlcas-toolkit", "numpy")}
+    other = replace(kit, name="other", versions={"numpy": "1.0"})
+    with pytest.raises(WorkerError, match=r"^a worker has numpy .* instead of 1.0; expected the same versions every"):
+        fly(other, 0, 1)
+    with pytest.raises(WorkerError, match=f"SHA-256 {policy.sha256}, expected 00"):
+        fly(replace(kit, name="another", sha256="0" * 64), 0, 1)
+    with pytest.raises(PolicyFileError, match=f"has changed since it was loaded: its SHA-256 is {policy.sha256}"):
+        packed("run", Flier(Pilot, columns), evaluation, "0" * 64)
+    with pytest.raises(PolicyFileError, match="cannot be read again: No such file"):
+        packed("run", Flier(Pilot, columns), evaluation._replace(policy=policy_path.with_name("none")), policy.sha256)
+
+
+def test_workers_and_scheduler_exclude_each_other() -> None:
+    with pytest.raises(ConfigError, match="--workers and --scheduler: expected one of them"):
+        monte_carlo.main(["--scheduler", "tcp://127.0.0.1:1", "--workers", "2"])
+
+
+def test_a_disk_without_room_is_refused_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "deep" / "run"
+    asked = []
+
+    def usage(path: Path) -> SimpleNamespace:
+        asked.append(Path(path))
+        return SimpleNamespace(free=3_000_000)
+
+    monkeypatch.setattr(shutil, "disk_usage", usage)
+    with pytest.raises(ConfigError, match=rf"--out {out}: 3.0 MB are free there, expected about 5.5 MB for 10000 rows"):
+        monte_carlo.main(["--workers", "1", "--out", str(out)])
+    assert asked == [tmp_path]
+    assert not out.parent.exists()
+
+
+def test_nothing_of_dask_is_loaded_without_a_scheduler() -> None:
+    program = "import sys, eval.monte_carlo as m, eval.hifi\ntry: m.main(['--help'])\nexcept SystemExit: pass\n"
+    program += "print(sorted({'distributed', 'dask', 'tornado'} & set(sys.modules)), file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"
+    assert "--scheduler ADDRESS" in done.stdout
+
+
+@pytest.mark.slow
+def test_other_versions_on_a_worker_are_refused(tmp_path: Path) -> None:
+    """The worker finds another version of numpy's metadata first, as if that were installed there."""
+    metadata = tmp_path / "other" / "numpy-1.0.dist-info"
+    metadata.mkdir(parents=True)
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: numpy\nVersion: 1.0\n", encoding="utf-8")
+    processes = Processes(tmp_path)
+    try:
+        processes.worker("--no-nanny", PYTHONPATH=str(tmp_path / "other"))
+        here = versions("numpy")["numpy"]
+        with pytest.raises(ConfigError, match=f"has numpy 1.0 instead of {here}, expected the same versions everywher"):
+            monte_carlo.main(["--scheduler", processes.address, "--out", str(tmp_path / "run")])
+        assert not (tmp_path / "run").exists()
+    finally:
+        processes.end()
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_costs_its_chunks_time_alone(alone: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    processes = Processes(tmp_path)
+    try:
+        first, _ = (processes.worker("--no-nanny") for _ in range(2))
+        process = start(
+            out, "--config", str(alone / "config.yaml"), "--set", "chunk=4", "--scheduler", processes.address
+        )
+        wait_until(lambda: len(parts(out)) >= 2 or process.poll() is not None)
+        first.kill()
+        _, errors = process.communicate(timeout=180)
+        assert process.returncode == 0, errors
+        assert (out / "encounters.parquet").read_bytes() == (alone / "encounters.parquet").read_bytes()
+    finally:
+        processes.end()
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_is_killed_ends_the_run_with_one_sentence(alone: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    processes = Processes(tmp_path)
+    try:
+        processes.worker("--no-nanny")
+        process = start(
+            out, "--config", str(alone / "config.yaml"), "--set", "chunk=4", "--scheduler", processes.address
+        )
+        wait_until(lambda: bool(parts(out)) or process.poll() is not None)
+        processes.scheduler.kill()
+        begun = time.monotonic()
+        _, errors = process.communicate(timeout=180)
+        assert time.monotonic() - begun < 60.0
+        assert process.returncode == 1, errors
+        assert f"error: the scheduler at {processes.address} has gone" in errors
+        assert f"Go on with: python -m eval.monte_carlo --resume --out {out}" in errors
+        assert "Traceback" not in errors
+        assert parts(out)
+    finally:
+        processes.end()
+
+
+POISON = """
+import os, signal
+from typing import NamedTuple
+import numpy as np
+
+class Work(NamedTuple):
+    policy: None
+
+def crew(work, policy):
+    return work
+
+def columns(crew, first, count):
+    if first == 8:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"encounter": np.arange(first, first + count)}
+"""
+
+
+@pytest.mark.slow
+def test_a_chunk_that_workers_die_of_is_named_once_all_others_are_flown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from agents.inference import Policy
+    from eval.cluster import connected
+    from eval.cluster_kit import DECISIVE, Flier
+    from eval.workers import Chunk, WorkerError
+
+    (tmp_path / "poison.py").write_text(POISON, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    poison = importlib.import_module("poison")
+    processes = Processes(tmp_path)
+    try:
+        for _ in range(2):
+            processes.worker(PYTHONPATH=str(tmp_path))  # with a nanny, which starts another one each time
+        chunks = [Chunk(first, 4) for first in range(0, 40, 4)]
+        flown = []
+        with connected(processes.address, DECISIVE) as cluster:
+            run = cluster.fly(
+                Flier(poison.crew, poison.columns), poison.Work(None), Policy.load().sha256, chunks, lambda: False
+            )
+            with pytest.raises(WorkerError, match=r"every worker that flew encounters 8\.\.11 has died of it"):
+                flown.extend(chunk for chunk, _ in run)
+        assert sorted(flown) == [chunk for chunk in chunks if chunk.first != 8]
+    finally:
+        processes.end()
