@@ -1,0 +1,199 @@
+"""Importance splitting: small probabilities as products of larger ones, in the space of the draws.
+
+The event {value < last level} is the end of a chain of nested events at falling levels. Particles that are below a
+level are copied until there are as many as before, moved by steps that leave their distribution below that level as it
+is, and counted at the next level. The product of the shares is an unbiased estimate where levels and steps are fixed in
+advance (F. Cerou, A. Guyader, Stochastic Analysis and Applications 25 (2007) 417; P. Del Moral, Feynman-Kac Formulae,
+2004), so that a pilot of its own chooses them and independent repetitions estimate.
+
+A step is a preconditioned Crank-Nicolson proposal: a particle's normal numbers are mixed with new ones, which leaves
+their distribution as it is in any number of dimensions (S. L. Cotter et al., Statistical Science 28 (2013) 424). It is
+taken where it stays below the level.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol, TypeAlias
+
+import numpy as np
+
+__all__ = ["Draws", "Plan", "Problem", "Repetition", "SplittingError", "pilot", "repetition"]
+
+Draws: TypeAlias = tuple[np.ndarray, ...]
+"""Standard normal numbers of N particles, an array ``[N, ...]`` for each of the problem's shapes."""
+
+_MOST_LEVELS = 60
+_WANTED_ACCEPTANCE = 0.3
+_LARGEST_STEP, _SMALLEST_STEP = 0.9, 1e-3
+_SPREAD = 10.0
+"""Ratio of the largest to the smallest step of a stage: failures may lie in thin strips inside wide regions."""
+_TRIES = 1_000
+
+
+class SplittingError(RuntimeError):
+    """The event cannot be reached; the message says at which level and why."""
+
+
+class Problem(Protocol):
+    """What is asked: how probable it is that a value of random draws lies below a threshold."""
+
+    @property
+    def shapes(self) -> tuple[tuple[int, ...], ...]:
+        """Of the standard normal numbers that one particle takes."""
+        ...
+
+    def supported(self, draws: Draws) -> np.ndarray:
+        """Return which particles the distribution is about, bool ``[N]``: it is that of normal draws given this."""
+        ...
+
+    def value(self, draws: Draws) -> np.ndarray:
+        """Return the values of supported particles, ``[N]``; infinite where the event cannot count."""
+        ...
+
+
+class Plan(NamedTuple):
+    """What a pilot has chosen."""
+
+    levels: tuple[float, ...]
+    """Falling; the last is the threshold."""
+    steps: tuple[float, ...]
+    """Largest size of the proposals below each level but the last."""
+    evaluations: int
+
+
+class Repetition(NamedTuple):
+    """One independent estimate; arrays ``[L]``, one entry a level."""
+
+    probability: np.ndarray
+    """Of a value below each level."""
+    acceptance: np.ndarray
+    """Share of the proposals taken below each level but the last, ``[L - 1]``; nan where nobody was left."""
+    ancestors: int
+    """Different first particles from which those below the last level descend."""
+    evaluations: int
+    first: np.ndarray
+    """Values of the first particles: plain sampling, ``[N]``."""
+    last: Draws
+    """Particles below the last level, ``[M, ...]``."""
+
+
+def pilot(
+    problem: Problem, threshold: float, particles: int, moves: int, share: float, rng: np.random.Generator
+) -> Plan:
+    """Choose levels that a given share of the particles passes, and steps of which about a third are taken.
+
+    Args:
+        problem: what is asked.
+        threshold: the last level.
+        particles: N.
+        moves: proposals for each particle and level.
+        share: of the particles that passes a level, in (0, 1).
+        rng: of the draws.
+
+    Raises:
+        SplittingError: the values of the particles stop falling before the threshold.
+    """
+    draws, values = _first(problem, particles, rng)
+    evaluations, step = particles, 0.5
+    levels: list[float] = []
+    steps: list[float] = []
+    while True:
+        wanted = np.partition(values, int(share * particles))[int(share * particles)]
+        # A level on a plateau of equal values would let nobody pass.
+        passing = np.count_nonzero(values < wanted)
+        if wanted <= threshold:
+            return Plan((*levels, threshold), tuple(steps), evaluations)
+        if not np.isfinite(wanted):
+            finite = values[np.isfinite(values)]
+            wanted = float(finite.max(initial=-np.inf)) + 1.0
+            passing = finite.size
+        if passing < 2 or (levels and wanted >= levels[-1]) or len(levels) == _MOST_LEVELS:
+            if np.any(values <= threshold):
+                return Plan((*levels, threshold), tuple(steps), evaluations)
+            at = f"{levels[-1]:g}" if levels else "the beginning"
+            raise SplittingError(
+                f"the pilot stops at level {at} after {len(levels)} levels, its particles being at {values.min():g} "
+                f"at best; expected them to come below {threshold:g}: more particles or moves may"
+            )
+        levels.append(float(wanted))
+        rows = _copies(values < wanted, particles, rng)
+        draws, values = tuple(one[rows] for one in draws), values[rows]
+        for _ in range(moves):
+            draws, values, taken, flown = _moved(problem, draws, values, levels[-1], step, rng)
+            evaluations += flown
+            step = float(np.clip(step * np.exp(taken - _WANTED_ACCEPTANCE), _SMALLEST_STEP, _LARGEST_STEP))
+        steps.append(step)
+
+
+def repetition(problem: Problem, plan: Plan, particles: int, moves: int, rng: np.random.Generator) -> Repetition:
+    """Return one unbiased estimate; arguments as of :func:`pilot`."""
+    draws, values = _first(problem, particles, rng)
+    first, evaluations = values, particles
+    family = np.arange(particles)
+    probability = np.zeros(len(plan.levels))
+    acceptance = np.full(len(plan.steps), np.nan)
+    product = 1.0
+    for stage, level in enumerate(plan.levels):
+        below = values < level
+        product *= np.count_nonzero(below) / particles
+        probability[stage] = product
+        if stage == len(plan.steps) or not below.any():
+            # Where nobody passes, this estimate is 0, and so it is at all levels after it.
+            last = tuple(one[below] for one in draws)
+            return Repetition(probability, acceptance, np.unique(family[below]).size, evaluations, first, last)
+        rows = _copies(below, particles, rng)
+        draws, values, family = tuple(one[rows] for one in draws), values[rows], family[rows]
+        shares = []
+        for _ in range(moves):
+            draws, values, taken, flown = _moved(problem, draws, values, level, plan.steps[stage], rng)
+            evaluations += flown
+            shares.append(taken)
+        acceptance[stage] = np.mean(shares)
+    raise AssertionError("the last level ends the loop")
+
+
+def _first(problem: Problem, count: int, rng: np.random.Generator) -> tuple[Draws, np.ndarray]:
+    """Return independent particles of the distribution asked about, and their values."""
+    draws = _normal(problem.shapes, count, rng)
+    outside = np.flatnonzero(~problem.supported(draws))
+    for _ in range(_TRIES):
+        if not outside.size:
+            return draws, problem.value(draws)
+        again = _normal(problem.shapes, outside.size, rng)
+        for old, new in zip(draws, again, strict=True):
+            old[outside] = new
+        outside = outside[~problem.supported(again)]
+    raise SplittingError(f"{outside.size} particles do not meet the problem's conditions in {_TRIES} draws")
+
+
+def _moved(
+    problem: Problem, draws: Draws, values: np.ndarray, level: float, step: float, rng: np.random.Generator
+) -> tuple[Draws, np.ndarray, float, int]:
+    """Propose one step for every particle; return particles, values, share of steps taken and evaluations."""
+    count = len(values)
+    # Sizes do not depend on where a particle is, so that a step back is as likely as the step.
+    size = step * _SPREAD ** -rng.random(count)
+    keep = np.sqrt(1.0 - size**2)
+    noise = _normal(problem.shapes, count, rng)
+    asked = tuple(_wide(keep, old) * old + _wide(size, old) * new for old, new in zip(draws, noise, strict=True))
+    inside = np.flatnonzero(problem.supported(asked))
+    found = np.full(count, np.inf)
+    if inside.size:
+        found[inside] = problem.value(tuple(one[inside] for one in asked))
+    taken = found < level
+    draws = tuple(np.where(_wide(taken, old), new, old) for old, new in zip(draws, asked, strict=True))
+    return draws, np.where(taken, found, values), float(np.mean(taken)), inside.size
+
+
+def _copies(chosen: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Return ``count`` row numbers among the chosen, each equally often but for a random remainder."""
+    rows = np.flatnonzero(chosen)
+    whole, rest = divmod(count, rows.size)
+    return np.concatenate([np.repeat(rows, whole), rng.choice(rows, rest, replace=False)])
+
+
+def _normal(shapes: Sequence[tuple[int, ...]], count: int, rng: np.random.Generator) -> Draws:
+    return tuple(rng.standard_normal((count, *shape)) for shape in shapes)
+
+
+def _wide(values: np.ndarray, like: np.ndarray) -> np.ndarray:
+    return values.reshape(-1, *(1,) * (like.ndim - 1))

@@ -1,0 +1,236 @@
+"""Importance splitting against probabilities that are known: exactly, or by plain sampling of something cheap."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from agents.configuration import ConfigError, run_cli
+from envs.draws import uniforms
+from envs.encounters import sample, scenario
+from envs.kinematics import SURROGATE
+from envs.outcome import RULES
+from envs.relative import straight_cpa
+from envs.trees import column
+from eval import monte_carlo, rare
+from eval.chunks import Evaluation, Pilot
+from eval.rare_flights import FlightProblem
+from eval.rare_splitting import Draws, Plan, SplittingError, pilot, repetition
+
+CIRCLE = scenario("circle")
+SMALL = ["--particles", "60", "--repetitions", "3", "--moves", "1", "--share", "0.3"]
+
+
+class Tail:
+    """The sum of normal numbers, whose tail is known exactly, where the first of them is positive."""
+
+    shapes = ((3,), (2, 2))
+
+    def supported(self, draws: Draws) -> np.ndarray:
+        return draws[0][:, 0] > -1.0
+
+    def value(self, draws: Draws) -> np.ndarray:
+        assert np.all(self.supported(draws))
+        return -(draws[0][:, 1:].sum(axis=1) + draws[1].sum(axis=(1, 2))) / np.sqrt(6.0)
+
+
+class Miss:
+    """The closest approach of straight courses in circle encounters: cheap, so that plain sampling knows it too."""
+
+    shapes = ((CIRCLE.dimensions,),)
+
+    def supported(self, draws: Draws) -> np.ndarray:
+        return sample(CIRCLE, ndtr(draws[0])[None], np)[1]
+
+    def value(self, draws: Draws) -> np.ndarray:
+        return self.miss(ndtr(draws[0]))
+
+    def miss(self, uniform: np.ndarray) -> np.ndarray:
+        encounter, _ = sample(CIRCLE, uniform[None], np)
+        return straight_cpa(column(encounter.own), encounter.intruders, np).distance[:, 0]
+
+
+class Flat:
+    """Two values and nothing between: no level lies below the first."""
+
+    shapes = ((2,),)
+
+    def supported(self, draws: Draws) -> np.ndarray:
+        return np.ones(len(draws[0]), bool)
+
+    def value(self, draws: Draws) -> np.ndarray:
+        return np.full(len(draws[0]), 5.0)
+
+
+def estimates(problem, threshold: float, repetitions: int, particles: int = 400, moves: int = 4, seed: int = 0):
+    rngs = [np.random.default_rng(one) for one in np.random.SeedSequence(seed).spawn(repetitions + 1)]
+    plan = pilot(problem, threshold, particles, moves, 0.2, rngs[0])
+    return plan, [repetition(problem, plan, particles, moves, rng) for rng in rngs[1:]]
+
+
+def test_an_exact_tail_is_met_without_bias_and_at_a_fraction_of_the_cost() -> None:
+    exact = float(ndtr(-4.5))  # 3.4e-6
+    plan, made = estimates(Tail(), -4.5, 30)
+    assert plan.levels[-1] == -4.5
+    assert list(plan.levels) == sorted(plan.levels, reverse=True)
+    values = np.array([one.probability[-1] for one in made])
+    error = values.std(ddof=1) / np.sqrt(values.size)
+    assert abs(values.mean() - exact) < 3.5 * error
+    assert error < 0.15 * exact
+    # Plain sampling of as many evaluations would have this error.
+    evaluations = sum(one.evaluations for one in made)
+    assert error < 0.1 * np.sqrt(exact / evaluations)
+
+
+def test_straight_courses_agree_with_a_million_plain_samples() -> None:
+    threshold = 0.05  # m
+    plain = np.concatenate(
+        [Miss().miss(uniforms(11, first, 50_000, (CIRCLE.dimensions,))) for first in range(0, 1_000_000, 50_000)]
+    )
+    supported = np.concatenate(
+        [
+            sample(CIRCLE, uniforms(11, first, 50_000, (CIRCLE.dimensions,))[None], np)[1]
+            for first in range(0, 1_000_000, 50_000)
+        ]
+    )
+    plain = plain[supported]
+    _, made = estimates(Miss(), threshold, 12, particles=600)
+    for level in (50.0, threshold):
+        if level == threshold:
+            values = np.array([one.probability[-1] for one in made])
+        else:
+            values = np.array([np.mean(one.first < level) for one in made])
+        share = np.mean(plain < level)
+        error = np.hypot(values.std(ddof=1) / np.sqrt(values.size), np.sqrt(share / plain.size))
+        assert abs(values.mean() - share) < 3.5 * error
+    assert 1e-5 < np.mean(plain < threshold) < 3e-4
+    assert error < 0.3 * share
+
+
+def test_levels_that_nobody_passes_give_zero_and_not_an_error() -> None:
+    made = repetition(Tail(), Plan((-50.0,), (), 0), 20, 1, np.random.default_rng(0))
+    assert made.probability.tolist() == [0.0]
+    assert made.ancestors == 0
+    assert len(made.last[0]) == 0
+    deep = repetition(Tail(), Plan((0.0, -50.0, -60.0), (0.5, 0.5), 0), 20, 1, np.random.default_rng(0))
+    assert deep.probability[0] > 0.0
+    assert deep.probability[1:].tolist() == [0.0, 0.0]
+
+
+def test_a_threshold_that_is_common_needs_no_levels() -> None:
+    plan, made = estimates(Tail(), 0.0, 3)
+    assert plan.levels == (0.0,)
+    assert np.mean([one.probability[-1] for one in made]) == pytest.approx(0.5, abs=0.08)
+
+
+def test_a_plateau_is_said_and_not_climbed_for_ever() -> None:
+    with pytest.raises(SplittingError, match="stops at level"):
+        pilot(Flat(), 1.0, 50, 1, 0.2, np.random.default_rng(0))
+
+
+def problem_of(policy, mode: str, name: str = "circle", **settings) -> FlightProblem:
+    evaluation = Evaluation(None, scenario(name), None, 0, RULES, SURROGATE)
+    return FlightProblem(Pilot(evaluation, policy), mode, **settings)
+
+
+@pytest.mark.parametrize("mode", ["policy", "plan", "none"])
+def test_the_value_is_the_separation_of_the_flight(policy, mode: str) -> None:
+    problem = problem_of(policy, mode)
+    draws = (np.random.default_rng(1).standard_normal((4 if mode == "plan" else 60, CIRCLE.dimensions)),)
+    draws = (draws[0][problem.supported(draws)],)
+    values, (_, flights) = problem.value(draws), problem.flown(draws)
+    lost = flights.outcome == 0
+    np.testing.assert_array_equal(values < RULES.separation, lost)
+    assert lost.any() or mode == "plan"
+
+
+def test_noise_is_part_of_the_draws(policy) -> None:
+    problem = problem_of(policy, "policy", "noisy")
+    start, steps = problem.shapes
+    assert steps == (300, 4, 1)
+    rng = np.random.default_rng(2)
+    draws = (rng.standard_normal((6, *start)), rng.standard_normal((6, *steps)))
+    again = (draws[0], draws[1].copy())
+    again[1][3] += 2.0
+    changed = problem.value(draws) != problem.value(again)
+    assert changed.tolist() == [False, False, False, True, False, False]
+    assert problem_of(policy, "plan", "noisy").shapes[1] == (1, 4, 1)
+
+
+def test_proven_unresolvable_encounters_can_be_left_out(policy) -> None:
+    every = problem_of(policy, "none")
+    rng = np.random.default_rng(3)
+    draws = (rng.standard_normal((1_500, CIRCLE.dimensions)),)
+    draws = (draws[0][every.supported(draws)],)
+    near = every.starts(draws)
+    close = np.hypot(near.intruders.x[:, 0] - near.own.x, near.intruders.y[:, 0] - near.own.y) < 1_150.0
+    draws = (draws[0][close],)
+    values, kept = every.value(draws), problem_of(policy, "none", resolvable_only=True).value(draws)
+    excluded = np.isinf(kept)
+    assert 0 < np.count_nonzero(excluded) < len(kept)
+    np.testing.assert_array_equal(kept[~excluded], values[~excluded])
+    assert np.all(values[excluded] < RULES.separation)
+
+
+def test_files_of_an_estimate(tmp_path: Path, policy_path: Path) -> None:
+    out = tmp_path / "rare"
+    arguments = ["--policy", str(policy_path), "--mode", "none", "--set", "rules.separation=30", *SMALL]
+    assert rare.main([*arguments, "--out", str(out)]) == 0
+    found = json.loads((out / "rare.json").read_text(encoding="utf-8"))
+    assert {path.name for path in out.iterdir()} >= {"rare.json", "rare.png", "rare.svg", "config.yaml", "worst.csv"}
+    levels = [each["level_m"] for each in found["levels"]]
+    assert levels == sorted(levels, reverse=True)
+    assert levels[-1] == 30.0
+    assert 0.02 < found["rate"]["value"] < 0.15
+    assert found["rate"]["low"] <= found["rate"]["value"] <= found["rate"]["high"]
+    with (out / "worst.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.reader(file))
+    assert len(rows) > 2
+    # Straight flights of these encounters do lose 30 m.
+    again = tmp_path / "again"
+    quick = ["--set", "figures=false", "--set", "resamples=100", "--set", "rules.separation=30", "--workers", "1"]
+    file = f"file:{out / 'worst.csv'}"
+    assert monte_carlo.main(["--policy", str(policy_path), "--scenario", file, *quick, "--out", str(again)]) == 0
+    summary = json.loads((again / "summary.json").read_text(encoding="utf-8"))
+    assert summary["baseline_violation_rate"]["value"] == 1.0
+
+
+def test_the_same_seed_gives_the_same_estimate(tmp_path: Path, policy_path: Path) -> None:
+    rates = []
+    for number, seed in enumerate(("4", "4", "5")):
+        out = tmp_path / str(number)
+        arguments = ["--policy", str(policy_path), "--mode", "none", "--set", "rules.separation=400"]
+        rare.main([*arguments, "--particles", "12", "--repetitions", "3", "--seed", seed, "--out", str(out)])
+        rates.append(json.loads((out / "rare.json").read_text(encoding="utf-8"))["rate"]["repetitions"])
+    assert rates[0] == rates[1] != rates[2]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--share", "0.9"], "--share: 0.9; expected 0.02 to 0.5"),
+        (["--share", "nan"], "--share: nan"),
+        (["--confidence", "1"], "--confidence: 1"),
+        (["--particles", "10", "--share", "0.05"], "--particles: 10"),
+        (["--scenario", "file:nothing.csv"], "is a file; expected a sampled scenario"),
+        (["--mode", "assured"], "--mode"),
+        (["--set", "mode=assured"], "mode is 'assured'; expected one of policy, plan, none"),
+        (["--set", "changes.radius=[5, 1]"], "changes"),
+    ],
+)
+def test_bad_input_is_one_sentence(tmp_path: Path, capsys, arguments: list[str], said: str) -> None:
+    with pytest.raises(SystemExit) as ended:
+        run_cli(lambda: rare.main([*arguments, "--out", str(tmp_path / "x")]))
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "x").write_text("mine", encoding="utf-8")
+    with pytest.raises(ConfigError, match="holds something already"):
+        rare.main([*SMALL, "--mode", "none", "--out", str(tmp_path)])

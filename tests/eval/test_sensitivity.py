@@ -1,0 +1,214 @@
+"""Sensitivity: bins that lose nobody, sweeps on the same encounters, and sentences for every mistake."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agents.configuration import run_cli
+from eval import sensitivity
+from eval.sensitivity_bins import QUANTITIES, Quantity, Run, binned, mapped, rates, read_run
+from eval.sensitivity_sweep import PARAMETERS, Sweep, swept
+from eval.statistics import clopper_pearson
+
+COUNT = 400
+
+
+def made_up(path: Path, mode: str = "policy", table: str = "encounters.parquet", **columns) -> Path:
+    """Write the folder of a run whose success falls with the distance."""
+    rng = np.random.default_rng(0)
+    distance = rng.uniform(1_000.0, 22_000.0, COUNT)
+    verdict = np.where(distance < 1_200.0, "unresolvable", "resolvable")
+    outcome = np.where((rng.random(COUNT) < 0.9) & (verdict == "resolvable"), "reached", "violation")
+    values = {
+        "outcome": outcome.astype(object),
+        "verdict": verdict.astype(object),
+        "baseline_outcome": np.where(np.arange(COUNT) % 2 == 0, "violation", "reached").astype(object),
+        "relative_heading_deg": rng.uniform(-180.0, 180.0, COUNT),
+        "distance_m": distance,
+        "own_speed_m_s": np.full(COUNT, 75.0),
+        **columns,
+    }
+    path.mkdir()
+    pq.write_table(pa.table(values), path / table)
+    (path / "config.yaml").write_text(f"mode: {mode}\nscenario: circle\nseed: 0\n", encoding="utf-8")
+    return path
+
+
+def numbers(values: list[float]) -> tuple[Run, Quantity]:
+    count = len(values)
+    table = {
+        "x": np.array(values),
+        "outcome": np.full(count, "reached", object),
+        "verdict": np.full(count, "resolvable", object),
+    }
+    return Run(Path("run"), {"mode": "policy"}, table), Quantity("x", "x", "m", "x", (0.0, 1.0, 5.0))
+
+
+@settings(deadline=None)
+@given(st.lists(st.one_of(st.floats(-1e6, 1e6), st.just(float("nan"))), min_size=1, max_size=40))
+def test_every_value_falls_into_one_bin(values: list[float]) -> None:
+    run, quantity = numbers(values)
+    found = binned(run, quantity, 0.95)
+    if found is None:  # all in one bin
+        return
+    assert sum(one["encounters"] for one in found["bins"]) + found["without_value"] == len(values)
+    assert found["without_value"] == np.count_nonzero(np.isnan(values))
+    for one in found["bins"]:
+        inside = [value for value in values if one["low"] <= value < one["high"]]
+        assert one["encounters"] >= len(inside)
+    edges = [one["low"] for one in found["bins"]]
+    assert edges == sorted(edges)
+
+
+def test_rates_are_counted_by_hand() -> None:
+    table = {
+        "outcome": np.array(["reached", "violation", "reached", "timeout", "violation"], object),
+        "verdict": np.array(["resolvable", "unresolvable", "resolvable", "undecided", "resolvable"], object),
+        "policy_outcome": np.array(["reached", "violation", "timeout", "timeout", "reached"], object),
+        "baseline_outcome": np.array(["violation", "violation", "reached", "reached", "violation"], object),
+    }
+    found = rates(Run(Path("run"), {"mode": "plan"}, table), np.array([True, True, True, True, False]), 0.95)
+    assert found["encounters"] == 4
+    assert (found["unresolvable_rate"]["count"], found["unresolvable_rate"]["total"]) == (1, 4)
+    assert found["violation_rate"]["count"] == 1
+    assert found["baseline_violation_rate"]["count"] == 2
+    plan, policy = found["success"]["plan"], found["success"]["policy"]
+    assert (plan["success_rate"]["count"], plan["success_rate"]["total"]) == (2, 4)
+    # The undecided count with the resolvable.
+    assert (plan["success_given_resolvable"]["count"], plan["success_given_resolvable"]["total"]) == (2, 3)
+    assert (policy["success_given_resolvable"]["count"], policy["success_rate"]["value"]) == (1, 0.25)
+    low, high = clopper_pearson(2, 4)
+    assert (plan["success_rate"]["low"], plan["success_rate"]["high"]) == (low, high)
+
+
+def test_cells_of_a_map_hold_every_encounter(tmp_path: Path) -> None:
+    run = read_run(made_up(tmp_path / "run"))
+    names = {each.name: each for each in QUANTITIES}
+    cells = mapped(run, names["relative_heading"], names["distance"], 0.95)
+    assert sum(cell["encounters"] for cell in cells) == COUNT
+    assert mapped(run, names["relative_heading"], names["wind"], 0.95) == []
+
+
+def test_files_of_a_run_cut_into_bins(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert sensitivity.main(["--run", str(made_up(tmp_path / "run")), "--out", str(out)]) == 0
+    found = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))
+    # The own speed never changes, and the rest is not recorded.
+    assert [one["name"] for one in found["quantities"]] == ["relative_heading", "distance"]
+    distance = found["quantities"][1]["bins"]
+    assert (distance[0]["low"], distance[-1]["low"]) == (1_000.0, 20_000.0)
+    assert distance[0]["unresolvable_rate"]["count"] > 0
+    for one in distance:
+        success, bound = one["success"]["policy"]["success_rate"]["value"], 1.0 - one["unresolvable_rate"]["value"]
+        assert success <= bound + 1e-12
+    names = {"relative_heading", "distance", "map", "overview"}
+    assert {path.name for path in out.iterdir()} == {
+        "sensitivity.json",
+        *(f"{name}.{kind}" for name in names for kind in ("png", "svg")),
+    }
+
+
+def test_flights_of_the_true_aircraft_show_wind_and_turbulence(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    words = np.array(["none", "light", "moderate"], object)[rng.integers(0, 3, COUNT)]
+    columns = {"wind_m_s": rng.uniform(0.0, 15.0, COUNT), "turbulence": words}
+    run = made_up(tmp_path / "run", "closed", "flights.parquet", **columns)
+    out = tmp_path / "out"
+    assert sensitivity.main(["--run", str(run), "--out", str(out)]) == 0
+    found = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))
+    by_name = {one["name"]: one for one in found["quantities"]}
+    assert [one["word"] for one in by_name["turbulence"]["bins"]] == ["none", "light", "moderate"]
+    assert [one["encounters"] for one in by_name["turbulence"]["bins"]] == [
+        int(np.count_nonzero(words == word)) for word in ("none", "light", "moderate")
+    ]
+    assert by_name["wind"]["bins"][-1]["high"] == 15.0
+    assert (out / "turbulence.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_sweep_flies_the_same_encounters_and_goes_on(tmp_path: Path, policy_path: Path) -> None:
+    out = tmp_path / "out"
+    asked = ["--vary", "position_std=0,200", "--encounters", "12", "--seed", "3", "--workers", "1"]
+    asked += ["--policy", str(policy_path), "--set", "resamples=100", "--out", str(out)]
+    assert sensitivity.main(asked) == 0
+    found = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))
+    (sweep,) = found["sweeps"]
+    assert [one["value"] for one in sweep["values"]] == [0.0, 200.0]
+    first, second = (out / "sweeps" / one["run"] for one in sweep["values"])
+    before, after = (pq.read_table(path / "encounters.parquet") for path in (first, second))
+    for column in ("own_speed_m_s", "distance_m", "bearing_deg", "intruder_speed_m_s"):
+        assert before[column].equals(after[column])
+    assert not before["min_separation_m"].equals(after["min_separation_m"])
+    assert sweep["values"][0]["difference"]["policy"]["value"] == 0.0
+    # Interrupted after the first value: the second is flown again, the first is not.
+    for path in second.iterdir():
+        path.unlink()
+    second.rmdir()
+    stamp = (first / "encounters.parquet").stat().st_mtime_ns
+    assert sensitivity.main([*asked, "--resume"]) == 0
+    assert (first / "encounters.parquet").stat().st_mtime_ns == stamp
+    again = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))
+    assert again["sweeps"] == found["sweeps"]
+
+
+def test_a_turn_rate_of_zero_means_no_turn() -> None:
+    assert PARAMETERS["turn_rate"].changes(0.0) == {"turn_rate_deg_s": "0", "heading_change_deg": "0"}
+    assert PARAMETERS["turn_rate"].changes(2.0)["heading_change_deg"] == "120"
+
+
+def test_sweeps_are_read() -> None:
+    assert swept("latency") == Sweep("latency", PARAMETERS["latency"].values)
+    assert swept("latency=0,1.5") == Sweep("latency", (0.0, 1.5))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "expected at least one of them"),
+        (["--run", "nowhere"], "nowhere holds no encounters.parquet or flights.parquet"),
+        (["--vary", "wind"], "the surrogate has no wind; expected a run of eval.hifi"),
+        (["--vary", "latence"], "did you mean latency?"),
+        (["--vary", "latency=0,3"], "--vary latency: 3 s; expected 0 to 2 s"),
+        (["--vary", "latency=1,0"], "expected at least two values, rising"),
+        (["--vary", "latency=1"], "expected at least two values, rising"),
+        (["--vary", "latency=0,nan"], "--vary latency: nan s"),
+        (["--vary", "latency=0,much"], "'much' is no number"),
+        (["--vary", "latency", "--vary", "latency=0,1"], "given 2 times"),
+        (["--vary", "latency", "--set", "changes.latency=[0, 1]"], "is varied by --vary latency"),
+        (["--vary", "latency", "--scenario", "file:mine.csv"], "has no numbers to vary"),
+        (["--vary", "latency", "--confidence", "2"], "--confidence: 2"),
+        (["--run", "nowhere", "--encounters", "10"], "--encounters: is for sweeps"),
+        (["--run", "nowhere", "--resume"], "--resume: is for sweeps"),
+    ],
+)
+def test_bad_input_is_one_sentence(tmp_path: Path, capsys, arguments: list[str], said: str) -> None:
+    with pytest.raises(SystemExit) as ended:
+        run_cli(lambda: sensitivity.main([*arguments, "--out", str(tmp_path / "x")]))
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+    assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda run: (run / "config.yaml").unlink(), "config.yaml"),
+        (lambda run: (run / "config.yaml").write_text("seed: 0\n", encoding="utf-8"), "names no mode"),
+        (lambda run: (run / "encounters.parquet").write_bytes(b"PAR1 no"), "cannot be read"),
+        (lambda run: pq.write_table(pa.table({"x": [1]}), run / "encounters.parquet"), "has no column outcome"),
+    ],
+)
+def test_a_damaged_run_is_one_sentence(tmp_path: Path, capsys, spoil, said: str) -> None:
+    run = made_up(tmp_path / "run")
+    spoil(run)
+    with pytest.raises(SystemExit) as ended:
+        run_cli(lambda: sensitivity.main(["--run", str(run), "--out", str(tmp_path / "x")]))
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
