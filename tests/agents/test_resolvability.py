@@ -187,6 +187,7 @@ def test_no_proof_touches_a_solved_encounter():
         assert np.isnan(split(take(ahead, tight), RULES, SURROGATE, nodes=40)).all()
 
 
+@pytest.mark.slow
 def test_no_search_finds_a_way_out_of_what_is_proven():
     encounters = numbered(CLOSE, 6, 0, 2_000)
     ahead = look_ahead(encounters, RULES, SURROGATE)

@@ -131,6 +131,7 @@ def test_peer_has_our_networks():
     assert (model.gamma, model.gae_lambda, model.n_epochs) == (0.995, 0.95, 4)
 
 
+@pytest.mark.slow
 @needs_peers
 def test_training_beside_the_peer_gives_both_ratios(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(sb3_task, "DEFAULTS", sb3_task.Cell(environments=1, steps=64, batch=16, epochs=10))

@@ -279,7 +279,7 @@ def test_a_disk_without_room_is_refused_before_the_run(tmp_path: Path, monkeypat
 
     def usage(path: Path) -> SimpleNamespace:
         asked.append(Path(path))
-        return SimpleNamespace(free=3_000_000)
+        return SimpleNamespace(free=3_000_000, total=9_000_000)
 
     monkeypatch.setattr(shutil, "disk_usage", usage)
     with pytest.raises(ConfigError, match=rf"--out {out}: 3.0 MB are free there, expected about 5.5 MB for 10000 rows"):

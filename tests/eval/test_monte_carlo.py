@@ -182,7 +182,7 @@ def _alive(process: str) -> bool:
         return False
 
 
-@pytest.mark.parametrize("workers", ["1", "2"])
+@pytest.mark.parametrize("workers", [pytest.param("1", marks=pytest.mark.slow), "2"])
 def test_ctrl_c_keeps_finished_chunks_and_says_how_to_go_on(finished: Path, tmp_path: Path, workers: str) -> None:
     out = tmp_path / "stopped"
     process = start(

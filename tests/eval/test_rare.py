@@ -198,6 +198,7 @@ def test_files_of_an_estimate(tmp_path: Path, policy_path: Path) -> None:
     assert summary["baseline_violation_rate"]["value"] == 1.0
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_estimate(tmp_path: Path, policy_path: Path) -> None:
     rates = []
     for number, seed in enumerate(("4", "4", "5")):

@@ -133,6 +133,7 @@ def test_resuming_after_a_kill_equals_an_uninterrupted_run(
     assert (killed / "policy.safetensors").read_bytes() == (uninterrupted / "policy.safetensors").read_bytes()
 
 
+@pytest.mark.slow
 def test_ctrl_c_saves_and_exports(config_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "stopped"
     status, output = stop_midway(out, config_file, signal.SIGINT)

@@ -107,6 +107,7 @@ def test_the_reported_rates_and_score_are_those_of_the_episodes_that_ended(train
     assert all(figures["finite"] == 1.0 for figures in trained[1])
 
 
+@pytest.mark.slow
 def test_shaping_changes_what_is_learned_but_not_what_is_reported(trained) -> None:
     """The first rollout flies the same policy through the same encounters, with and without shaping."""
     _, shaped_log = run(task_of(*SHAPED), 1)
