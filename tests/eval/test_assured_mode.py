@@ -49,6 +49,7 @@ def test_more_is_saved_than_by_the_plan_flown_once(encounters: Encounter, policy
     assert np.all(assured.replans[saved] > 0)
 
 
+@pytest.mark.slow
 def test_assured_flights_do_not_depend_on_their_company(
     encounters: Encounter, policy: Policy, assured: Assured
 ) -> None:

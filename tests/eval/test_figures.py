@@ -75,7 +75,7 @@ def test_histogram_counts_every_flight_and_splits_at_the_requirement() -> None:
     assert below == (table["min_separation_m"] < 1_000.0).sum()
 
 
-@pytest.mark.parametrize("name", ["multi", "noisy"])
+@pytest.mark.parametrize("name", [pytest.param("multi", marks=pytest.mark.slow), "noisy"])
 def test_the_sheet_flies_what_the_table_says(name: str, policy: Policy, policy_path: Path) -> None:
     evaluation = Evaluation(policy_path, SCENARIOS[name], None, 3, RULES, SURROGATE)
     pilot = Pilot(evaluation, policy)

@@ -97,6 +97,7 @@ def test_neither_chunks_nor_workers_change_a_byte(finished: Path, tmp_path: Path
     assert (tmp_path / "other" / "flights.parquet").read_bytes() == (finished / "flights.parquet").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_to_the_same_table_and_leaves_no_process(finished: Path, tmp_path: Path) -> None:
     out = tmp_path / "killed"
     command = [sys.executable, "-m", "eval.hifi", "--config", str(finished / "config.yaml"), "--out", str(out)]

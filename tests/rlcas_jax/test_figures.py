@@ -32,6 +32,7 @@ def log(directory: Path, seed: int = 0, updates: int = 20) -> Path:
     return directory
 
 
+@pytest.mark.slow
 def test_every_figure_is_drawn_and_the_same_metrics_give_the_same_picture(tmp_path: Path):
     run = log(tmp_path / "run")
     one, other = (training_figures([run], tmp_path / name) for name in ("one", "other"))
