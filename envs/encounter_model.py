@@ -19,12 +19,12 @@ The units stand nowhere in the file, they are those of the form: kt, kt/s, ft/mi
 import math
 import os
 import re
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from envs.encounters import EncounterError
+from envs.text_file import lines_of
 
 __all__ = ["ACCELERATION", "CLIMB", "SPEED", "TURN", "EncounterModel", "Variable", "read_model", "write_model"]
 
@@ -150,17 +150,9 @@ _Blocks = dict[str, tuple[int, list[tuple[int, str]]]]
 
 
 def _blocks(source: str) -> _Blocks:
-    try:
-        text = Path(source).read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise EncounterError(f"{source}: there is no such file") from None
-    except UnicodeDecodeError as problem:
-        raise EncounterError(f"{source}: not a text in UTF-8 (byte {problem.start})") from None
-    except OSError as problem:
-        raise EncounterError(f"{source}: cannot be read: {problem.strerror}") from None
     found: _Blocks = {}
     name = ""
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(lines_of(source, EncounterError), start=1):
         line = line.strip()  # noqa: PLW2901
         if line.startswith("#"):
             name = line[1:].strip()

@@ -8,11 +8,11 @@ separated by commas or blanks. A file without units, or with one that is unknown
 import math
 import os
 import re
-from pathlib import Path
 
 import numpy as np
 
 from envs.local_frame import local
+from envs.text_file import lines_of
 from envs.track_units import FAMILIES, si
 from envs.tracks import Repairs, Rows, Track, TrackError, TrackFile, ordered, summed
 
@@ -87,16 +87,8 @@ def read_daidalus(path: str | os.PathLike[str], *, repair: bool = False, max_gap
 
 def _lines(source: str) -> list[tuple[int, list[str]]]:
     """Return the lines that hold something, split into cells, with their numbers from 1."""
-    try:
-        text = Path(source).read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise TrackError(f"{source}: there is no such file") from None
-    except UnicodeDecodeError as problem:
-        raise TrackError(f"{source}: not a text in UTF-8 (byte {problem.start})") from None
-    except OSError as problem:
-        raise TrackError(f"{source}: cannot be read: {problem.strerror}") from None
     lines = []
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(lines_of(source, TrackError), start=1):
         line = line.split("#", 1)[0].strip()  # noqa: PLW2901
         if line:
             cells = line.split(",") if "," in line else re.split(r"\s+", line)
