@@ -23,7 +23,8 @@ Fly policies and baselines through the same encounters and say how they differ, 
 
 Baselines: none (straight along the route), rules (the right-hand rules of the air), mvp (modified voltage potential,
 speed held), mvp_speed (the same, changing speed too). A policy is a .safetensors file of the toolkit, flown as it is
-and once more with its speed held; or a .nnet file of HorizontalCAS or ACAS Xu.
+and once more with its speed held; or a .nnet file of HorizontalCAS or ACAS Xu. With --mode plan its plans, made once
+at the start, are flown too; with --mode assured its plans under the run-time monitor.
 
 Scenarios: those of eval.monte_carlo; file:PATH for a CSV file of your own; tracks:PATH for recorded tracks, replayed:
 a .json file of Lincoln Laboratory's encounters or of ADS-B reports, or a .daa or .xyz file of DAIDALUS; lincoln:PATH
@@ -37,7 +38,8 @@ examples:
   python -m eval.compare --out runs/compare
   python -m eval.compare --policy runs/a/policy.safetensors --policy runs/b/policy.safetensors --out runs/a_b
   python -m eval.compare --scenario maneuvering --baseline mvp --encounters 2000 --out runs/turning
-  python -m eval.compare --scenario tracks:encounters.json --out runs/recorded"""
+  python -m eval.compare --scenario tracks:encounters.json --out runs/recorded
+  python -m eval.compare --mode assured --change own_speed=[50,70] --out runs/slow"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -70,6 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     summary = {
         "schema_version": SCHEMA_VERSION,
         "scenario": options.scenario,
+        "changes": options.change,
         "seed": options.seed,
         "confidence": options.confidence,
         "resamples": options.resamples,
@@ -105,7 +108,21 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         help="none, rules, mvp or mvp_speed, may be repeated (default: all of them)",
     )
+    add(
+        "--mode",
+        metavar="MODE",
+        action="append",
+        default=[],
+        help="plan or assured: how policies are flown besides, may be repeated",
+    )
     add("--scenario", metavar="NAME", default="circle", help="a name, file:PATH, tracks:PATH or lincoln:PATH")
+    add(
+        "--change",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="change a number of the scenario, such as own_speed=[50,70] in m/s, may be repeated",
+    )
     add("--repair", action="store_true", help="drop and fill what is wrong in recorded tracks, and say what was done")
     add("--encounters", type=int, metavar="N", help="how many (default: 1000, or all of a file's)")
     add("--seed", type=int, metavar="N", default=0, help="of encounters, sensor noise and bootstrap (default: 0)")

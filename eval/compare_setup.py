@@ -3,10 +3,12 @@
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from agents.baselines import BASELINES
-from agents.configuration import ConfigError
+from agents.configuration import ConfigError, Strict, load
 from agents.configuration_keys import nearest
+from agents.configuration_world import ScenarioConfig
 from agents.inference import Policy
 from envs import encounter_file
 from envs.encounters import scenario
@@ -19,7 +21,10 @@ from eval.sources import read_model_traffic, read_tracks
 
 __all__ = ["policy_names", "prepare", "size"]
 
+_Model = TypeVar("_Model", bound=Strict)
+
 _DEFAULT_ENCOUNTERS = 1_000
+_MODES = ("plan", "assured")
 _LATEST_CPA, _LONGEST_ROUTE = TrafficConfig().cpa_time[1], 400.0
 
 
@@ -34,6 +39,8 @@ def prepare(options: argparse.Namespace) -> Contest:
     limits = _limits(options.policy)
     entries = _entries(options, limits, RULES)
     names: tuple[str, ...] | None = None
+    if options.change and options.scenario.startswith((TRACKS, FILE)):
+        raise ConfigError(f"--change: {options.change[0]}; expected none, the encounters stand in a file")
     if options.scenario.startswith(TRACKS):
         path, how = (
             Path(options.scenario.removeprefix(TRACKS)),
@@ -46,9 +53,11 @@ def prepare(options: argparse.Namespace) -> Contest:
         names = tuple(found)
     elif options.scenario.startswith(MODEL):
         path = Path(options.scenario.removeprefix(MODEL))
-        source = read_model_traffic(path, _traffic(options.ahead), limits)
+        source = read_model_traffic(path, _traffic(options), limits)
     else:
         source = scenario(options.scenario)
+        if options.change:
+            source = _changed(ScenarioConfig, f"name={options.scenario}", *options.change).scenario()
     evaluation = Evaluation(None, source, names, options.seed, RULES, limits)
     return Contest(entries, evaluation)
 
@@ -68,11 +77,23 @@ def _check(options: argparse.Namespace) -> None:
             raise ConfigError(f"{name}: {value:g}; expected {low:g} to {high:g}")
 
 
-def _traffic(ahead: float) -> TrafficConfig:
+def _traffic(options: argparse.Namespace) -> TrafficConfig:
     """Return how encounters with a model's traffic are drawn."""
+    ahead = options.ahead
     if not _LATEST_CPA <= ahead <= _LONGEST_ROUTE:
         raise ConfigError(f"--ahead: {ahead:g}; expected {_LATEST_CPA:g} to {_LONGEST_ROUTE:g} with {MODEL}PATH")
-    return TrafficConfig(ahead=ahead)
+    return _changed(TrafficConfig, f"ahead={ahead}", *options.change)
+
+
+def _changed(model: type[_Model], *values: str) -> _Model:
+    """Return numbers of a scenario with changes ``KEY=VALUE``."""
+    for value in values[1:]:
+        if value.partition("=")[0] in ("name", "weight", "ahead"):
+            raise ConfigError(f"--change: {value}; expected a number of the scenario")
+    try:
+        return load(model, None, values)
+    except ConfigError as problem:
+        raise ConfigError(f"--change: {str(problem).removeprefix('--set: ')}") from None
 
 
 def _limits(policies: Sequence[Path]) -> Limits:
@@ -95,8 +116,12 @@ def _entries(options: argparse.Namespace, limits: Limits, rules: Rules) -> tuple
     """Return who takes part: the policies, the baselines, and always the flight without a resolver."""
     entries: list[Entry] = []
     names = policy_names(options.policy)
+    modes = list(dict.fromkeys(options.mode))
+    for mode in modes:
+        if mode not in _MODES:
+            raise ConfigError(f"--mode: {mode!r}; expected {' or '.join(_MODES)}")
     for path, name in zip(options.policy or [None], names or ["policy"], strict=True):
-        entries += policy_entries(path, name, limits, rules)
+        entries += policy_entries(path, name, limits, rules, modes)
     wanted = list(dict.fromkeys(options.baseline or BASELINES))
     for name in wanted:
         if name not in BASELINES:

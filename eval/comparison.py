@@ -82,7 +82,7 @@ def _row(
         "time_excess_mean_s": mean("time_excess_s"),
         "cross_track_max_mean_m": mean("cross_track_m"),
         "heading_reversals_mean": float(np.mean(table[f"{entry.name}.heading_reversals"])),
-        "min_separation_m": _number(float(np.min(closest))),
+        "min_separation_m": _number(float(np.fmin.reduce(closest))),
         "severity_mean_of_losses": _number(_mean_positive(table[f"{entry.name}.severity"])),
         "severity_max": float(np.max(table[f"{entry.name}.severity"])),
         "lead_times_s": {level: _leads(table[f"{entry.name}.lead_{level}_s"]) for level in ALERTS},

@@ -1,6 +1,6 @@
 """Several deciders on the same encounters: who takes part, and the table of how each of them fared."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import reduce
 from pathlib import Path
 from typing import NamedTuple
@@ -10,24 +10,40 @@ import numpy as np
 from agents.baselines import BASELINES
 from agents.inference import Policy
 from agents.nnet import load_logic
+from agents.request import Options
 from agents.resolvability import Verdict
-from envs.kinematics import Limits
+from envs.encounters import Encounter
+from envs.kinematics import C208_PUBLISHED, Limits
 from envs.outcome import Rules
 from envs.replay import Replay
+from eval.assured import fly_assured
 from eval.chunks import NETWORK_TILE, Evaluation, noise_of
-from eval.film import Trajectories
+from eval.film import Trajectories, until
 from eval.hindsight import verdicts
 from eval.metrics import costs, losses, relative
+from eval.planned import Setting, fly_once, planned
 from eval.simulate import OUTCOMES, Decider, Flights, OnStates, fly
-from eval.sources import drawn
+from eval.sources import drawn, spread
 from eval.volumes import ALERTS, VOLUMES, alerted, lead_times, lost, severity
 
-__all__ = ["REFERENCE", "Contest", "Entry", "baseline_entry", "columns", "policy_entries"]
+__all__ = ["REFERENCE", "SETTING", "Contest", "Entry", "Plans", "baseline_entry", "columns", "policy_entries"]
 
 REFERENCE = "none"
 """The flight without a resolver, which is always flown: risk ratios need it."""
 
+SETTING = Setting(Options(), C208_PUBLISHED)
+"""How plans are made and flown: as in eval.monte_carlo without more being said."""
+
 _SEVERE = "do365_en_route"
+
+
+class Plans(NamedTuple):
+    """A policy that decides by plans: once at the start, or in the assured loop."""
+
+    policy: Policy
+    setting: Setting
+    mode: str
+    """plan or assured."""
 
 
 class Entry(NamedTuple):
@@ -36,7 +52,7 @@ class Entry(NamedTuple):
     name: str
     kind: str
     """policy, baseline or nnet."""
-    decider: Decider | OnStates
+    decider: Decider | OnStates | Plans
     sha256: str | None = None
     """Of a policy file."""
 
@@ -54,10 +70,19 @@ class Contest(NamedTuple):
         return isinstance(self.evaluation.source, Replay)
 
 
-def policy_entries(path: Path | None, name: str, limits: Limits, rules: Rules) -> tuple[Entry, ...]:
+def policy_entries(
+    path: Path | None, name: str, limits: Limits, rules: Rules, modes: Sequence[str] = ()
+) -> tuple[Entry, ...]:
     """Return the entries of a policy file: as it is, and with the speed held, as most published resolvers hold it.
 
-    A ``.nnet`` file is a logic that holds the speed anyway.
+    A ``.nnet`` file is a logic that holds the speed anyway, and of which no plans are made.
+
+    Args:
+        path: of the file; None: the policy that ships.
+        name: of the entries.
+        limits: of the ownship.
+        rules: of the task.
+        modes: in which it is flown besides: plan, assured.
 
     Raises:
         PolicyFileError, NnetError: the file cannot be used.
@@ -73,6 +98,7 @@ def policy_entries(path: Path | None, name: str, limits: Limits, rules: Rules) -
     return (
         Entry(name, "policy", decide, policy.sha256),
         Entry(f"{name}, speed held", "policy", _held(decide), policy.sha256),
+        *(Entry(f"{name}, {mode}", "policy", Plans(policy, SETTING, mode), policy.sha256) for mode in modes),
     )
 
 
@@ -91,13 +117,11 @@ def columns(contest: Contest, first: int, count: int) -> dict[str, np.ndarray]:
     rules, limits = evaluation.rules, evaluation.limits
     starts, weights = drawn(evaluation.source, evaluation.seed, first, count)
     noise = noise_of(evaluation, starts, first)
-    endless = rules._replace(separation=0.0)
     table: dict[str, np.ndarray] = {"encounter": np.arange(first, first + count), "weight": weights}
     solved = []
     for entry in contest.entries:
         heard = None if entry.name == REFERENCE else noise
-        flights, film = fly(starts, entry.decider, endless, limits, noise=heard, record=True)
-        assert film is not None
+        flights, film = _flown(entry.decider, starts, evaluation, heard)
         outcome = np.where(flights.min_separation < rules.separation, OUTCOMES.index("violation"), flights.outcome)
         solved.append(outcome == OUTCOMES.index("reached"))
         made = _columns(outcome, flights, film, starts.mask, rules.dt) | costs(starts, flights, film)._asdict()
@@ -107,6 +131,30 @@ def columns(contest: Contest, first: int, count: int) -> dict[str, np.ndarray]:
     table["late_at_first_speed"] = route - rules.goal_radius > starts.own.speed * rules.t_max
     table["unresolvable"] = verdicts(starts, rules, limits, solved=anyone).verdict == Verdict.UNRESOLVABLE
     return table
+
+
+def _flown(
+    decider: Decider | OnStates | Plans,
+    starts: Encounter,
+    evaluation: Evaluation,
+    noise: Callable[[int], np.ndarray] | None,
+) -> tuple[Flights, Trajectories]:
+    """Fly encounters on after losses of separation; the film ends where each flight does."""
+    endless = evaluation.rules._replace(separation=0.0)
+    if not isinstance(decider, Plans):
+        flights, film = fly(starts, decider, endless, evaluation.limits, noise=noise, record=True)
+        assert film is not None
+        return flights, film
+    policy, setting, mode = decider
+    plans = planned(starts, policy, setting, None if noise is None else noise(0))
+    if mode == "plan":
+        flown, film = fly_once(starts, plans, endless, setting, record=True)
+    else:
+        sigmas = spread(evaluation.source)
+        assured, film = fly_assured(starts, plans, policy, endless, setting, spread=sigmas, noise=noise, record=True)
+        flown = assured.flown
+    assert film is not None
+    return flown.flights, until(film, flown.flights.duration)
 
 
 def _held(decide: Callable[[np.ndarray], np.ndarray]) -> Decider:

@@ -7,8 +7,9 @@ import numpy as np
 
 from envs.encounters import Encounter
 from envs.kinematics import VehicleState
+from envs.observation import SIZE
 
-__all__ = ["Film", "Trajectories"]
+__all__ = ["Film", "Trajectories", "until"]
 
 
 class Trajectories(NamedTuple):
@@ -24,6 +25,19 @@ class Trajectories(NamedTuple):
     """``[T, N, 2]``."""
     separation: np.ndarray
     """Smallest distance to any intruder during each step, m, ``[T, N]``."""
+
+
+def until(film: Trajectories, end: np.ndarray) -> Trajectories:
+    """Return trajectories one second a step without what comes after the step in which ``end``, s, ``[N]``, falls."""
+    after = np.arange(len(film.own.x))[:, None] > np.ceil(end)
+    late = after[1:, :, None]
+    return Trajectories(
+        VehicleState(*(np.where(after, np.nan, field) for field in film.own)),
+        VehicleState(*(np.where(after[..., None], np.nan, field) for field in film.intruders)),
+        np.where(late, np.nan, film.observation),
+        np.where(late, np.nan, film.action),
+        np.where(late[..., 0], np.nan, film.separation),
+    )
 
 
 class Film:
@@ -51,7 +65,11 @@ class Film:
         self._decisions.append([self._all(number, values) for values in decisions])
 
     def developed(self) -> Trajectories:
-        """Return everything recorded."""
+        """Return everything recorded; a step without anybody, if nobody ever flew."""
+        if not self._decisions:
+            nobody, others = np.zeros(0), np.zeros((0, self._intruders[0].shape[1]))
+            blank = np.zeros((0, SIZE)), np.zeros((0, 2)), nobody
+            self.expose(nobody.astype(int), VehicleState(*[nobody] * 4), VehicleState(*[others] * 4), blank)
         own, traffic = np.stack(self._own), np.stack(self._intruders)
         return Trajectories(
             VehicleState(*np.moveaxis(own, -1, 0)),

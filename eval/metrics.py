@@ -164,8 +164,8 @@ def losses(volume: Volume, film: Trajectories, mask: np.ndarray) -> np.ndarray:
         mask: which intruders exist, bool ``[N, K]``.
     """
     if volume.tau == 0.0:
-        closest = np.nanmin(film.separation, axis=0)
-        return closest < volume.horizontal
+        # Not nanmin, which warns of a flight that never began.
+        return np.fmin.reduce(film.separation, axis=0) < volume.horizontal
     # After the end of a flight every comparison is with nan, and false.
     with np.errstate(invalid="ignore"):
         return np.any(lost(volume, relative(film)) & mask, axis=(0, 2))

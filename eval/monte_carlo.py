@@ -98,7 +98,8 @@ def _evaluate(options: argparse.Namespace) -> int:
     from eval.sources import said, say
     from eval.workers import RunError, cores, fly_chunks
 
-    with cluster_of(options) as cluster:
+    packages = ("scipy",) if config.draws == "sobol" else ()  # it makes those points
+    with cluster_of(options, packages) as cluster:
         workers = config.workers or cores() if cluster is None else cluster.size()
         evaluation, policy, config = _prepare(config, workers)
         say(evaluation.source)
@@ -111,9 +112,10 @@ def _evaluate(options: argparse.Namespace) -> int:
 
         else:
             from eval.chunks import Pilot, columns
-            from eval.cluster_kit import Flier
+            from eval.cluster_kit import DECISIVE, Flier
 
-            fly = partial(cluster.fly, Flier(Pilot, columns), evaluation, policy.sha256)
+            flier = Flier(Pilot, columns, (*DECISIVE, *packages))
+            fly = partial(cluster.fly, flier, evaluation, policy.sha256)
         try:
             finished, flown = fly_missing(folder, config, fly, "chunks")
             table = joined(folder) if finished else None

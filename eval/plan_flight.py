@@ -165,7 +165,14 @@ def takeoff(encounters: Encounter, ends: Any) -> Air:
     )
 
 
-def fly_plans(encounters: Encounter, knots: Knots, rules: Rules, limits: Limits, film: Film | None = None) -> Flown:
+def fly_plans(
+    encounters: Encounter,
+    knots: Knots,
+    rules: Rules,
+    limits: Limits,
+    film: Film | None = None,
+    numbers: np.ndarray | None = None,
+) -> Flown:
     """Fly plans once, to their ends.
 
     An encounter counts as reached if the goal was by ``rules.t_max`` and the separation kept until then.
@@ -176,6 +183,7 @@ def fly_plans(encounters: Encounter, knots: Knots, rules: Rules, limits: Limits,
         rules: of the task, with a time step of 1 s.
         limits: of the vehicle that follows.
         film: records the flights second by second until ``rules.t_max``, without observations and actions.
+        numbers: their rows on the film, ``[N]``; None: 0 to N - 1.
     """
     tally, rows = Tally(len(encounters.goal_x)), np.arange(len(encounters.goal_x))
     air, curves = takeoff(encounters, knots.time[:, -1]), legs(knots)
@@ -188,7 +196,7 @@ def fly_plans(encounters: Encounter, knots: Knots, rules: Rules, limits: Limits,
         clock += 1
         tally.add(rows, second, clock, rules)
         if film is not None and clock <= rules.t_max:
-            expose(film, rows, second, following)
+            expose(film, rows if numbers is None else numbers[rows], second, following)
         air = air._replace(own=second.own, traffic=following, side=second.side)
         on = air.ends > clock
         if not on.all():

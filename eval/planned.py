@@ -60,8 +60,9 @@ def fly_once(
     """
     count = len(encounters.goal_x)
     rows = np.flatnonzero(plans.proposals.last >= 0)
-    film = Film(take(encounters, rows)) if record else None
-    flown = fly_plans(take(encounters, rows), take(plans.proposals.knots, rows), rules, setting.limits, film)
+    film = Film(encounters) if record else None
+    begun, knots = take((encounters, plans.proposals.knots), rows)
+    flown = fly_plans(begun, knots, rules, setting.limits, film, rows)
     whole = Tally(count).flown(rules)
     whole.flights.min_separation[:] = np.nan
     whole.whole_separation[:] = np.nan

@@ -138,50 +138,44 @@ def _batch(run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int]) -> 
     plans = None
     if evaluation.mode != "policy":
         plans = planned(starts, pilot.policy, evaluation.setting, noise(0) if heard else None)
-    flights, film, rows = _flown(pilot, starts, plans, noise if heard else None)
-    places = {int(row): place for place, row in enumerate(rows)}
+    flights, film = _flown(pilot, starts, plans, noise if heard else None)
     found = _witnesses(evaluation, starts, [i for i, number in enumerate(numbers) if number in wanted])
     for i, number in enumerate(numbers):
-        if i not in places:
+        if plans is not None and plans.proposals.last[i] < 0:
             continue  # no trajectory at all: the planner had nothing to fly
         said, closest = run.table["outcome"][number], run.table["min_separation_m"][number]
         same = OUTCOMES[flights.outcome[i]] == said and abs(flights.min_separation[i] - closest) <= _SAME
-        flight = _one(evaluation, starts, film, places[i], i, plans)
+        flight = _one(evaluation, starts, film, i, plans)
         yield flight._replace(number=number, same=bool(same), witness=found.get(i))
 
 
-def _flown(
-    pilot: Pilot, starts: Encounter, plans: Plans | None, noise: Any
-) -> tuple[Flights, Trajectories, np.ndarray]:
-    """Fly encounters ``[N]``; return how they ended, the film, and which encounter each of its columns shows."""
+def _flown(pilot: Pilot, starts: Encounter, plans: Plans | None, noise: Any) -> tuple[Flights, Trajectories]:
+    """Fly encounters ``[N]``; return how they ended, and the film."""
     evaluation = pilot.evaluation
     rules, setting = evaluation.rules, evaluation.setting
-    rows = np.arange(len(starts.goal_x))
     if plans is None:
         flights, film = fly(starts, pilot.decide, rules, evaluation.limits, noise=noise, record=True)
     elif evaluation.mode == "plan":
         flown, film = fly_once(starts, plans, rules, setting, record=True)
-        flights, rows = flown.flights, np.flatnonzero(plans.proposals.last >= 0)
+        flights = flown.flights
     else:
         assured, film = fly_assured(
             starts, plans, pilot.policy, rules, setting, spread=spread(evaluation.source), noise=noise, record=True
         )
         flights = assured.flown.flights
     assert film is not None
-    return flights, film, rows
+    return flights, film
 
 
-def _one(
-    evaluation: Evaluation, starts: Encounter, film: Trajectories, place: int, i: int, plans: Plans | None
-) -> Replayed:
-    """Return the flight in column ``place`` of a film, encounter ``i`` of its batch."""
-    own_x = film.own.x[:, place]
+def _one(evaluation: Evaluation, starts: Encounter, film: Trajectories, i: int, plans: Plans | None) -> Replayed:
+    """Return the flight of encounter ``i`` of a batch."""
+    own_x = film.own.x[:, i]
     end = int(np.count_nonzero(np.isfinite(own_x)))
-    own = take(film.own, (slice(0, end), place))
+    own = take(film.own, (slice(0, end), i))
     others = np.flatnonzero(starts.mask[i])
-    traffic = np.stack([film.intruders.x[:end, place, others].T, film.intruders.y[:end, place, others].T], axis=1)
+    traffic = np.stack([film.intruders.x[:end, i, others].T, film.intruders.y[:end, i, others].T], axis=1)
     if plans is None:
-        action = film.action[: end - 1, place]
+        action = film.action[: end - 1, i]
         acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), evaluation.limits, np)
     else:
         dt = evaluation.rules.dt
@@ -197,7 +191,7 @@ def _one(
         (float(starts.goal_x[i]), float(starts.goal_y[i])),
         np.stack([own.x, own.y]),
         traffic,
-        film.separation[: end - 1, place],
+        film.separation[: end - 1, i],
         acceleration,
         yaw_rate,
         False,

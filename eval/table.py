@@ -19,6 +19,8 @@ _RATES = (
     ("plans called SAFE, of the resolvable *", "plan_safe_given_resolvable"),
 )
 
+_BY_WEIGHT = ("success of the resolvable, by weight *", "success_given_resolvable")
+
 
 def show(summary: Mapping[str, Any], folder: Path, paths: Iterable[Path]) -> None:
     """Print a summary (as in ``summary.json``) and where the files of the run lie."""
@@ -37,6 +39,12 @@ def show(summary: Mapping[str, Any], folder: Path, paths: Iterable[Path]) -> Non
             continue
         low, high = f"{100.0 * rate['low']:.2f}", f"{100.0 * rate['high']:.2f} %"
         table.add_row(label, _percent(rate["value"]), f"{low} .. {high}", f"{_n(rate['count'])} of {_n(rate['total'])}")
+    weighted = summary.get("weighted")
+    if weighted is not None:
+        for label, key in (("success of all, by weight", "success_rate"), _BY_WEIGHT):
+            rate = weighted[key]
+            ends = "-" if rate["low"] is None else f"{100.0 * rate['low']:.2f} .. {100.0 * rate['high']:.2f} %"
+            table.add_row(label, _percent(rate["value"]), ends, f"{weighted['effective_sample_size']:.0f} effective")
     table.add_section()
     table.add_row("mean score", _plain(summary["score_mean"], "+.2f"), _ends(summary, "score_mean", "+.2f"))
     table.add_row("risk ratio **", _plain(summary["risk_ratio"], ".4f"), _ends(summary, "risk_ratio", ".4f"))
@@ -61,6 +69,8 @@ def show(summary: Mapping[str, Any], folder: Path, paths: Iterable[Path]) -> Non
     ]
     if _wide(summary):
         notes.append("the interval of the risk ratio is wide (half of it exceeds half the ratio): fly more encounters")
+    if summary.get("draws") == "sobol":
+        notes.append("intervals of rates: t over the randomisations of the Sobol points")
     notes.append(f"files: {folder}: " + ", ".join(sorted(path.name for path in {*paths, *_tables(folder)})))
     for note in notes:
         console.print(note, markup=False, highlight=False, soft_wrap=True)

@@ -84,6 +84,7 @@ def test_resolvers_resolve(name: str) -> None:
 def test_a_held_speed_is_held(policy_path: Path) -> None:
     _, held = policy_entries(policy_path, "ours", SURROGATE, RULES)
     starts = numbered(scenario("circle"), 9, 0, 5)
+    assert not isinstance(held.decider, contest.Plans)
     _, film = simulate.fly(starts, held.decider, RULES, SURROGATE, record=True)
     assert film is not None
     assert np.nanmax(np.abs(film.own.speed - starts.own.speed)) == 0.0
@@ -154,6 +155,47 @@ def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:
     assert math.isfinite(summary["entries"][0]["heading_reversals_mean"])
 
 
+@pytest.mark.parametrize("name", ["circle", "noisy"])
+def test_plans_and_the_assured_loop_fly_as_in_the_evaluation(name: str) -> None:
+    entries = policy_entries(None, "ours", SURROGATE, RULES, ("plan", "assured"))
+    evaluation = Evaluation(None, scenario(name), None, 4, RULES, SURROGATE, "assured", contest.SETTING)
+    ours = contest.columns(Contest((*entries, baseline_entry("none", SURROGATE, RULES)), evaluation), 20, 25)
+    theirs = chunks.columns(Pilot.load(evaluation), 20, 25)
+    for mode, columns in (("assured", ""), ("plan", "plan_")):
+        np.testing.assert_array_equal(ours[f"ours, {mode}.outcome"], theirs[f"{columns}outcome"])
+    reached = theirs["outcome"] == "reached"
+    assert reached.sum() > 15
+    np.testing.assert_array_equal(ours["ours, assured.path_excess"][reached], theirs["path_excess"][reached])
+    np.testing.assert_array_equal(ours["ours, assured.min_separation_m"][reached], theirs["min_separation_m"][reached])
+
+
+def test_a_request_without_any_trajectory_is_a_time_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    def hopeless(*given: Any) -> Any:
+        plans = made(*given)
+        proposals = plans.proposals._replace(
+            last=np.full_like(plans.proposals.last, -1), safe=np.zeros_like(plans.proposals.safe)
+        )
+        return plans._replace(proposals=proposals)
+
+    made = contest.planned
+    monkeypatch.setattr(contest, "planned", hopeless)
+    entries = policy_entries(None, "ours", SURROGATE, RULES, ("plan",))
+    evaluation = Evaluation(None, scenario("circle"), None, 4, RULES, SURROGATE)
+    table = contest.columns(Contest((*entries, baseline_entry("none", SURROGATE, RULES)), evaluation), 0, 3)
+    assert set(table["ours, plan.outcome"]) == {"timeout"}
+    assert np.isnan(table["ours, plan.min_separation_m"]).all()
+    assert not table["ours, plan.lost_do365_terminal"].any()
+
+
+def test_numbers_of_a_scenario_can_be_changed(tmp_path: Path) -> None:
+    arguments = ["--baseline", "none", "--encounters", "30", "--resamples", "100", "--change", "own_speed=[60,61]"]
+    compare.main([*arguments, "--change", "radius=[9000,9100]", "--out", str(tmp_path / "run")])
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["changes"] == ["own_speed=[60,61]", "radius=[9000,9100]"]
+    # 18 km at 61 m/s take 295 s: no route is late; at the scenario's own speeds some are.
+    assert summary["late_at_first_speed"] == 0
+
+
 def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = recorded("lincoln_lab/encounters.json")
     out = tmp_path / "run"
@@ -177,6 +219,11 @@ def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         (["--baseline", "mpv"], ConfigError, "--baseline: 'mpv'; expected one of none, rules, mvp, mvp_speed"),
         (["--encounters", "0"], ConfigError, "--encounters: 0; expected 1 to 1e"),
         (["--encounters", "many"], ConfigError, "invalid int value"),
+        (["--mode", "policy"], ConfigError, "--mode: 'policy'; expected plan or assured"),
+        (["--change", "own_sped=[50,70]"], ConfigError, "--change: own_sped"),
+        (["--change", "own_speed=[70,50]"], ConfigError, "--change: own_speed is [70.0, 50.0]; expected"),
+        (["--change", "name=multi"], ConfigError, "--change: name=multi; expected a number of the scenario"),
+        (["--change", "radius=1", "--scenario", "file:a.csv"], ConfigError, "--change: radius=1; expected none"),
         (["--confidence", "nan"], ConfigError, "--confidence: nan; expected"),
         (["--scenario", "circel"], EncounterError, "scenario 'circel' is unknown"),
         (["--scenario", "file:absent.csv"], EncounterError, "absent.csv: there is no such file"),

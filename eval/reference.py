@@ -1,0 +1,60 @@
+"""Writes the page of every key of an evaluation: ``python -m eval.reference DIR``."""
+
+import sys
+from pathlib import Path
+
+from agents.configuration import ConfigError, Parser, run_cli
+from agents.configuration_keys import markdown
+from eval.config import MonteCarloConfig, TrafficConfig
+from eval.hifi_config import HifiConfig
+
+__all__ = ["PAGE", "main", "page"]
+
+PAGE = "configuration-evaluation.md"
+"""Name of the file."""
+
+_HEAD = """\
+# Configuration of evaluations
+
+This page is written by `python -m eval.reference docs`; its texts are the docstrings in `eval/config.py`,
+`eval/hifi_config.py` and `agents/configuration_world.py`.
+
+A configuration is a YAML file with what differs from the defaults, given as `--config FILE`; single keys are changed by
+`--set KEY=VALUE` (`--set planner.margin=50`), which wins over the file, as do the options of the command. A run writes
+what came out, every key, to `config.yaml` in its directory, and that file repeats the run. A key that does not exist, a
+value of another type or out of range, and a file that is not there end the program with one sentence and exit status 2,
+before anything is flown.
+
+`changes` takes the numbers of a scenario, such as `--set changes.own_speed=[60,70]`: those of `scenarios.0` in
+[configuration.md](configuration.md) for sampled scenarios, and those in the last table for `lincoln:PATH`.
+
+"""
+
+
+def page() -> str:
+    """Return the text of the page."""
+    parts = [
+        ("python -m eval.monte_carlo", MonteCarloConfig),
+        ("python -m eval.hifi", HifiConfig),
+        ("changes of lincoln:PATH", TrafficConfig),
+    ]
+    return _HEAD + "\n".join(f"## `{title}`\n\n{markdown(model)}" for title, model in parts)
+
+
+def main() -> None:
+    """Write the page into the directory that the command line names.
+
+    Raises:
+        ConfigError: there is no such directory.
+    """
+    parser = Parser(prog="python -m eval.reference", description=__doc__)
+    parser.add_argument("directory", type=Path, metavar="DIR", help="where the page goes: docs")
+    directory: Path = parser.parse_args().directory
+    if not directory.is_dir():
+        raise ConfigError(f"{directory}: there is no such directory")
+    (directory / PAGE).write_text(page(), encoding="utf-8")
+    print(directory / PAGE, file=sys.stderr)
+
+
+if __name__ == "__main__":
+    run_cli(main)

@@ -1,0 +1,30 @@
+import sys
+from pathlib import Path
+
+import pytest
+
+from agents.configuration import ConfigError
+from agents.configuration_keys import keys
+from eval.config import MonteCarloConfig
+from eval.hifi_config import HifiConfig
+from eval.reference import PAGE, main, page
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+
+
+def test_the_page_is_current() -> None:
+    assert (DOCS / PAGE).read_text(encoding="utf-8") == page(), "run `python -m eval.reference docs`"
+
+
+def test_every_key_has_its_row() -> None:
+    text = page()
+    assert all(f"\n| `{key.name}` | " in text for model in (MonteCarloConfig, HifiConfig) for key in keys(model))
+
+
+def test_the_command_writes_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["reference", str(tmp_path)])
+    main()
+    assert (tmp_path / PAGE).read_text(encoding="utf-8") == page()
+    monkeypatch.setattr(sys, "argv", ["reference", str(tmp_path / "none")])
+    with pytest.raises(ConfigError, match="there is no such directory"):
+        main()
