@@ -5,15 +5,18 @@ Runner, translator and caller are processes of their own; DDS on loopback. All t
 a velocity at 100 Hz, which the translator passes on as the ownship's state at 100 Hz, and the intruder at 20 Hz. Each
 call asks for the plan of another random circle encounter; in turns with it goes the floor, an empty service
 (std_srvs/Trigger) of a fourth process on the same graph. ``end to end`` is from the call to the answer in the caller's
-hands, ``computation`` what the runner says that it took, ``overhead`` the difference. Beside them: the times from a
-kill and start of the runner until it answers at all and until a plan is SAFE, and its memory. Needs ``make ros``.
+hands, ``computation`` what the runner says that it took, ``overhead`` the difference. Beside them: the time from the
+start of the runner's process until it says that it is active; the times from a kill and start until it answers at all
+and until a plan is SAFE, with the inputs that its last refusals missed; and its memory. Needs ``make ros``.
 """
 
 import argparse
 import contextlib
 import os
 import subprocess
+import sys
 import time
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -31,7 +34,7 @@ from ros_bridge.domains import free_domain
 NODE, TRANSLATOR = "/rlcas_runner", "/rlcas_translator"
 OWN_RATE, TRAFFIC_RATE = 100.0, 20.0  # Hz
 SETTLE = 3.5 / TRAFFIC_RATE  # s: a place far from the one before is believed from the second report on
-RESTARTS = 5
+RESTARTS = 10
 
 
 def empty_service() -> None:
@@ -172,7 +175,7 @@ def restarted(caller: Caller, runner: "subprocess.Popen[bytes]", figures: dict[s
     """Kill the runner and start it again, several times; return the last one."""
     from rlcas_msgs.srv import GenerateTrajectory
 
-    ready, first = [], []
+    answered, first, missed = [], [], Counter[str]()
     request = take(request_of(numbered(scenario("circle"), 0, 0, 1)), 0)
     route = way(request.route_x.tolist(), request.route_y.tolist())
     for _ in range(RESTARTS):
@@ -188,15 +191,32 @@ def restarted(caller: Caller, runner: "subprocess.Popen[bytes]", figures: dict[s
             while time.perf_counter() < end:
                 caller.executor.spin_once(timeout_sec=0.005)
             answers = [answer for future in asked if (answer := future.result()) is not None]
-            if answers and len(ready) == len(first):
-                ready.append(time.perf_counter() - began)
+            if answers and len(answered) == len(first):
+                answered.append(time.perf_counter() - began)
             if time.perf_counter() - began > PATIENCE:
                 raise SystemExit(f"the runner did not answer within {PATIENCE:g} s of its start")
         first.append(time.perf_counter() - began)
+        missed[next((answer.field for answer in reversed(answers) if answer.field), "nothing")] += 1
         for future in asked:
             caller.plan.remove_pending_request(future)
-    figures |= {"ready_max_s": max(ready), "killed_to_safe_plan_max_s": max(first)}
+    for name, times in (("answer", answered), ("safe_plan", first)):
+        figures |= {f"killed_to_{name}_median_s": float(np.median(times)), f"killed_to_{name}_max_s": max(times)}
+    figures["last_missed_before_the_plan"] = dict(missed)
     return runner
+
+
+def activated() -> float:
+    """Return the time from the start of a runner's process until it says that it is active, s."""
+    began = time.perf_counter()
+    command = [sys.executable, "-m", "ros_bridge.runner"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as runner:
+        assert runner.stdout is not None
+        for line in runner.stdout:
+            if line.rstrip().endswith("active"):
+                took = time.perf_counter() - began
+                runner.terminate()
+                return took
+    raise SystemExit("the runner ended before it was active")
 
 
 def main() -> None:
@@ -235,6 +255,8 @@ def flown(calls: int) -> dict[str, Any]:
             for mark, share in (("median", 50.0), ("p90", 90.0), ("p99", 99.0), ("max", 100.0)):
                 figures[f"{kind}_{mark}_ms"] = 1e3 * float(np.percentile(values, share))
         figures["runner_resident_mib"] = resident(servers[0])
+        ready = [activated() for _ in range(RESTARTS)]
+        figures |= {"start_to_active_median_s": float(np.median(ready)), "start_to_active_max_s": max(ready)}
         servers[0] = restarted(caller, servers[0], figures)
         began = time.perf_counter()
         servers[0].terminate()

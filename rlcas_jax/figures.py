@@ -1,4 +1,7 @@
-"""The paper's four training figures, each beside the success rate, for one run or for several seeds of it."""
+"""The paper's four training figures, each beside the success rate, for one run or for several seeds of it.
+
+``python -m rlcas_jax.figures RUN [RUN ...] --out DIR`` draws those of finished or running trainings again.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,13 +9,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from agents.configuration import ConfigError, Parser, run_cli
 from rlcas_jax.metrics import read
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["FIGURES", "STYLE", "training_figures"]
+__all__ = ["FIGURES", "STYLE", "main", "training_figures"]
 
 PAPER_SCORE = 75.0
 """Average episode reward that the paper reports at the end of its training."""
@@ -103,12 +107,12 @@ def _draw_metric(axes: "Axes", logs: Sequence[dict[str, np.ndarray]], panel: _Pa
         axes.axhline(PAPER_SCORE, color=_GREY, linewidth=1.0, linestyle=(0, (4, 3)))
         axes.annotate(
             f"paper: +{PAPER_SCORE:.0f}",
-            (0.0, PAPER_SCORE),  # at the left end, where the curve is still far below
+            (1.0, PAPER_SCORE),  # below its right end, where the curve has long left it
             xycoords=("axes fraction", "data"),
-            xytext=(3, 2),
+            xytext=(-3, -2),
             textcoords="offset points",
-            ha="left",
-            va="bottom",
+            ha="right",
+            va="top",
             color=_GREY,
             fontsize=8.0,
         )
@@ -167,3 +171,27 @@ def _save(figure: "Figure", path: Path) -> list[Path]:
     figure.savefig(files[0], dpi=150)
     figure.savefig(files[1], metadata={"Date": None})
     return files
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Draw the figures that the command line asks for.
+
+    Raises:
+        ConfigError: a run is not there or has no metrics.
+    """
+    parser = Parser(prog="python -m rlcas_jax.figures", description="Draw the figures of trainings again.")
+    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="folders of the seeds of one configuration")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the figures go, PNG and SVG")
+    options = parser.parse_args(arguments)
+    for run in options.runs:
+        if not run.exists():
+            raise ConfigError(f"{run}: there is no such folder; expected that of a training")
+    try:
+        files = training_figures(options.runs, options.out)
+    except (ValueError, OSError) as problem:
+        raise ConfigError(str(problem)) from None
+    print("\n".join(map(str, files)))
+
+
+if __name__ == "__main__":
+    run_cli(main)

@@ -4,9 +4,10 @@
 from collections.abc import Callable
 from typing import Any
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
-from ros_bridge import qos
+from ros_bridge import parameters, qos
 from ros_bridge.fields import SECOND
 
 __all__ = ["ListeningNode"]
@@ -26,10 +27,30 @@ class ListeningNode(LifecycleNode):
         self._active = False
         self._latest = 0
 
+    def _declare(self, *declared: Any) -> None:
+        """Declare parameters; limits that contradict each other are refused, now and whenever they are set.
+
+        Raises:
+            ValueError: they do.
+        """
+        parameters.declare(self, *declared)
+        parameters.limits(lambda name: self.get_parameter(name).value)
+        self.add_on_set_parameters_callback(self._fitting)
+
+    def _fitting(self, wanted: list[Any]) -> SetParametersResult:
+        given = {one.name: one.value for one in wanted}
+        try:
+            parameters.limits(lambda name: given.get(name, self.get_parameter(name).value))
+        except ValueError as problem:
+            return SetParametersResult(successful=False, reason=str(problem))
+        return SetParametersResult(successful=True)
+
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to work."""
         self._active = True
-        return super().on_activate(state)
+        done = super().on_activate(state)
+        self.get_logger().info("active")
+        return done
 
     def _destroy(self) -> None:
         for destroy in self._entities:

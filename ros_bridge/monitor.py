@@ -54,7 +54,7 @@ class Monitor(ListeningNode):
 
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_monitor", **more)
-        parameters.declare(self, parameters.MONITOR_NUMBERS, parameters.MONITOR_OTHERS)
+        self._declare(parameters.MONITOR_NUMBERS, parameters.MONITOR_OTHERS)
         self._start()
 
     def _start(self) -> None:

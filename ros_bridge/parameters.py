@@ -1,15 +1,18 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Parameters of the nodes: name, default, range, unit and meaning, declared on a node and read back as settings."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 
-from agents.request import MARGIN, Options
+from agents.request import MARGIN, Options, gentle
 from agents.thresholds import Thresholds
 from agents.traffic import Requirement
+from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, within
 from ros_bridge.picture import Settings
 from ros_bridge.tracks import Rules
 
@@ -28,6 +31,7 @@ __all__ = [
     "Number",
     "declare",
     "help_text",
+    "limits",
     "reference",
     "rules",
     "settings",
@@ -47,6 +51,8 @@ class Number:
     meaning: str
 
 
+_YAW_RATE = round(math.degrees(C208_PUBLISHED.yaw_rate_max), 9)
+
 NUMBERS = (
     Number("ownship_max_age", 1.5, 0.05, 10.0, "s", "oldest state of the ownship that is planned with"),
     Number("intruder_max_age", 5.0, 0.1, 60.0, "s", "oldest state of an intruder that is planned with"),
@@ -60,6 +66,11 @@ NUMBERS = (
     Number("separation", 1000.0, 1000.0, 20_000.0, "m", "least distance to every intruder"),
     Number("margin", MARGIN, 0.0, 5_000.0, "m", "added to it for what the autopilot leaves of the plan"),
     Number("sigmas", 2.0, 0.0, 10.0, "", "standard deviations of the intruders' positions added to it"),
+    Number("speed_min", C208_PUBLISHED.speed_min, 10.0, 190.0, "m/s", "lowest air speed of the aircraft"),
+    Number("speed_max", C208_PUBLISHED.speed_max, 20.0, 200.0, "m/s", "highest; wind narrows both"),
+    Number("acceleration_min", C208_PUBLISHED.acceleration_min, -5.0, -0.05, "m/s^2", "hardest braking"),
+    Number("acceleration_max", C208_PUBLISHED.acceleration_max, 0.05, 5.0, "m/s^2", "that is there at every speed"),
+    Number("yaw_rate_max", _YAW_RATE, 0.5, 30.0, "deg/s", "fastest turn that is there at every speed"),
     Number("vertical_filter", 600.0, 300.0, 50_000.0, "m", "vertical separation beyond which an intruder is left out"),
     Number("rejoin_by", 300.0, 20.0, 340.0, "s", "latest time at which the route is rejoined"),
     Number("diagnostics_period", 1.0, 0.1, 60.0, "s", "between two states of health; read at the start"),
@@ -91,6 +102,11 @@ _SHARED = (
     "separation",
     "margin",
     "sigmas",
+    "speed_min",
+    "speed_max",
+    "acceleration_min",
+    "acceleration_max",
+    "yaw_rate_max",
     "vertical_filter",
     "diagnostics_period",
 )
@@ -180,14 +196,38 @@ def declare(node: Any, numbers: Sequence[Number] = NUMBERS, others: Sequence[tup
         node.declare_parameter(name, default, ParameterDescriptor(description=meaning, read_only=fixed))
 
 
+def limits(value: Callable[[str], Any]) -> tuple[Limits, Limits]:
+    """Return what legs must obey, the aircraft's limits, and those that are the surrogate's, too, for manoeuvres.
+
+    Args:
+        value: the value of a parameter by its name.
+
+    Raises:
+        ValueError: the aircraft and the surrogate have no speeds in common.
+    """
+    legs = Limits(
+        *(value("speed_min"), value("speed_max"), value("acceleration_min"), value("acceleration_max")),
+        math.radians(value("yaw_rate_max")),
+    )
+    # To the last bit, so that what is not set is as everywhere else.
+    legs = C208_PUBLISHED if np.allclose(legs, C208_PUBLISHED, rtol=0.0, atol=1e-9) else legs
+    try:
+        return legs, within(SURROGATE, legs)
+    except ValueError as problem:
+        raise ValueError(f"speed_min, speed_max: {problem}") from None
+
+
 def settings(node: Any) -> Settings:
     """Return how plans shall be, from a node's parameters."""
 
     def value(name: str) -> Any:
         return node.get_parameter(name).value
 
+    legs, flown = limits(value)
     options = Options(
         requirement=Requirement(value("separation"), value("margin"), value("sigmas")),
+        limits=legs,
+        manoeuvre=gentle(flown),
         rejoin_by=value("rejoin_by"),
         extend_route=value("extend_route"),
         vertical_filter=value("vertical_filter"),
@@ -217,8 +257,11 @@ def thresholds(node: Any) -> Thresholds:
     def value(name: str) -> Any:
         return node.get_parameter(name).value
 
+    legs, flown = limits(value)
     return Thresholds(
         requirement=Requirement(value("separation"), value("margin"), value("sigmas")),
+        limits=legs,
+        manoeuvre=flown,
         cross_track=value("cross_track"),
         along_track=value("along_track"),
         time_error=value("time_error"),

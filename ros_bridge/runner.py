@@ -62,7 +62,7 @@ class Runner(ListeningNode):
 
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_runner", **more)
-        parameters.declare(self)
+        self._declare()
         self._picture = Picture()
         self._policy: Policy | None = None
         self._revision = 0

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rlcas_jax.figures import FIGURES, training_figures
+from agents.configuration import ConfigError
+from rlcas_jax.figures import FIGURES, main, training_figures
 from rlcas_jax.metrics import METRICS, Writer
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -50,6 +51,16 @@ def test_seeds_of_different_length_go_into_one_figure(tmp_path: Path):
 
 def test_a_short_run_can_be_drawn(tmp_path: Path):
     training_figures([log(tmp_path / "run", updates=1)], tmp_path / "figures")
+
+
+def test_the_command_draws_finished_runs_again(tmp_path: Path):
+    main([str(log(tmp_path / "run")), "--out", str(tmp_path / "figures")])
+    assert {file.name for file in (tmp_path / "figures").iterdir()} == NAMES
+    with pytest.raises(ConfigError, match="absent: there is no such folder"):
+        main([str(tmp_path / "absent"), "--out", str(tmp_path / "figures")])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ConfigError, match="no metrics to draw"):
+        main([str(tmp_path / "empty"), "--out", str(tmp_path / "figures")])
 
 
 def test_without_metrics_there_is_nothing_to_draw(tmp_path: Path):

@@ -18,6 +18,11 @@ pytest.importorskip("rclpy", reason=MISSING)
 
 import yaml
 
+from agents.configuration import load
+from agents.request import Options
+from agents.thresholds import Thresholds
+from envs.kinematics import SURROGATE, within
+from eval.hifi_config import HifiConfig
 from ros_bridge import parameters
 
 PACKAGE = Path(parameters.__file__).parent
@@ -96,8 +101,9 @@ def test_launch_files_are_understood_by_ros(file: Path):
         entity.execute(context)
 
 
-def test_the_example_of_a_params_file_names_parameters_that_exist():
-    given = yaml.safe_load((PACKAGE / "launch" / "parameters.yaml").read_text(encoding="utf-8"))
+@pytest.mark.parametrize("file", ["parameters.yaml", "c208.yaml"])
+def test_params_files_name_parameters_that_exist(file: str):
+    given = yaml.safe_load((PACKAGE / "launch" / file).read_text(encoding="utf-8"))
     ranges = {f"rlcas_{name}": {one.name: one for one in numbers} for name, numbers, _ in parameters.NODES}
     for pattern, content in given.items():
         node = pattern.removeprefix("/**/")
@@ -105,6 +111,32 @@ def test_the_example_of_a_params_file_names_parameters_that_exist():
             assert name in DECLARED[node]
             if name in ranges[node]:
                 assert ranges[node][name].low <= value <= ranges[node][name].high
+
+
+def test_the_aircraft_in_flight_is_that_of_the_evaluations():
+    given = yaml.safe_load((PACKAGE / "launch" / "c208.yaml").read_text(encoding="utf-8"))
+    runner, monitor = (given[f"/**/rlcas_{name}"]["ros__parameters"] for name in ("runner", "monitor"))
+    assert runner == monitor
+    config = load(HifiConfig, PACKAGE.parent / "configs" / "flight_c208.yaml")
+    assert runner["margin"] == config.planner.margin
+    vehicle = config.planner.setting().limits
+    assert parameters.limits(runner.__getitem__) == (vehicle, within(SURROGATE, vehicle))
+    for name, read in (("runner", lambda node: parameters.settings(node).options), ("monitor", parameters.thresholds)):
+        _, numbers, others = next(one for one in parameters.NODES if one[0] == name)
+        values = {one.name: one.default for one in numbers} | {each: default for each, default, _ in others} | runner
+        node = types.SimpleNamespace(
+            get_parameter=lambda each, values=values: types.SimpleNamespace(value=values[each])
+        )
+        assert read(node).limits == vehicle
+        assert read(node).manoeuvre.speed_max <= vehicle.speed_max
+        assert read(node).requirement.margin == config.planner.margin
+
+
+def test_what_is_not_set_is_the_paper_s_vehicle():
+    given = {one.name: one.default for one in parameters.NUMBERS}
+    assert parameters.limits(given.__getitem__) == (Options().limits, Thresholds().manoeuvre)
+    with pytest.raises(ValueError, match="speed_min, speed_max: allows 99 to 99\\.5 m/s; expected a range"):
+        parameters.limits((given | {"speed_min": 99.0, "speed_max": 99.5}).__getitem__)
 
 
 def test_the_bridge_names_topics_of_the_world():

@@ -220,6 +220,13 @@ def test_a_silent_ownship_is_stale(client: Client, world: World):
     assert set_to(client, "ownship_max_age", 10.0).successful
 
 
+def test_limits_of_the_aircraft_that_contradict_each_other_are_refused(client: Client):
+    assert set_to(client, "speed_max", 70.0).successful
+    refused = set_to(client, "speed_min", 80.0)
+    assert not refused.successful and "speed_min, speed_max: allows 80 to 70 m/s" in refused.reason
+    assert set_to(client, "speed_max", 100.0).successful
+
+
 def test_parameters_have_ranges(client: Client):
     assert set_to(client, "alert_max_age", 11.0).successful
     result = set_to(client, "separation", 999.0)
