@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from agents.configuration import ConfigError, load
 
@@ -24,16 +24,23 @@ if TYPE_CHECKING:
     from eval.workers import Chunk
 
 __all__ = [
+    "Fly",
+    "UnfinishedError",
     "begin",
     "cluster_of",
-    "fly_missing",
-    "joined",
+    "concluded",
+    "first_options",
+    "last_options",
     "loaded",
     "named_policy",
     "named_source",
     "refusing",
     "whole",
+    "whole_table",
 ]
+
+Fly: TypeAlias = "Callable[[list[Chunk], Callable[[], bool]], Iterable[tuple[Chunk, Mapping[str, Any]]]]"
+"""(chunks, whether to stop) -> chunks with their columns, in any order."""
 
 Config = TypeVar("Config", bound="MonteCarloConfig")
 
@@ -50,6 +57,24 @@ def whole(least: int) -> Callable[[str], int]:
         return int(text)
 
     return number
+
+
+def first_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that a command begins with: configuration and policy."""
+    add = parser.add_argument
+    add("--config", type=Path, metavar="FILE", help="YAML file with what differs from the defaults")
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of the configuration")
+    add("--help-keys", action="store_true", help="list every key of the configuration, and exit")
+    add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
+
+
+def last_options(parser: argparse.ArgumentParser, name: str) -> None:
+    """Add the options that a command ends with: who flies, and the run's folder, whose default begins with ``name``."""
+    add = parser.add_argument
+    add("--workers", type=whole(0), metavar="N", help="processes; 0: one for every core (default: 0)")
+    add("--scheduler", metavar="ADDRESS", help="fly on a Dask cluster instead, such as tcp://node7:8786")
+    add("--resume", action="store_true", help="go on with the run in --out instead of beginning one")
+    add("--out", type=Path, metavar="DIR", help=f"folder of the run (default: runs/{name}_DATE_TIME)")
 
 
 def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, str], prefix: str) -> Config:
@@ -191,10 +216,10 @@ def begin(folder: "RunFolder", config: "MonteCarloConfig", *, resume: bool) -> N
     folder.create()
 
 
-def fly_missing(
+def _fly_missing(
     folder: "RunFolder",
     config: "MonteCarloConfig",
-    fly: "Callable[[list[Chunk], Callable[[], bool]], Iterable[tuple[Chunk, Mapping[str, Any]]]]",
+    fly: "Fly",
     what: str,
 ) -> tuple[bool, int]:
     """Fly every chunk that is not stored yet; return whether all are, and how many encounters were flown now.
@@ -229,18 +254,58 @@ def fly_missing(
     return before + flown == total, flown
 
 
-def joined(folder: "RunFolder") -> Mapping[str, Any]:
-    """Return the whole table of a run whose chunks are all stored.
+class UnfinishedError(Exception):
+    """A run without its whole table: what was flown is kept; the message says why and how to go on."""
+
+    def __init__(self, message: str, status: int) -> None:
+        super().__init__(message)
+        self.status = status
+        """Of the exit."""
+
+
+def whole_table(
+    folder: "RunFolder", config: "MonteCarloConfig", fly: "Fly", what: str, program: str
+) -> tuple[Mapping[str, Any], int]:
+    """Fly what is missing of a run; return its whole table, and how many encounters were flown now.
+
+    Args:
+        folder: of the run.
+        config: as resolved.
+        fly: (chunks, whether to stop) -> chunks with their columns, in any order.
+        what: is in the air, for the message of an interrupt.
+        program: that the run goes on with, such as ``python -m eval.monte_carlo``.
 
     Raises:
-        RunError: it cannot be written.
+        UnfinishedError: the run was interrupted, a worker has ended, or nothing can be stored any more.
     """
     from eval.workers import RunError
 
+    resume = f"Go on with: {program} --resume --out {folder.path}"
     try:
-        return folder.finish()
+        finished, flown = _fly_missing(folder, config, fly, what)
+        if finished:
+            return folder.finish(), flown
+    except RunError as problem:
+        raise UnfinishedError(f"error: {problem}\n{resume}", 1) from None
     except OSError as problem:
-        raise RunError(f"{folder.path}: the table cannot be written: {problem.strerror or problem}") from None
+        why = f"{folder.path}: the table cannot be written: {problem.strerror or problem}"
+        raise UnfinishedError(f"error: {why}\n{resume}", 1) from None
+    raise UnfinishedError(f"interrupted; finished chunks are kept. {resume}", 130)
+
+
+def concluded(run: Callable[[argparse.Namespace], int], options: argparse.Namespace) -> int:
+    """Return the exit status of a run, having said why it ended early if it did.
+
+    Raises:
+        ConfigError: a run shall be resumed without saying which.
+    """
+    if options.resume and options.out is None:
+        raise ConfigError("--resume: expected --out with the folder of the run")
+    try:
+        return run(options)
+    except UnfinishedError as end:
+        print(end, file=sys.stderr)
+        return end.status
 
 
 def refusing(main: Callable[[], int]) -> Callable[[], int]:

@@ -1,15 +1,26 @@
 """Flights of the true aircraft: ``python -m eval.hifi --scenario head_on --flights 50 --out runs/hifi``."""
 
 import argparse
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.configuration import ConfigError, Parser, run_cli
-from eval.command import begin, cluster_of, fly_missing, joined, loaded, named_policy, named_source, refusing, whole
+from agents.configuration import Parser, run_cli
+from eval.command import (
+    begin,
+    cluster_of,
+    concluded,
+    first_options,
+    last_options,
+    loaded,
+    named_policy,
+    named_source,
+    refusing,
+    whole,
+    whole_table,
+)
 
 if TYPE_CHECKING:
     from eval.hifi_config import HifiConfig
@@ -58,37 +69,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         print(help_text(HifiConfig))
         return 0
-    return _run(options)
+    return concluded(_run, options)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.hifi", description=_DESCRIPTION, epilog=_EPILOG)
+    first_options(parser)
     add = parser.add_argument
-    add("--config", type=Path, metavar="FILE", help="YAML file with what differs from the defaults")
-    add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of the configuration")
-    add("--help-keys", action="store_true", help="list every key of the configuration, and exit")
-    add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
     add("--mode", metavar="MODE", help="who decides: plan, closed or assured (default: plan)")
     add("--vehicle", metavar="NAME", help="what flies (default: c208_ex)")
     add("--condition", metavar="NAME", help="what it meets (default: calm)")
     add("--scenario", metavar="NAME", help="a scenario's name or file:PATH (default: circle)")
     add("--flights", type=whole(1), metavar="N", help="how many (default: 200, or all of a file's)")
     add("--seed", type=whole(0), metavar="N", help="of encounters, conditions and noise (default: 0)")
-    add("--workers", type=whole(0), metavar="N", help="processes; 0: one for every core (default: 0)")
-    add("--scheduler", metavar="ADDRESS", help="fly on a Dask cluster instead, such as tcp://node7:8786")
-    add("--resume", action="store_true", help="go on with the run in --out instead of beginning one")
-    add("--out", type=Path, metavar="DIR", help="folder of the run (default: runs/hifi_DATE_TIME)")
+    last_options(parser, "hifi")
     return parser
 
 
 def _run(options: argparse.Namespace) -> int:
     begun = time.perf_counter()
-    if options.resume and options.out is None:
-        raise ConfigError("--resume: expected --out with the folder of the run")
     config = _config(options)
     from eval.hifi_folder import HifiFolder
     from eval.hifi_workers import fly_flights
-    from eval.workers import RunError, cores
+    from eval.workers import cores
 
     with cluster_of(options, _DECISIVE) as cluster:
         workers = config.workers or cores() if cluster is None else cluster.size()
@@ -107,15 +110,7 @@ def _run(options: argparse.Namespace) -> int:
 
             flier = Flier(Crew, columns, (*DECISIVE, *_DECISIVE))
             fly = partial(cluster.fly, flier, campaign, str(config.policy_sha256))
-        try:
-            finished, flown = fly_missing(folder, config, fly, "flights")
-            table = joined(folder) if finished else None
-        except RunError as problem:
-            print(f"error: {problem}\n{_how_to_resume(folder)}", file=sys.stderr)
-            return 1
-    if table is None:
-        print(f"interrupted; finished chunks are kept. {_how_to_resume(folder)}", file=sys.stderr)
-        return 130
+        table, flown = whole_table(folder, config, fly, "flights", "python -m eval.hifi")
     summary = _summary(table, config, time.perf_counter() - begun, flown)
     paths = [folder.write_summary(summary)]
     if config.figures:
@@ -155,10 +150,6 @@ def campaign_of(config: "HifiConfig", workers: int = 1) -> "tuple[Campaign, Hifi
         *(config.aircraft, config.condition.family(), config.wind_plan),
     )
     return campaign, config.model_copy(update=resolved)
-
-
-def _how_to_resume(folder: "HifiFolder") -> str:
-    return f"Go on with: python -m eval.hifi --resume --out {folder.path}"
 
 
 def _summary(table: Any, config: "HifiConfig", wall_s: float, flown: int) -> dict[str, Any]:

@@ -1,21 +1,31 @@
 """Monte Carlo evaluation of a policy: ``python -m eval.monte_carlo --encounters 10000 --out runs/first``."""
 
 import argparse
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.configuration import ConfigError, Parser, run_cli
-from eval.command import begin, cluster_of, fly_missing, joined, loaded, named_policy, named_source, refusing, whole
+from agents.configuration import Parser, run_cli
+from eval.command import (
+    begin,
+    cluster_of,
+    concluded,
+    first_options,
+    last_options,
+    loaded,
+    named_policy,
+    named_source,
+    refusing,
+    whole,
+    whole_table,
+)
 
 if TYPE_CHECKING:
     from agents.inference import Policy
     from eval.chunks import Evaluation
     from eval.config import MonteCarloConfig
-    from eval.outputs import RunFolder
     from eval.workers import Chunk
 
 __all__ = ["main"]
@@ -56,16 +66,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         print(help_text(MonteCarloConfig))
         return 0
-    return _evaluate(options)
+    return concluded(_evaluate, options)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.monte_carlo", description=_DESCRIPTION, epilog=_EPILOG)
+    first_options(parser)
     add = parser.add_argument
-    add("--config", type=Path, metavar="FILE", help="YAML file with what differs from the defaults")
-    add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of the configuration")
-    add("--help-keys", action="store_true", help="list every key of the configuration, and exit")
-    add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
     add(
         "--mode",
         metavar="MODE",
@@ -82,21 +89,16 @@ def _parser() -> argparse.ArgumentParser:
     add("--encounters", type=whole(1), metavar="N", help="how many (default: 10000, or all of a file's)")
     add("--seed", type=whole(0), metavar="N", help="of encounters, sensor noise and bootstrap (default: 0)")
     add("--baseline", metavar="NAME", help="flown beside: none, straight along the route (default: none)")
-    add("--workers", type=whole(0), metavar="N", help="processes; 0: one for every core (default: 0)")
-    add("--scheduler", metavar="ADDRESS", help="fly on a Dask cluster instead, such as tcp://node7:8786")
-    add("--resume", action="store_true", help="go on with the run in --out instead of beginning one")
-    add("--out", type=Path, metavar="DIR", help="folder of the run (default: runs/monte_carlo_DATE_TIME)")
+    last_options(parser, "monte_carlo")
     return parser
 
 
 def _evaluate(options: argparse.Namespace) -> int:
     begun = time.perf_counter()
-    if options.resume and options.out is None:
-        raise ConfigError("--resume: expected --out with the folder of the run")
     config = _config(options)
     from eval.outputs import RunFolder
     from eval.sources import said, say
-    from eval.workers import RunError, cores, fly_chunks
+    from eval.workers import cores, fly_chunks
 
     packages = ("scipy",) if config.draws == "sobol" else ()  # it makes those points
     with cluster_of(options, packages) as cluster:
@@ -116,15 +118,7 @@ def _evaluate(options: argparse.Namespace) -> int:
 
             flier = Flier(Pilot, columns, (*DECISIVE, *packages))
             fly = partial(cluster.fly, flier, evaluation, policy.sha256)
-        try:
-            finished, flown = fly_missing(folder, config, fly, "chunks")
-            table = joined(folder) if finished else None
-        except RunError as problem:
-            print(f"error: {problem}\n{_how_to_resume(folder)}", file=sys.stderr)
-            return 1
-    if table is None:
-        print(f"interrupted; finished chunks are kept. {_how_to_resume(folder)}", file=sys.stderr)
-        return 130
+        table, flown = whole_table(folder, config, fly, "chunks", "python -m eval.monte_carlo")
     wall_s = time.perf_counter() - begun
     summary = _summary(table, config, policy, wall_s, flown) | said(evaluation.source)
     paths = [folder.write_summary(summary)]
@@ -157,10 +151,6 @@ def _prepare(config: "MonteCarloConfig", workers: int) -> "tuple[Evaluation, Pol
     rules, setting = config.rules.rules(), config.planner.setting()
     evaluation = Evaluation(config.policy, source, names, config.seed, rules, limits, config.mode, setting)
     return evaluation, policy, config.model_copy(update=resolved)
-
-
-def _how_to_resume(folder: "RunFolder") -> str:
-    return f"Go on with: python -m eval.monte_carlo --resume --out {folder.path}"
 
 
 def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: float, flown: int) -> dict[str, Any]:
