@@ -12,6 +12,7 @@ from agents.inference import Policy
 from agents.planner import Plans, plan_many
 from agents.proposals import Proposals, nothing, put
 from agents.request import Options, Request
+from agents.tracker import Tracks, begin, follow
 from agents.traffic import Traffic
 from envs import intruder
 from envs.encounters import Encounter
@@ -58,7 +59,8 @@ def fly_assured(
         rules: of the task, with a time step of 1 s.
         setting: how plans are made and flown.
         spread: one sigma of the reported positions, m, and velocities, m/s: what the monitor must bear.
-        noise: of the sensors by second, ``[4, N, K]``; None for perfect knowledge of the intruders.
+        noise: of the sensors by second, ``[4, N, K]``; None for perfect knowledge of the intruders. What monitor and
+            planner see after the start are tracks of these reports.
         record: keep the trajectories too.
     """
     count = len(encounters.goal_x)
@@ -80,10 +82,14 @@ def fly_assured(
     air = takeoff(encounters, np.full(count, rules.t_max))
     seen = encounters.intruders
     previous, sensor = (carried_back(seen, 1.0, np), carried_back(seen, 2.0, np)), encounters.sensor
+    tracks: Tracks | None = None
     for clock in range(round(rules.t_max)):
         seen = air.traffic.vehicle
         if noise is not None:
             seen = perceive(seen, *previous, sensor, noise(clock)[:, rows], 1.0, np)
+            quality = sensor.position_std, sensor.velocity_std
+            tracks = begin(seen) if tracks is None else follow(tracks, seen, *quality, 1.0)
+            seen = tracks.state
         monitor, decision = assurance.step(monitor, assurance.inputs(float(clock), air.own, seen, air.mask), thresholds)
         wanting = np.flatnonzero(decision.replan)
         if wanting.size:
@@ -107,6 +113,7 @@ def fly_assured(
         on = second.separation >= rules.separation
         if not on.all():
             rows, air, monitor, asked, previous, sensor = take((rows, air, monitor, asked, previous, sensor), on)
+            tracks = None if tracks is None else take(tracks, on)
         if rows.size == 0:
             break
     return Assured(tally.flown(rules), replans, backup), None if film is None else film.developed()

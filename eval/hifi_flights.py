@@ -208,7 +208,7 @@ def _assured(campaign: Campaign, scene: Scene, plans: Plans, known: Known, polic
     )
     if int(plans.proposals.last[0]) < 0:
         plans = plans._replace(proposals=nothing(1))
-    flown_with = scene.frame, lookahead_of(campaign.aircraft)
+    flown_with = scene.frame, lookahead_of(campaign.aircraft), None if scene.noise is None else scene.encounter.sensor
     return Assured(plans, known, scene.route, policy, options, campaign.rules, thresholds, flown_with)
 
 

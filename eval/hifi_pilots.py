@@ -12,12 +12,14 @@ from agents.inference import Policy
 from agents.planner import Plans
 from agents.proposals import nothing
 from agents.request import Options
+from agents.tracker import Tracks, begin, follow
 from agents.traffic import Traffic as Known
 from envs.c208.air_mass import Wind, ground_commands, through_air
 from envs.c208.guidance import Guide, Lookahead, Path
 from envs.kinematics import Limits, VehicleState, commands
 from envs.observation import CRITICAL_RADIUS, most_critical, observe
 from envs.outcome import Rules
+from envs.perception import Sensor
 from envs.trees import take
 from eval.hifi_wind import Route, plan_for
 
@@ -94,7 +96,8 @@ class Assured:
         options: of those.
         rules: of the task.
         thresholds: of the monitor.
-        flown: wind that is reckoned with, and gains of the guidance.
+        flown: wind that is reckoned with, gains of the guidance, and the quality of the intruders' reports, of which
+            tracks are made; None where they are the truth.
     """
 
     def __init__(
@@ -106,10 +109,12 @@ class Assured:
         options: Options,
         rules: Rules,
         thresholds: Thresholds,
-        flown: tuple[Wind, Lookahead],
+        flown: tuple[Wind, Lookahead, Sensor | None],
     ) -> None:
+        self._frame, self._gains, self._sensor = flown
+        self._tracks: Tracks | None = None
         self._route, self._policy, self._options, self._rules = route, policy, options, rules
-        self._thresholds, (self._frame, self._gains) = thresholds, flown
+        self._thresholds = thresholds
         monitor = assurance.start(*known.mask.shape)
         made = plans.proposals
         self._monitor = assurance.activate(monitor, np.arange(1), made.knots, made.safe, 0.0, known, thresholds)
@@ -131,6 +136,7 @@ class Assured:
         """Let the monitor judge the second, plan anew where it asks for that, and take up what it flies."""
         here = through_air(own, self._frame, float(clock))
         one = VehicleState(*(np.array([float(field)]) for field in here))
+        intruders = self._tracked(intruders)
         told = assurance.inputs(float(clock), one, through_air(intruders, self._frame, float(clock)), self._mask)
         monitor, decision = assurance.step(self._monitor, told, self._thresholds)
         self._reached |= self._near(own)
@@ -160,6 +166,17 @@ class Assured:
             curves = take(monitor.backup_legs if backup else monitor.plan.legs, 0)
             self._guide = Guide(Path(curves, self._frame, began), self._gains)
             self._flies = flies
+
+    def _tracked(self, intruders: VehicleState) -> VehicleState:
+        """Return what is believed of the intruders after this second's reports."""
+        if self._sensor is None:
+            return intruders
+        if self._tracks is None:
+            self._tracks = begin(intruders)
+        else:
+            noise = self._sensor.position_std, self._sensor.velocity_std
+            self._tracks = follow(self._tracks, intruders, *noise, 1.0)
+        return self._tracks.state
 
     def _near(self, own: VehicleState) -> bool:
         # The goal is the second point of the route.

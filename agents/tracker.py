@@ -1,0 +1,68 @@
+"""Tracks of intruders from noisy reports: fixed gains on position and velocity, begun anew when a report contradicts.
+
+An alpha-beta tracker (Brookner, Tracking and Kalman Filtering Made Easy, 1998) whose velocity is corrected by the
+reported one, as ADS-B gives it: the estimate flies straight on between two reports, and a share of what a report
+differs from it is taken over, all of it at first and then as many parts as there were reports, down to the gains. An
+intruder that turns leaves the straight line; once that shows beyond the noise, in one report or in the mean of several,
+the track begins anew with the report. Without noise every report does, so that nothing is lost.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from envs.angles import atan2
+from envs.kinematics import VehicleState, velocity
+
+__all__ = ["Tracks", "begin", "follow"]
+
+_POSITION_GAIN, _VELOCITY_GAIN = 0.3, 0.15
+_DRIFT_GAIN = 0.3
+"""Of the running mean of the velocity's deviations."""
+_JUMP_POSITION, _JUMP_VELOCITY, _DRIFT = 4.8, 4.2, 1.9
+"""Standard deviations of a report beyond which one deviation, or their running mean, is no noise: about one report in
+a thousand is taken for a manoeuvre wrongly."""
+
+
+class Tracks(NamedTuple):
+    """What is believed of intruders; fields ``[...]``."""
+
+    state: VehicleState
+    count: Any
+    """Reports since the track began."""
+    drift_x: Any
+    """Running mean of the velocity's deviations, m/s."""
+    drift_y: Any
+
+
+def begin(report: VehicleState) -> Tracks:
+    """Return tracks that know one report, ``[...]``."""
+    zero = np.zeros(np.shape(report.x))
+    return Tracks(report, zero + 1.0, zero, zero)
+
+
+def follow(tracks: Tracks, report: VehicleState, position_std: Any, velocity_std: Any, dt: float) -> Tracks:
+    """Return the tracks with one more report of each intruder, ``[...]``.
+
+    Args:
+        tracks: as of the reports before.
+        report: of now.
+        position_std: one sigma of reported positions, per axis, m; broadcastable to ``[...]``.
+        velocity_std: one sigma of reported velocities, per axis, m/s.
+        dt: time since the reports before, s.
+    """
+    vx, vy = velocity(tracks.state, np)
+    seen_vx, seen_vy = velocity(report, np)
+    x, y = tracks.state.x + vx * dt, tracks.state.y + vy * dt
+    off_x, off_y, off_vx, off_vy = report.x - x, report.y - y, seen_vx - vx, seen_vy - vy
+    drift_x = tracks.drift_x + _DRIFT_GAIN * (off_vx - tracks.drift_x)
+    drift_y = tracks.drift_y + _DRIFT_GAIN * (off_vy - tracks.drift_y)
+    anew = np.hypot(off_x, off_y) > _JUMP_POSITION * position_std
+    anew |= np.hypot(off_vx, off_vy) > _JUMP_VELOCITY * velocity_std
+    anew |= np.hypot(drift_x, drift_y) > _DRIFT * velocity_std
+    count = tracks.count + 1.0
+    near, slow = np.maximum(_POSITION_GAIN, 1.0 / count), np.maximum(_VELOCITY_GAIN, 1.0 / count)
+    vx, vy = vx + slow * off_vx, vy + slow * off_vy
+    followed = VehicleState(x + near * off_x, y + near * off_y, atan2(vy, vx, np), np.hypot(vx, vy))
+    state = VehicleState(*(np.where(anew, new, old) for new, old in zip(report, followed, strict=True)))
+    return Tracks(state, np.where(anew, 1.0, count), np.where(anew, 0.0, drift_x), np.where(anew, 0.0, drift_y))
