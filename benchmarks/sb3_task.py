@@ -3,14 +3,15 @@
 What it gets is the cheapest form of the same work. The first layer's derived inputs are computed once a step by one
 compiled call outside its networks, where ours are computed anew in every epoch; the time limit ends an episode for
 good, as in our training, so it never evaluates a final observation; infos are shared empty dictionaries. Reward
-shaping is left out. Needs the extra ``peers``.
+shaping is left out of :func:`environment`; :mod:`benchmarks.learning_task` has it. Needs the extra ``peers``.
 """
 
 import importlib
 import importlib.util
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -18,11 +19,12 @@ import numpy as np
 from gymnasium import spaces
 
 from agents import features
+from envs.gymnasium_contract import action_space
 from envs.gymnasium_vector import DeconflictionVectorEnv
 from envs.observation import SIZE
 from rlcas_jax.config import TrainConfig
 
-__all__ = ["DEFAULTS", "INSTALL", "Cell", "algorithm", "available", "environment"]
+__all__ = ["DEFAULTS", "INSTALL", "Cell", "Flying", "algorithm", "available", "environment", "in_peers_form"]
 
 INSTALL = "pip install -c constraints/peers.txt '.[peers]'"
 """How to get Stable-Baselines3."""
@@ -69,6 +71,44 @@ def _mirrored_back(actions: np.ndarray, observation: np.ndarray, feature_set: st
     return actions
 
 
+class Flying(Protocol):
+    """Many encounters as a peer sees them; an encounter that ends begins anew in the same step."""
+
+    render_mode: None
+
+    def reset(self) -> np.ndarray:
+        """Begin all encounters anew and return the inputs of the first layer, ``[N, F]``."""
+        ...
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Fly on by actions ``[N, 2]``; return inputs ``[N, F]``, rewards ``[N]`` and which episodes ended ``[N]``."""
+        ...
+
+
+class _FirstScenario:
+    """Our vector environment in the first scenario of a configuration."""
+
+    render_mode = None
+
+    def __init__(self, config: TrainConfig, count: int) -> None:
+        self._config, self._feature_set = config, config.network.feature_set
+        self._world = DeconflictionVectorEnv(
+            count, config.scenarios[0].scenario(), rules=config.world.rules(), limits=config.world.limits()
+        )
+        self._seen = np.zeros((count, SIZE), np.float32)
+
+    def reset(self) -> np.ndarray:
+        self._seen = np.asarray(self._world.reset(seed=self._config.seed)[0])
+        return np.array(_inputs(self._seen, self._feature_set))
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        flown = _mirrored_back(actions, self._seen, self._feature_set)
+        seen, reward, terminated, truncated, _ = self._world.step(flown)
+        self._seen = np.asarray(seen)
+        scaled = self._config.ppo.reward_scale * reward
+        return np.array(_inputs(self._seen, self._feature_set)), scaled, terminated | truncated
+
+
 def environment(config: TrainConfig, count: int) -> Any:
     """Return our vector environment as a ``stable_baselines3.common.vec_env.VecEnv``.
 
@@ -79,37 +119,38 @@ def environment(config: TrainConfig, count: int) -> Any:
         config: of the training.
         count: number of environments.
     """
+    return in_peers_form(_FirstScenario(config, count), count, features.size(config.network.feature_set))
+
+
+def in_peers_form(flying: Flying, count: int, width: int) -> Any:
+    """Return encounters as a ``stable_baselines3.common.vec_env.VecEnv``.
+
+    Args:
+        flying: the encounters.
+        count: how many, N.
+        width: inputs of the first layer, F.
+    """
     base: Any = importlib.import_module("stable_baselines3.common.vec_env").VecEnv
-    feature_set, scale = config.network.feature_set, config.ppo.reward_scale
-    flying = DeconflictionVectorEnv(
-        count, config.scenarios[0].scenario(), rules=config.world.rules(), limits=config.world.limits()
-    )
     nothing: list[dict[str, Any]] = [{}] * count
 
     class Task(base):
-        """The vector environment in the peer's form."""
+        """The encounters in the peer's form."""
 
         def __init__(self) -> None:
-            width = features.size(feature_set)
-            seen = spaces.Box(-np.inf, np.inf, (width,), np.float32)
-            super().__init__(count, seen, flying.single_action_space)
+            super().__init__(count, spaces.Box(-np.inf, np.inf, (width,), np.float32), action_space())
             self._actions = np.zeros((count, 2), np.float32)
-            self._seen = np.zeros((count, SIZE), np.float32)
 
         def reset(self) -> np.ndarray:
-            self._seen = np.asarray(flying.reset(seed=config.seed)[0])
-            return np.array(_inputs(self._seen, feature_set))
+            return flying.reset()
 
         def step_async(self, actions: np.ndarray) -> None:
-            self._actions = _mirrored_back(actions, self._seen, feature_set)
+            self._actions = actions
 
         def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-            seen, reward, terminated, truncated, _ = flying.step(self._actions)
-            self._seen = np.asarray(seen)
-            return np.array(_inputs(self._seen, feature_set)), scale * reward, terminated | truncated, nothing
+            return *flying.step(self._actions), nothing
 
         def close(self) -> None:
-            flying.close()
+            pass
 
         def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
             return [getattr(flying, attr_name)] * count
@@ -126,18 +167,24 @@ def environment(config: TrainConfig, count: int) -> Any:
     return Task()
 
 
-def algorithm(config: TrainConfig, cell: Cell) -> Any:
+def algorithm(config: TrainConfig, cell: Cell, flown: Any = None, rate: Callable[[float], float] | None = None) -> Any:
     """Return ``stable_baselines3.PPO`` with the configuration's networks and numbers, on the CPU.
 
     Each ``learn(cell.samples, log_interval=None, reset_num_timesteps=False)`` is one rollout and one update.
+
+    Args:
+        config: of the training.
+        cell: sizes of rollout and batch, epochs.
+        flown: its environment; that of :func:`environment` by default.
+        rate: its learning rate, a function of what is left of a call of ``learn``; the configuration's by default.
     """
     torch: Any = importlib.import_module("torch")
     peer: Any = importlib.import_module("stable_baselines3")
     hidden = list(config.network.hidden)
     return peer.PPO(
         "MlpPolicy",
-        environment(config, cell.environments),
-        learning_rate=config.ppo.learning_rate,
+        environment(config, cell.environments) if flown is None else flown,
+        learning_rate=config.ppo.learning_rate if rate is None else rate,
         n_steps=cell.steps,
         batch_size=cell.batch,
         n_epochs=cell.epochs,
@@ -145,7 +192,7 @@ def algorithm(config: TrainConfig, cell: Cell) -> Any:
         gae_lambda=config.ppo.gae_lambda,
         clip_range=config.ppo.clip,
         ent_coef=config.ppo.entropy,
-        vf_coef=config.ppo.value,
+        vf_coef=0.5 * config.ppo.value,  # of the squared error, which our loss halves first
         max_grad_norm=config.ppo.max_grad_norm,
         normalize_advantage=config.ppo.normalize_advantage,
         policy_kwargs={

@@ -1,0 +1,455 @@
+"""The comparison of learning curves counts alike for every learner, and goes on where it was stopped."""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from agents import features
+from agents.configuration import ConfigError, dump, load
+from benchmarks import gemm, learning, learning_run, learning_sides, training
+from benchmarks.learning_curves import Flown, Point, Times, Windows, ratio, reached, score_at, t_mean
+from benchmarks.learning_settings import PEERS_BEST, changed, settings
+from benchmarks.learning_task import TrainingFlight, check
+from envs import surrogate
+from rlcas_jax import task
+from rlcas_jax.config import TrainConfig
+
+TINY = (
+    "network.hidden=[8, 8]",
+    "ppo.environments=8",
+    "ppo.rollout=16",
+    "ppo.minibatch=32",
+    "ppo.segment=4",
+    "ppo.epochs=2",
+    "pool_rows=2",
+    "shaping.goal=0.5",
+    "world.t_max=40",
+)
+SETS = [argument for key in TINY for argument in ("--set", key)]
+
+peers = pytest.mark.parametrize(
+    "peer",
+    [
+        pytest.param(
+            name,
+            marks=pytest.mark.skipif(
+                not learning_sides.available(name), reason=f"{learning_sides.LEARNERS[name]} is not installed"
+            ),
+        )
+        for name in ("sb3", "sbx")
+    ],
+)
+
+
+def tiny(*more: str) -> TrainConfig:
+    return load(TrainConfig, None, [*TINY, *more])
+
+
+def curve(*scores: float, step: int = 100, wall_s: float = 2.0) -> list[Point]:
+    return [Point(step * (i + 1), wall_s * (i + 1), score, 10) for i, score in enumerate(scores)]
+
+
+# The task and its score
+
+
+@pytest.mark.parametrize("feature_set", [pytest.param("cpa", marks=pytest.mark.slow), "mirror"])
+def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: str):
+    config = tiny(
+        f"network.feature_set={feature_set}",
+        "shaping.conflict=0.3",
+        "world.separation_spread=50.0",
+        "scenarios=[{name: circle, weight: 0.7}, {name: head_on, weight: 0.3}]",
+        "ppo.rollout=96",
+        "pool_rows=3",
+    )
+    flight = TrainingFlight(config)
+    inputs = flight.reset()
+    state, pool = jax.tree.map(jnp.array, flight._state), flight._pool
+    rules = config.world.rules()._replace(separation=jnp.asarray(config.world.demanded(8)))
+    ours = task._training_environment(
+        config, surrogate.World(rules, config.world.limits()), pool, [s.scenario() for s in config.scenarios]
+    )
+
+    @jax.jit
+    def seen_by_networks(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
+        seen = ours.observe(state, jax.random.key(0))
+        components = [seen[:, i] for i in range(8)]
+        hand = jnp.broadcast_to(features.side(components, feature_set, jnp), (8,))
+        return jnp.stack(features.features(components, feature_set, jnp), axis=-1), hand
+
+    step, restart = jax.jit(ours.step), jax.jit(ours.restart)
+    generator, statistics, action = np.random.default_rng(0), [], np.zeros((8, 2), np.float32)
+    for index in range(95):
+        state = restart(state, index)
+        expected, hand = seen_by_networks(state)
+        np.testing.assert_allclose(inputs, expected, atol=2e-5)
+        action = generator.normal(size=(8, 2)).astype(np.float32)
+        state, result = step(state, action * np.stack([np.ones(8, np.float32), hand], axis=-1))
+        inputs, reward, done = flight.step(action)
+        np.testing.assert_allclose(reward, result.reward, atol=1e-6)
+        np.testing.assert_array_equal(done, result.terminated)
+        statistics.append(result.statistics)
+    stacked = jax.tree.map(lambda *rows: jnp.stack(rows), *statistics)
+    figures = task._episodes(stacked, 95 * 8, None)
+    returns, episodes = flight.flown()
+    assert episodes == figures["episodes"] > 8
+    assert returns / episodes == pytest.approx(float(figures["score"]), rel=1e-5)
+    assert flight.flown() == (0.0, 0)
+    before = np.asarray(flight._pool.own.x)
+    np.testing.assert_array_equal(before, pool.own.x)  # drawn for a rollout, and for the next anew
+    flight.step(action)
+    assert not np.any(before == np.asarray(flight._pool.own.x))
+    with pytest.raises(ValueError, match="not finite"):
+        flight.step(np.full((8, 2), np.nan, np.float32))
+
+
+def test_noisy_reports_are_refused():
+    with pytest.raises(ConfigError, match=r"scenarios\.0: noisy has noisy or late reports"):
+        check(tiny("scenarios=[{name: noisy}]"))
+
+
+@given(
+    st.lists(st.tuples(st.integers(1, 50), st.integers(0, 4)), min_size=1, max_size=40),
+    st.integers(1, 200),
+)
+def test_windows_lose_no_step_no_second_and_no_episode(made: list[tuple[int, int]], least: int):
+    windows, points = Windows(least), []
+    for steps, episodes in made:
+        point = windows.add(Flown(steps, -100.0 * episodes, episodes), 0.5)
+        points += [] if point is None else [point]
+    points.append(windows.rest())
+    assert points[-1].steps == sum(steps for steps, _ in made)
+    assert points[-1].wall_s == 0.5 * len(made)
+    assert sum(point.episodes for point in points) == sum(episodes for _, episodes in made)
+    assert all(point.score == -100.0 if point.episodes else math.isnan(point.score) for point in points)
+    ends = [0, *(point.steps for point in points[:-1])]
+    assert all(later - sooner >= least for sooner, later in pairwise(ends))
+
+
+def test_the_score_of_a_window_does_not_depend_on_how_its_episodes_fall_into_updates():
+    whole, parts = Windows(100), Windows(100)
+    one = whole.add(Flown(100, 100.0 * 6 - 10.0 - 100.0, 8), 4.0)
+    for _ in range(3):
+        assert parts.add(Flown(25, 200.0, 2), 1.0) is None
+    assert parts.add(Flown(25, -110.0, 2), 1.0) == one
+
+
+# What is read off curves
+
+
+def test_time_to_a_score_lies_between_the_windows_by_a_straight_line():
+    run = curve(-100.0, math.nan, 60.0, 80.0, 70.0, 90.0)
+    assert reached(run, 75.0, "wall_s") == pytest.approx(6.0 + 2.0 * 15.0 / 20.0)
+    assert reached(run, 75.0, "steps") == pytest.approx(375.0)
+    assert reached(run, 80.0, "wall_s") == 8.0
+    assert reached(run, 85.0, "wall_s") == pytest.approx(10.0 + 2.0 * 15.0 / 20.0)
+    assert reached(run, -20.0, "wall_s") == pytest.approx(2.0 + 4.0 * 80.0 / 160.0)
+    assert reached(run, -150.0, "wall_s") == 2.0
+    assert reached(run, 90.5, "wall_s") is None
+    assert reached([], 75.0, "wall_s") is None
+
+
+@given(st.lists(st.floats(-100.0, 100.0), min_size=1, max_size=12), st.floats(-100.0, 100.0), st.floats(0.0, 50.0))
+def test_a_higher_score_is_never_reached_sooner(scores: list[float], score: float, more: float):
+    run = curve(*scores)
+    low, high = reached(run, score, "wall_s"), reached(run, score + more, "wall_s")
+    assert (low is None) == (max(scores) < score)
+    if high is not None:
+        assert low is not None
+        assert low <= high + 1e-9
+
+
+def test_score_at_a_place_is_that_of_the_episodes_of_its_last_share():
+    run = [Point(100 * i, float(i), float(i), i) for i in range(1, 101)]
+    assert score_at(run, 10_000, "steps") == pytest.approx(np.average(range(96, 101), weights=range(96, 101)))
+    assert score_at(run, 50.5, "wall_s", tail=0.001) == 50.0
+    assert math.isnan(score_at(run, 0.5, "wall_s"))
+
+
+def test_intervals_are_students_and_welchs():
+    values = [1.0, 2.5, 3.0, 7.0]
+    expected = stats.t.interval(0.95, 3, np.mean(values), stats.sem(values))
+    assert t_mean(values) == pytest.approx((np.mean(values), *expected))
+    assert math.isnan(t_mean([1.0]).low)
+    theirs, ours = Times((310.0, 280.0, 350.0), (400.0,) * 3), Times((60.0, 75.0, 58.0, 66.0), (100.0,) * 4)
+    test = stats.ttest_ind(np.log(theirs.seeds), np.log(ours.seeds), equal_var=False).confidence_interval()
+    found = ratio(theirs, ours)
+    assert (found.low, found.high) == pytest.approx((math.exp(test.low), math.exp(test.high)))
+    assert found.value == pytest.approx(stats.gmean(theirs.seeds) / stats.gmean(ours.seeds))
+    back = ratio(ours, theirs)
+    assert (1.0 / back.high, 1.0 / back.low) == pytest.approx((found.low, found.high))
+
+
+def test_a_seed_that_does_not_come_to_a_score_leaves_a_bound_and_no_mean():
+    logs = {
+        "ours": [learning_run.Log({}, tuple(curve(0.0, 80.0, 90.0)), 1.0, "steps")] * 2,
+        "sb3": [
+            learning_run.Log({}, tuple(curve(0.0, 50.0, 80.0, wall_s=8.0)), 1.0, "steps"),
+            learning_run.Log({}, tuple(curve(0.0, 50.0, 60.0, wall_s=8.0)), 1.0, "steps"),
+        ],
+        "sbx": [learning_run.Log({}, tuple(curve(-100.0, wall_s=8.0)), 1.0, "diverged")] * 2,
+    }
+    found = learning.summary(logs)
+    theirs = found["learners"]["sb3"]["time_to_75_s"]
+    first = reached(curve(0.0, 50.0, 80.0, wall_s=8.0), 75.0, "wall_s")
+    assert first is not None
+    assert theirs["reached"] == 1
+    assert theirs["value"] is None
+    assert theirs["at_least"] == pytest.approx(math.sqrt(first * 24.0))
+    ours = found["learners"]["ours"]["time_to_75_s"]
+    assert ours["value"] == ours["low"] == pytest.approx(2.0 + 2.0 * 75.0 / 80.0)
+    figure = found["ratios"]["sb3"]["time_to_75"]
+    assert figure["met"] is None
+    assert figure["at_least"] == pytest.approx(theirs["at_least"] / ours["value"])
+    # What diverged does not shorten the comparison, and its place is empty.
+    assert found["equal_steps"] == 300
+    assert found["learners"]["sbx"]["score_after_equal_steps"]["seeds"] == 0
+    json.dumps(found, allow_nan=False)
+
+
+# Settings
+
+
+def test_every_learner_tries_the_same_valid_settings_whatever_their_number():
+    config = load(TrainConfig, Path("configs/quick.yaml"))
+    many = settings(config, 12)
+    assert settings(config, 5) == many[:5]
+    assert many[0] == {key: getattr(config.ppo, key) for key in many[0]}
+    assert many[1] == many[0] | PEERS_BEST
+    assert len({json.dumps(setting) for setting in many}) == 12
+    for setting in many:
+        assert changed(config, setting, 3).ppo.samples <= 131_072
+        assert changed(config, setting, 3).seed == 3
+    assert settings(config, 0) == []
+
+
+# Stopping and going on
+
+
+def run_in_this_process(learner: str, config: Path, seconds: float, out: Path) -> None:
+    learning_run.train(learner, load(TrainConfig, config), seconds, out, out.stem)
+
+
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(learning, "_process", run_in_this_process)
+
+
+def arguments(out: Path, *more: str) -> list[str]:
+    return [*SETS, "--config", "configs/quick.yaml", "--learner", "ours", "--out", str(out), *more]
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_ours_goes_on_after_a_kill_with_the_same_curve(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(task, "build", cache(task.build))  # compiled once
+    smallest = ("--set", "network.hidden=[8]", "--set", "ppo.epochs=1")
+    options = arguments(tmp_path, "--steps", "640", "--seeds", "1", "--trials", "0", *smallest)
+    assert learning.main(options) == 0
+    whole = json.loads(capsys.readouterr().out.splitlines()[-1])
+    path = tmp_path / "runs" / "ours-seed0.jsonl"
+    before = learning_run.read(path)
+    # A kill leaves a run without its end and in the middle of a line.
+    path.write_bytes(path.read_bytes()[:-25])
+    half = learning_run.read(path)
+    assert half is not None
+    assert half.ended is None
+    assert learning.main(options) == 0
+    again = json.loads(capsys.readouterr().out.splitlines()[-1])
+    after = learning_run.read(path)
+    assert before is not None
+    assert after is not None
+    assert after.ended == "steps"
+    assert [point._replace(wall_s=0.0) for point in after.curve] == [
+        point._replace(wall_s=0.0) for point in before.curve
+    ]
+    assert again["learners"]["ours"]["score_after_equal_steps"] == whole["learners"]["ours"]["score_after_equal_steps"]
+    assert again["ratios"] == {}
+    table = pq.read_table(tmp_path / "curves.parquet").to_pydict()
+    assert table["steps"] == [640]
+    assert table["episodes"][0] > 0
+    assert {"learning.png", "learning.svg", "summary.json"} <= {file.name for file in tmp_path.iterdir()}
+
+
+def fake_process(made: list[str], stop_after: int | None = None):
+    """Return a stand-in for a process that writes a run of two windows, the better the larger the learning rate."""
+
+    def process(learner: str, config: Path, seconds: float, out: Path) -> None:
+        score = 1e4 * load(TrainConfig, config).ppo.learning_rate
+        lines = [{"learner": learner, "seconds": seconds}, {"startup_s": 1.0}]
+        lines += [point._asdict() for point in curve(0.0, score, 90.0)]
+        if stop_after is not None and len(made) == stop_after:
+            out.write_text("".join(json.dumps(line) + "\n" for line in lines))
+            raise KeyboardInterrupt
+        made.append(out.stem)
+        out.write_text("".join(json.dumps(line) + "\n" for line in [*lines, {"ended": "steps"}]))
+
+    return process
+
+
+def test_trials_choose_the_setting_and_none_is_made_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    options = ["--config", "configs/quick.yaml", "--trials", "4", "--seeds", "2", "--learner", "ours"]
+    made: list[str] = []
+    monkeypatch.setattr(learning, "_process", fake_process(made, stop_after=3))
+    with pytest.raises(KeyboardInterrupt):
+        learning.main([*options, "--out", str(tmp_path)])
+    monkeypatch.setattr(learning, "_process", fake_process(made))
+    learning.main([*options, "--out", str(tmp_path)])
+    assert made == ["ours-0", "ours-1", "ours-2", "ours-3", "ours-seed0", "ours-seed1"]
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    config = load(TrainConfig, tmp_path / "runs" / "ours-seed1.yaml")
+    # The last window alone, which is the same for all, is within the last fifth: the first of the best is taken.
+    assert summary["settings"]["ours"] == settings(load(TrainConfig, Path("configs/quick.yaml")), 1)[0]
+    assert (config.seed, config.steps) == (1, 5_000_000)
+    learning.main([*options, "--out", str(tmp_path)])
+    assert len(made) == 6
+    with pytest.raises(ConfigError, match="made with other options"):
+        learning.main([*options, "--out", str(tmp_path), "--trial-seconds", "3"])
+
+
+def test_a_process_that_fails_ends_with_status_1_and_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(learning.subprocess, "run", lambda *a, **k: subprocess.CompletedProcess([], 3))
+    assert learning.main(arguments(tmp_path, "--trials", "0")) == 1
+    assert "ended with status 3; the same command goes on" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_ours_killed_for_good_goes_on(tmp_path: Path):
+    command = [sys.executable, "-m", "benchmarks.learning", *arguments(tmp_path, "--steps", "4000", "--trials", "0")]
+    command += ["--seeds", "2"]
+    second = tmp_path / "runs" / "ours-seed1.jsonl"
+    with subprocess.Popen(command, start_new_session=True) as process:
+        until = time.monotonic() + 240.0
+        while not second.exists() and time.monotonic() < until:
+            time.sleep(0.1)
+        os.killpg(process.pid, signal.SIGKILL)
+    first = (tmp_path / "runs" / "ours-seed0.jsonl").read_bytes()
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "ours-seed0: done before" in done.stdout
+    assert (tmp_path / "runs" / "ours-seed0.jsonl").read_bytes() == first
+    assert json.loads(done.stdout.splitlines()[-1])["learners"]["ours"]["ended"] == ["steps", "steps"]
+
+
+def test_a_file_that_is_no_run_is_refused(tmp_path: Path):
+    (tmp_path / "a.jsonl").write_text("steps, wall_s\n")
+    with pytest.raises(ConfigError, match="no file of a run"):
+        learning_run.read(tmp_path / "a.jsonl")
+    (tmp_path / "a.jsonl").write_text('{"steps": 3}\n')
+    with pytest.raises(ConfigError, match="no file of a run"):
+        learning_run.read(tmp_path / "a.jsonl")
+    assert learning_run.read(tmp_path / "b.jsonl") is None
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("--steps", "0", "--steps is 0"),
+        ("--seeds", "0", "--seeds is 0"),
+        ("--trials", "-1", "--trials is -1"),
+        ("--budget", "nan", "--budget is nan"),
+        ("--trial-seconds", "0", "--trial-seconds is 0"),
+        ("--learner", "theirs", "invalid choice: 'theirs'"),
+    ],
+)
+def test_bad_options_are_refused(option: str, value: str, said: str):
+    with pytest.raises(ConfigError, match=said):
+        learning.main([option, value])
+
+
+def test_places_that_cannot_be_written_to_are_refused(tmp_path: Path):
+    file = tmp_path / "file"
+    file.touch()
+    with pytest.raises(ConfigError, match="expected a directory to write to"):
+        learning.main(["--out", str(file)])
+    with pytest.raises(ConfigError, match="there is no directory"):
+        learning_run.main(
+            ["--learner", "ours", "--config", "configs/quick.yaml", "--out", str(tmp_path / "no" / "run")]
+        )
+
+
+def test_a_peer_that_is_asked_for_and_absent_is_refused_with_how_to_get_it(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(learning, "available", lambda name: name == "ours")
+    with pytest.raises(ConfigError, match=r"SBX is not installed; to have it: pip install"):
+        learning.main(["--learner", "sbx"])
+
+
+# The learners
+
+
+@peers
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")
+def test_a_peer_begins_as_we_do_and_follows_our_schedule(peer: str):
+    config = tiny("steps=1280", "ppo.learning_rate_final=1e-4")
+    theirs = learning_sides.side(peer, config)
+    assert isinstance(theirs, learning_sides._Peer)
+    before = theirs._weights.get()
+    kernels = kernels_of(peer, before)
+    assert sum(kernel.size for kernel in kernels) == gemm.weights(training.networks(config))
+    for kernel in kernels:
+        gain = {1: 1.0, 2: 0.01}.get(min(kernel.shape), math.sqrt(2.0))
+        np.testing.assert_allclose(np.linalg.svd(kernel, compute_uv=False), gain, rtol=1e-4)
+    theirs.start()
+    for old, new in zip(kernels, kernels_of(peer, theirs._weights.get()), strict=True):
+        np.testing.assert_array_equal(old, new)
+    for rate in (7e-4, 6.4e-4, 5.8e-4):  # ten updates, the rate of each as at its beginning
+        assert theirs.update().steps == 128
+        assert rate_of(peer, theirs._model.policy) == pytest.approx(rate, rel=1e-6)
+    assert theirs._model.num_timesteps == 3 * 128
+    assert any(np.any(old != new) for old, new in zip(kernels, kernels_of(peer, theirs._weights.get()), strict=True))
+
+
+def rate_of(peer: str, policy: Any) -> float:
+    if peer == "sb3":
+        return policy.optimizer.param_groups[0]["lr"]
+    return float(policy.vf_state.opt_state[1].hyperparams["learning_rate"])
+
+
+def kernels_of(peer: str, kept: Any) -> list[np.ndarray]:
+    if peer == "sb3":
+        return [np.array(value) for name, value in kept[0].items() if name.endswith("weight")]
+    return [np.array(leaf) for state in kept for leaf in jax.tree.leaves(state.params) if leaf.ndim == 2]
+
+
+@pytest.mark.slow
+@peers
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning", "ignore::RuntimeWarning")
+def test_a_peer_that_diverges_says_so(peer: str, tmp_path: Path):
+    config = tiny("ppo.learning_rate=1.0", "ppo.reward_scale=1e38", "steps=1280")
+    learning_run.train(peer, config, 60.0, tmp_path / "run.jsonl", "run")
+    log = learning_run.read(tmp_path / "run.jsonl")
+    assert log is not None
+    assert log.ended == "diverged"
+
+
+@pytest.mark.slow
+@peers
+def test_a_peer_learns_in_a_process_of_its_own(peer: str, tmp_path: Path):
+    config = tmp_path / "run.yaml"
+    config.write_text(dump(tiny("steps=640")))
+    learning._process(peer, config, 60.0, tmp_path / "run.jsonl")
+    log = learning_run.read(tmp_path / "run.jsonl")
+    assert log is not None
+    assert log.ended == "steps"
+    assert log.curve[-1].steps == 640
+    assert log.curve[-1].episodes > 0
+    assert log.startup_s > 0.0
