@@ -13,6 +13,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.utilities import remove_ros_args
 
+from ros_bridge.newcomer import apart
+
 __all__ = ["main"]
 
 _LOOK = 1.0  # s between two looks at whether the node has finished
@@ -39,7 +41,8 @@ def main(make: Callable[[], Any], program: str, text: str, arguments: Sequence[s
     try:
         options = parser.parse_args(remove_ros_args(given)[1:])
         rclpy.init(args=given)
-        node = make()
+        with apart():
+            node = make()
     except ParameterException as error:
         return _refuse(program, f"{_line(error)} (a number needs its point, such as 3.0)")
     except ValueError as error:
