@@ -256,6 +256,7 @@ def arguments(out: Path, *more: str) -> list[str]:
     return [*SETS, "--config", "configs/quick.yaml", "--learner", "ours", "--out", str(out), *more]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_this_process")
 def test_ours_goes_on_after_a_kill_with_the_same_curve(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -396,6 +397,7 @@ def test_a_peer_that_is_asked_for_and_absent_is_refused_with_how_to_get_it(monke
 # The learners
 
 
+@pytest.mark.slow
 @peers
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")
 def test_a_peer_begins_as_we_do_and_follows_our_schedule(peer: str):

@@ -155,6 +155,7 @@ def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:
     assert math.isfinite(summary["entries"][0]["heading_reversals_mean"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["circle", "noisy"])
 def test_plans_and_the_assured_loop_fly_as_in_the_evaluation(name: str) -> None:
     entries = policy_entries(None, "ours", SURROGATE, RULES, ("plan", "assured"))
