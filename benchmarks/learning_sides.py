@@ -181,29 +181,11 @@ class _JaxWeights:
 def _sbx(config: TrainConfig, cell: Cell, flown: Any, rate: Any) -> Any:
     """Return ``sbx.PPO`` with the configuration's networks, their initialisation and numbers."""
     peer: Any = importlib.import_module("sbx")
-    hidden = list(config.network.hidden)
     model = peer.PPO(
         "MlpPolicy",
         flown,
         learning_rate=rate,
-        n_steps=cell.steps,
-        batch_size=cell.batch,
-        n_epochs=cell.epochs,
-        gamma=config.ppo.discount,
-        gae_lambda=config.ppo.gae_lambda,
-        clip_range=config.ppo.clip,
-        ent_coef=config.ppo.entropy,
-        vf_coef=0.5 * config.ppo.value,  # of the squared error, which our loss halves first
-        max_grad_norm=config.ppo.max_grad_norm,
-        normalize_advantage=config.ppo.normalize_advantage,
-        policy_kwargs={
-            "net_arch": {"pi": hidden, "vf": hidden},
-            "activation_fn": jnp.tanh,
-            "log_std_init": config.network.log_std_initial,
-            "optimizer_kwargs": {"eps": config.ppo.adam_epsilon},
-        },
-        seed=config.seed,
-        device="cpu",
+        **sb3_task.numbers(config, cell, jnp.tanh),
     )
     # It would begin with smaller weights: it has an option for the actor's head alone.
     actor_key, critic_key = jax.random.split(jax.random.key(config.seed))

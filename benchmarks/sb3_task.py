@@ -24,7 +24,7 @@ from envs.gymnasium_vector import DeconflictionVectorEnv
 from envs.observation import SIZE
 from rlcas_jax.config import TrainConfig
 
-__all__ = ["DEFAULTS", "INSTALL", "Cell", "Flying", "algorithm", "available", "environment", "in_peers_form"]
+__all__ = ["DEFAULTS", "INSTALL", "Cell", "Flying", "algorithm", "available", "environment", "in_peers_form", "numbers"]
 
 INSTALL = "pip install -c constraints/peers.txt '.[peers]'"
 """How to get Stable-Baselines3."""
@@ -167,6 +167,37 @@ def in_peers_form(flying: Flying, count: int, width: int) -> Any:
     return Task()
 
 
+def numbers(config: TrainConfig, cell: Cell, activation: Any) -> dict[str, Any]:
+    """Return a configuration's numbers under the names that Stable-Baselines3's and SBX's PPO share.
+
+    Args:
+        config: of the training.
+        cell: sizes of rollout and batch, epochs.
+        activation: of the hidden layers, as the peer takes it.
+    """
+    hidden = list(config.network.hidden)
+    return {
+        "n_steps": cell.steps,
+        "batch_size": cell.batch,
+        "n_epochs": cell.epochs,
+        "gamma": config.ppo.discount,
+        "gae_lambda": config.ppo.gae_lambda,
+        "clip_range": config.ppo.clip,
+        "ent_coef": config.ppo.entropy,
+        "vf_coef": 0.5 * config.ppo.value,  # of the squared error, which our loss halves first
+        "max_grad_norm": config.ppo.max_grad_norm,
+        "normalize_advantage": config.ppo.normalize_advantage,
+        "policy_kwargs": {
+            "net_arch": {"pi": hidden, "vf": hidden},
+            "activation_fn": activation,
+            "log_std_init": config.network.log_std_initial,
+            "optimizer_kwargs": {"eps": config.ppo.adam_epsilon},
+        },
+        "seed": config.seed,
+        "device": "cpu",
+    }
+
+
 def algorithm(config: TrainConfig, cell: Cell, flown: Any = None, rate: Callable[[float], float] | None = None) -> Any:
     """Return ``stable_baselines3.PPO`` with the configuration's networks and numbers, on the CPU.
 
@@ -180,27 +211,9 @@ def algorithm(config: TrainConfig, cell: Cell, flown: Any = None, rate: Callable
     """
     torch: Any = importlib.import_module("torch")
     peer: Any = importlib.import_module("stable_baselines3")
-    hidden = list(config.network.hidden)
     return peer.PPO(
         "MlpPolicy",
         environment(config, cell.environments) if flown is None else flown,
         learning_rate=config.ppo.learning_rate if rate is None else rate,
-        n_steps=cell.steps,
-        batch_size=cell.batch,
-        n_epochs=cell.epochs,
-        gamma=config.ppo.discount,
-        gae_lambda=config.ppo.gae_lambda,
-        clip_range=config.ppo.clip,
-        ent_coef=config.ppo.entropy,
-        vf_coef=0.5 * config.ppo.value,  # of the squared error, which our loss halves first
-        max_grad_norm=config.ppo.max_grad_norm,
-        normalize_advantage=config.ppo.normalize_advantage,
-        policy_kwargs={
-            "net_arch": {"pi": hidden, "vf": hidden},
-            "activation_fn": torch.nn.Tanh,
-            "log_std_init": config.network.log_std_initial,
-            "optimizer_kwargs": {"eps": config.ppo.adam_epsilon},
-        },
-        seed=config.seed,
-        device="cpu",
+        **numbers(config, cell, torch.nn.Tanh),
     )

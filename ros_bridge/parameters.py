@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 
 from agents.request import MARGIN, Options, gentle
@@ -209,8 +208,6 @@ def limits(value: Callable[[str], Any]) -> tuple[Limits, Limits]:
         *(value("speed_min"), value("speed_max"), value("acceleration_min"), value("acceleration_max")),
         math.radians(value("yaw_rate_max")),
     )
-    # To the last bit, so that what is not set is as everywhere else.
-    legs = C208_PUBLISHED if np.allclose(legs, C208_PUBLISHED, rtol=0.0, atol=1e-9) else legs
     try:
         return legs, within(SURROGATE, legs)
     except ValueError as problem:
