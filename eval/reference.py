@@ -1,10 +1,8 @@
 """Writes the page of every key of an evaluation: ``python -m eval.reference DIR``."""
 
-import sys
-from pathlib import Path
-
-from agents.configuration import ConfigError, Parser, run_cli
+from agents.configuration import run_cli
 from agents.configuration_keys import markdown
+from agents.configuration_pages import write_pages
 from eval.config import MonteCarloConfig, TrafficConfig
 from eval.hifi_config import HifiConfig
 
@@ -47,13 +45,7 @@ def main() -> None:
     Raises:
         ConfigError: there is no such directory.
     """
-    parser = Parser(prog="python -m eval.reference", description=__doc__)
-    parser.add_argument("directory", type=Path, metavar="DIR", help="where the page goes: docs")
-    directory: Path = parser.parse_args().directory
-    if not directory.is_dir():
-        raise ConfigError(f"{directory}: there is no such directory")
-    (directory / PAGE).write_text(page(), encoding="utf-8")
-    print(directory / PAGE, file=sys.stderr)
+    write_pages("python -m eval.reference", __doc__, {PAGE: page()})
 
 
 if __name__ == "__main__":

@@ -1,10 +1,8 @@
 """Writes the pages of the documentation that come from the code: ``python -m rlcas_jax.reference DIR``."""
 
-import sys
-from pathlib import Path
-
-from agents.configuration import ConfigError, Parser, run_cli
+from agents.configuration import run_cli
 from agents.configuration_keys import markdown
+from agents.configuration_pages import write_pages
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.metrics import FILE, METRICS, WALL_CLOCK
 
@@ -58,14 +56,7 @@ def main() -> None:
     Raises:
         ConfigError: there is no such directory.
     """
-    parser = Parser(prog="python -m rlcas_jax.reference", description=__doc__)
-    parser.add_argument("directory", type=Path, metavar="DIR", help="where the pages go: docs")
-    directory: Path = parser.parse_args().directory
-    if not directory.is_dir():
-        raise ConfigError(f"{directory}: there is no such directory")
-    for name, text in pages().items():
-        (directory / name).write_text(text, encoding="utf-8")
-        print(directory / name, file=sys.stderr)
+    write_pages("python -m rlcas_jax.reference", __doc__, pages())
 
 
 if __name__ == "__main__":

@@ -10,16 +10,8 @@ from agents.configuration import ConfigError, load
 from benchmarks import gemm, measure, sb3_task, training
 from envs.gymnasium_vector import DeconflictionVectorEnv
 from rlcas_jax.config import TrainConfig
+from tests.benchmarks.tiny import TINY
 
-TINY = (
-    "network.hidden=[8, 8]",
-    "ppo.environments=8",
-    "ppo.rollout=16",
-    "ppo.minibatch=32",
-    "ppo.segment=4",
-    "ppo.epochs=2",
-    "pool_rows=2",
-)
 PAPER_NETWORKS = [[22, 256, 256, 2], [22, 256, 256, 1]]
 
 needs_peers = pytest.mark.skipif(

@@ -30,18 +30,9 @@ from benchmarks.learning_task import TrainingFlight, check
 from envs import surrogate
 from rlcas_jax import task
 from rlcas_jax.config import TrainConfig
+from tests.benchmarks import tiny
 
-TINY = (
-    "network.hidden=[8, 8]",
-    "ppo.environments=8",
-    "ppo.rollout=16",
-    "ppo.minibatch=32",
-    "ppo.segment=4",
-    "ppo.epochs=2",
-    "pool_rows=2",
-    "shaping.goal=0.5",
-    "world.t_max=40",
-)
+TINY = (*tiny.TINY, "shaping.goal=0.5", "world.t_max=40")
 SETS = [argument for key in TINY for argument in ("--set", key)]
 
 peers = pytest.mark.parametrize(
