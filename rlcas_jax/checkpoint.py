@@ -20,7 +20,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
-__all__ = ["CheckpointError", "latest", "restore", "save"]
+__all__ = ["CheckpointError", "latest", "restore", "restore_part", "save"]
 
 SCHEMA = "rlcas-checkpoint-1"
 _HEADER = "rlcas-checkpoint"
@@ -91,12 +91,24 @@ def restore(path: Path, like: Any) -> tuple[Any, dict[str, Any]]:
         CheckpointError: the file is not there, not whole, or not of this structure.
     """
     tensors, meta = _read(path)
-    expected = _leaves(like)
-    for name in [*(n for n in expected if n not in tensors), *(n for n in tensors if n not in expected)]:
-        has, lacks = (path, "this run") if name in tensors else ("this run", path)
-        raise CheckpointError(f"{path}: made by another structure ({name} is in {has} and not in {lacks})")
-    restored = [_like(tensors[name], leaf, f"{path}: {name}") for name, leaf in expected.items()]
-    return jax.tree.unflatten(jax.tree.structure(like), restored), meta
+    return _fitted(path, tensors, like), meta
+
+
+def restore_part(path: Path, like: Any, part: str) -> Any:
+    """Read one field of the named tuple that a checkpoint holds, whatever the others are.
+
+    Args:
+        path: the file.
+        like: what is expected of the field, as for :func:`restore`.
+        part: the field's name.
+
+    Raises:
+        CheckpointError: the file is not there, not whole, or its field is not of this structure.
+    """
+    tensors, _ = _read(path)
+    begins = f".{part}"
+    field = {name.removeprefix(begins): array for name, array in tensors.items() if name.startswith(begins)}
+    return _fitted(path, field, like)
 
 
 def _leaves(tree: Any) -> dict[str, Any]:
@@ -117,6 +129,16 @@ def _plain(leaf: Any) -> np.ndarray:
 def _stored_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
     """Return the dtype itself, or for one that numpy does not know (bfloat16) an integer of its width."""
     return np.dtype(f"u{dtype.itemsize}") if dtype.kind == "V" else dtype
+
+
+def _fitted(path: Path, tensors: Mapping[str, np.ndarray], like: Any) -> Any:
+    """Return stored arrays as the tree that is expected."""
+    expected = _leaves(like)
+    for name in [*(n for n in expected if n not in tensors), *(n for n in tensors if n not in expected)]:
+        has, lacks = (path, "this run") if name in tensors else ("this run", path)
+        raise CheckpointError(f"{path}: made by another structure ({name} is in {has} and not in {lacks})")
+    restored = [_like(tensors[name], leaf, f"{path}: {name}") for name, leaf in expected.items()]
+    return jax.tree.unflatten(jax.tree.structure(like), restored)
 
 
 def _like(stored: np.ndarray, leaf: Any, name: str) -> Any:

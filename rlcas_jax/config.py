@@ -1,6 +1,7 @@
 """What a training run can be told: the models behind ``configs/*.yaml`` and ``--set``."""
 
 import math
+from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
@@ -173,6 +174,9 @@ class TrainConfig(Strict):
     """Everything random in the run follows from it."""
     steps: int = Field(default=10_000_000, ge=1)
     """Length of the training, environment steps; rounded down to whole updates, of which there is at least one."""
+    start_from: Path | None = None
+    """Directory of an earlier run, or one of its checkpoints: its networks, with the optimiser's state, are what this
+    training begins with (a path as seen from the working directory); null begins with fresh ones."""
     network: NetworkConfig = NetworkConfig()
     ppo: PpoConfig = PpoConfig()
     world: WorldConfig = WorldConfig()

@@ -70,7 +70,7 @@ def run(
 
     Raises:
         TrainingError: a loss or a parameter is no longer finite.
-        CheckpointError: there is nothing to resume from.
+        CheckpointError: there is nothing to resume from, or nothing to start from, or it has other networks.
     """
     began = time.monotonic()
     saved = directory / "checkpoints"
@@ -81,7 +81,10 @@ def run(
         whole, meta = checkpoint.restore(checkpoint.latest(saved), like=state)
         state = place(whole, task.placed)
         _check_same(config, meta, directory)
-    elif writes:
+    elif config.start_from is not None:
+        learner = checkpoint.restore_part(_checkpoint(config.start_from), state.learner, "learner")
+        state = place(state._replace(learner=learner), task.placed)
+    if writes and not resume:
         (directory / "versions.json").write_text(json.dumps(_made_with(), indent=2) + "\n", encoding="utf-8")
 
     update = int(state.update)
@@ -152,6 +155,11 @@ def rates(outcome: Outcome, rules: Rules) -> dict[str, float]:
         "eval_timeout": float(np.mean(outcome.timeout)),
         "eval_score": float(np.mean(reward(outcome, rules, np))),
     }
+
+
+def _checkpoint(of: Path) -> Path:
+    """Return a checkpoint's file, the newest one of a run's directory."""
+    return checkpoint.latest(of / "checkpoints") if of.is_dir() else of
 
 
 def _crosses(before: int, after: int, per_update: int, every_steps: int) -> bool:

@@ -78,6 +78,7 @@ CHANGED: dict[str, str] = {
 
 ELSEWHERE = {
     "name": "the default name of the run's directory (test_cli)",
+    "start_from": "the networks that training begins with (test_start_from)",
     "seed": "the draws (test_loop: another seed is another run)",
     "evaluation.every_steps": "the metrics (test_loop)",
     "evaluation.encounters": "the metrics (test_loop)",
