@@ -34,7 +34,7 @@ from ros_bridge.domains import free_domain
 NODE, TRANSLATOR = "/rlcas_runner", "/rlcas_translator"
 OWN_RATE, TRAFFIC_RATE = 100.0, 20.0  # Hz
 SETTLE = 3.5 / TRAFFIC_RATE  # s: a place far from the one before is believed from the second report on
-RESTARTS = 10
+RESTARTS = 30
 
 
 def empty_service() -> None:

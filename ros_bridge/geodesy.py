@@ -11,10 +11,13 @@ an origin at 47 degrees latitude, tens of degrees near a pole).
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from pyproj import Geod
+
+if TYPE_CHECKING:
+    from pyproj import Geod
 
 __all__ = ["ACCURATE", "REACH", "Geodetic", "LocalFrame", "Place", "carried", "distance"]
 
@@ -23,8 +26,6 @@ ACCURATE = 100_000.0
 
 REACH = 300_000.0
 """Distance from the origin, m, beyond which an intruder cannot meet an ownship within ACCURATE of it in 400 s."""
-
-_WGS84 = Geod(ellps="WGS84")
 
 
 class Place(NamedTuple):
@@ -36,6 +37,14 @@ class Place(NamedTuple):
     """North, m."""
     convergence: Any
     """Direction of the map's north, rad clockwise from true north."""
+
+
+@cache
+def _wgs84() -> "Geod":
+    """Return the ellipsoid; imported on first use, because it takes a tenth of a node's start."""
+    from pyproj import Geod
+
+    return Geod(ellps="WGS84")
 
 
 class Geodetic(NamedTuple):
@@ -65,7 +74,7 @@ class LocalFrame:
         """
         latitude, longitude = np.asarray(latitude, dtype=float), np.asarray(longitude, dtype=float)
         start = np.full(latitude.shape, self.longitude), np.full(latitude.shape, self.latitude)
-        out, back, length = _WGS84.inv(*start, longitude, latitude)
+        out, back, length = _wgs84().inv(*start, longitude, latitude)
         out, length = np.radians(out), np.asarray(length)
         arrival = np.radians(back) + math.pi
         return Place(length * np.sin(out), length * np.cos(out), _turn(arrival - out, length))
@@ -80,7 +89,7 @@ class LocalFrame:
         x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         out, length = np.arctan2(x, y), np.hypot(x, y)
         start = np.full(x.shape, self.longitude), np.full(x.shape, self.latitude)
-        longitude, latitude, back = _WGS84.fwd(*start, np.degrees(out), length)
+        longitude, latitude, back = _wgs84().fwd(*start, np.degrees(out), length)
         arrival = np.radians(back) + math.pi
         longitude = np.remainder(np.asarray(longitude) + 180.0, 360.0) - 180.0
         return Geodetic(np.asarray(latitude), longitude, _turn(arrival - out, length))
@@ -94,13 +103,13 @@ class LocalFrame:
 
 def distance(latitude_a: float, longitude_a: float, latitude_b: float, longitude_b: float) -> float:
     """Return the length of the geodesic between two points, m."""
-    return float(_WGS84.inv(longitude_a, latitude_a, longitude_b, latitude_b)[2])
+    return float(_wgs84().inv(longitude_a, latitude_a, longitude_b, latitude_b)[2])
 
 
 def carried(latitude: float, longitude: float, east: float, north: float, seconds: float) -> tuple[float, float]:
     """Return latitude and longitude, degrees, after flying straight ahead for some seconds at a velocity in m/s."""
     track = math.degrees(math.atan2(east, north))
-    longitude, latitude, _ = _WGS84.fwd(longitude, latitude, track, math.hypot(east, north) * seconds)
+    longitude, latitude, _ = _wgs84().fwd(longitude, latitude, track, math.hypot(east, north) * seconds)
     return float(latitude), float(longitude)
 
 

@@ -1,18 +1,34 @@
-"""A place on the network that no process of late had, for one that starts.
+"""How a process that starts comes among the others soon: by a place of its own, and by how it announces itself.
 
 DDS gives a process the first free ports of its domain. One that is started again after a kill so gets those of the dead
 one, which the others hold for alive until its lease ends, after 20 s; Fast DDS then takes seconds to bring newcomer and
-others together (docs/ros.md, "Timing"). While some of the first ports are held, the process gets others. Their number
-is drawn: process numbers repeat in containers, and the clock where restarts are quick.
+others together (docs/ros.md, "Start and restart"). While some of the first ports are held, the process gets others.
+Their number is drawn: process numbers repeat in containers, and the clock where restarts are quick.
+
+What else takes seconds there, Fast DDS can be told to do otherwise: ``fastdds/profile.xml`` says how, and why.
 """
 
 import os
 import random
 import socket
-from collections.abc import Generator
+from collections.abc import Generator, MutableMapping
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
-__all__ = ["PORTS", "apart", "port"]
+__all__ = ["PORTS", "PROFILE", "SAID", "apart", "introduce", "port"]
+
+PROFILE = Path(__file__).parent / "fastdds" / "profile.xml"
+"""How Fast DDS takes part for a node of ours."""
+
+SAID = (
+    "FASTDDS_DEFAULT_PROFILES_FILE",
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+    "FASTDDS_BUILTIN_TRANSPORTS",
+    "ROS_DISCOVERY_SERVER",
+)
+"""Variables by which an integrator says how Fast DDS takes part."""
+
+_IN_DIRECTORY = ("DEFAULT_FASTDDS_PROFILES.xml", "DEFAULT_FASTRTPS_PROFILES.xml")  # read where a process starts
 
 PORTS = 24
 """Among so many of the first ports one is drawn; discovery on one host looks at the first 32."""
@@ -21,6 +37,24 @@ PORTS = 24
 def port(domain: int, number: int) -> int:
     """Return the port of discovery of the process with a number in a domain (RTPS 2.5, 9.6.2.3)."""
     return 7400 + 250 * domain + 10 + 2 * number
+
+
+def introduce(environment: MutableMapping[str, str] = os.environ, directory: Path | None = None) -> bool:
+    """Have Fast DDS take part by our profile, unless the integrator has said how; return whether.
+
+    To be called before the first node of the process is made. Other implementations of DDS take no notice.
+
+    Args:
+        environment: variables, which are set; one of SAID that is there, even empty, is the integrator's word.
+        directory: where the process starts, whose file of profiles is the integrator's word too; None: the present one.
+    """
+    here = Path() if directory is None else directory
+    if any(name in environment for name in SAID) or any((here / name).exists() for name in _IN_DIRECTORY):
+        return False
+    environment["FASTDDS_DEFAULT_PROFILES_FILE"] = str(PROFILE)
+    # On one host alone ROS chooses the transports itself, and the profile what comes by which of them.
+    environment["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
+    return True
 
 
 @contextmanager

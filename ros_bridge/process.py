@@ -2,6 +2,7 @@
 """A node as a process: arguments, spinning, an orderly end, and one line and exit code 2 for bad input."""
 
 import argparse
+import gc
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -13,7 +14,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.utilities import remove_ros_args
 
-from ros_bridge.newcomer import apart
+from ros_bridge.newcomer import apart, introduce
 
 __all__ = ["main"]
 
@@ -31,6 +32,14 @@ def main(make: Callable[[], Any], program: str, text: str, arguments: Sequence[s
         text: what ``--help`` says.
         arguments: of the command line, without the program's name; None: those of this process.
     """
+    gc.disable()  # until everything that stays is there
+    try:
+        return _run(make, program, text, arguments)
+    finally:
+        gc.enable()
+
+
+def _run(make: Callable[[], Any], program: str, text: str, arguments: Sequence[str] | None) -> int:
     given = [program, *(sys.argv[1:] if arguments is None else arguments)]
     parser = argparse.ArgumentParser(
         prog=program, description=text, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
@@ -40,6 +49,7 @@ def main(make: Callable[[], Any], program: str, text: str, arguments: Sequence[s
         parser.add_argument("--manual", action="store_true", help="wait to be configured and activated by others")
     try:
         options = parser.parse_args(remove_ros_args(given)[1:])
+        introduce()
         rclpy.init(args=given)
         with apart():
             node = make()
@@ -55,6 +65,9 @@ def main(make: Callable[[], Any], program: str, text: str, arguments: Sequence[s
     code = 0
     try:
         if not alive or options.manual or _started(node):
+            # What is there by now stays, and is not gone through again and again in the middle of an answer.
+            gc.freeze()
+            gc.enable()
             while rclpy.ok() and not getattr(node, "finished", False):
                 executor.spin_once(timeout_sec=_LOOK)
             code = getattr(node, "code", 0)

@@ -1,14 +1,15 @@
-"""A process that starts gets ports that no process of late had."""
+"""A process that starts gets ports that no process of late had, and takes part by our profile of Fast DDS."""
 
 import os
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from ros_bridge.newcomer import PORTS, apart, port
-from tests.ros_bridge.graph import MISSING, domain
+from ros_bridge.newcomer import PORTS, PROFILE, SAID, apart, introduce, port
+from tests.ros_bridge.graph import MISSING, Process, domain
 
 rclpy = pytest.importorskip("rclpy", reason=MISSING)
 
@@ -65,3 +66,53 @@ def test_a_process_gets_a_later_place():
             taken = [not free(port(number, place)) for place in range(6)]
             process.communicate("\n")
         assert taken == [False, False, False, True, False, False]
+
+
+def test_the_profile_is_used_where_nothing_is_said(tmp_path: Path):
+    environment = {"ROS_DOMAIN_ID": "7"}
+    assert introduce(environment, tmp_path)
+    assert environment == {
+        "ROS_DOMAIN_ID": "7",
+        "FASTDDS_DEFAULT_PROFILES_FILE": str(PROFILE),
+        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
+    }
+
+
+@pytest.mark.parametrize("name", SAID)
+@pytest.mark.parametrize("value", ["", "theirs.xml"])
+def test_what_the_integrator_says_is_left_as_it_is(name: str, value: str, tmp_path: Path):
+    environment = {name: value}
+    assert not introduce(environment, tmp_path)
+    assert environment == {name: value}
+
+
+@pytest.mark.parametrize("name", ["DEFAULT_FASTDDS_PROFILES.xml", "DEFAULT_FASTRTPS_PROFILES.xml"])
+def test_so_is_a_file_of_profiles_where_the_process_starts(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / name).write_text("<dds/>")
+    environment: dict[str, str] = {}
+    assert not introduce(environment, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert not introduce(environment)
+    assert environment == {}
+
+
+@pytest.mark.parametrize("said", [False, True])
+def test_a_node_leaves_no_port_in_shared_memory_when_it_is_killed(said: bool, monkeypatch: pytest.MonkeyPatch):
+    """Unless the integrator wants one: a file in /dev/shm that nobody removes, and that holds the others up."""
+    for name in SAID:
+        monkeypatch.delenv(name, raising=False)
+    if said:
+        monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "DEFAULT")
+    with domain() as number:
+        process = Process("ros_bridge.runner", number)
+        assert process.popen.stdout is not None
+        try:
+            # Fast DDS complains of a profile before the node is active.
+            lines = (line.rstrip() for line in process.popen.stdout)
+            began = next((line for line in lines if line.endswith("active") or "Error" in line), "")
+            held = Path(f"/proc/{process.popen.pid}/maps").read_text()
+        finally:
+            process.popen.kill()
+            process.popen.communicate()
+    assert began.endswith("active"), began
+    assert ("fastdds_port" in held) == said

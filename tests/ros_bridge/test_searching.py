@@ -3,6 +3,7 @@
 import math
 import threading
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -14,7 +15,7 @@ pytest.importorskip("rclpy", reason=MISSING)
 from rclpy.parameter import Parameter
 from rlcas_msgs.srv import GenerateTrajectory
 
-from ros_bridge import runner
+from ros_bridge import planning
 from ros_bridge.picture import Code
 
 Request = GenerateTrajectory.Request
@@ -23,10 +24,10 @@ Request = GenerateTrajectory.Request
 class Scene:
     """A runner whose long searches last until they are let go, and an aircraft too near to be avoided."""
 
-    def __init__(self, node: runner.Runner, client, patch: pytest.MonkeyPatch) -> None:
+    def __init__(self, node: planning.Runner, client, patch: pytest.MonkeyPatch) -> None:
         self.node, self.client, self.world = node, client, World(client)
         self.begun, self.go_on = threading.Event(), threading.Event()
-        really = runner._planned
+        really = planning._planned
 
         def planned(wanted, policy, *, thorough):
             if thorough:
@@ -34,7 +35,7 @@ class Scene:
                 assert self.go_on.wait(20.0)
             return really(wanted, policy, thorough=False)
 
-        patch.setattr(runner, "_planned", planned)
+        patch.setattr(planning, "_planned", planned)
         node.trigger_configure()
         node.trigger_activate()
         self.world.reference()
@@ -68,7 +69,7 @@ class Scene:
 @pytest.fixture
 def scene(monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
     ages = {"ownship_max_age": 10.0, "intruder_max_age": 60.0, "request_max_age": 60.0}
-    with beside(runner.Runner, **ages) as (node, client):
+    with beside(planning.Runner, **ages) as (node, client):
         scene = Scene(node, client, monkeypatch)
         try:
             yield scene
@@ -112,3 +113,22 @@ def test_no_plan_is_no_plan_however_old_the_ownship_is_by_then(scene: Scene):
     scene.client.idle(0.2)
     scene.go_on.set()
     assert eventually(scene.client, long).status == Code.UNRESOLVED
+
+
+def test_the_node_has_planned_before_it_is_asked(monkeypatch: pytest.MonkeyPatch):
+    """Else the first request would wait for what is made at the first plan."""
+    planned: list[Any] = []
+    really = planning.plan
+    monkeypatch.setattr(planning, "plan", lambda *given, **more: planned.append(really(*given, **more)))
+    with beside(planning.Runner) as (node, client):
+        node.trigger_configure()
+        assert planned == []
+        node.trigger_activate()
+        client.spin(lambda: planned)
+        client.idle(0.2)
+        assert len(planned) == 1
+        # And again for the policy of another configuration.
+        node.trigger_deactivate()
+        node.trigger_cleanup()
+        node.trigger_configure()
+        client.spin(lambda: len(planned) == 2)
