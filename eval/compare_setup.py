@@ -16,7 +16,7 @@ from envs.kinematics import SURROGATE, Limits
 from envs.outcome import RULES, Rules
 from eval.chunks import Evaluation
 from eval.config import FILE, MODEL, TRACKS, TracksConfig, TrafficConfig
-from eval.contest import REFERENCE, Contest, Entry, baseline_entry, policy_entries
+from eval.contest import REFERENCE, WITNESS, Contest, Entry, baseline_entry, policy_entries
 from eval.sources import read_model_traffic, read_tracks
 
 __all__ = ["policy_names", "prepare", "size"]
@@ -25,6 +25,7 @@ _Model = TypeVar("_Model", bound=Strict)
 
 _DEFAULT_ENCOUNTERS = 1_000
 _MODES = ("plan", "assured")
+_NAMES = (*BASELINES, WITNESS)
 _LATEST_CPA, _LONGEST_ROUTE = TrafficConfig().cpa_time[1], 400.0
 
 
@@ -124,10 +125,10 @@ def _entries(options: argparse.Namespace, limits: Limits, rules: Rules) -> tuple
         entries += policy_entries(path, name, limits, rules, modes)
     wanted = list(dict.fromkeys(options.baseline or BASELINES))
     for name in wanted:
-        if name not in BASELINES:
-            close = nearest(name, tuple(BASELINES))
+        if name not in _NAMES:
+            close = nearest(name, _NAMES)
             hint = f"; did you mean {close}?" if close else ""
-            raise ConfigError(f"--baseline: {name!r}; expected one of {', '.join(BASELINES)}{hint}")
+            raise ConfigError(f"--baseline: {name!r}; expected one of {', '.join(_NAMES)}{hint}")
     if REFERENCE not in wanted:
         wanted.append(REFERENCE)
     return (*entries, *(baseline_entry(name, limits, rules) for name in wanted))
@@ -137,7 +138,7 @@ def policy_names(paths: Sequence[Path]) -> list[str]:
     """Return a short name for each policy file, all of them different."""
     # A stem may be that of another file or the name of a baseline: then the whole path names the policy.
     stems = [path.stem for path in paths]
-    names = [str(path) if stems.count(path.stem) > 1 or path.stem in BASELINES else path.stem for path in paths]
+    names = [str(path) if stems.count(path.stem) > 1 or path.stem in _NAMES else path.stem for path in paths]
     if len(set(names)) < len(names):
         raise ConfigError("--policy: a file stands twice; expected different ones")
     return names

@@ -17,7 +17,10 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
         title_justify="left",
     )
     table.add_column("", overflow="fold")
-    for name in ("success", "resolvable *", "violation", "time-out", "risk ratio **", "path excess", "difference", "p"):
+    witness = "path_excess_over_witness_mean" in summary["entries"][0]
+    names = ["success", "resolvable *", "violation", "time-out", "risk ratio **", "path excess"]
+    names += [*(["over witness"] if witness else []), "difference", "p"]
+    for name in names:
         table.add_column(name, justify="right")
     for row in summary["entries"]:
         table.add_row(
@@ -28,11 +31,12 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
             _rate(row["timeout_rate"]),
             _ratio(row["risk_ratio"]),
             _percent(row["path_excess_mean"]["value"]),
+            *([_points(row["path_excess_over_witness_mean"])] if witness else []),
             *_difference(row["difference"]),
         )
     # A file or a pipe gets the whole table, not one cut to 80 columns.
     console = Console()
-    console = console if console.is_terminal else Console(width=200)
+    console = console if console.is_terminal else Console(width=240)
     console.print(table)
     level = f"{100.0 * summary['confidence']:g} %"
     notes = [
@@ -40,6 +44,15 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
         "* success of all that are not proven unresolvable",
         "** violations with the resolver / without it",
         "difference: of success from the first row's; p: McNemar's exact",
+        *(
+            [
+                "witness: the shortest flight known to resolve each encounter, found knowing the intruders' future: no "
+                "resolver, but a mark; where none is known it flies on as none does",
+                "over witness: path excess less the witness's, in points, where both succeed",
+            ]
+            if witness
+            else []
+        ),
         *(
             ["the ratios are weighted by the file's weights; rates count each encounter once"]
             if summary["weighted"]
@@ -68,6 +81,10 @@ def _ratio(ratio: Mapping[str, Any]) -> str:
 
 def _percent(value: float | None) -> str:
     return "-" if value is None else f"{100.0 * value:.2f} %"
+
+
+def _points(mean: Mapping[str, Any] | None) -> str:
+    return "-" if mean is None or mean["value"] is None else f"{100.0 * mean['value']:+.2f}"
 
 
 def _difference(difference: Mapping[str, Any] | None) -> tuple[str, str]:

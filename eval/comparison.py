@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from eval.contest import REFERENCE, Entry
+from eval.contest import REFERENCE, WITNESS, Entry
 from eval.metrics import Ratio, ratio
 from eval.paired import mcnemar_exact, pairs, tango
 from eval.statistics import mean_interval, rate
@@ -40,9 +40,12 @@ def summarise(
     lost_cause = table.get("unresolvable")
     how = (confidence, resamples, seed)
     rows = []
+    witness = next((entry for entry in entries if entry.kind == WITNESS), None)
     for entry in entries:
         row = _row(table, entry, lost_cause, how) | _ratios(table, entry, weights, how)
         row["difference"] = None if entry is entries[0] else _difference(table, entry, entries[0], how)
+        if witness is not None:
+            row["path_excess_over_witness_mean"] = None if entry is witness else _longer(table, entry, witness, how)
         rows.append(row)
     possible = total if lost_cause is None else total - int(np.count_nonzero(lost_cause))
     return {
@@ -113,18 +116,23 @@ def _difference(
     table: Mapping[str, np.ndarray], entry: Entry, first: Entry, how: tuple[float, int, int]
 ) -> dict[str, Any]:
     """Return the entry's success rate less the first's, and its path excess where both succeed."""
-    confidence, resamples, seed = how
     ours, theirs = (table[f"{name}.outcome"] == "reached" for name in (entry.name, first.name))
     counts = pairs(theirs, ours)
-    found = tango(counts, confidence)
-    excess = (table[f"{entry.name}.path_excess"] - table[f"{first.name}.path_excess"])[ours & theirs]
-    longer = mean_interval(excess, confidence, resamples, seed)
     return {
-        **found._asdict(),
+        **tango(counts, how[0])._asdict(),
         "mcnemar_exact_p": mcnemar_exact(counts),
         "pairs": counts._asdict(),
-        "path_excess_mean": {key: _number(value) for key, value in longer._asdict().items()},
+        "path_excess_mean": _longer(table, entry, first, how),
     }
+
+
+def _longer(
+    table: Mapping[str, np.ndarray], entry: Entry, other: Entry, how: tuple[float, int, int]
+) -> dict[str, float | None]:
+    """Return the entry's mean path excess less the other's, where both succeed, with its interval."""
+    both = np.logical_and(*(table[f"{name}.outcome"] == "reached" for name in (entry.name, other.name)))
+    excess = table[f"{entry.name}.path_excess"] - table[f"{other.name}.path_excess"]
+    return {key: _number(value) for key, value in mean_interval(excess[both], *how)._asdict().items()}
 
 
 def _leads(seconds: np.ndarray) -> dict[str, float | int | None]:

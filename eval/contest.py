@@ -25,11 +25,25 @@ from eval.planned import Setting, fly_once, planned
 from eval.simulate import OUTCOMES, Decider, Flights, OnStates, fly
 from eval.sources import drawn, spread
 from eval.volumes import ALERTS, VOLUMES, alerted, lead_times, lost, severity
+from eval.witness_flight import Foresight, fly_witnesses
 
-__all__ = ["REFERENCE", "SETTING", "Contest", "Entry", "Plans", "baseline_entry", "columns", "policy_entries"]
+__all__ = [
+    "REFERENCE",
+    "SETTING",
+    "WITNESS",
+    "Contest",
+    "Entry",
+    "Plans",
+    "baseline_entry",
+    "columns",
+    "policy_entries",
+]
 
 REFERENCE = "none"
 """The flight without a resolver, which is always flown: risk ratios need it."""
+
+WITNESS = "witness"
+"""Name and kind of the entry that knows the future: a mark, not a resolver."""
 
 SETTING = Setting(Options(), C208_PUBLISHED)
 """How plans are made and flown: as in eval.monte_carlo without more being said."""
@@ -51,8 +65,8 @@ class Entry(NamedTuple):
 
     name: str
     kind: str
-    """policy, baseline or nnet."""
-    decider: Decider | OnStates | Plans
+    """policy, baseline, nnet or witness."""
+    decider: Decider | OnStates | Plans | Foresight
     sha256: str | None = None
     """Of a policy file."""
 
@@ -103,7 +117,9 @@ def policy_entries(
 
 
 def baseline_entry(name: str, limits: Limits, rules: Rules) -> Entry:
-    """Return the entry of a baseline, one of :data:`agents.baselines.BASELINES`."""
+    """Return the entry of a baseline, one of :data:`agents.baselines.BASELINES`, or of the witness."""
+    if name == WITNESS:
+        return Entry(name, WITNESS, Foresight())
     return Entry(name, "baseline", OnStates(BASELINES[name](limits, rules.goal_radius, rules.separation)))
 
 
@@ -134,12 +150,14 @@ def columns(contest: Contest, first: int, count: int) -> dict[str, np.ndarray]:
 
 
 def _flown(
-    decider: Decider | OnStates | Plans,
+    decider: Decider | OnStates | Plans | Foresight,
     starts: Encounter,
     evaluation: Evaluation,
     noise: Callable[[int], np.ndarray] | None,
 ) -> tuple[Flights, Trajectories]:
     """Fly encounters on after losses of separation; the film ends where each flight does."""
+    if isinstance(decider, Foresight):
+        return fly_witnesses(starts, decider, evaluation.rules, evaluation.limits)
     endless = evaluation.rules._replace(separation=0.0)
     if not isinstance(decider, Plans):
         flights, film = fly(starts, decider, endless, evaluation.limits, noise=noise, record=True)

@@ -28,6 +28,7 @@ from eval.chunks import Evaluation, Pilot
 from eval.contest import Contest, baseline_entry, policy_entries
 from eval.paired import mcnemar_exact, pairs, tango
 from eval.simulate import OnStates
+from eval.witness_flight import Foresight
 from tests.recorded import recorded
 
 
@@ -84,7 +85,7 @@ def test_resolvers_resolve(name: str) -> None:
 def test_a_held_speed_is_held(policy_path: Path) -> None:
     _, held = policy_entries(policy_path, "ours", SURROGATE, RULES)
     starts = numbered(scenario("circle"), 9, 0, 5)
-    assert not isinstance(held.decider, contest.Plans)
+    assert not isinstance(held.decider, (contest.Plans, Foresight))
     _, film = simulate.fly(starts, held.decider, RULES, SURROGATE, record=True)
     assert film is not None
     assert np.nanmax(np.abs(film.own.speed - starts.own.speed)) == 0.0
@@ -251,8 +252,8 @@ def test_exit_code_2_and_no_traceback(tmp_path: Path) -> None:
 
 
 def test_policies_are_told_from_each_other_and_from_baselines() -> None:
-    paths = [Path("mvp.safetensors"), Path("one/policy.safetensors"), Path("two/policy.safetensors"), Path("c.nnet")]
-    assert compare_setup.policy_names(paths) == [str(path) for path in paths[:3]] + ["c"]
+    names = ("mvp.safetensors", "witness.safetensors", "one/policy.safetensors", "two/policy.safetensors", "c.nnet")
+    assert compare_setup.policy_names([Path(name) for name in names]) == [*names[:4], "c"]
 
 
 def test_the_vehicle_is_the_policies_and_one(tmp_path: Path, policy_path: Path) -> None:

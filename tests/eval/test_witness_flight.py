@@ -1,0 +1,192 @@
+"""The witness takes part in a comparison as a flight that is really flown, with the intruders as they truly fly."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from agents.baselines import BASELINES
+from agents.configuration import ConfigError
+from agents.escape_manoeuvre import steps, tracks
+from agents.resolvability import Witnesses, least_cost, replay
+from envs.encounters import Encounter, scenario
+from envs.intruder import Recording
+from envs.kinematics import SURROGATE
+from envs.outcome import RULES
+from envs.starts import joined, numbered
+from envs.trees import take
+from eval import compare, contest, simulate
+from eval.chunks import Evaluation
+from eval.contest import REFERENCE, WITNESS, Contest, Entry, baseline_entry
+from eval.simulate import OUTCOMES, OnStates
+from eval.witness_flight import Foresight, ended, fly_witnesses, followed
+from tests.recorded import recorded
+
+SHORT = {"radius": (3_000.0, 3_600.0)}
+QUICK = RULES._replace(t_max=150.0)
+FEW = Foresight(rounds=1)
+"""Enough for the properties, not for the best cost."""
+
+
+@pytest.fixture(scope="module")
+def starts() -> Encounter:
+    """Straight and turning intruders, and two starts that nothing can save, 0.9 km apart: 10."""
+    plain, turning = (numbered(scenario(name, **SHORT), 3, 0, 4) for name in ("circle", "maneuvering"))
+    lost = take(plain, [1, 2])
+    beside = lost.own.x[:, None] + 900.0
+    lost = lost._replace(intruders=lost.intruders._replace(x=beside, y=lost.own.y[:, None]))
+    return joined(take(joined(lost, plain), [2, 0, 3, 4, 5, 1]), turning)
+
+
+@pytest.fixture(scope="module")
+def best(starts: Encounter) -> Witnesses:
+    return least_cost(starts, QUICK, SURROGATE, rounds=FEW.rounds)
+
+
+@pytest.fixture(scope="module")
+def flown(starts: Encounter) -> Any:
+    return fly_witnesses(starts, FEW, QUICK, SURROGATE)
+
+
+def contest_of(source: Any, *names: str, foresight: Foresight = FEW) -> Contest:
+    entries = tuple(baseline_entry(name, SURROGATE, QUICK) for name in names)
+    return Contest((*entries, Entry(WITNESS, WITNESS, foresight)), Evaluation(None, source, None, 4, QUICK, SURROGATE))
+
+
+def test_what_is_flown_is_the_witness(starts: Encounter, best: Witnesses, flown: Any) -> None:
+    flights, film = flown
+    known = np.flatnonzero(np.isfinite(best.arrival))
+    assert known.size >= 7
+    for row in known:
+        alone = replay(take(starts, row), take(best.manoeuvre, row), QUICK, SURROGATE)
+        end = len(alone.time)
+        for here, there in zip(film.own, alone.own, strict=True):
+            np.testing.assert_array_equal(here[:end, row], there)
+            assert np.isnan(here[end:, row]).all()
+        np.testing.assert_array_equal(film.separation[: end - 1, row], alone.separation)
+    assert (flights.outcome[known] == OUTCOMES.index("reached")).all()
+    np.testing.assert_array_equal(flights.duration[known], best.arrival[known])
+    np.testing.assert_array_equal(flights.min_separation[known], best.separation[known])
+    assert flights.min_separation[known].min() >= QUICK.separation
+    # The whole last step counts for a flight, for a witness what lies before the goal's circle.
+    beyond = flights.path_length[known] - best.path[known]
+    assert (beyond >= -1e-6).all()
+    assert (beyond <= SURROGATE.speed_max).all()
+
+
+def test_without_a_witness_the_flight_is_that_of_none(starts: Encounter, best: Witnesses, flown: Any) -> None:
+    lost = np.flatnonzero(np.isnan(best.arrival))
+    assert {1, 5} <= set(lost)
+    none, endless = baseline_entry(REFERENCE, SURROGATE, QUICK).decider, QUICK._replace(separation=0.0)
+    assert isinstance(none, OnStates)
+    straight, seen = simulate.fly(take(starts, lost), none, endless, SURROGATE, record=True)
+    assert seen is not None
+    flights, film = flown
+    for field, ours, theirs in zip(flights._fields, flights, straight, strict=True):
+        np.testing.assert_array_equal(ours[lost], theirs, err_msg=field)
+    np.testing.assert_array_equal(film.intruders.x[: len(seen.intruders.x), lost], seen.intruders.x)
+    assert np.isnan(film.own.x[len(seen.own.x) :, lost]).all()
+
+
+def test_a_batch_without_any_witness_flies_too(starts: Encounter, flown: Any) -> None:
+    flights, film = fly_witnesses(take(starts, [1]), FEW, QUICK, SURROGATE)
+    assert flights.min_separation[0] == flown[0].min_separation[1]
+    np.testing.assert_array_equal(film.own.x[:, 0], flown[1].own.x[: len(film.own.x), 1])
+
+
+@pytest.mark.parametrize("name", ["circle", "multi"])
+def test_a_film_tells_what_the_simulation_counts(name: str) -> None:
+    starts = numbered(scenario(name, **SHORT), 5, 0, 40)
+    endless = RULES._replace(separation=0.0, t_max=100.0)
+    decider = OnStates(BASELINES["mvp_speed"](SURROGATE, 500.0, 1_000.0))
+    counted, film = simulate.fly(starts, decider, endless, SURROGATE, record=True)
+    assert film is not None
+    told = ended(starts, film, endless)
+    assert 0 < (told.outcome == OUTCOMES.index("reached")).sum() < 40
+    assert told.reversals.max() > 0
+    for field, ours, theirs in zip(told._fields, told, counted, strict=True):
+        np.testing.assert_array_equal(ours, theirs, err_msg=field)
+        assert ours.dtype == theirs.dtype
+
+
+def test_a_row_does_not_depend_on_its_company() -> None:
+    made = contest_of(scenario("multi", intruders=(2, 3), radius=(3_000.0, 4_000.0)), REFERENCE)
+    together, apart = contest.columns(made, 0, 6), contest.columns(made, 4, 1)
+    for name, values in apart.items():
+        np.testing.assert_array_equal(values, together[name][4:5], err_msg=name)
+
+
+def test_the_witness_hears_no_noise() -> None:
+    loud = scenario("noisy", **SHORT)
+    still = scenario("noisy", **SHORT, position_std=0.0, velocity_std=0.0)
+    table, quiet = (contest.columns(contest_of(source, "mvp", REFERENCE), 0, 5) for source in (loud, still))
+    assert (table["mvp.path_excess"] != quiet["mvp.path_excess"]).any()
+    for name in (name for name in table if name.startswith("witness.")):
+        np.testing.assert_array_equal(table[name], quiet[name], err_msg=name)
+
+
+def test_a_recorded_intruder_is_known_to_its_end(starts: Encounter, flown: Any) -> None:
+    turning = take(starts, slice(6, 10))
+    states = tracks(turning, steps(QUICK), QUICK)
+    recording: Any = Recording(*(np.moveaxis(field, 0, -1) for field in states))
+    again, film = fly_witnesses(turning._replace(intent=recording), FEW, QUICK, SURROGATE)
+    for ours, theirs in zip(flown[0], again, strict=True):
+        np.testing.assert_array_equal(ours[6:], theirs)
+    np.testing.assert_array_equal(flown[1].separation[: len(film.separation), 6:], film.separation)
+
+
+def test_a_manoeuvre_is_not_stopped_by_a_loss(starts: Encounter, best: Witnesses) -> None:
+    # An escape of one encounter, flown in another, where it saves nothing.
+    wrong = take(best.manoeuvre, np.full(2, np.flatnonzero(np.isfinite(best.arrival))[0]))
+    film = followed(take(starts, [1, 5]), wrong, QUICK, SURROGATE)
+    flights = ended(take(starts, [1, 5]), film, QUICK)
+    assert (flights.min_separation < QUICK.separation).all()
+    assert (flights.duration > flights.time_of_min_separation).all()
+    assert len(film.own.x) > 30
+
+
+def test_the_command_says_how_much_longer_than_the_witness(
+    tmp_path: Path, policy_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["--policy", str(policy_path), "--encounters", "8", "--resamples", "100"]
+    compare.main([*arguments, "--baseline", "mvp_speed", "--baseline", "witness", "--out", str(tmp_path / "run")])
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    rows = {row["name"]: row for row in summary["entries"]}
+    # Those asked for, and the flight without a resolver.
+    assert list(rows) == ["policy", "policy, speed held", "mvp_speed", "witness", "none"]
+    assert rows["witness"]["kind"] == "witness"
+    assert rows["witness"]["path_excess_over_witness_mean"] is None
+    columns = pq.read_table(tmp_path / "run" / "encounters.parquet").to_pydict()
+    table = {name: np.array(values) for name, values in columns.items()}
+    both = (table["mvp_speed.outcome"] == "reached") & (table["witness.outcome"] == "reached")
+    assert both.sum() > 5
+    longer = table["mvp_speed.path_excess"][both] - table["witness.path_excess"][both]
+    told = rows["mvp_speed"]["path_excess_over_witness_mean"]
+    assert told["value"] == pytest.approx(longer.mean())
+    assert told["low"] <= told["value"] <= told["high"]
+    # What the witness has solved is resolvable, whatever the search would say.
+    assert not table["unresolvable"][table["witness.outcome"] == "reached"].any()
+    assert "over witness" in capsys.readouterr().out
+
+    compare.main([*arguments, "--baseline", "none", "--out", str(tmp_path / "plain")])
+    plain = json.loads((tmp_path / "plain" / "summary.json").read_text())
+    assert all("path_excess_over_witness_mean" not in row for row in plain["entries"])
+    assert "witness" not in capsys.readouterr().out
+
+
+def test_a_misspelt_witness_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"--baseline: 'witnes'; expected one of .*witness; did you mean witness\?"):
+        compare.main(["--baseline", "witnes", "--out", str(tmp_path / "run")])
+
+
+@pytest.mark.slow
+def test_recorded_tracks(tmp_path: Path) -> None:
+    path = recorded("lincoln_lab/encounters.json")
+    compare.main(["--scenario", f"tracks:{path}", "--baseline", "witness", "--out", str(tmp_path / "run")])
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    rates = {row["name"]: row["success_rate"]["value"] for row in summary["entries"]}
+    assert rates["witness"] == summary["resolvable_rate"]["value"]
+    assert rates["witness"] >= rates["policy"] > rates["none"]
