@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.intruder import start, step
 from envs.kinematics import Limits, VehicleState, advance, commands, velocity
@@ -125,13 +126,52 @@ def fly(
     return Flight(moved, to_turn - escape_turn, switched, homing)
 
 
-def fly_away(flight: Flight, manoeuvre: Manoeuvre, time: float, dt: float, limits: Limits) -> Flight:
-    """Fly one step of the escapes as :func:`fly` does, but for the way home, which is left to the caller."""
-    full_turn = limits.yaw_rate_max * dt
-    turn, throttle, to_turn, switched = _escaping(flight, manoeuvre, time, full_turn)
-    acceleration, yaw_rate = commands((throttle, turn / full_turn), limits, np)
-    moved = advance(flight.own, acceleration, yaw_rate, dt, limits, np)
-    return Flight(moved, to_turn - turn, switched, flight.homing)
+def fly_away(
+    flight: Flight, manoeuvre: Manoeuvre, first: int, count: int, dt: float, limits: Limits
+) -> tuple[VehicleState, Flight]:
+    """Fly several steps of the escapes as :func:`fly` does, but for the way home, which is left to the caller.
+
+    Until it turns back an escape asks nobody: headings and speeds follow from the manoeuvre alone, and the
+    displacements of all steps are found at once.
+
+    Args:
+        flight: at the beginning of the first step, ``[M]``; its heading need not be wrapped.
+        manoeuvre: ``[M]``.
+        first: number of the first step.
+        count: of steps.
+        dt: duration of a step, s.
+        limits: of the ownship; floats.
+
+    Returns:
+        The states at the beginning and after every step, ``[count + 1, M]``, and the escapes at the end, their
+        headings not wrapped, so that the result does not depend on how many steps are flown at once.
+    """
+    own, full_turn = flight.own, limits.yaw_rate_max * dt
+    shape = (count, np.size(own.x))
+    turns, throttles = np.empty(shape), np.empty(shape)
+    for number in range(count):
+        turns[number], throttles[number], to_turn, switched = _escaping(
+            flight, manoeuvre, (first + number) * dt, full_turn
+        )
+        flight = Flight(own, to_turn - turns[number], switched, flight.homing)
+    acceleration, yaw_rate = commands((throttles, turns / full_turn), limits, np)
+    speed = np.empty((count + 1, shape[1]))
+    speed[0] = own.speed
+    for number in range(count):
+        # As in advance: a speed beyond a limit stays until it is commanded inwards.
+        bounds = np.minimum(speed[number], limits.speed_min), np.maximum(speed[number], limits.speed_max)
+        np.clip(speed[number] + acceleration[number] * dt, *bounds, out=speed[number + 1])
+    course = _summed(own.heading, yaw_rate * dt)
+    heading = wrap(course, np)
+    moved = advance(VehicleState(0.0, 0.0, heading[:-1], speed[:-1]), acceleration, yaw_rate, dt, limits, np)
+    states = VehicleState(_summed(own.x, moved.x), _summed(own.y, moved.y), heading, speed)
+    end = VehicleState(states.x[-1], states.y[-1], course[-1], speed[-1])
+    return states, flight._replace(own=end)
+
+
+def _summed(start: Any, steps: Any) -> Any:
+    """Return where steps ``[S, M]`` lead to from a start ``[M]``, one after the other, ``[S + 1, M]``."""
+    return np.add.accumulate(np.concatenate([start[None], steps]), axis=0)
 
 
 def _escaping(flight: Flight, manoeuvre: Manoeuvre, time: float, full_turn: Any) -> tuple[Any, Any, Any, Any]:

@@ -1,54 +1,36 @@
 """The fallback: a family of extremal manoeuvres, searched for the safe plan of least cost.
 
 The manoeuvres are those of :mod:`agents.escape_manoeuvre` (turn left or right by any amount, then straight;
-accelerate, hold, decelerate; begin later; rejoin by the shortest turn as soon as the way is clear), flown at
-:data:`STRIDE` against the predicted intruders. Those that stay clear on the way are ranked by cost, and the first
+accelerate, hold, decelerate; begin later; rejoin by the shortest turn as soon as the way is clear), flown against the
+predicted intruders (:mod:`agents.fallback_flight`). Those that stay clear on the way are ranked by cost, and the first
 few completed and validated like any other plan. They stay within the surrogate's limits at first; where that yields
 nothing, within those that the legs may have, and with more of them; at the end the nearest misses are refined by
 random changes, each judged by the validator itself.
 """
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from agents.escape_manoeuvre import Manoeuvre, fly_away, takeoff
+from agents.escape_manoeuvre import Manoeuvre
 from agents.escape_search import CHILDREN, COARSE, ELITES, SPREAD, STAGES, concatenated, within_range
-from agents.homing import clear
-from agents.proposals import REVERSAL_WEIGHT, TIME_WEIGHT, Proposals, better, nothing, propose, put, task_of
-from agents.request import Options, Request, bold, keeping
-from agents.rollout import Rollout
-from agents.traffic import predicted, uncertainty
-from envs.angles import wrap
+from agents.fallback_flight import SMOOTHING, fly_out
+from agents.proposals import REVERSAL_WEIGHT, TIME_WEIGHT, Proposals, better, nothing, propose, put
+from agents.request import Options, Request, bold
 from envs.draws import normals, uniforms
-from envs.kinematics import VehicleState
-from envs.relative import leg_separation
-from envs.trees import column, take
+from envs.trees import take
 
-__all__ = ["STRIDE", "Flown", "fly_out", "refine", "search"]
+__all__ = ["refine", "search"]
 
-STRIDE = 5.0
-"""Time step of the search, s."""
-
-_PER_SPACING = 4  # strides between knots
-_BLOCK = 16_384  # manoeuvres flown at once
+_BLOCK = 16_384  # manoeuvres in the air at once
 _CHEAPEST, _CLEAREST = 4, 2  # plans of a stage that are validated
-_SMOOTHING = 25.0  # m that legs may take from the flown clearance; less than that makes a manoeuvre doubtful
 _HOPELESS = -40.0  # m of clearance below which no smoothing helps
 _ROUNDS = 12
 _WITHIN = 200.0  # m of clearance that small changes can bring
 _SOON = 150.0  # s by which the manoeuvres of the quick stages turn back
 _ENOUGH = 12  # manoeuvres of a request that end well
 _PATIENCE, _PROGRESS = 3, 0.2  # rounds of the refinement, and the part of what is missing that they must bring
-
-
-class Flown(NamedTuple):
-    """Manoeuvres flown until the way back is clear; fields ``[M]``."""
-
-    rollout: Rollout
-    clearance: Any
-    """Smallest distance to any intruder less the required one, until then, m; an estimate."""
 
 
 def search(request: Request, goal: Any, options: Options) -> Proposals:
@@ -118,14 +100,14 @@ def _tried(best: Proposals, left: Any, request: Request, goal: Any, tried: Any, 
     Without ``judge`` they are only flown, and ranked by the clearance on the way.
     """
     each = tried.shape[-1]
-    which = np.repeat(left, each)
+    request, goal, which = take(request, left), goal[left], np.repeat(np.arange(left.size), each)
     family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
     flown = fly_out(request, goal, which, family, options, -np.inf, tried.size)
     if not judge:
         fault = np.where(np.isfinite(flown.rollout.time), 0.0, 1e6)
         return (np.minimum(flown.clearance, 1e4) - fault).reshape(left.size, each)
     plans = propose(take(request, which), flown.rollout, goal[which], options)
-    _keep(best, which, plans)
+    _keep(best, left[which], plans)
     # Who misses the goal or a limit comes after all who do not.
     fault = np.where(plans.legal, 0.0, np.where(np.isfinite(plans.clearance), 1e5, 1e6))
     clearance = np.where(np.isfinite(plans.clearance), plans.clearance, flown.clearance)
@@ -137,7 +119,7 @@ def _improve(
 ) -> None:
     """Try a stage of the family on some requests."""
     each = stage.turn.size
-    which = np.repeat(part, each)
+    request, goal, which = take(request, part), goal[part], np.repeat(np.arange(part.size), each)
     family = Manoeuvre(*(np.tile(field, part.size) for field in stage))
     flown = fly_out(request, goal, which, family, options, _HOPELESS, _ENOUGH, longest)
     rollout = flown.rollout
@@ -147,7 +129,7 @@ def _improve(
     home = np.hypot(to_x - rollout.end.x, to_y - rollout.end.y)
     time = rollout.time + home / rollout.end.speed
     cost = rollout.path + home + TIME_WEIGHT * time * request.own.speed[which] + REVERSAL_WEIGHT * rollout.reversals
-    cost = np.where(arrived, cost + 20.0 * np.maximum(_SMOOTHING - flown.clearance, 0.0), np.inf).reshape(-1, each)
+    cost = np.where(arrived, cost + 20.0 * np.maximum(SMOOTHING - flown.clearance, 0.0), np.inf).reshape(-1, each)
     spare = np.where(arrived, flown.clearance, -np.inf).reshape(-1, each)
     picked = np.zeros(cost.shape, dtype=bool)
     np.put_along_axis(picked, np.argsort(cost, axis=-1, kind="stable")[:, :_CHEAPEST], True, axis=-1)
@@ -156,7 +138,7 @@ def _improve(
     if rows.size:
         owners = which[rows]
         plans = propose(take(request, owners), take(rollout, rows), goal[owners], options)
-        _keep(best, owners, plans)
+        _keep(best, part[owners], plans)
 
 
 def _keep(best: Proposals, owners: Any, plans: Proposals) -> None:
@@ -167,107 +149,6 @@ def _keep(best: Proposals, owners: Any, plans: Proposals) -> None:
     chosen = take(plans, order[first])
     gain = better(chosen, take(best, owner))
     put(best, owner[gain], take(chosen, gain))
-
-
-def fly_out(
-    request: Request,
-    goal: Any,
-    which: Any,
-    manoeuvre: Manoeuvre,
-    options: Options,
-    least: float,
-    enough: int,
-    longest: float = np.inf,
-) -> Flown:
-    """Fly manoeuvres until the direct way to the goal is clear, ``[M]``.
-
-    Args:
-        request: ``[N]``.
-        goal: number of the route's point that each leads to, ``[N]``.
-        which: number of the request of each manoeuvre, ``[M]``.
-        manoeuvre: ``[M]``.
-        options: how plans shall be.
-        least: clearance, m, below which a manoeuvre is given up.
-        longest: latest time at which a manoeuvre may turn back, s.
-        enough: once so many of a request's manoeuvres have ended well, the others are given up.
-    """
-    task = task_of(options)
-    steps, limits = int(min(task.until, longest) / STRIDE), task.limits
-    count = which.size
-    traffic, requirement = request.traffic, options.requirement
-    base = keeping(request, options)
-    sure = not (traffic.position_std.any() or traffic.velocity_std.any())
-    number = np.arange(goal.size)
-    goal_x, goal_y = request.route_x[number, goal], request.route_y[number, goal]
-    landed = _Landed(count, steps)
-    rows, of, arrivals = np.arange(count), which, np.zeros(goal.size, dtype=int)
-    flight = takeoff(take(request.own, of), manoeuvre)
-    to, mask, owed = (goal_x[of][:, None], goal_y[of][:, None]), traffic.mask[of], base[of]
-    now = take(predicted(traffic, 0.0), of)
-    closest, path, side, reversals = np.full(count, np.inf), np.zeros(count), np.zeros(count), np.zeros(count)
-    for step in range(steps + 1):
-        own = column(flight.own)
-        if step % _PER_SPACING == 0:
-            landed.pass_by(rows, step // _PER_SPACING, flight.own)
-        homing = step * STRIDE >= manoeuvre.resume
-        keep = np.where(mask, owed + manoeuvre.slack[:, None], -np.inf)
-        homing &= np.all(clear(own, to, now, keep, step * STRIDE, task, np), axis=-1)
-        home = homing & (closest >= max(least, _SMOOTHING))
-        if home.any():
-            arrivals += np.bincount(of[home], minlength=arrivals.size)
-        # Whoever is under way for longer than so many others costs more than they.
-        ended = homing | (closest < least) | (arrivals[of] >= enough)
-        if ended.any():
-            values = (path, side, reversals, closest)
-            landed.land(rows, ended, homing & (closest >= least), flight.own, step * STRIDE, values)
-            rows, of, mask, owed, manoeuvre, to, flight, now, closest, path, side, reversals = take(
-                (rows, of, mask, owed, manoeuvre, to, flight, now, closest, path, side, reversals), ~ended
-            )
-        if rows.size == 0 or step == steps:
-            break
-        after = take(predicted(traffic, (step + 1) * STRIDE), of)
-        moved = fly_away(flight, manoeuvre, step * STRIDE, STRIDE, limits)
-        spare = leg_separation(column(flight.own), column(moved.own), now, after, STRIDE, np) - owed
-        if not sure:
-            growth = uncertainty(traffic, (step + 1) * STRIDE) - traffic.position_std
-            spare = spare - requirement.sigmas * growth[of]
-        closest = np.minimum(closest, np.min(np.where(mask, spare, np.inf), axis=-1, initial=np.inf))
-        path = path + 0.5 * STRIDE * (flight.own.speed + moved.own.speed)
-        turned = wrap(moved.own.heading - flight.own.heading, np)
-        turning = np.where(np.abs(turned) > 0.1 * limits.yaw_rate_max * STRIDE, np.sign(turned), side)
-        reversals = reversals + (turning * side < 0.0)
-        side, flight, now = turning, moved, after
-    landed.clearance[rows] = closest
-    return Flown(landed.rollout(), landed.clearance)
-
-
-class _Landed:
-    """Where manoeuvres have been and ended."""
-
-    def __init__(self, count: int, steps: int) -> None:
-        self.knots = VehicleState(*(np.full((count, steps // _PER_SPACING + 1), np.nan) for _ in range(4)))
-        self.end = VehicleState(*(np.full(count, np.nan) for _ in range(4)))
-        self.time, self.path, self.side, self.reversals, self.clearance = (np.full(count, np.nan) for _ in range(5))
-
-    def pass_by(self, rows: Any, knot: int, own: VehicleState) -> None:
-        """Note where the manoeuvres in the air are."""
-        for field, value in zip(self.knots, own, strict=True):
-            field[rows, knot] = value
-
-    def land(self, rows: Any, ended: Any, done: Any, own: VehicleState, time: float, values: tuple[Any, ...]) -> None:
-        """Note which of the manoeuvres in the air have ended, and which of those with the way back clear."""
-        path, side, reversals, closest = values
-        self.clearance[rows[ended]] = closest[ended]
-        there = rows[done]
-        for field, value in zip(self.end, own, strict=True):
-            field[there] = value[done]
-        self.time[there], self.path[there] = time, path[done]
-        self.side[there], self.reversals[there] = side[done], reversals[done]
-
-    def rollout(self) -> Rollout:
-        """Return the manoeuvres; all of them are direct."""
-        direct = np.isfinite(self.time)
-        return Rollout(self.knots, self.end, self.time, direct, self.path, self.side, self.reversals)
 
 
 _FIRST = concatenated(*STAGES[:2])

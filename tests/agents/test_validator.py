@@ -64,6 +64,21 @@ def test_the_separation_is_a_tight_lower_bound(turning: bool) -> None:
     assert np.all((truth < 299.9) <= (first | (base.min(axis=-1) < 300.0)))
 
 
+@pytest.mark.parametrize("duration", [20.0, 50.0])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_circle_keeps_its_radius_from_its_centre(duration: float, sign: float) -> None:
+    rate, speed = math.radians(2.0), 60.0
+    radius, turn = speed / rate, sign * rate * duration
+    x, y = radius * math.sin(rate * duration), sign * radius * (1.0 - math.cos(rate * duration))
+    plan = Knots(*np.array([[[0.0, x]], [[0.0, y]], [[0.0, turn]], [[speed, speed]], [[0.0, duration]]]))
+    centre = Traffic.straight(VehicleState(*np.array([[[0.0]], [[sign * radius]], [[0.0]], [[0.0]]])))
+    found = validate(plan, centre, Requirement(), C208_PUBLISHED)
+    # Each of an arc's 32 parts is judged on its chord, v w h^2 / 8 inside the circle, less as much for its bend.
+    bow = speed * rate * (duration / 320.0) ** 2 / 8.0
+    assert radius - 2.0 * bow - 1e-6 <= found.min_separation[0] <= radius + 1e-6
+    assert found.safe[0]
+
+
 def test_the_first_violation_is_told_with_time_and_place() -> None:
     # Head-on at 80 + 80 m/s from 8 km: 1000 m are left after 43.75 s.
     times = 20.0 * np.arange(6.0)[None]

@@ -1,0 +1,166 @@
+"""The fallback's manoeuvres fly as the core says, whoever flies with them and however many steps are taken at once."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agents import fallback_flight as fallback
+from agents.escape_manoeuvre import Flight, Manoeuvre, fly, fly_away, takeoff
+from agents.escape_search import COARSE, STAGES, concatenated
+from agents.fallback_flight import STRIDE, Flown, fly_out
+from agents.request import MARGIN, Options, Request
+from agents.traffic import Requirement
+from envs.encounters import scenario
+from envs.kinematics import SURROGATE, VehicleState
+from envs.outcome import RULES
+from envs.starts import numbered
+from envs.trees import take
+from eval.plan_flight import request_of
+
+FAMILY = concatenated(*STAGES[:2])
+DELAYED = take(STAGES[3], slice(None, None, 5))
+LIMITS = SURROGATE._replace(speed_max=99.6, acceleration_max=0.375)
+
+turns = st.floats(-math.pi, math.pi)
+throttles = st.floats(-1.0, 1.0)
+delays = st.floats(0.0, 60.0)
+manoeuvres = st.builds(
+    Manoeuvre, turns, throttles, delays, turns, throttles, st.just(math.inf), st.just(0.0), throttles
+)
+
+
+def requests(kind: str = "circle", count: int = 12) -> Request:
+    return request_of(numbered(scenario(kind), 5, 0, count))
+
+
+def flown(
+    request: Request,
+    family: Manoeuvre,
+    least: float,
+    enough: int,
+    options: Options | None = None,
+    longest: float = 150.0,
+) -> Flown:
+    """Fly a family for every request."""
+    count, each = request.points.size, family.turn.size
+    which = np.repeat(np.arange(count), each)
+    every = Manoeuvre(*(np.tile(field, count) for field in family))
+    return fly_out(request, np.ones(count, int), which, every, options or Options(), least, enough, longest)
+
+
+def assert_same(first: Any, second: Any) -> None:
+    """Check that nested tuples of arrays hold the same bits."""
+    for one, other in zip(first, second, strict=True):
+        if isinstance(one, tuple):
+            assert_same(one, other)
+        else:
+            np.testing.assert_array_equal(one, other)
+
+
+@settings(max_examples=40, deadline=None)
+@given(chosen=manoeuvres, heading=st.floats(-math.pi, 3.14), speed=st.floats(49.0, 101.0))
+def test_steps_at_once_are_those_of_the_true_flight(chosen: Manoeuvre, heading: float, speed: float) -> None:
+    manoeuvre = Manoeuvre(*(np.array([float(field)]) for field in chosen))
+    own = VehicleState(*(np.array([value]) for value in (100.0, -50.0, heading, speed)))
+    nobody = VehicleState(*np.zeros((4, 1, 0)))
+    nowhere = (np.full(1, 1e5), np.zeros(1))
+    states, _ = fly_away(takeoff(own, manoeuvre), manoeuvre, 0, 20, STRIDE, LIMITS)
+    flight, rules = takeoff(own, manoeuvre), RULES._replace(dt=STRIDE)
+    for step in range(21):
+        for field, value in zip(states, flight.own, strict=True):
+            np.testing.assert_allclose(np.cos(field[step] - value), 1.0, atol=1e-12)
+            np.testing.assert_allclose(np.sin(field[step] - value), 0.0, atol=1e-7)
+        assert -math.pi <= states.heading[step, 0] < math.pi
+        mask = np.zeros((1, 0), dtype=bool)
+        flight = fly(flight, manoeuvre, step * STRIDE, nowhere, nobody, mask, rules, LIMITS)
+
+
+def test_a_flight_does_not_depend_on_how_many_steps_are_taken_at_once() -> None:
+    own = take(requests().own, np.zeros(DELAYED.turn.size, int))
+    whole, end = fly_away(takeoff(own, DELAYED), DELAYED, 0, 24, STRIDE, LIMITS)
+    flight: Flight = takeoff(own, DELAYED)
+    for first, count in ((0, 1), (1, 6), (7, 2), (9, 15)):
+        states, flight = fly_away(flight, DELAYED, first, count, STRIDE, LIMITS)
+        assert_same(states, take(whole, slice(first, first + count + 1)))
+    assert_same(flight, end)
+
+
+@pytest.mark.parametrize("kind", ["circle", "multi"])
+def test_manoeuvres_do_not_depend_on_who_else_flies(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    request = requests(kind)
+    together = flown(request, FAMILY, -40.0, 12)
+    each = FAMILY.turn.size
+    for number in range(0, 12, 3):
+        alone = flown(take(request, [number]), FAMILY, -40.0, 12)
+        rows = slice(number * each, (number + 1) * each)
+        assert_same(alone.rollout, take(together.rollout, rows))
+        np.testing.assert_array_equal(alone.clearance, together.clearance[rows])
+    monkeypatch.setattr(fallback, "_AT_ONCE", 1)
+    monkeypatch.setattr(fallback, "_PAIRS", 1)
+    assert_same(flown(request, FAMILY, -40.0, 12), together)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 1.5])
+def test_the_clearance_is_that_of_the_flight(sigma: float) -> None:
+    request = requests("multi", 6)
+    traffic = request.traffic._replace(velocity_std=np.where(request.traffic.mask, sigma, 0.0))
+    request = request._replace(traffic=traffic)
+    options = Options(requirement=Requirement(margin=MARGIN, sigmas=2.0))
+    found = flown(request, COARSE, -np.inf, 10_000, options)
+    each, times = COARSE.turn.size, np.arange(0.0, 150.0, 0.25)
+    assert np.isfinite(found.rollout.time).any()
+    for number in range(6):
+        one, end = take(request, number), found.rollout.time[number * each : (number + 1) * each]
+        own = take(request.own, np.full(each, number))
+        states, _ = fly_away(takeoff(own, COARSE), COARSE, 0, times.size, 0.25, options.manoeuvre)
+        other, mask = one.traffic.state, one.traffic.mask
+        east = other.x[mask] + other.speed[mask] * np.cos(other.heading[mask]) * times[:, None]
+        north = other.y[mask] + other.speed[mask] * np.sin(other.heading[mask]) * times[:, None]
+        apart = np.hypot(states.x[:-1, :, None] - east[:, None], states.y[:-1, :, None] - north[:, None])
+        spare = np.min(apart - 1_000.0 - MARGIN - 2.0 * sigma * times[:, None, None], axis=-1)
+        under_way = times[:, None] <= np.where(np.isnan(end), 150.0, end)
+        least = np.min(np.where(under_way, spare, np.inf), axis=0)
+        # A stride counts as if the uncertainty at its end held from its beginning.
+        clearance = found.clearance[number * each : (number + 1) * each]
+        # Sampling at 0.25 s misses less than 1 m of a pass at 500 m or more.
+        landed = (end > 0.0) & (least > -500.0)
+        assert np.all(clearance[landed] <= least[landed] + 2.0)
+        assert np.all(clearance[landed] >= least[landed] - 2.0 - 2.0 * sigma * STRIDE)
+
+
+def test_who_is_under_way_when_enough_are_home_is_given_up() -> None:
+    request = requests(count=4)
+    each = FAMILY.turn.size
+    everybody, few = flown(request, FAMILY, -40.0, 10_000).rollout, flown(request, FAMILY, -40.0, 5)
+    for number in range(4):
+        rows = slice(number * each, (number + 1) * each)
+        time, clearance = few.rollout.time[rows], few.clearance[rows]
+        well = np.sort(time[np.isfinite(time) & (clearance >= 25.0)])
+        assert well.size >= 5
+        last = well[4]
+        np.testing.assert_array_equal(time, np.where(everybody.time[rows] <= last, everybody.time[rows], np.nan))
+
+
+def test_knots_and_sums_are_those_of_the_flight() -> None:
+    request = requests(count=2)
+    found = flown(request, COARSE, -40.0, 10_000).rollout
+    own = take(request.own, np.repeat(np.arange(2), COARSE.turn.size))
+    every = Manoeuvre(*(np.tile(field, 2) for field in COARSE))
+    states, _ = fly_away(takeoff(own, every), every, 0, 31, STRIDE, Options().manoeuvre)
+    some = np.flatnonzero(found.time > 20.0)
+    assert some.size
+    for row in some:
+        last = int(found.time[row] / STRIDE)
+        for knots, end, field in zip(found.knots, found.end, states, strict=True):
+            np.testing.assert_array_equal(knots[row][: last // 4 + 1], field[: last + 1 : 4, row])
+            assert np.isnan(knots[row][last // 4 + 1 :]).all()
+            assert end[row] == field[last, row]
+        speed = states.speed[: last + 1, row]
+        np.testing.assert_allclose(found.path[row], STRIDE * (speed.sum() - 0.5 * (speed[0] + speed[-1])))
+        turn = every.turn_after[row]
+        assert found.side[row] == np.sign(turn)
+        assert found.reversals[row] == 0
