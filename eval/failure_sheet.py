@@ -9,6 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from envs.outcome import Rules
+from eval.flight_sheet import marks
 from eval.kinds import BLUE, GREEN, GREY, SKY, VERMILION
 from eval.report_flights import Replayed
 
@@ -70,16 +71,5 @@ def _legend(rules: Rules) -> list[Line2D]:
         line([], [], color=BLUE, marker="o", markersize=5, label="ownship, dots every minute"),
         line([], [], color=VERMILION, linestyle="--", marker="s", markersize=4.5, label="intruder"),
         line([], [], color=SKY, linestyle="-.", label="a flight that succeeds"),
-        line([], [], color=GREEN, alpha=0.45, linestyle="", marker="o", markersize=9, label="goal"),
-        line([], [], color="black", linestyle="", marker="D", markerfacecolor="white", label="closest approach"),
-        line(
-            [],
-            [],
-            color=VERMILION,
-            linestyle="",
-            marker="o",
-            markersize=10,
-            markerfacecolor="none",
-            label=f"{rules.separation:.0f} m around the intruder then",
-        ),
+        *marks(rules),
     ]

@@ -70,9 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         titles = [_title(number, of[number], table) for number in (flight.number for flight in flights)]
         picture_folder.write(options.out, "failures", found, sheet(flights, titles, rules), 110)
     else:
-        import json
-
-        (options.out / "failures.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+        picture_folder.write_found(options.out, "failures", found)
     _show(found)
     print(f"files: {options.out}")
     return 0

@@ -14,7 +14,7 @@ from envs.outcome import Rules
 from eval.film import Trajectories
 from eval.kinds import BLUE, GREEN, GREY, VERMILION, kinds_of
 
-__all__ = ["PANELS", "chosen", "trajectory_sheet"]
+__all__ = ["PANELS", "chosen", "marks", "trajectory_sheet"]
 
 PANELS = 12
 """Flights on the sheet."""
@@ -149,6 +149,14 @@ def _legend(rules: Rules) -> list[Line2D]:
         line([], [], color=BLUE, linewidth=1.5, marker="o", markersize=5, label="ownship, from its start"),
         line([], [], color=VERMILION, linestyle="--", marker="s", markersize=4.5, label="intruder, from its start"),
         line([], [], color="#555555", linestyle="", marker=".", label="every minute"),
+        *marks(rules),
+    ]
+
+
+def marks(rules: Rules) -> list[Line2D]:
+    """Return what a legend says of goal and closest approach on sheets of flights."""
+    line = Line2D
+    return [
         line([], [], color=GREEN, alpha=0.45, linestyle="", marker="o", markersize=9, label="goal"),
         line([], [], color="black", linestyle="", marker="D", markerfacecolor="white", label="closest approach"),
         line(

@@ -6,7 +6,7 @@ from typing import Any
 
 from agents.configuration import ConfigError
 
-__all__ = ["create", "write"]
+__all__ = ["create", "write", "write_found"]
 
 
 def create(folder: Path) -> None:
@@ -35,8 +35,13 @@ def write(folder: Path, name: str, found: dict[str, Any], figure: Any, dpi: int)
     """
     import matplotlib as mpl
 
-    (folder / f"{name}.json").write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_found(folder, name, found)
     # Neither a date nor random names, so that the same call gives the same files.
     with mpl.rc_context({"svg.hashsalt": "rlcas"}):
         figure.savefig(folder / f"{name}.png", dpi=dpi)
         figure.savefig(folder / f"{name}.svg", dpi=150, metadata={"Date": None})
+
+
+def write_found(folder: Path, name: str, found: dict[str, Any]) -> None:
+    """Write ``name.json`` alone: the figures, in JSON types."""
+    (folder / f"{name}.json").write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", encoding="utf-8")
