@@ -22,7 +22,7 @@ from envs.tracking import offset
 from envs.trees import column, take
 from envs.waypoints import Knots, at, legs
 from eval.film import Film
-from eval.simulate import OUTCOMES, REVERSAL_RATE, Flights
+from eval.simulate import OUTCOMES, Flights, turned_to
 
 __all__ = [
     "ROUTE_SPACING",
@@ -145,9 +145,9 @@ def fly_second(
         nearest = np.minimum(nearest, to_goal)
         path += 0.5 * PERIOD * (own.speed + moved.speed)
         error = np.maximum(error, np.hypot(*offset(moved, after)))
-        turning = np.where(np.abs(yaw_rate) >= REVERSAL_RATE, np.sign(yaw_rate), side)
-        reversals += turning * side < 0.0
-        own, other, side = moved, other_next, turning
+        side, reversed_ = turned_to(yaw_rate, side)
+        reversals += reversed_
+        own, other = moved, other_next
     return Second(own, separation, nearest, reached, path, error, side, reversals)
 
 

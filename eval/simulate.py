@@ -24,7 +24,7 @@ from envs.relative import distance, leg_separation
 from envs.trees import take
 from eval.film import Film, Trajectories
 
-__all__ = ["OUTCOMES", "REVERSAL_RATE", "Decider", "Flights", "OnStates", "direct", "fly", "sensor_noise"]
+__all__ = ["OUTCOMES", "REVERSAL_RATE", "Decider", "Flights", "OnStates", "direct", "fly", "sensor_noise", "turned_to"]
 
 Decider: TypeAlias = Callable[[np.ndarray], np.ndarray]
 """Observations ``[M, 8]`` (float32, the contract's) to actions ``[M, 2]`` in [-1, 1]."""
@@ -97,6 +97,17 @@ def direct(limits: Limits) -> Decider:
     return decide
 
 
+def turned_to(yaw_rate: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the side of the last turn after a command, and whether it changed; ``[...]``.
+
+    Args:
+        yaw_rate: as commanded, rad/s; straight below :data:`REVERSAL_RATE`.
+        side: of the last turn before: -1, 0 (none yet) or 1.
+    """
+    now = np.where(np.abs(yaw_rate) >= REVERSAL_RATE, np.sign(yaw_rate), side)
+    return now, now * side < 0.0
+
+
 def sensor_noise(seed: int, first: int, count: int, intruders: int) -> Callable[[int], np.ndarray]:
     """Return the sensors' noise by number of the step: standard normal draws ``[4, count, intruders]``."""
 
@@ -156,7 +167,7 @@ def fly(
         goal_distance = distance(air.goal_x - own.x, air.goal_y - own.y, np)
         outcome = judge(separation, goal_distance, step * dt, rules, np)
 
-        side = np.where(np.abs(yaw_rate) >= REVERSAL_RATE, np.sign(yaw_rate), air.side)
+        side, reversed_ = turned_to(yaw_rate, air.side)
         previous = air.previous if noise is None else (air.intruders.vehicle, air.previous[0])
         closer = separation < air.min_separation
         air = air._replace(
@@ -166,7 +177,7 @@ def fly(
             previous=previous,
             min_separation=np.minimum(separation, air.min_separation),
             time_of_min_separation=np.where(closer, step * dt, air.time_of_min_separation),
-            reversals=air.reversals + (side * air.side < 0.0),
+            reversals=air.reversals + reversed_,
             side=side,
             memory=memory,
         )

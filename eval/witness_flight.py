@@ -20,7 +20,7 @@ from envs.relative import distance, leg_separation
 from envs.trees import column, mapped, take
 from eval import simulate
 from eval.film import Film, Trajectories
-from eval.simulate import OUTCOMES, REVERSAL_RATE, Flights, OnStates
+from eval.simulate import OUTCOMES, Flights, OnStates, turned_to
 
 __all__ = ["ROUNDS", "Foresight", "ended", "fly_witnesses", "followed"]
 
@@ -130,7 +130,6 @@ def _reversals(yaw_rate: np.ndarray) -> np.ndarray:
     side = np.zeros(yaw_rate.shape[1])
     count = np.zeros(yaw_rate.shape[1], np.int32)
     for rate in yaw_rate:
-        new = np.where(np.abs(rate) >= REVERSAL_RATE, np.sign(rate), side)
-        count += new * side < 0.0
-        side = new
+        side, reversed_ = turned_to(rate, side)
+        count += reversed_
     return count
