@@ -89,12 +89,26 @@ class Batch(NamedTuple):
 
 
 def learner(actor: Actor, critic: Critic, settings: PpoSettings) -> Learner:
-    """Return networks with Adam and global-norm clipping; the learning rate is applied by :func:`update`."""
+    """Return networks with Adam and clipping; the learning rate is applied by :func:`update`.
+
+    The gradient of each network is clipped by its own norm: a critic that errs widely shall not shorten the actor's
+    step.
+    """
     optimizer = optax.chain(
-        optax.clip_by_global_norm(settings.max_grad_norm),
+        _clip_apart(settings.max_grad_norm),
         optax.scale_by_adam(eps=settings.adam_epsilon),
     )
     return Learner(actor, critic, optimizer)
+
+
+def _clip_apart(norm: float) -> optax.GradientTransformation:
+    """Return the scaling of each of several gradients, apart from the others, down to a global norm."""
+    clip = optax.clip_by_global_norm(norm)
+
+    def apart(gradients: Any, state: Any, params: Any = None) -> tuple[Any, Any]:
+        return tuple(clip.update(gradient, state)[0] for gradient in gradients), state
+
+    return optax.GradientTransformation(clip.init, apart)
 
 
 def initial_state(parts: Learner, key: jax.Array, observation_size: int) -> LearnerState:

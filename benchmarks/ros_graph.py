@@ -1,6 +1,7 @@
 """What benchmarks on a real ROS graph share: processes, their memory, places and routes as messages."""
 
 import math
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 from envs.kinematics import VehicleState
 from ros_bridge.geodesy import LocalFrame
 
-__all__ = ["FRAME", "ORIGIN", "PATIENCE", "placed", "resident", "start", "way"]
+__all__ = ["FRAME", "ORIGIN", "PATIENCE", "cores_stolen", "placed", "resident", "scheduled", "start", "way"]
 
 PATIENCE = 15.0
 """In which everything must happen, s."""
@@ -30,6 +31,29 @@ def resident(process: "subprocess.Popen[bytes]") -> float:
     status = Path(f"/proc/{process.pid}/status")
     lines = status.read_text().splitlines() if status.exists() else []
     return next((int(line.split()[1]) / 1024.0 for line in lines if line.startswith("VmRSS")), math.nan)
+
+
+def scheduled(process: "subprocess.Popen[Any]") -> tuple[float, float]:
+    """Return how long a process's threads have had a core, and how long they were ready and had none, s; or nan."""
+    threads = [Path(f"/proc/{process.pid}/task/{thread}/schedstat") for thread in _threads(process.pid)]
+    # Nanoseconds; the third figure counts the turns.
+    times = [line.split() for thread in threads if thread.exists() for line in thread.read_text().splitlines()]
+    if not times:
+        return math.nan, math.nan
+    return sum(int(one[0]) for one in times) * 1e-9, sum(int(one[1]) for one in times) * 1e-9
+
+
+def _threads(pid: int) -> list[str]:
+    there = Path(f"/proc/{pid}/task")
+    return [one.name for one in there.iterdir()] if there.exists() else []
+
+
+def cores_stolen() -> float:
+    """Return what the machine's host has taken from all its cores since it started, s; nan where nobody tells."""
+    counts = Path("/proc/stat")
+    if not counts.exists():
+        return math.nan
+    return int(counts.read_text().split()[8]) / os.sysconf("SC_CLK_TCK")
 
 
 def placed(state: VehicleState) -> tuple[tuple[float, float], float, float]:

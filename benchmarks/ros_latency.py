@@ -18,12 +18,12 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from benchmarks.measure import report
-from benchmarks.ros_graph import ORIGIN, PATIENCE, placed, resident, start, way
+from benchmarks.ros_graph import ORIGIN, PATIENCE, cores_stolen, placed, resident, scheduled, start, way
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
 from envs.starts import numbered
@@ -205,17 +205,31 @@ def restarted(caller: Caller, runner: "subprocess.Popen[bytes]", figures: dict[s
     return runner
 
 
-def activated() -> float:
-    """Return the time from the start of a runner's process until it says that it is active, s."""
-    began = time.perf_counter()
+class Start(NamedTuple):
+    """How a runner's process came to be active; seconds."""
+
+    wall: float
+    """From its start until it says so."""
+    worked: float
+    """What it had of the cores, all threads; nan where the system does not tell."""
+    waited: float
+    """What its threads were ready and had no core for, summed."""
+    stolen: float
+    """What the machine's own host took from all cores meanwhile."""
+
+
+def activated() -> Start:
+    """Start a runner, and end it as soon as it says that it is active."""
+    stolen, began = cores_stolen(), time.perf_counter()
     command = [sys.executable, "-m", "ros_bridge.runner"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as runner:
         assert runner.stdout is not None
         for line in runner.stdout:
             if line.rstrip().endswith("active"):
                 took = time.perf_counter() - began
+                started = Start(took, *scheduled(runner), cores_stolen() - stolen)
                 runner.terminate()
-                return took
+                return started
     raise SystemExit("the runner ended before it was active")
 
 
@@ -256,7 +270,10 @@ def flown(calls: int) -> dict[str, Any]:
                 figures[f"{kind}_{mark}_ms"] = 1e3 * float(np.percentile(values, share))
         figures["runner_resident_mib"] = resident(servers[0])
         ready = [activated() for _ in range(RESTARTS)]
-        figures |= {"start_to_active_median_s": float(np.median(ready)), "start_to_active_max_s": max(ready)}
+        wall = [one.wall for one in ready]
+        figures |= {"start_to_active_median_s": float(np.median(wall)), "start_to_active_max_s": max(wall)}
+        figures["starts_to_active_s"] = [round(one, 3) for one in sorted(wall)]
+        figures["slowest_start_s"] = max(ready)._asdict()
         servers[0] = restarted(caller, servers[0], figures)
         began = time.perf_counter()
         servers[0].terminate()

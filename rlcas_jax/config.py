@@ -45,11 +45,11 @@ class PpoConfig(Strict):
 
     environments: int = Field(default=1024, ge=1)
     """Encounters that are flown at the same time."""
-    rollout: int = Field(default=128, ge=1)
-    """Time steps that each of them is flown between two updates, 1 s each."""
+    rollout: int = Field(default=32, ge=1)
+    """Time steps that each of them is flown between two updates, 1 s each; short ones learn more from a step."""
     epochs: int = Field(default=4, ge=1, le=100)
     """Passes over a rollout in an update."""
-    minibatch: int = Field(default=4096, ge=2)
+    minibatch: int = Field(default=2048, ge=2)
     """Samples a gradient step; a divisor of environments times rollout."""
     segment: int = Field(default=16, ge=1)
     """Consecutive samples of one environment that stay together in a shuffle (shuffling single samples is slow on a
@@ -69,7 +69,7 @@ class PpoConfig(Strict):
     value: float = Field(default=0.5, gt=0.0)
     """Weight of the critic's squared error in the loss."""
     max_grad_norm: float = Field(default=0.5, gt=0.0)
-    """Gradients are scaled down to this global norm."""
+    """The gradients of actor and critic are each scaled down to this norm."""
     adam_epsilon: float = Field(default=1e-5, gt=0.0)
     """Adam's guard against a division by zero."""
     reward_scale: float = Field(default=0.01, gt=0.0)
@@ -125,12 +125,17 @@ class WorldConfig(RulesConfig):
 
 
 class ShapingConfig(Strict):
-    """Potential-based hints in units of the scaled reward; they leave the optimal policy and the score as they are."""
+    """What learning is paid besides the task's reward, in units of the scaled reward; scores never contain it.
+
+    The potentials (goal, conflict) leave the optimal policy as it is; the price (turn) does not.
+    """
 
     goal: float = Field(default=0.0, ge=0.0)
     """Worth of 10 km less to the goal."""
     conflict: float = Field(default=0.0, ge=0.0)
     """Worth of a predicted closest approach at the required separation instead of at 0 m."""
+    turn: float = Field(default=0.0, ge=0.0)
+    """Price of a time step (1 s) of full turn; half a turn rate costs a quarter of it."""
 
 
 class EvaluationConfig(Strict):

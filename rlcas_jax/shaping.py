@@ -1,4 +1,7 @@
-"""Potential-based shaping (Ng, Harada, Russell 1999): hints that leave the optimal policy as it is."""
+"""What learning is paid besides the reward: hints by a potential, which leave the optimal policy as it is, and a price.
+
+Potential-based shaping: Ng, Harada, Russell 1999.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -7,7 +10,7 @@ from envs.kinematics import VehicleState
 from envs.relative import distance, straight_cpa
 from envs.surrogate import State
 
-__all__ = ["potential", "shaped"]
+__all__ = ["potential", "price", "shaped"]
 
 
 def potential(state: State, goal_weight: float, conflict_weight: float, separation: float) -> jax.Array:
@@ -31,3 +34,16 @@ def potential(state: State, goal_weight: float, conflict_weight: float, separati
 def shaped(before: jax.Array, after: jax.Array, terminated: jax.Array, discount: float) -> jax.Array:
     """Return the shaping reward of a step: the discounted gain in potential, which is 0 once terminated."""
     return discount * jnp.where(terminated, 0.0, after) - before
+
+
+def price(yaw_rate: jax.Array, full: float) -> jax.Array:
+    """Return what a step's turn costs, ``[N]``, in units of the scaled reward.
+
+    Without it a turn that leads nowhere costs next to nothing, and a policy keeps wider of the others, and swerves more
+    often, than it must.
+
+    Args:
+        yaw_rate: as commanded, 1 at the limit; what is beyond is not flown.
+        full: cost of a step at the limit; it falls with the square.
+    """
+    return full * jnp.square(jnp.clip(yaw_rate, -1.0, 1.0))

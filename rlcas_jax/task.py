@@ -16,7 +16,7 @@ from envs.outcome import Outcome, Rules
 from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import AXIS, Devices
-from rlcas_jax.shaping import potential, shaped
+from rlcas_jax.shaping import potential, price, shaped
 
 __all__ = ["Task", "TrainState", "build", "fly"]
 
@@ -231,6 +231,8 @@ def _training_environment(
         reward = config.ppo.reward_scale * result.reward + shaped(
             worth(state), worth(following), following.ended, config.ppo.discount
         )
+        if shaping.turn:
+            reward = reward - price(action[:, 1], shaping.turn)
         return following, Step(reward, following.ended, (result.reward, result.outcome))
 
     def restart(state: surrogate.State, index: jax.Array) -> surrogate.State:

@@ -74,6 +74,7 @@ CHANGED: dict[str, str] = {
     "pool_rows": "4",
     "shaping.goal": "0.5",
     "shaping.conflict": "0.5",
+    "shaping.turn": "0.1",
 }
 
 ELSEWHERE = {

@@ -14,7 +14,7 @@ from envs import surrogate
 from envs.encounters import padded, sample, scenario
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
-from rlcas_jax.shaping import potential, shaped
+from rlcas_jax.shaping import potential, price, shaped
 
 WORLD = surrogate.World(RULES, SURROGATE)
 COUNT, STEPS = 128, 300
@@ -41,6 +41,16 @@ def test_shaping_telescopes_to_the_starts_potential(potentials: list[float], dis
 def test_only_termination_forfeits_the_potential() -> None:
     before, after, ended = np.float32([3.0, 3.0]), np.float32([5.0, 5.0]), np.array([False, True])
     np.testing.assert_allclose(shaped(before, after, ended, 0.9), [0.9 * 5.0 - 3.0, -3.0], rtol=1e-6)
+
+
+@given(st.floats(-5.0, 5.0), st.floats(0.0, 1.0))
+def test_a_turn_costs_the_same_to_either_side_and_at_most_the_full_price(yaw_rate: float, full: float) -> None:
+    costs = np.asarray(price(jnp.float32([yaw_rate, -yaw_rate, 0.0]), full))
+    assert costs[0] == costs[1]
+    assert costs[2] == 0.0
+    assert 0.0 <= costs[0] <= np.float32(full)
+    if abs(yaw_rate) >= 1.0:
+        assert costs[0] == np.float32(full)
 
 
 def state_of(name: str, most: int = 1, count: int = COUNT) -> surrogate.State:
