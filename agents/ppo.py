@@ -105,8 +105,8 @@ def _clip_apart(norm: float) -> optax.GradientTransformation:
     """Return the scaling of each of several gradients, apart from the others, down to a global norm."""
     clip = optax.clip_by_global_norm(norm)
 
-    def apart(gradients: Any, state: Any, params: Any = None) -> tuple[Any, Any]:
-        return tuple(clip.update(gradient, state)[0] for gradient in gradients), state
+    def apart(updates: Any, state: Any, params: Any = None) -> tuple[Any, Any]:
+        return tuple(clip.update(gradient, state)[0] for gradient in updates), state
 
     return optax.GradientTransformation(clip.init, apart)
 

@@ -16,7 +16,8 @@ from agents.configuration import ConfigError
 from envs import surrogate
 from envs.observation import SIZE
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.shaping import potential, shaped
+from rlcas_jax.shaping import paid, worth
+from rlcas_jax.starts import draw
 
 __all__ = ["TrainingFlight", "check"]
 
@@ -94,16 +95,8 @@ class TrainingFlight:
 def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
     """Return the functions that draw a pool, begin from its first row, and fly a step."""
     count, feature_set = config.ppo.environments, config.network.feature_set
-    rules = config.world.rules()
-    if config.world.separation_spread > 0.0:
-        rules = rules._replace(separation=jnp.asarray(config.world.demanded(count)))
-    world = surrogate.World(rules, config.world.limits())
+    world = surrogate.World(config.world.rules(), config.world.limits())
     scenarios = [entry.scenario() for entry in config.scenarios]
-    total = sum(entry.weight for entry in config.scenarios)
-    weights = [entry.weight / total for entry in config.scenarios]
-
-    def worth(state: surrogate.State) -> jax.Array:
-        return potential(state, config.shaping.goal, config.shaping.conflict, config.world.separation)
 
     def seen(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
         observation = surrogate.observe(state)
@@ -111,9 +104,8 @@ def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
         hand = jnp.broadcast_to(features.side(components, feature_set, jnp), (count,))
         return hand, jnp.stack(features.features(components, feature_set, jnp), axis=-1)
 
-    def draw(key: jax.Array) -> surrogate.State:
-        pool = surrogate.redraw_pool(key, scenarios, weights, config.pool_rows, count)
-        return jax.vmap(surrogate.reset)(pool)
+    def drawn(key: jax.Array) -> surrogate.State:
+        return draw(key, config, scenarios, config.pool_rows)
 
     def begin(pool: surrogate.State) -> tuple[surrogate.State, jax.Array, jax.Array]:
         state = jax.tree.map(lambda rows: rows[0], pool)
@@ -123,12 +115,11 @@ def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
         state: surrogate.State, hand: jax.Array, action: jax.Array, pool: surrogate.State, row: int
     ) -> tuple[surrogate.State, jax.Array, jax.Array, jax.Array]:
         moved, result = surrogate.step(state, (action[:, 0], action[:, 1] * hand), world)
-        reward = config.ppo.reward_scale * result.reward + shaped(
-            worth(state), worth(moved), moved.ended, config.ppo.discount
-        )
+        before, after = worth(state, config), worth(moved, config)
+        reward = paid(result.reward, before, after, moved.ended, action[:, 1], config)
         # The barrier keeps the compiler from flying the step again for every field that the restart chooses.
         moved, reward = jax.lax.optimization_barrier((moved, reward))
         following = surrogate.restart(moved, jax.tree.map(lambda rows: rows[row], pool))
         return following, *seen(following), jnp.stack([reward, result.reward, moved.ended], axis=-1)
 
-    return jax.jit(draw), jax.jit(begin), jax.jit(step, donate_argnums=0)
+    return jax.jit(drawn), jax.jit(begin), jax.jit(step, donate_argnums=0)

@@ -44,6 +44,8 @@ class State(NamedTuple):
     """s since the start of each encounter."""
     ended: jax.Array
     """Whether the encounter's last step has been taken, bool."""
+    demanded: jax.Array | None = None
+    """Separation by which each encounter is judged, m; None: that of the rules."""
 
 
 class StepResult(NamedTuple):
@@ -57,12 +59,13 @@ class StepResult(NamedTuple):
     """At the end of the step, m."""
 
 
-def reset(encounter: Encounter, *, late_reports: bool = False) -> State:
+def reset(encounter: Encounter, *, late_reports: bool = False, demanded: jax.Array | None = None) -> State:
     """Begin encounters ``[N]``.
 
     Args:
         encounter: the starts.
         late_reports: keep the history of the intruders that reports with latency need.
+        demanded: separation by which each is judged instead of the rules', m, ``[N]``.
     """
     flown = intruder.start(encounter.intruders, jnp)
     previous = None
@@ -80,6 +83,7 @@ def reset(encounter: Encounter, *, late_reports: bool = False) -> State:
         previous,
         jnp.zeros_like(encounter.goal_x),
         jnp.zeros(jnp.shape(encounter.goal_x), bool),
+        demanded,
     )
 
 
@@ -107,6 +111,8 @@ def step(state: State, action: tuple[jax.Array, jax.Array], world: World) -> tup
         world: parameters.
     """
     rules = world.rules
+    if state.demanded is not None:
+        rules = rules._replace(separation=state.demanded)
     dt = rules.dt
     traffic = intruder.step(state.intruders, state.intent, state.time[:, None], dt, jnp)
     acceleration, yaw_rate = commands(action, world.limits, jnp)

@@ -112,6 +112,9 @@ class WorldConfig(RulesConfig):
     separation_spread: float = Field(default=0.0, ge=0.0)
     """The environments ask for separations spread evenly from `separation` to this much more, m, and none of them says
     for which: what comes closer is lost the more often, the closer it comes."""
+    separation_headroom: float | None = Field(default=None, ge=0.0)
+    """Encounters that begin closer than `separation` and this, m, are asked for `separation` alone, others for no more
+    beyond it than they begin beyond that; null: all alike. What begins near the limit has nothing to spare."""
 
     def demanded(self, environments: int) -> np.ndarray:
         """Return the separation that each environment asks for, m, ``[environments]``, mixed over their numbers."""

@@ -9,8 +9,9 @@ import jax.numpy as jnp
 from envs.kinematics import VehicleState
 from envs.relative import distance, straight_cpa
 from envs.surrogate import State
+from rlcas_jax.config import TrainConfig
 
-__all__ = ["potential", "price", "shaped"]
+__all__ = ["paid", "potential", "price", "shaped", "worth"]
 
 
 def potential(state: State, goal_weight: float, conflict_weight: float, separation: float) -> jax.Array:
@@ -47,3 +48,30 @@ def price(yaw_rate: jax.Array, full: float) -> jax.Array:
         full: cost of a step at the limit; it falls with the square.
     """
     return full * jnp.square(jnp.clip(yaw_rate, -1.0, 1.0))
+
+
+def worth(state: State, config: TrainConfig) -> jax.Array:
+    """Return the potential of each encounter under a configuration, ``[N]``."""
+    return potential(state, config.shaping.goal, config.shaping.conflict, config.world.separation)
+
+
+def paid(
+    reward: jax.Array,
+    before: jax.Array,
+    after: jax.Array,
+    terminated: jax.Array,
+    yaw_rate: jax.Array,
+    config: TrainConfig,
+) -> jax.Array:
+    """Return what a step is worth to the learner, ``[N]``: the scaled reward with everything besides it.
+
+    Args:
+        reward: the task's.
+        before: :func:`worth` of the state before the step.
+        after: the same after it.
+        terminated: the step ended its encounter.
+        yaw_rate: as commanded, 1 at the limit.
+        config: scale, discount and shaping.
+    """
+    total = config.ppo.reward_scale * reward + shaped(before, after, terminated, config.ppo.discount)
+    return total - price(yaw_rate, config.shaping.turn) if config.shaping.turn else total

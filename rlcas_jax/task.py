@@ -16,7 +16,8 @@ from envs.outcome import Outcome, Rules
 from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import AXIS, Devices
-from rlcas_jax.shaping import potential, price, shaped
+from rlcas_jax.shaping import paid, worth
+from rlcas_jax.starts import draw, late
 
 __all__ = ["Task", "TrainState", "build", "fly"]
 
@@ -77,29 +78,19 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
     parts = ppo.learner(actor, Critic(hidden, feature_set), settings)._replace(axis=devices.axis)
     world = surrogate.World(config.world.rules(), config.world.limits())
     scenarios = [entry.scenario() for entry in config.scenarios]
-    total_weight = sum(entry.weight for entry in config.scenarios)
-    weights = [entry.weight / total_weight for entry in config.scenarios]
     count, steps, axis = config.ppo.environments, config.ppo.rollout, devices.axis
     updates = max(1, config.steps // (count * steps))
-    demanded = jnp.asarray(config.world.demanded(count)) if config.world.separation_spread > 0.0 else None
-
-    def starts(key: jax.Array, rows: int) -> surrogate.State:
-        pool = surrogate.redraw_pool(key, scenarios, weights, rows, count)
-        return jax.vmap(lambda row: surrogate.reset(row, late_reports=_late(scenarios)))(pool)
 
     def initial() -> TrainState:
         learner_key, start_key, key = jax.random.split(jax.random.key(config.seed), 3)
         learner = ppo.initial_state(parts, learner_key, observation.SIZE)
-        environment = jax.tree.map(lambda a: a[0], starts(start_key, 1))
+        environment = jax.tree.map(lambda a: a[0], draw(start_key, config, scenarios, 1))
         return TrainState(learner, environment, jax.random.key_data(key), jnp.zeros((), jnp.int32))
 
     def practise(state: Any, drawn: _Drawn, rate: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
         """Fly and learn; on several devices with the encounters of one of them."""
         learner, flying = state
-        flown_in = world
-        if drawn.demanded is not None:
-            flown_in = world._replace(rules=world.rules._replace(separation=drawn.demanded))
-        environment = _training_environment(config, flown_in, drawn.pool, scenarios)
+        environment = _training_environment(config, world, drawn.pool, scenarios)
         key = drawn.observe_key if axis is None else jax.random.fold_in(drawn.observe_key, jax.lax.axis_index(axis))
         flown, samples, statistics, figures = collect(
             learner, flying, drawn.noise, key, environment, parts, config.ppo.discount, config.ppo.gae_lambda
@@ -109,7 +100,7 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
 
     if devices.mesh is not None:
         whole, split, second = PartitionSpec(), PartitionSpec(AXIS), PartitionSpec(None, AXIS)
-        drawn_specs = _Drawn(second, second, None if demanded is None else split, whole, whole)
+        drawn_specs = _Drawn(second, second, whole, whole)
         # Without the check of what varies: it would add up the gradients before they can be averaged by name.
         practise = jax.shard_map(
             practise,
@@ -122,10 +113,11 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
     def update(state: TrainState) -> tuple[TrainState, dict[str, jax.Array]]:
         pool_key, rollout_key, shuffle_key, key = jax.random.split(jax.random.wrap_key_data(state.key), 4)
         noise_key, observe_key = jax.random.split(rollout_key)
-        pool, noise = starts(pool_key, config.pool_rows), jax.random.normal(noise_key, (steps, count, 2))
+        pool = draw(pool_key, config, scenarios, config.pool_rows)
+        noise = jax.random.normal(noise_key, (steps, count, 2))
         done = state.update.astype(jnp.float32) / updates
         rate = config.ppo.learning_rate + (config.ppo.learning_rate_final - config.ppo.learning_rate) * done
-        drawn = _Drawn(pool, noise, demanded, observe_key, shuffle_key)
+        drawn = _Drawn(pool, noise, observe_key, shuffle_key)
         (learner, flown), figures = practise((state.learner, state.environment), drawn, rate)
         finite = jax.tree.reduce(jnp.logical_and, jax.tree.map(lambda p: jnp.all(jnp.isfinite(p)), learner))
         std = jnp.exp(learner.actor["params"]["log_std"])
@@ -165,8 +157,6 @@ class _Drawn(NamedTuple):
     """Starts, ``[rows, N]``."""
     noise: Any
     """Of the actions, ``[T, N, 2]``."""
-    demanded: Any
-    """Separation that each environment asks for, ``[N]``; None where all ask for the same."""
     observe_key: Any
     shuffle_key: Any
 
@@ -205,22 +195,14 @@ def fly(policy: Callable[[jax.Array], jax.Array], encounter: Encounter, world: s
     return outcome
 
 
-def _late(scenarios: list[Scenario]) -> bool:
-    return any(scenario.latency[1] > 0.0 for scenario in scenarios)
-
-
 def _noisy(scenarios: list[Scenario]) -> bool:
-    return _late(scenarios) or any(s.position_std > 0.0 or s.velocity_std > 0.0 for s in scenarios)
+    return late(scenarios) or any(s.position_std > 0.0 or s.velocity_std > 0.0 for s in scenarios)
 
 
 def _training_environment(
     config: TrainConfig, world: surrogate.World, pool: surrogate.State, scenarios: list[Scenario]
 ) -> Environment:
     """Return the surrogate with scaled reward and shaping; an encounter that ends restarts from the pool's row."""
-    shaping = config.shaping
-
-    def worth(state: surrogate.State) -> jax.Array:
-        return potential(state, shaping.goal, shaping.conflict, config.world.separation)
 
     def observe(state: surrogate.State, key: jax.Array) -> jax.Array:
         noise = jax.random.normal(key, (4, *state.mask.shape)) if _noisy(scenarios) else None
@@ -228,11 +210,8 @@ def _training_environment(
 
     def step(state: surrogate.State, action: jax.Array) -> tuple[surrogate.State, Step]:
         following, result = surrogate.step(state, (action[:, 0], action[:, 1]), world)
-        reward = config.ppo.reward_scale * result.reward + shaped(
-            worth(state), worth(following), following.ended, config.ppo.discount
-        )
-        if shaping.turn:
-            reward = reward - price(action[:, 1], shaping.turn)
+        before, after = worth(state, config), worth(following, config)
+        reward = paid(result.reward, before, after, following.ended, action[:, 1], config)
         return following, Step(reward, following.ended, (result.reward, result.outcome))
 
     def restart(state: surrogate.State, index: jax.Array) -> surrogate.State:

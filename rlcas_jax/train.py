@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from agents.configuration import ConfigError, run_cli
 from rlcas_jax.cli import Options, parse, prepare
@@ -21,6 +22,7 @@ def _train(options: Options) -> int:
     if options.processes is None or options.processes.number == 0:
         prepare(options)
     # Imported here: --help and bad input must not wait for JAX.
+    from agents.policy_file import PolicyFileError
     from rlcas_jax.checkpoint import CheckpointError
     from rlcas_jax.devices import connect, first
     from rlcas_jax.figures import training_figures
@@ -44,9 +46,14 @@ def _train(options: Options) -> int:
         except TrainingError as problem:
             print(f"error: {problem}", file=sys.stderr)
             return FAILED
+        except OSError as problem:
+            return _unwritten(job.directory, problem)
         reporter.note("judging the policy")
         if writes:
-            summaries.append(finish(done))
+            try:
+                summaries.append(finish(done))
+            except (OSError, PolicyFileError) as problem:
+                return _unwritten(job.directory, problem)
         if not done.finished:
             interrupted = True
             break
@@ -58,6 +65,16 @@ def _train(options: Options) -> int:
     if interrupted:
         print(f"interrupted: go on with  python -m rlcas_jax.train --resume {options.directory}")
     return INTERRUPTED if interrupted else 0
+
+
+def _unwritten(directory: Path, problem: Exception) -> int:
+    """Say that a run's files cannot be written (a full disk, a folder that has gone), and return the exit status."""
+    print(
+        f"error: {problem}; once there is room again, what was saved goes on with  "
+        f"python -m rlcas_jax.train --resume {directory}",
+        file=sys.stderr,
+    )
+    return FAILED
 
 
 if __name__ == "__main__":

@@ -73,10 +73,8 @@ def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: st
     flight = TrainingFlight(config)
     inputs = flight.reset()
     state, pool = jax.tree.map(jnp.array, flight._state), flight._pool
-    rules = config.world.rules()._replace(separation=jnp.asarray(config.world.demanded(8)))
-    ours = task._training_environment(
-        config, surrogate.World(rules, config.world.limits()), pool, [s.scenario() for s in config.scenarios]
-    )
+    world = surrogate.World(config.world.rules(), config.world.limits())
+    ours = task._training_environment(config, world, pool, [s.scenario() for s in config.scenarios])
 
     @jax.jit
     def seen_by_networks(state: surrogate.State) -> tuple[jax.Array, jax.Array]:

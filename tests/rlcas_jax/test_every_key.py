@@ -52,6 +52,7 @@ CHANGED: dict[str, str] = {
     "world.t_max": "200.0",
     "world.separation": "900.0",
     "world.separation_spread": "100.0",
+    "world.separation_headroom": "100.0",
     "world.goal_radius": "400.0",
     "world.reward_violation": "-50.0",
     "world.reward_goal": "50.0",
@@ -128,8 +129,13 @@ def test_the_program_does_not_change_by_itself(base: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("key", CHANGED)
 def test_a_key_changes_the_program(key: str, base: str) -> None:
-    more = ["ppo.minibatch=16"] if key == "scenarios.0.intruders" else []
-    assert program(f"{key}={CHANGED[key]}", *more) != base
+    more = {"scenarios.0.intruders": "ppo.minibatch=16", "world.separation_headroom": "world.separation_spread=80"}.get(
+        key
+    )
+    if more is None:
+        assert program(f"{key}={CHANGED[key]}") != base
+    else:
+        assert program(f"{key}={CHANGED[key]}", more) != program(more)
 
 
 def test_what_is_judged_by_has_keys_of_its_own() -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -168,6 +169,21 @@ def test_what_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpoint(con
     assert str(kept) in done.stderr
     state, _ = checkpoint.restore(kept, like=build(load(TrainConfig, out / "config.yaml")).initial())
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(state.learner))
+
+
+def test_a_run_whose_files_cannot_be_written_says_so_and_goes_on_later(uninterrupted: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(uninterrupted, copy)
+    (copy / "policy.safetensors").unlink()
+    (copy / "policy.safetensors").mkdir()
+    done = train("--resume", copy, "--quiet")
+    assert done.returncode == 1, done.stderr
+    assert "policy.safetensors: cannot be written" in done.stderr
+    assert f"--resume {copy}" in done.stderr
+    assert "Traceback" not in done.stderr
+    (copy / "policy.safetensors").rmdir()
+    assert train("--resume", copy, "--quiet").returncode == 0
+    assert (copy / "policy.safetensors").read_bytes() == (uninterrupted / "policy.safetensors").read_bytes()
 
 
 def test_a_resumed_run_must_be_the_run_that_was_begun(uninterrupted: Path, tmp_path: Path) -> None:

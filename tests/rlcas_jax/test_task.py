@@ -13,6 +13,7 @@ from envs.encounters import Encounter, scenario
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES, Outcome
 from rlcas_jax.config import TrainConfig
+from rlcas_jax.starts import asked
 from rlcas_jax.task import Task, TrainState, build, fly
 
 SMALL = [
@@ -142,11 +143,28 @@ def test_environments_ask_for_separations_spread_over_the_range() -> None:
         np.testing.assert_allclose(np.sort(demanded[first : first + 64]), np.linspace(1_000.0, 1_080.0, 64), atol=3.0)
 
 
-def test_each_environment_is_lost_by_the_separation_that_it_asks_for() -> None:
+def test_what_begins_near_the_limit_is_asked_for_no_more_than_it_can_spare() -> None:
+    pool = jax.tree.map(lambda field: field.reshape(4, 16, *field.shape[1:]), starts(64))
+    begins = np.hypot(*(np.asarray(pool.intruders[i][..., 0] - pool.own[i]) for i in (0, 1)))
+    config = ["world.separation_spread=4000", "world.separation_headroom=500"]
+    world = load(TrainConfig, None, config).world
+    demanded = np.asarray(asked(pool, world))
+    alike = np.broadcast_to(world.demanded(16), (4, 16))
+    np.testing.assert_array_equal(asked(pool, world.model_copy(update={"separation_headroom": None})), alike)
+    assert asked(pool, world.model_copy(update={"separation_spread": 0.0})) is None
+    np.testing.assert_array_equal(demanded[begins <= 1_500.0], 1_000.0)
+    expected = np.minimum(alike, 1_000.0 + np.maximum(begins - 1_500.0, 0.0))
+    np.testing.assert_allclose(demanded, expected, rtol=1e-5)
+    assert np.any(demanded < alike)
+    assert np.any(demanded == alike)
+
+
+def test_each_encounter_is_lost_by_the_separation_that_it_is_asked_for() -> None:
     drawn = starts(64)
     demanded = load(TrainConfig, None, ["world.separation_spread=4000"]).world.demanded(64)
-    world = surrogate.World(RULES._replace(separation=jnp.asarray(demanded)), SURROGATE)
-    state, result = surrogate.step(surrogate.reset(drawn), (jnp.zeros(64), jnp.zeros(64)), world)
+    world = surrogate.World(RULES, SURROGATE)
+    begun = surrogate.reset(drawn, demanded=jnp.asarray(demanded))
+    state, result = surrogate.step(begun, (jnp.zeros(64), jnp.zeros(64)), world)
     assert result.outcome.violation.sum() not in (0, 64)
     np.testing.assert_array_equal(result.outcome.violation, result.separation < demanded)
     np.testing.assert_array_equal(state.ended, result.outcome.ended(jnp))
