@@ -11,10 +11,8 @@ from rlcas_msgs.msg import AircraftState, Trajectory, Waypoint
 from std_msgs.msg import Header
 from unique_identifier_msgs.msg import UUID
 
-from agents.plan import WAYPOINTS, Plan, Source
-from agents.request import Altitude
-from envs.waypoints import Waypoint as LocalWaypoint
-from ros_bridge.answers import backup_points, plan_points, start_point
+from agents.plan import Plan, Source
+from ros_bridge.answers import plan_points, start_point
 from ros_bridge.conversions import (
     ALTITUDE,
     ALTITUDE_CODES,
@@ -30,21 +28,17 @@ from ros_bridge.conversions import (
     VERTICAL_SPEED,
     WIND,
     PlanPoint,
-    trajectory,
 )
-from ros_bridge.fields import SECOND, FieldError
+from ros_bridge.fields import SECOND
 from ros_bridge.picture import Task
 from ros_bridge.tracks import Report
-from ros_bridge.watching import Published, Watching
 
 __all__ = [
     "aircraft_message",
-    "backup_message",
     "header",
     "identity",
     "plan_message",
     "point_message",
-    "published_of",
     "time_message",
     "uuid_of",
 ]
@@ -142,45 +136,6 @@ def aircraft_message(report: Report, frame: str = "") -> AircraftState:
         message.valid |= WIND
         message.wind = Vector3(x=report.wind[0], y=report.wind[1])
     return message
-
-
-def published_of(message: Trajectory, name: str = "trajectory") -> Published:
-    """Return a SAFE plan as the monitor reads it.
-
-    Raises:
-        FieldError: it is not called SAFE, or a field is not finite, out of range or inconsistent.
-    """
-    if message.status != Trajectory.STATUS_SAFE:
-        raise FieldError(f"{name}.status", f"is {message.status}, expected {Trajectory.STATUS_SAFE} (SAFE)")
-    if len(message.waypoints) != WAYPOINTS:
-        raise FieldError(f"{name}.waypoints", f"has {len(message.waypoints)} points, expected {WAYPOINTS}")
-    began, start, points = trajectory(message, name)
-    unique = uuid_of(message.id).bytes
-    return Published(unique, message.revision, began, start, points, tuple(message.intruder_ids))
-
-
-def backup_message(
-    watching: Watching, altitude: Altitude | None, frame: str, revision: int, unique: uuid.UUID
-) -> Trajectory:
-    """Return the backup at hand as a trajectory of status BACKUP."""
-    backup = watching.watch.monitor.backup
-    began = watching.zero + round(float(backup.started[0]) * SECOND)
-    rows = np.stack([values[0] for values in backup.knots], axis=-1).tolist()
-    every = [LocalWaypoint(number, *row) for number, row in enumerate(rows)]
-    local = watching.frame
-    assert local is not None, "a backup has a frame"
-    start, *points = backup_points(local, every, began, altitude)
-    return Trajectory(
-        header=header(began, frame),
-        id=identity(unique),
-        revision=revision,
-        status=Trajectory.STATUS_BACKUP,
-        min_separation=-1.0,
-        time_of_min_separation=-1.0,
-        rejoin_index=-1,
-        start=point_message(start),
-        waypoints=[point_message(point) for point in points],
-    )
 
 
 def _kept(plan: Plan, task: Task) -> Iterable[str]:

@@ -38,7 +38,8 @@ from agents.watch import Ask, Verdict
 from ros_bridge import hearing, parameters, process, qos, views
 from ros_bridge.fields import SECOND, FieldError
 from ros_bridge.listening import ListeningNode
-from ros_bridge.messages import backup_message, header, published_of
+from ros_bridge.messages import header
+from ros_bridge.monitor_messages import backup_message, published_of
 from ros_bridge.picture import Picture
 from ros_bridge.tracks import forgotten
 from ros_bridge.watching import NOTHING, Published, activated, answered, fly, stepped, withdrawn
