@@ -35,17 +35,11 @@ def resident(process: "subprocess.Popen[bytes]") -> float:
 
 def scheduled(process: "subprocess.Popen[Any]") -> tuple[float, float]:
     """Return how long a process's threads have had a core, and how long they were ready and had none, s; or nan."""
-    threads = [Path(f"/proc/{process.pid}/task/{thread}/schedstat") for thread in _threads(process.pid)]
     # Nanoseconds; the third figure counts the turns.
-    times = [line.split() for thread in threads if thread.exists() for line in thread.read_text().splitlines()]
+    times = [thread.read_text().split() for thread in Path(f"/proc/{process.pid}/task").glob("*/schedstat")]
     if not times:
         return math.nan, math.nan
     return sum(int(one[0]) for one in times) * 1e-9, sum(int(one[1]) for one in times) * 1e-9
-
-
-def _threads(pid: int) -> list[str]:
-    there = Path(f"/proc/{pid}/task")
-    return [one.name for one in there.iterdir()] if there.exists() else []
 
 
 def cores_stolen() -> float:

@@ -1,12 +1,10 @@
 """The training run as a whole: repeatable, resumable after anything, and loud when it goes wrong."""
 
 import json
-import os
 import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -44,18 +42,7 @@ def command(*arguments: object) -> list[str]:
 
 
 def train(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        command(*arguments), capture_output=True, text=True, timeout=300, check=False, env=environment()
-    )
-
-
-def environment() -> dict[str, str]:
-    """Return the environment of a training: all of them share what JAX has compiled."""
-    cache = Path(tempfile.gettempdir()) / f"rlcas-test-compiled-{os.getuid()}"
-    return os.environ | {
-        "JAX_COMPILATION_CACHE_DIR": str(cache),
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-    }
+    return subprocess.run(command(*arguments), capture_output=True, text=True, timeout=300, check=False)
 
 
 def stop_midway(out: Path, config_file: Path, number: signal.Signals) -> tuple[int, str]:
@@ -65,7 +52,6 @@ def stop_midway(out: Path, config_file: Path, number: signal.Signals) -> tuple[i
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        env=environment(),
     )
     deadline = time.monotonic() + 120
     while time.monotonic() < deadline and process.poll() is None:
@@ -117,7 +103,7 @@ def test_resuming_after_a_kill_equals_an_uninterrupted_run(
     uninterrupted: Path, config_file: Path, tmp_path: Path
 ) -> None:
     killed = tmp_path / "killed"
-    process = subprocess.Popen(command("--config", config_file, "--out", killed, "--quiet"), env=environment())
+    process = subprocess.Popen(command("--config", config_file, "--out", killed, "--quiet"))
     deadline = time.monotonic() + 120
     while time.monotonic() < deadline and process.poll() is None:
         if 5 <= len(metrics.read(killed / metrics.FILE).get("update", ())) < UPDATES:
