@@ -1,6 +1,7 @@
 """Training on several devices and in several processes: the same steps as on one, and nothing lost on the way."""
 
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -16,7 +17,6 @@ from rlcas_jax import metrics
 from rlcas_jax.cli import Processes, parse
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.task import _check_split
-from tests.rlcas_jax.test_loop import environment
 
 # One minibatch and one epoch: nothing depends on who shuffles what.
 WHOLE = """\
@@ -45,7 +45,7 @@ def start(*arguments: object) -> "subprocess.Popen[str]":
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        env=environment() | {"XLA_FLAGS": ""},
+        env=os.environ | {"XLA_FLAGS": ""},
     )
 
 
