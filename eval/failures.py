@@ -3,6 +3,7 @@
 import argparse
 import csv
 from collections.abc import Mapping, Sequence
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,8 @@ Group the encounters in which a run of eval.monte_carlo failed and that are not 
 distance at the start; and draw some of each group beside a flight that would have succeeded.
 
 Written to --out, a new or empty folder: failures.json (the groups), failures.csv (a row a failure, all columns of the
-run) and failures.png, .svg (the cases, taken evenly from each group)."""
+run), encounters.csv (their starts, to be flown again by eval.monte_carlo --scenario file:F, or to be practised in a
+training: practice.encounters) and failures.png, .svg (the cases, taken evenly from each group)."""
 
 _EPILOG = """\
 example:
@@ -42,6 +44,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     if options.cases > _MOST:
         raise ConfigError(f"--cases is {options.cases}, expected 0 to {_MOST}")
+    from envs import encounter_file
+    from envs.intruder import Intent
+    from envs.starts import joined
+    from eval.chunks import encounters
     from eval.failure_groups import described, failures, grouped, representatives
     from eval.report_flights import evaluation_of, fly_again
     from eval.report_run import read_run
@@ -62,6 +68,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "cases": chosen,
     }
     _write_rows(options.out / "failures.csv", table, failures(table))
+    numbers = [int(number) for number in table["encounter"][failures(table)]]
+    if numbers:
+        starts = reduce(joined, (encounters(evaluation, number, 1) for number in numbers))
+        if isinstance(starts.intent, Intent):  # what was recorded is no row of such a file
+            encounter_file.write(options.out / "encounters.csv", starts, [str(number) for number in numbers])
     if chosen:
         from eval.failure_sheet import sheet
 

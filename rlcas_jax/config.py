@@ -18,6 +18,7 @@ __all__ = [
     "EvaluationConfig",
     "NetworkConfig",
     "PpoConfig",
+    "PracticeConfig",
     "ShapingConfig",
     "TrainConfig",
     "WorldConfig",
@@ -58,6 +59,9 @@ class PpoConfig(Strict):
     """Step size of Adam at the start."""
     learning_rate_final: float = Field(default=0.0, ge=0.0, le=1.0)
     """Step size at the end; it changes linearly with the steps."""
+    noise_memory: float = Field(default=0.0, ge=0.0)
+    """Time constant with which the noise of the actions forgets, s (Hollenstein et al. 2024); 0: drawn anew each step.
+    What lasts leads further from the path that is flown anyway. Its spread at any step stays the same."""
     discount: float = Field(default=0.995, gt=0.0, le=1.0)
     """Worth of a reward one time step (1 s) later."""
     gae_lambda: float = Field(default=0.95, ge=0.0, le=1.0)
@@ -141,6 +145,19 @@ class ShapingConfig(Strict):
     """Price of a time step (1 s) of full turn; half a turn rate costs a quarter of it."""
 
 
+class PracticeConfig(Strict):
+    """Encounters of one's own that are practised again and again, such as those in which an earlier policy failed."""
+
+    encounters: Path | None = None
+    """File of encounters (docs/evaluation.md; `eval.failures` writes one), as seen from the working directory; null:
+    none."""
+    share: float = Field(default=0.1, gt=0.0, lt=1.0)
+    """Of all encounters; the scenarios share the rest."""
+    displacement: float = Field(default=50.0, ge=0.0)
+    """Each start of an aircraft is moved by up to this in x and in y, m, anew each time, unless that brings them closer
+    than `world.separation`; headings, speeds and goal stay."""
+
+
 class EvaluationConfig(Strict):
     """Evaluations of the deterministic policy on encounters that training never sees."""
 
@@ -192,6 +209,7 @@ class TrainConfig(Strict):
     """The mixture of encounters that training draws from."""
     pool_rows: int = Field(default=16, ge=1)
     """Encounters that are drawn per environment and update; an encounter that ends goes on with the next of them."""
+    practice: PracticeConfig = PracticeConfig()
     shaping: ShapingConfig = ShapingConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
     checkpoint: CheckpointConfig = CheckpointConfig()

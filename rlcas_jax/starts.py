@@ -1,17 +1,46 @@
 """The starts that a training draws: its mixture of encounters, and what separation each is asked for."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from envs import surrogate
-from envs.encounters import Encounter, Scenario
+from agents.configuration import ConfigError
+from envs import encounter_file, surrogate
+from envs.encounters import Encounter, EncounterError, Scenario, choose, padded
 from envs.relative import distance
-from rlcas_jax.config import TrainConfig, WorldConfig
+from envs.starts import cast
+from rlcas_jax.config import PracticeConfig, TrainConfig, WorldConfig
 
-__all__ = ["asked", "draw", "late"]
+__all__ = ["asked", "displaced", "draw", "late", "practised"]
 
 
-def draw(key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: int) -> surrogate.State:
+def practised(config: TrainConfig) -> Encounter | None:
+    """Return the encounters of its own that a training practises, float32 ``[M]``; None where there are none.
+
+    Raises:
+        ConfigError: the file cannot be used, or one of them begins too close or has reports that come late.
+    """
+    if config.practice.encounters is None:
+        return None
+    try:
+        starts, names = encounter_file.read(config.practice.encounters, config.world.limits())
+    except EncounterError as problem:
+        raise ConfigError(f"practice.encounters: {problem}") from None
+    for close, what in (
+        (_closest(starts, np) < config.world.separation, f"begins closer than {config.world.separation:g} m"),
+        (starts.sensor.latency[:, 0] > 0.0, "has reports that come late"),
+    ):
+        if close.any():
+            name = names[int(np.argmax(close))]
+            raise ConfigError(f"practice.encounters: encounter {name!r} of {config.practice.encounters} {what}")
+    return cast(starts, np.float32)
+
+
+def draw(
+    key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: int, own: Encounter | None = None
+) -> surrogate.State:
     """Return encounters at their start, ``[rows, environments]``.
 
     Args:
@@ -19,13 +48,50 @@ def draw(key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: i
         config: of the training.
         scenarios: those of the configuration.
         rows: encounters of each environment.
+        own: encounters that are practised besides, ``[M]``.
     """
     total = sum(entry.weight for entry in config.scenarios)
     weights = [entry.weight / total for entry in config.scenarios]
-    pool = surrogate.redraw_pool(key, scenarios, weights, rows, config.ppo.environments)
+    count = config.ppo.environments
+    pool = surrogate.redraw_pool(key, scenarios, weights, rows, count)
+    if own is not None:
+        pool = _mixed(jax.random.fold_in(key, len(scenarios)), pool, own, config)
     demanded = asked(pool, config.world)
     # The axis of the rows is mapped over; None, where all are judged alike, has none.
     return jax.vmap(lambda row, by: surrogate.reset(row, late_reports=late(scenarios), demanded=by))(pool, demanded)
+
+
+def _mixed(key: jax.Array, pool: Encounter, own: Encounter, config: TrainConfig) -> Encounter:
+    """Return the pool ``[rows, N]`` with a share of it replaced by encounters of one's own."""
+    share_key, pick_key, move_key = jax.random.split(key, 3)
+    rows, count = pool.goal_x.shape
+    most = max(pool.mask.shape[-1], own.mask.shape[-1])
+    number = jax.random.randint(pick_key, (rows * count,), 0, own.goal_x.shape[0])
+    picked = padded(jax.tree.map(lambda field: jnp.asarray(field)[number], own), most, jnp)
+    picked = displaced(move_key, picked, config.practice, config.world.separation)
+    flat = jax.tree.map(lambda field: field.reshape(rows * count, *field.shape[2:]), pool)
+    chosen = jax.random.uniform(share_key, (rows * count,)) < config.practice.share
+    mixed = choose(chosen, picked, padded(flat, most, jnp), jnp)
+    return jax.tree.map(lambda field: field.reshape(rows, count, *field.shape[1:]), mixed)
+
+
+def displaced(key: jax.Array, starts: Encounter, practice: PracticeConfig, separation: float) -> Encounter:
+    """Return encounters ``[N]`` with their aircraft moved a little; those that would begin too close stay."""
+    own, other = starts.own, starts.intruders
+    reach = practice.displacement
+    moves = jax.random.uniform(key, (2, *other.x.shape[:-1], 1 + other.x.shape[-1]), minval=-reach, maxval=reach)
+    moved = starts._replace(
+        own=own._replace(x=own.x + moves[0, :, 0], y=own.y + moves[1, :, 0]),
+        intruders=other._replace(x=other.x + moves[0, :, 1:], y=other.y + moves[1, :, 1:]),
+    )
+    return choose(_closest(moved, jnp) >= separation, moved, starts, jnp)
+
+
+def _closest(starts: Encounter, xp: Any) -> Any:
+    """Return the distance from each ownship to the nearest intruder at the start, m, ``[...]``."""
+    other = starts.intruders
+    apart = distance(other.x - starts.own.x[..., None], other.y - starts.own.y[..., None], xp)
+    return xp.min(xp.where(starts.mask, apart, xp.inf), axis=-1)
 
 
 def asked(starts: Encounter, world: WorldConfig) -> jax.Array | None:
@@ -41,10 +107,7 @@ def asked(starts: Encounter, world: WorldConfig) -> jax.Array | None:
     demanded = jnp.broadcast_to(jnp.asarray(world.demanded(environments)), (rows, environments))
     if world.separation_headroom is None:
         return demanded
-    other = starts.intruders
-    apart = distance(other.x - starts.own.x[..., None], other.y - starts.own.y[..., None], jnp)
-    begins = jnp.min(jnp.where(starts.mask, apart, jnp.inf), axis=-1)
-    spare = jnp.maximum(begins - (world.separation + world.separation_headroom), 0.0)
+    spare = jnp.maximum(_closest(starts, jnp) - (world.separation + world.separation_headroom), 0.0)
     return jnp.minimum(demanded, world.separation + spare)
 
 

@@ -1,5 +1,6 @@
 """The training task: the surrogate with its mixture of encounters, and one compiled update of everything."""
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
@@ -17,7 +18,7 @@ from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import AXIS, Devices
 from rlcas_jax.shaping import paid, worth
-from rlcas_jax.starts import draw, late
+from rlcas_jax.starts import draw, late, practised
 
 __all__ = ["Task", "TrainState", "build", "fly"]
 
@@ -78,13 +79,14 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
     parts = ppo.learner(actor, Critic(hidden, feature_set), settings)._replace(axis=devices.axis)
     world = surrogate.World(config.world.rules(), config.world.limits())
     scenarios = [entry.scenario() for entry in config.scenarios]
+    own = practised(config)
     count, steps, axis = config.ppo.environments, config.ppo.rollout, devices.axis
     updates = max(1, config.steps // (count * steps))
 
     def initial() -> TrainState:
         learner_key, start_key, key = jax.random.split(jax.random.key(config.seed), 3)
         learner = ppo.initial_state(parts, learner_key, observation.SIZE)
-        environment = jax.tree.map(lambda a: a[0], draw(start_key, config, scenarios, 1))
+        environment = jax.tree.map(lambda a: a[0], draw(start_key, config, scenarios, 1, own))
         return TrainState(learner, environment, jax.random.key_data(key), jnp.zeros((), jnp.int32))
 
     def practise(state: Any, drawn: _Drawn, rate: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
@@ -113,8 +115,8 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
     def update(state: TrainState) -> tuple[TrainState, dict[str, jax.Array]]:
         pool_key, rollout_key, shuffle_key, key = jax.random.split(jax.random.wrap_key_data(state.key), 4)
         noise_key, observe_key = jax.random.split(rollout_key)
-        pool = draw(pool_key, config, scenarios, config.pool_rows)
-        noise = jax.random.normal(noise_key, (steps, count, 2))
+        pool = draw(pool_key, config, scenarios, config.pool_rows, own)
+        noise = _coloured(jax.random.normal(noise_key, (steps, count, 2)), config.ppo.noise_memory)
         done = state.update.astype(jnp.float32) / updates
         rate = config.ppo.learning_rate + (config.ppo.learning_rate_final - config.ppo.learning_rate) * done
         drawn = _Drawn(pool, noise, observe_key, shuffle_key)
@@ -159,6 +161,24 @@ class _Drawn(NamedTuple):
     """Of the actions, ``[T, N, 2]``."""
     observe_key: Any
     shuffle_key: Any
+
+
+def _coloured(white: jax.Array, memory: float) -> jax.Array:
+    """Return standard normal draws ``[T, ...]`` that are correlated in time, with a time constant in steps.
+
+    A first-order autoregression that begins in its stationary state, so that each draw has unit variance.
+    """
+    if memory == 0.0:
+        return white
+    kept = math.exp(-1.0 / memory)
+    fresh = math.sqrt(1.0 - kept * kept)
+
+    def forward(last: jax.Array, now: jax.Array) -> tuple[jax.Array, jax.Array]:
+        drawn = kept * last + fresh * now
+        return drawn, drawn
+
+    _, later = jax.lax.scan(forward, white[0], white[1:])
+    return jnp.concatenate([white[:1], later])
 
 
 def _check_split(config: TrainConfig, devices: int) -> None:

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.configuration import ConfigError
+from eval import monte_carlo
 from eval.failure_groups import HOW, failures, grouped, representatives
 from eval.failures import main
 from tests.eval.report_runs import COUNT, report_run
@@ -65,6 +66,12 @@ def test_a_run_s_failures_are_listed_and_drawn(report_run: Path, policy_path: Pa
     assert len(rows) == found["failures"]
     assert {int(row["encounter"]) for row in rows} >= set(found["cases"])
     assert (out / "failures.png").stat().st_size > 10_000
+    # The file of their starts is flown as they were.
+    again = tmp_path / "again"
+    flown = ["--mode", "policy", "--policy", str(policy_path), "--scenario", f"file:{out / 'encounters.csv'}"]
+    assert monte_carlo.main([*flown, "--workers", "1", "--set", "figures=false", "--out", str(again)]) == 0
+    counts = json.loads((again / "summary.json").read_text())["counts"]
+    assert (counts["success"], counts["violation"] + counts["timeout"]) == (0, found["failures"])
 
 
 @pytest.mark.parametrize(

@@ -69,6 +69,7 @@ def test_summary_follows_from_the_table(finished: Path) -> None:
     assert sum(summary["reasons"].values()) == sum(text != "" for text in table["reason"])
 
 
+@pytest.mark.slow
 def test_what_cannot_be_kept_is_told_from_what_the_planner_gave_up(tmp_path: Path, policy_path: Path) -> None:
     def verdicts(*more: str) -> np.ndarray:
         out = tmp_path / str(len(list(tmp_path.iterdir())))

@@ -136,7 +136,7 @@ def problem_of(policy, mode: str, name: str = "circle", **settings) -> FlightPro
     return FlightProblem(Pilot(evaluation, policy), mode, **settings)
 
 
-@pytest.mark.parametrize("mode", ["policy", "plan", "none"])
+@pytest.mark.parametrize("mode", ["policy", pytest.param("plan", marks=pytest.mark.slow), "none"])
 def test_the_value_is_the_separation_of_the_flight(policy, mode: str) -> None:
     problem = problem_of(policy, mode)
     draws = (np.random.default_rng(1).standard_normal((4 if mode == "plan" else 60, CIRCLE.dimensions)),)

@@ -43,6 +43,7 @@ CHANGED: dict[str, str] = {
     "ppo.max_grad_norm": "1.0",
     "ppo.adam_epsilon": "1e-8",
     "ppo.reward_scale": "0.1",
+    "ppo.noise_memory": "5.0",
     "ppo.normalize_advantage": "false",
     "world.vehicle.speed_min_mps": "40.0",
     "world.vehicle.speed_max_mps": "120.0",
@@ -81,6 +82,9 @@ CHANGED: dict[str, str] = {
 ELSEWHERE = {
     "name": "the default name of the run's directory (test_cli)",
     "start_from": "the networks that training begins with (test_start_from)",
+    "practice.encounters": "the starts (test_starts)",
+    "practice.share": "the same",
+    "practice.displacement": "the same",
     "seed": "the draws (test_loop: another seed is another run)",
     "evaluation.every_steps": "the metrics (test_loop)",
     "evaluation.encounters": "the metrics (test_loop)",

@@ -14,7 +14,7 @@ from envs.kinematics import SURROGATE
 from envs.outcome import RULES, Outcome
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.starts import asked
-from rlcas_jax.task import Task, TrainState, build, fly
+from rlcas_jax.task import Task, TrainState, _coloured, build, fly
 
 SMALL = [
     "network.hidden=[8]",
@@ -75,6 +75,19 @@ def test_another_seed_is_another_run(plain: Task) -> None:
     assert np.intersect1d(one.environment.own.x, other.environment.own.x).size == 0
     kernels = [state.learner.actor["params"]["trunk"]["head"]["kernel"] for state in (one, other)]
     assert np.all(np.asarray(kernels[0]) != np.asarray(kernels[1]))
+
+
+@pytest.mark.parametrize("memory", [0.0, 4.0])
+def test_noise_that_lasts_keeps_its_spread_and_forgets_with_its_time_constant(memory: float) -> None:
+    drawn = np.asarray(_coloured(jax.random.normal(jax.random.key(0), (12, 40_000, 2)), memory))
+    np.testing.assert_allclose(drawn.std(axis=1), 1.0, atol=0.02)
+    np.testing.assert_allclose(drawn.mean(axis=1), 0.0, atol=0.025)
+    for lag in range(1, 12):
+        expected = np.exp(-lag / memory) if memory else 0.0
+        for channel in range(2):
+            found = np.mean(drawn[:-lag, :, channel] * drawn[lag:, :, channel], axis=1)
+            np.testing.assert_allclose(found, expected, atol=0.025)
+    assert abs(np.mean(drawn[..., 0] * drawn[..., 1])) < 0.02
 
 
 def test_the_learning_rate_falls_linearly_with_the_updates(trained) -> None:

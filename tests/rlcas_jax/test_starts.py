@@ -1,0 +1,93 @@
+"""Encounters of one's own that a training practises beside those of its scenarios."""
+
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from agents.configuration import ConfigError, load
+from envs import encounter_file
+from envs.encounters import SCENARIOS, Encounter
+from envs.starts import numbered
+from rlcas_jax.config import PracticeConfig, TrainConfig
+from rlcas_jax.starts import displaced, draw, practised
+from rlcas_jax.train import main
+
+CALM = numbered(SCENARIOS["maneuvering"], 3, 0, 7)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "hard.csv"
+    encounter_file.write(path, CALM)
+    return path
+
+
+def configured(file: Path, *overrides: str) -> TrainConfig:
+    return load(TrainConfig, None, [f"practice.encounters={file}", "ppo.environments=64", *overrides])
+
+
+def test_a_share_of_the_starts_is_taken_evenly_from_the_file(file: Path) -> None:
+    config = configured(file, "practice.share=0.25", "practice.displacement=0", "scenarios=[{name: multi}]")
+    own = practised(config)
+    assert own is not None
+    drawn = draw(jax.random.key(1), config, [entry.scenario() for entry in config.scenarios], 100, own)
+    times = [np.sum(np.asarray(drawn.own.heading) == heading) for heading in own.own.heading]
+    np.testing.assert_allclose(times, 6400 * 0.25 / 7, rtol=0.25)
+    assert sum(times) == pytest.approx(1600, rel=0.08)
+    chosen = np.isin(np.asarray(drawn.own.heading), own.own.heading)
+    # All of an encounter comes along, and intruders that it does not have are absent.
+    np.testing.assert_array_equal(np.asarray(drawn.mask)[chosen].sum(-1), 1)
+    assert np.all(np.isin(np.asarray(drawn.goal_x)[chosen], own.goal_x))
+    assert np.all(np.isin(np.asarray(drawn.intent.onset)[chosen][:, 0], own.intent.onset))
+
+
+def test_starts_are_moved_a_little_and_never_too_close() -> None:
+    starts: Encounter = jax.tree.map(lambda field: np.repeat(field, 500, axis=0), CALM)
+    moved = displaced(jax.random.key(0), starts, PracticeConfig(displacement=2_000.0), 4_000.0)
+    for before, after in ((starts.own, moved.own), (starts.intruders, moved.intruders)):
+        assert np.max(np.abs(after.x - before.x)) <= 2_000.5
+        assert np.max(np.abs(after.y - before.y)) <= 2_000.5
+        np.testing.assert_allclose(after.heading, before.heading, rtol=1e-6)
+        np.testing.assert_allclose(after.speed, before.speed, rtol=1e-6)
+    np.testing.assert_allclose(moved.goal_x, starts.goal_x, rtol=1e-6)
+    stayed = np.asarray(moved.own.x) == np.asarray(starts.own.x, np.float32)
+    apart = np.hypot(moved.intruders.x - moved.own.x[:, None], moved.intruders.y - moved.own.y[:, None])[:, 0]
+    assert np.all(stayed | (apart >= 4_000.0 - 1.0))
+    assert 0.0 < stayed.mean() < 1.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"own_x_m": "0"}, "encounter 'a' of .* begins closer than 1000 m"),
+        ({"latency_s": "1.5"}, "encounter 'a' of .* has reports that come late"),
+        ({"own_speed_m_s": "400"}, "line 2, column own_speed_m_s: '400', expected a number from 50 to 100"),
+    ],
+)
+def test_what_cannot_be_practised_is_refused(changes: dict[str, str], said: str, tmp_path: Path) -> None:
+    row = {
+        "encounter": "a",
+        "own_x_m": "-5000",
+        "own_y_m": "0",
+        "own_heading_deg": "0",
+        "own_speed_m_s": "70",
+        "goal_x_m": "5000",
+        "goal_y_m": "0",
+        "intruder_x_m": "500",
+        "intruder_y_m": "0",
+        "intruder_heading_deg": "180",
+        "intruder_speed_m_s": "70",
+        "latency_s": "0",
+    } | changes
+    path = tmp_path / "own.csv"
+    path.write_text(f"{','.join(row)}\n{','.join(row.values())}\n")
+    with pytest.raises(ConfigError, match=f"practice.encounters: .*{said}"):
+        practised(configured(path))
+
+
+def test_a_file_that_is_not_there_is_a_sentence_before_anything_is_trained(tmp_path: Path) -> None:
+    nowhere = tmp_path / "nowhere.csv"
+    with pytest.raises(ConfigError, match=f"practice.encounters: {nowhere}: there is no such file"):
+        main(["--set", f"practice.encounters={nowhere}", "--out", str(tmp_path / "run"), "--quiet"])
