@@ -67,8 +67,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "groups": [described(group, table) for group in groups],
         "cases": chosen,
     }
-    _write_rows(options.out / "failures.csv", table, failures(table))
-    numbers = [int(number) for number in table["encounter"][failures(table)]]
+    failed = failures(table)
+    _write_rows(options.out / "failures.csv", table, failed)
+    numbers = [int(number) for number in table["encounter"][failed]]
     if numbers:
         starts = reduce(joined, (encounters(evaluation, number, 1) for number in numbers))
         if isinstance(starts.intent, Intent):  # what was recorded is no row of such a file

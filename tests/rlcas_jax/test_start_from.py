@@ -44,7 +44,7 @@ def earlier(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 def test_it_begins_with_the_networks_and_the_optimiser_of_the_earlier_run(earlier: Run, tmp_path: Path) -> None:
     # Other encounters and another number of them: only the networks have to be the same.
-    changes = ["seed=7", "ppo.environments=32", "scenarios=[{name: noisy}]", "checkpoint.keep=9", "steps=512"]
+    changes = ["seed=7", "ppo.environments=32", "scenarios=[{name: noisy}]", "checkpoint.keep=9"]
     later = trained(tmp_path / "later", *changes, f"start_from={earlier.directory}")
     begun = checkpoint.restore_part(first_checkpoint(later), earlier.state.learner, "learner")
     fresh = checkpoint.restore_part(first_checkpoint(earlier), earlier.state.learner, "learner")
