@@ -20,7 +20,7 @@ def practised(config: TrainConfig) -> Encounter | None:
     """Return the encounters of its own that a training practises, float32 ``[M]``; None where there are none.
 
     Raises:
-        ConfigError: the file cannot be used, or one of them begins too close or has reports that come late.
+        ConfigError: the file cannot be used, or one of them begins too close or has noisy or late reports.
     """
     if config.practice.encounters is None:
         return None
@@ -28,12 +28,14 @@ def practised(config: TrainConfig) -> Encounter | None:
         starts, names = encounter_file.read(config.practice.encounters, config.world.limits())
     except EncounterError as problem:
         raise ConfigError(f"practice.encounters: {problem}") from None
-    for close, what in (
+    noisy = (starts.sensor.position_std > 0.0) | (starts.sensor.velocity_std > 0.0)
+    for unfit, what in (
         (_closest(starts, np) < config.world.separation, f"begins closer than {config.world.separation:g} m"),
-        (starts.sensor.latency[:, 0] > 0.0, "has reports that come late"),
+        (noisy[:, 0], "has noisy reports, expected perfect ones"),
+        (starts.sensor.latency[:, 0] > 0.0, "has reports that come late, expected perfect ones"),
     ):
-        if close.any():
-            name = names[int(np.argmax(close))]
+        if unfit.any():
+            name = names[int(np.argmax(unfit))]
             raise ConfigError(f"practice.encounters: encounter {name!r} of {config.practice.encounters} {what}")
     return cast(starts, np.float32)
 

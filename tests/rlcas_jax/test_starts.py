@@ -63,6 +63,8 @@ def test_starts_are_moved_a_little_and_never_too_close() -> None:
     [
         ({"own_x_m": "0"}, "encounter 'a' of .* begins closer than 1000 m"),
         ({"latency_s": "1.5"}, "encounter 'a' of .* has reports that come late"),
+        ({"position_std_m": "30"}, "encounter 'a' of .* has noisy reports"),
+        ({"velocity_std_m_s": "3"}, "encounter 'a' of .* has noisy reports"),
         ({"own_speed_m_s": "400"}, "line 2, column own_speed_m_s: '400', expected a number from 50 to 100"),
     ],
 )
