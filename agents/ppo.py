@@ -15,10 +15,12 @@ from agents.networks import Actor, Critic
 
 __all__ = [
     "Batch",
+    "Examples",
     "Learner",
     "LearnerState",
     "PpoSettings",
     "advantages",
+    "deviation",
     "explained_variance",
     "gaussian_log_prob",
     "initial_state",
@@ -86,6 +88,15 @@ class Batch(NamedTuple):
     advantage: jax.Array
     target: jax.Array
     """Return that the critic is fitted to, ``[...]``."""
+
+
+class Examples(NamedTuple):
+    """What somebody else does, to be imitated."""
+
+    observation: jax.Array
+    """``[M, 8]``."""
+    action: jax.Array
+    """``[M, 2]``, within [-1, 1]."""
 
 
 def learner(actor: Actor, critic: Critic, settings: PpoSettings) -> Learner:
@@ -163,10 +174,34 @@ def advantages(
     return estimates
 
 
-def losses(parameters: tuple[Any, Any], batch: Batch, parts: Learner, settings: PpoSettings) -> tuple[jax.Array, dict]:
+def deviation(mean: jax.Array, examples: Examples) -> jax.Array:
+    """Return how far a policy's mean actions ``[M, 2]`` are from those of examples, the mean squared error.
+
+    An example at full deflection is met by anything beyond, too.
+    """
+    low = jnp.where(examples.action <= -1.0, -jnp.inf, examples.action)
+    high = jnp.where(examples.action >= 1.0, jnp.inf, examples.action)
+    met = jax.lax.stop_gradient(jnp.clip(mean, low, high))
+    return jnp.mean(jnp.square(mean - met))
+
+
+def losses(
+    parameters: tuple[Any, Any],
+    batch: Batch,
+    parts: Learner,
+    settings: PpoSettings,
+    shown: tuple[Examples, jax.Array] | None = None,
+) -> tuple[jax.Array, dict]:
     """Return the scalar loss of a minibatch and its parts (means over the samples of this device).
 
     The advantages are normalised over the samples of all devices.
+
+    Args:
+        parameters: of actor and critic.
+        batch: samples.
+        parts: networks.
+        settings: of the algorithm.
+        shown: examples to be imitated besides, and the weight of that.
     """
     actor_variables, critic_variables = parameters
     mean, log_std = parts.policy(actor_variables, batch.observation)
@@ -184,7 +219,13 @@ def losses(parameters: tuple[Any, Any], batch: Batch, parts: Learner, settings: 
     value_loss = 0.5 * jnp.mean(jnp.square(value - batch.target))
     entropy = gaussian_entropy(log_std)
     loss = policy_loss + settings.value * value_loss - settings.entropy * entropy
-    return loss, {
+    figures = {}
+    if shown is not None:
+        examples, weight = shown
+        done, _ = parts.policy(actor_variables, examples.observation)
+        figures["imitation_loss"] = deviation(done, examples)
+        loss = loss + weight * figures["imitation_loss"]
+    return loss, figures | {
         "loss": loss,
         "policy_loss": policy_loss,
         "value_loss": value_loss,
@@ -202,6 +243,7 @@ def update(
     learning_rate: jax.Array,
     parts: Learner,
     settings: PpoSettings,
+    shown: tuple[Examples, jax.Array] | None = None,
 ) -> tuple[LearnerState, dict]:
     """Improve the networks by some epochs over a rollout.
 
@@ -215,6 +257,7 @@ def update(
         learning_rate: of this update.
         parts: networks and optimiser.
         settings: ``segment`` must divide T, and ``minibatches`` the number of segments.
+        shown: examples ``[M]``, of which each minibatch imitates some besides, and the weight of that.
 
     Returns:
         The new state and the mean of each part of the loss over the last epoch, with the gradient's norm.
@@ -226,7 +269,8 @@ def update(
 
     def minibatch(carry: LearnerState, chosen: jax.Array) -> tuple[LearnerState, dict]:
         batch = jax.tree.map(lambda a: a[chosen].reshape(-1, *a.shape[2:]), rows)
-        gradient_of = jax.grad(partial(losses, parts=parts, settings=settings), has_aux=True)
+        some = None if shown is None else (_some(shown[0], batch, chosen), shown[1])
+        gradient_of = jax.grad(partial(losses, parts=parts, settings=settings, shown=some), has_aux=True)
         gradient, parts_of_loss = gradient_of((carry.actor, carry.critic), batch)
         if parts.axis is not None:
             gradient, parts_of_loss = jax.lax.pmean((gradient, parts_of_loss), parts.axis)
@@ -243,6 +287,14 @@ def update(
         key = jax.random.fold_in(key, jax.lax.axis_index(parts.axis))
     state, logged = jax.lax.scan(epoch, state, jax.random.split(key, settings.epochs))
     return state, {name: jnp.mean(values[-1]) for name, values in logged.items()}
+
+
+def _some(examples: Examples, batch: Batch, chosen: jax.Array) -> Examples:
+    """Return an eighth as many examples as a minibatch has samples, drawn by the shuffle that made it."""
+    key = jax.random.fold_in(jax.random.fold_in(jax.random.key(0), chosen[0]), chosen[1])
+    count = max(1, batch.log_prob.shape[0] // 8)
+    number = jax.random.randint(key, (count,), 0, examples.action.shape[0])
+    return jax.tree.map(lambda field: field[number], examples)
 
 
 def explained_variance(value: jax.Array, target: jax.Array, axis: str | None = None) -> jax.Array:

@@ -16,14 +16,23 @@ from agents.configuration import ConfigError
 from envs import surrogate
 from envs.observation import SIZE
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.shaping import paid, worth
+from rlcas_jax.shaping import paid
 from rlcas_jax.starts import draw
 
 __all__ = ["TrainingFlight", "check"]
 
 
 def check(config: TrainConfig) -> None:
-    """Raise :class:`ConfigError` where the task has noisy or late reports, which peers are not given."""
+    """Raise :class:`ConfigError` where the task has noisy or late reports, or encounters or examples of its own.
+
+    Peers are not given them.
+    """
+    for name in ("encounters", "examples"):
+        path = getattr(config.practice, name)
+        if path is not None:
+            raise ConfigError(
+                f"practice.{name} is {path}; expected null, as the comparison with peers flies the scenarios alone"
+            )
     for number, entry in enumerate(config.scenarios):
         scenario = entry.scenario()
         if scenario.position_std > 0.0 or scenario.velocity_std > 0.0 or scenario.latency[1] > 0.0:
@@ -115,8 +124,7 @@ def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
         state: surrogate.State, hand: jax.Array, action: jax.Array, pool: surrogate.State, row: int
     ) -> tuple[surrogate.State, jax.Array, jax.Array, jax.Array]:
         moved, result = surrogate.step(state, (action[:, 0], action[:, 1] * hand), world)
-        before, after = worth(state, config), worth(moved, config)
-        reward = paid(result.reward, before, after, moved.ended, action[:, 1], config)
+        reward = paid(result.reward, state, moved, action[:, 1], config)
         # The barrier keeps the compiler from flying the step again for every field that the restart chooses.
         moved, reward = jax.lax.optimization_barrier((moved, reward))
         following = surrogate.restart(moved, jax.tree.map(lambda rows: rows[row], pool))

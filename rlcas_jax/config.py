@@ -134,7 +134,7 @@ class WorldConfig(RulesConfig):
 class ShapingConfig(Strict):
     """What learning is paid besides the task's reward, in units of the scaled reward; scores never contain it.
 
-    The potentials (goal, conflict) leave the optimal policy as it is; the price (turn) does not.
+    The potentials (goal, conflict) leave the optimal policy as it is; the prices (turn, detour) do not.
     """
 
     goal: float = Field(default=0.0, ge=0.0)
@@ -143,6 +143,8 @@ class ShapingConfig(Strict):
     """Worth of a predicted closest approach at the required separation instead of at 0 m."""
     turn: float = Field(default=0.0, ge=0.0)
     """Price of a time step (1 s) of full turn; half a turn rate costs a quarter of it."""
+    detour: float = Field(default=0.0, ge=0.0)
+    """Price of 10 km flown that bring the goal no nearer."""
 
 
 class PracticeConfig(Strict):
@@ -156,6 +158,11 @@ class PracticeConfig(Strict):
     displacement: float = Field(default=50.0, ge=0.0)
     """Each start of an aircraft is moved by up to this in x and in y, m, anew each time, unless that brings them closer
     than `world.separation`; headings, speeds and goal stay."""
+    examples: Path | None = None
+    """File of examples (`eval.practice --examples` writes one), as seen from the working directory: observations and
+    the actions of flights that resolve such encounters, which the policy is drawn to; null: none."""
+    imitation: float = Field(default=0.05, gt=0.0)
+    """Weight of the squared distance from the examples in the loss; it falls linearly with the steps, to 0."""
 
 
 class EvaluationConfig(Strict):

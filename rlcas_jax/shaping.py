@@ -1,4 +1,4 @@
-"""What learning is paid besides the reward: hints by a potential, which leave the optimal policy as it is, and a price.
+"""What learning is paid besides the reward: hints by a potential, which leave the optimal policy as it is, and prices.
 
 Potential-based shaping: Ng, Harada, Russell 1999.
 """
@@ -11,7 +11,7 @@ from envs.relative import distance, straight_cpa
 from envs.surrogate import State
 from rlcas_jax.config import TrainConfig
 
-__all__ = ["paid", "potential", "price", "shaped", "worth"]
+__all__ = ["detour", "paid", "potential", "price", "shaped", "worth"]
 
 
 def potential(state: State, goal_weight: float, conflict_weight: float, separation: float) -> jax.Array:
@@ -50,28 +50,45 @@ def price(yaw_rate: jax.Array, full: float) -> jax.Array:
     return full * jnp.square(jnp.clip(yaw_rate, -1.0, 1.0))
 
 
+def detour(
+    before: VehicleState, after: VehicleState, goal_x: jax.Array, goal_y: jax.Array, price_10km: float
+) -> jax.Array:
+    """Return what a step's way costs beyond what it brought the goal nearer, ``[N]``, in units of the scaled reward.
+
+    Its sum over a flight is the price of the flight's path excess. The discount asks for short times instead, and so
+    prefers a fast detour to a slow straight way.
+
+    Args:
+        before: the ownship at the start of the step.
+        after: the same at its end.
+        goal_x, goal_y: m.
+        price_10km: of 10 km.
+    """
+    flown = distance(after.x - before.x, after.y - before.y, jnp)
+    left = [distance(goal_x - own.x, goal_y - own.y, jnp) for own in (before, after)]
+    return price_10km * 1e-4 * (flown - (left[0] - left[1]))
+
+
 def worth(state: State, config: TrainConfig) -> jax.Array:
     """Return the potential of each encounter under a configuration, ``[N]``."""
     return potential(state, config.shaping.goal, config.shaping.conflict, config.world.separation)
 
 
-def paid(
-    reward: jax.Array,
-    before: jax.Array,
-    after: jax.Array,
-    terminated: jax.Array,
-    yaw_rate: jax.Array,
-    config: TrainConfig,
-) -> jax.Array:
+def paid(reward: jax.Array, before: State, after: State, yaw_rate: jax.Array, config: TrainConfig) -> jax.Array:
     """Return what a step is worth to the learner, ``[N]``: the scaled reward with everything besides it.
 
     Args:
         reward: the task's.
-        before: :func:`worth` of the state before the step.
-        after: the same after it.
-        terminated: the step ended its encounter.
+        before: encounters before the step.
+        after: the same after it, ended or not.
         yaw_rate: as commanded, 1 at the limit.
         config: scale, discount and shaping.
     """
-    total = config.ppo.reward_scale * reward + shaped(before, after, terminated, config.ppo.discount)
-    return total - price(yaw_rate, config.shaping.turn) if config.shaping.turn else total
+    prices = config.shaping
+    worths = worth(before, config), worth(after, config)
+    total = config.ppo.reward_scale * reward + shaped(*worths, after.ended, config.ppo.discount)
+    if prices.turn:
+        total = total - price(yaw_rate, prices.turn)
+    if prices.detour:
+        total = total - detour(before.own, after.own, before.goal_x, before.goal_y, prices.detour)
+    return total

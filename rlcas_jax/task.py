@@ -17,7 +17,8 @@ from envs.outcome import Outcome, Rules
 from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import AXIS, Devices
-from rlcas_jax.shaping import paid, worth
+from rlcas_jax.examples import exemplary
+from rlcas_jax.shaping import paid
 from rlcas_jax.starts import draw, late, practised
 
 __all__ = ["Task", "TrainState", "build", "fly"]
@@ -80,6 +81,7 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
     world = surrogate.World(config.world.rules(), config.world.limits())
     scenarios = [entry.scenario() for entry in config.scenarios]
     own = practised(config)
+    examples = exemplary(config)
     count, steps, axis = config.ppo.environments, config.ppo.rollout, devices.axis
     updates = max(1, config.steps // (count * steps))
 
@@ -97,12 +99,13 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
         flown, samples, statistics, figures = collect(
             learner, flying, drawn.noise, key, environment, parts, config.ppo.discount, config.ppo.gae_lambda
         )
-        learner, learned = ppo.update(learner, samples, drawn.shuffle_key, rate, parts, settings)
+        shown = None if examples is None else (examples, drawn.imitation)
+        learner, learned = ppo.update(learner, samples, drawn.shuffle_key, rate, parts, settings, shown)
         return (learner, flown), figures | learned | _episodes(statistics, count * steps, axis)
 
     if devices.mesh is not None:
         whole, split, second = PartitionSpec(), PartitionSpec(AXIS), PartitionSpec(None, AXIS)
-        drawn_specs = _Drawn(second, second, whole, whole)
+        drawn_specs = _Drawn(second, second, whole, whole, whole)
         # Without the check of what varies: it would add up the gradients before they can be averaged by name.
         practise = jax.shard_map(
             practise,
@@ -119,7 +122,7 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
         noise = _coloured(jax.random.normal(noise_key, (steps, count, 2)), config.ppo.noise_memory)
         done = state.update.astype(jnp.float32) / updates
         rate = config.ppo.learning_rate + (config.ppo.learning_rate_final - config.ppo.learning_rate) * done
-        drawn = _Drawn(pool, noise, observe_key, shuffle_key)
+        drawn = _Drawn(pool, noise, observe_key, shuffle_key, config.practice.imitation * (1.0 - done))
         (learner, flown), figures = practise((state.learner, state.environment), drawn, rate)
         finite = jax.tree.reduce(jnp.logical_and, jax.tree.map(lambda p: jnp.all(jnp.isfinite(p)), learner))
         std = jnp.exp(learner.actor["params"]["log_std"])
@@ -161,6 +164,8 @@ class _Drawn(NamedTuple):
     """Of the actions, ``[T, N, 2]``."""
     observe_key: Any
     shuffle_key: Any
+    imitation: Any
+    """Weight of the examples; not chance, but of the update too."""
 
 
 def _coloured(white: jax.Array, memory: float) -> jax.Array:
@@ -230,8 +235,7 @@ def _training_environment(
 
     def step(state: surrogate.State, action: jax.Array) -> tuple[surrogate.State, Step]:
         following, result = surrogate.step(state, (action[:, 0], action[:, 1]), world)
-        before, after = worth(state, config), worth(following, config)
-        reward = paid(result.reward, before, after, following.ended, action[:, 1], config)
+        reward = paid(result.reward, state, following, action[:, 1], config)
         return following, Step(reward, following.ended, (result.reward, result.outcome))
 
     def restart(state: surrogate.State, index: jax.Array) -> surrogate.State:

@@ -114,6 +114,12 @@ def test_noisy_reports_are_refused():
         check(tiny("scenarios=[{name: noisy}]"))
 
 
+@pytest.mark.parametrize("name", ["encounters", "examples"])
+def test_what_only_our_side_would_practise_is_refused(name: str):
+    with pytest.raises(ConfigError, match=rf"practice\.{name} is hard\.file; expected null"):
+        check(tiny(f"practice.{name}=hard.file"))
+
+
 @given(
     st.lists(st.tuples(st.integers(1, 50), st.integers(0, 4)), min_size=1, max_size=40),
     st.integers(1, 200),

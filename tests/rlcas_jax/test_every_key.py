@@ -77,6 +77,7 @@ CHANGED: dict[str, str] = {
     "shaping.goal": "0.5",
     "shaping.conflict": "0.5",
     "shaping.turn": "0.1",
+    "shaping.detour": "0.1",
 }
 
 ELSEWHERE = {
@@ -85,6 +86,8 @@ ELSEWHERE = {
     "practice.encounters": "the starts (test_starts)",
     "practice.share": "the same",
     "practice.displacement": "the same",
+    "practice.examples": "the losses (test_examples)",
+    "practice.imitation": "the same",
     "seed": "the draws (test_loop: another seed is another run)",
     "evaluation.every_steps": "the metrics (test_loop)",
     "evaluation.encounters": "the metrics (test_loop)",

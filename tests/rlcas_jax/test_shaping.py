@@ -14,7 +14,7 @@ from envs import surrogate
 from envs.encounters import padded, sample, scenario
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
-from rlcas_jax.shaping import potential, price, shaped
+from rlcas_jax.shaping import detour, potential, price, shaped
 
 WORLD = surrogate.World(RULES, SURROGATE)
 COUNT, STEPS = 128, 300
@@ -90,6 +90,38 @@ def test_the_shaping_of_whole_episodes_depends_on_their_start_alone(episodes, we
     np.testing.assert_allclose(total, -worths[0][0], atol=1e-4)
     assert np.std(worths[0][0]) > 0.0
     assert np.unique(lasts).size > 5
+
+
+def test_the_price_of_detours_adds_up_to_the_excess_of_the_path(episodes) -> None:
+    """10 for 10 km of flight, less what the goal came nearer; no step of any flight earns anything."""
+    before, after, last = episodes
+    cost = np.asarray(detour(before.own, after.own, before.goal_x, before.goal_y, 10.0), np.float64)
+    lasts, count = last.argmax(axis=0), np.arange(COUNT)
+    flown = np.arange(STEPS)[:, None] <= lasts
+    x, y = (np.asarray(values, np.float64) for values in (before.own.x, before.own.y))
+    end_x, end_y = (np.asarray(values, np.float64) for values in (after.own.x, after.own.y))
+    legs = np.where(flown, np.hypot(end_x - x, end_y - y), 0.0)
+    goal_x, goal_y = np.asarray(before.goal_x[0], np.float64), np.asarray(before.goal_y[0], np.float64)
+    nearer = np.hypot(goal_x - x[0], goal_y - y[0]) - np.hypot(
+        goal_x - end_x[lasts, count], goal_y - end_y[lasts, count]
+    )
+    np.testing.assert_allclose(
+        np.sum(np.where(flown, cost, 0.0), axis=0), 1e-3 * (legs.sum(axis=0) - nearer), atol=2e-3
+    )
+    assert np.min(cost[flown]) > -1e-5
+    assert np.max(cost[flown]) > 0.1
+
+
+def test_the_straight_way_to_the_goal_costs_nothing() -> None:
+    state = state_of("circle", count=3)
+    own = state.own._replace(x=jnp.zeros(3), y=jnp.zeros(3))
+    ahead, back, aside = (
+        own._replace(x=jnp.full(3, x), y=jnp.full(3, y)) for x, y in ((80.0, 0.0), (-80.0, 0.0), (0, 80))
+    )
+    goal = jnp.full(3, 8_000.0), jnp.zeros(3)
+    np.testing.assert_allclose(detour(own, ahead, *goal, 10.0), 0.0, atol=1e-6)
+    np.testing.assert_allclose(detour(own, back, *goal, 10.0), 0.16, rtol=1e-4)
+    np.testing.assert_allclose(detour(own, aside, *goal, 10.0), 1e-3 * (80.0 + np.hypot(8_000, 80) - 8_000), rtol=1e-3)
 
 
 def test_potential_by_hand() -> None:
