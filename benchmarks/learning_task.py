@@ -17,7 +17,7 @@ from envs import surrogate
 from envs.observation import SIZE
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.shaping import paid
-from rlcas_jax.starts import draw
+from rlcas_jax.starts import draw, noisy
 
 __all__ = ["TrainingFlight", "check"]
 
@@ -34,8 +34,7 @@ def check(config: TrainConfig) -> None:
                 f"practice.{name} is {path}; expected null, as the comparison with peers flies the scenarios alone"
             )
     for number, entry in enumerate(config.scenarios):
-        scenario = entry.scenario()
-        if scenario.position_std > 0.0 or scenario.velocity_std > 0.0 or scenario.latency[1] > 0.0:
+        if noisy([entry.scenario()]):
             raise ConfigError(
                 f"scenarios.{number}: {entry.name} has noisy or late reports; "
                 "expected scenarios with perfect ones, as the comparison with peers flies no others"

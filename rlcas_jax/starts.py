@@ -13,7 +13,7 @@ from envs.relative import distance
 from envs.starts import cast
 from rlcas_jax.config import PracticeConfig, TrainConfig, WorldConfig
 
-__all__ = ["asked", "displaced", "draw", "late", "practised"]
+__all__ = ["asked", "displaced", "draw", "late", "noisy", "practised"]
 
 
 def practised(config: TrainConfig) -> Encounter | None:
@@ -111,6 +111,11 @@ def asked(starts: Encounter, world: WorldConfig) -> jax.Array | None:
         return demanded
     spare = jnp.maximum(_closest(starts, jnp) - (world.separation + world.separation_headroom), 0.0)
     return jnp.minimum(demanded, world.separation + spare)
+
+
+def noisy(scenarios: list[Scenario]) -> bool:
+    """Return whether reports are noisy or come late in any of the scenarios."""
+    return late(scenarios) or any(s.position_std > 0.0 or s.velocity_std > 0.0 for s in scenarios)
 
 
 def late(scenarios: list[Scenario]) -> bool:

@@ -19,7 +19,7 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import AXIS, Devices
 from rlcas_jax.examples import exemplary
 from rlcas_jax.shaping import paid
-from rlcas_jax.starts import draw, late, practised
+from rlcas_jax.starts import draw, noisy, practised
 
 __all__ = ["Task", "TrainState", "build", "fly"]
 
@@ -220,17 +220,13 @@ def fly(policy: Callable[[jax.Array], jax.Array], encounter: Encounter, world: s
     return outcome
 
 
-def _noisy(scenarios: list[Scenario]) -> bool:
-    return late(scenarios) or any(s.position_std > 0.0 or s.velocity_std > 0.0 for s in scenarios)
-
-
 def _training_environment(
     config: TrainConfig, world: surrogate.World, pool: surrogate.State, scenarios: list[Scenario]
 ) -> Environment:
     """Return the surrogate with scaled reward and shaping; an encounter that ends restarts from the pool's row."""
 
     def observe(state: surrogate.State, key: jax.Array) -> jax.Array:
-        noise = jax.random.normal(key, (4, *state.mask.shape)) if _noisy(scenarios) else None
+        noise = jax.random.normal(key, (4, *state.mask.shape)) if noisy(scenarios) else None
         return surrogate.observe(state, noise)
 
     def step(state: surrogate.State, action: jax.Array) -> tuple[surrogate.State, Step]:
