@@ -5,7 +5,7 @@ on the process that works on it or on what it has worked on before.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import IntEnum
 from functools import reduce
 from pathlib import Path
@@ -28,7 +28,17 @@ from eval.planned import SOURCES, STATUSES, Setting, fly_once, planned
 from eval.simulate import OUTCOMES, Flights, direct, fly, sensor_noise
 from eval.sources import Source, drawn, spread
 
-__all__ = ["MODES", "NETWORK_TILE", "Evaluation", "Pilot", "columns", "encounters", "noise_of", "trajectories"]
+__all__ = [
+    "MODES",
+    "NETWORK_TILE",
+    "Evaluation",
+    "Pilot",
+    "columns",
+    "encounters",
+    "noise_of",
+    "picked",
+    "trajectories",
+]
 
 MODES = ("policy", "plan", "assured")
 """Who decides: the network once a second; a plan made at the start; such a plan under a monitor, with re-plans."""
@@ -81,6 +91,15 @@ def encounters(evaluation: Evaluation, first: int, count: int) -> Encounter:
         EncounterError: one of them meets the scenario's conditions in none of its attempts.
     """
     return drawn(evaluation.source, evaluation.seed, first, count)[0]
+
+
+def picked(evaluation: Evaluation, numbers: Iterable[int]) -> Encounter:
+    """Return the encounters with these numbers, at least one, ``[M]``.
+
+    Raises:
+        EncounterError: as :func:`encounters`.
+    """
+    return reduce(joined, (encounters(evaluation, int(number), 1) for number in numbers))
 
 
 def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:

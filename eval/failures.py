@@ -3,7 +3,6 @@
 import argparse
 import csv
 from collections.abc import Mapping, Sequence
-from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,8 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise ConfigError(f"--cases is {options.cases}, expected 0 to {_MOST}")
     from envs import encounter_file
     from envs.intruder import Intent
-    from envs.starts import joined
-    from eval.chunks import encounters
+    from eval.chunks import picked
     from eval.failure_groups import described, failures, grouped, representatives
     from eval.report_flights import evaluation_of, fly_again
     from eval.report_run import read_run
@@ -71,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _write_rows(options.out / "failures.csv", table, failed)
     numbers = [int(number) for number in table["encounter"][failed]]
     if numbers:
-        starts = reduce(joined, (encounters(evaluation, number, 1) for number in numbers))
+        starts = picked(evaluation, numbers)
         if isinstance(starts.intent, Intent):  # what was recorded is no row of such a file
             encounter_file.write(options.out / "encounters.csv", starts, [str(number) for number in numbers])
     if chosen:

@@ -1,9 +1,10 @@
 """What a policy should practise: ``python -m eval.practice --run runs/hunt --out practice.csv``."""
 
 import argparse
+import math
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from envs.encounters import Encounter
-    from eval.chunks import Evaluation
     from eval.report_run import Run
 
 __all__ = ["main"]
@@ -83,6 +83,7 @@ class _Hard(NamedTuple):
 
 def _hard(run: "Run", options: argparse.Namespace) -> _Hard:
     from envs.intruder import Intent
+    from eval.chunks import picked
     from eval.practice_flights import examples, moments, resolving
     from eval.report_flights import evaluation_of
 
@@ -93,7 +94,7 @@ def _hard(run: "Run", options: argparse.Namespace) -> _Hard:
     result, said = _Hard([], [], []), time.monotonic()
     for done in range(0, len(numbers), _BLOCK):
         block = numbers[done : done + _BLOCK]
-        starts, labels = _starts(evaluation, block), _labels(run, block)
+        starts, labels = picked(evaluation, block), _labels(run, block)
         if not isinstance(starts.intent, Intent):
             raise ConfigError(f"--run {run.folder} flew recorded tracks, which a file of encounters cannot hold")
         result.encounters.append(starts)
@@ -135,38 +136,25 @@ def _labels(run: "Run", numbers: "np.ndarray") -> list[str]:
     return [f"{stem}{n}" if name is None else name for n, name in zip(numbers, run.table["name"][numbers], strict=True)]
 
 
-def _starts(evaluation: "Evaluation", numbers: "np.ndarray") -> "Encounter":
-    """Return the encounters of a run with these numbers, ``[M]``."""
-    from envs.starts import joined
-    from eval.chunks import encounters
-
-    return reduce(joined, (encounters(evaluation, int(number), 1) for number in numbers))
-
-
 def _npz(text: str) -> Path:
     if not text.endswith(".npz"):
         raise argparse.ArgumentTypeError(f"{text!r}; expected the name of a file that ends in .npz")
     return Path(text)
 
 
-def _metres(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.0 <= value <= 1e5:
-        raise argparse.ArgumentTypeError(f"{text!r}; expected a number from 0 to 100000, m")
-    return value
+def _number(least: float, most: float, wanted: str) -> Callable[[str], float]:
+    """Return a type of an option: a number within ``least`` and ``most``."""
 
+    def number(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(f"{text!r}; expected {wanted}")
+        return value
 
-def _percent(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r}; expected a number above 0, percent")
-    return value
+    return number
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -176,7 +164,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--out", type=Path, metavar="FILE", required=True, help="new CSV file")
     add(
         "--longer",
-        type=_percent,
+        type=_number(sys.float_info.min, sys.float_info.max, "a number above 0, percent"),
         metavar="PERCENT",
         default=float("inf"),
         help="take successes whose path is longer than the route by this and more, too (default: failures alone)",
@@ -198,7 +186,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add(
         "--spare",
-        type=_metres,
+        type=_number(0.0, 1e5, "a number from 0 to 100000, m"),
         metavar="M",
         default=100.0,
         help="what these flights keep beyond the separation where they can, m (default: 100)",

@@ -1,6 +1,6 @@
 """Short flights that resolve encounters: their moments as encounters, and what they do as examples."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,9 +8,10 @@ from agents.witness import Witnesses, least_cost
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.intruder import Intent
-from envs.kinematics import Limits, VehicleState
+from envs.kinematics import Limits
 from envs.observation import CRITICAL_RADIUS, most_critical, observe
 from envs.outcome import Rules
+from envs.relative import distance
 from envs.trees import mapped, take
 from eval.film import Trajectories
 from eval.witness_flight import ROUNDS, followed
@@ -80,12 +81,10 @@ def examples(flights: Resolving, rules: Rules, limits: Limits) -> tuple[np.ndarr
     Those of encounters in which an intruder turns are left out: such flights know before it what nobody can see.
     """
     turning = np.any(flights.encounters.mask & (flights.encounters.intent.heading_change != 0.0), axis=-1)
-    known, film = take(flights.encounters, ~turning), mapped(lambda field: field[:, ~turning], flights.film[:2])
-    own, following = (VehicleState(*(field[part] for field in film[0])) for part in (slice(None, -1), slice(1, None)))
-    traffic = VehicleState(*(field[:-1] for field in film[1]))
-    flown = np.isfinite(following.x)
-    row = np.nonzero(flown)[1]
-    own, following, traffic = (take(state, flown) for state in (own, following, traffic))
+    known = take(flights.encounters, ~turning)
+    film = take((flights.film.own, flights.film.intruders), (slice(None), ~turning))
+    moment, row = np.nonzero(np.isfinite(film[0].x[1:]))
+    (own, traffic), following = take(film, (moment, row)), take(film[0], (moment + 1, row))
     seen = most_critical(own, traffic, known.mask[row], CRITICAL_RADIUS, np)
     observation = observe(own, seen, known.goal_x[row], known.goal_y[row], np)
     gained = (following.speed - own.speed) / rules.dt
@@ -114,8 +113,7 @@ def _beginning_at(
     encounters: Encounter, film: Trajectories, step: np.ndarray, column: np.ndarray, rules: Rules
 ) -> tuple[Encounter, np.ndarray]:
     """Return encounters ``[M]`` as they are at a step of a film's column, and which of them can begin there."""
-    own = VehicleState(*(field[step, column] for field in film.own))
-    other = VehicleState(*(field[step, column] for field in film.intruders))
+    own, other = take((film.own, film.intruders), (step, column))
     before, mask = encounters.intent, encounters.mask
     time = (step * rules.dt)[:, None]
     to_go = wrap(encounters.intruders.heading + before.heading_change - other.heading, np)
@@ -126,6 +124,6 @@ def _beginning_at(
         np.where(over, 0.0, before.heading_change),
         before.turn_rate,
     )
-    apart: Any = np.hypot(other.x - own.x[:, None], other.y - own.y[:, None])
+    apart = distance(other.x - own.x[:, None], other.y - own.y[:, None], np)
     fit = np.all(~mask | ((waiting | over) & (apart >= rules.separation + _LEAST)), axis=-1)
     return encounters._replace(own=own, intruders=other, intent=intent), fit & np.isfinite(own.x)
