@@ -55,6 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, path in (("out", options.out), ("examples", options.examples)):
         if path is not None and path.exists():
             raise ConfigError(f"--{name} {path} exists, expected the name of a new file")
+        if path is not None and not path.parent.is_dir():
+            raise ConfigError(f"--{name} {path}: there is no folder {path.parent}, expected one that exists")
     from envs import encounter_file
     from envs.starts import joined
     from eval.report_run import read_run
@@ -116,6 +118,11 @@ def _write_examples(path: Path, parts: "list[tuple[np.ndarray, np.ndarray]]", mo
     import numpy as np
 
     observation, action = (np.concatenate(each) for each in zip(*parts, strict=True))
+    if not len(action):
+        raise ConfigError(
+            f"--examples {path}: there is none, because no flight that resolves these encounters is known, or an "
+            "intruder turns in each; the encounters are written"
+        )
     kept = np.linspace(0, len(action), min(most, len(action)), endpoint=False).astype(int)
     np.savez_compressed(path, observation=observation[kept], action=action[kept])
     print(f"{len(kept)} of {len(action)} examples in {path}")

@@ -15,7 +15,7 @@ from envs.outcome import RULES
 from envs.starts import numbered
 from envs.trees import take
 from eval.failure_groups import failures
-from eval.practice import main
+from eval.practice import _write_examples, main
 from eval.practice_flights import examples, moments, resolving
 from eval.report_run import read_run
 from tests.eval.report_runs import report_run
@@ -116,6 +116,22 @@ def test_who_foresees_a_turn_is_no_example() -> None:
 def test_bad_input_is_a_sentence(arguments: list[str], said: str, report_run: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=said):
         main(["--run", str(report_run), "--out", str(tmp_path / "x.csv"), *arguments])
+
+
+@pytest.mark.parametrize("name", ["out", "examples"])
+def test_a_folder_that_is_not_there_is_said_before_the_search(name: str, report_run: Path, tmp_path: Path) -> None:
+    files = {"out": tmp_path / "hard.csv", "examples": tmp_path / "hard.npz"}
+    files[name] = tmp_path / "nowhere" / files[name].name
+    with pytest.raises(ConfigError, match=rf"--{name} .*: there is no folder .*nowhere"):
+        main(["--run", str(report_run), "--out", str(files["out"]), "--examples", str(files["examples"])])
+    assert not list(tmp_path.rglob("hard.*"))
+
+
+def test_no_example_is_a_sentence_and_no_empty_file(tmp_path: Path) -> None:
+    path = tmp_path / "hard.npz"
+    with pytest.raises(ConfigError, match=r"--examples .*: there is none"):
+        _write_examples(path, [(np.zeros((0, 8), np.float32), np.zeros((0, 2), np.float32))], 100)
+    assert not path.exists()
 
 
 def test_what_is_there_already_stays(report_run: Path, tmp_path: Path) -> None:
