@@ -21,16 +21,13 @@ from envs.observation import CRITICAL_RADIUS, criticality, most_critical, observ
 from envs.relative import distance
 from envs.trees import take
 
-__all__ = ["SPACING", "STEP", "TILE", "Rollout", "roll", "roll_one"]
+__all__ = ["SPACING", "STEP", "Rollout", "roll", "roll_one"]
 
 STEP = 1.0
 """Between decisions, s."""
 
 SPACING = 20
 """Steps between waypoints."""
-
-TILE = 256
-"""Rows that the network takes at a time, so that no request's result depends on the others (Policy.tiled)."""
 
 
 _BEHIND = 20_000.0  # m
@@ -97,7 +94,7 @@ def roll(own: VehicleState, traffic: Traffic, goal: tuple[Any, Any], keep: Any, 
         if nobody:
             seen = _or_nobody(seen, traffic.mask, state)
         chosen = most_critical(state, seen, traffic.mask, CRITICAL_RADIUS, np)
-        action = policy.tiled(observe(state, chosen, goal_x, goal_y, np).astype(np.float32), TILE).astype(float)
+        action = policy.rowwise(observe(state, chosen, goal_x, goal_y, np).astype(np.float32)).astype(float)
         acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
         moved = advance(state, acceleration, yaw_rate, STEP, limits, np)
         path += 0.5 * STEP * (state.speed + moved.speed)

@@ -2,7 +2,7 @@
 
 Encounters a second for a whole evaluation of circle encounters (draw, fly with and without the policy, judge, table,
 start of the processes included), and how far that is from the limit that matrix products set: the time that the
-policy's products alone would take at the rate measured in the same run, with the same tiles and as many processes.
+policy's products alone would take as matrix products, at the rate measured in the same run by as many processes.
 """
 
 import argparse
@@ -23,17 +23,20 @@ from benchmarks.measure import report, seconds
 from envs.encounters import SCENARIOS
 from envs.outcome import RULES
 from envs.starts import numbered
-from eval.chunks import NETWORK_TILE, Evaluation, Pilot
+from eval.chunks import Evaluation, Pilot
 from eval.config import MonteCarloConfig
 from eval.simulate import direct, fly
 from eval.workers import Chunk, cores, fly_chunks
 
+ROWS = 256
+"""Of a matrix product of the limit."""
+
 
 def gemm_flops_per_s(widths: list[int]) -> float:
-    """Return the float32 rate of the network's matrix products alone, one thread, tiles as in flight."""
+    """Return the float32 rate of the network's matrix products alone, one thread, large batches."""
     rng = np.random.default_rng(0)
     layers = [rng.standard_normal(shape).astype(np.float32) for shape in itertools.pairwise(widths)]
-    tiles = [rng.standard_normal((NETWORK_TILE, width)).astype(np.float32) for width in widths[:-1]]
+    tiles = [rng.standard_normal((ROWS, width)).astype(np.float32) for width in widths[:-1]]
     rounds = 200
 
     def work() -> None:
@@ -42,7 +45,7 @@ def gemm_flops_per_s(widths: list[int]) -> float:
                 tile @ layer  # pyright: ignore[reportUnusedExpression]
 
     with threadpool_limits(1):
-        return rounds * NETWORK_TILE * flops(widths) / min(seconds(work, 7))
+        return rounds * ROWS * flops(widths) / min(seconds(work, 7))
 
 
 def flops(widths: list[int]) -> int:

@@ -30,7 +30,6 @@ from eval.sources import Source, drawn, spread
 
 __all__ = [
     "MODES",
-    "NETWORK_TILE",
     "Evaluation",
     "Pilot",
     "columns",
@@ -42,9 +41,6 @@ __all__ = [
 
 MODES = ("policy", "plan", "assured")
 """Who decides: the network once a second; a plan made at the start; such a plan under a monitor, with re-plans."""
-
-NETWORK_TILE = 256
-"""Rows that the network takes at a time: a fixed number, because BLAS rounds a row differently in another."""
 
 
 class Evaluation(NamedTuple):
@@ -81,7 +77,7 @@ class Pilot(NamedTuple):
 
     def decide(self, observation: np.ndarray) -> np.ndarray:
         """Return the network's actions ``[M, 2]`` on observations ``[M, 8]``."""
-        return self.policy.tiled(observation, tile=NETWORK_TILE)
+        return self.policy.rowwise(observation)
 
 
 def encounters(evaluation: Evaluation, first: int, count: int) -> Encounter:

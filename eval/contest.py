@@ -17,7 +17,7 @@ from envs.kinematics import C208_PUBLISHED, Limits
 from envs.outcome import Rules
 from envs.replay import Replay
 from eval.assured import fly_assured
-from eval.chunks import NETWORK_TILE, Evaluation, noise_of
+from eval.chunks import Evaluation, noise_of
 from eval.film import Trajectories, until
 from eval.hindsight import verdicts
 from eval.metrics import costs, losses, relative
@@ -107,7 +107,7 @@ def policy_entries(
     policy = Policy.load(path)
 
     def decide(observation: np.ndarray) -> np.ndarray:
-        return policy.tiled(observation, tile=NETWORK_TILE)
+        return policy.rowwise(observation)
 
     return (
         Entry(name, "policy", decide, policy.sha256),

@@ -135,8 +135,8 @@ def _examine(policy: "Policy", scenes: "Sequence[Scene]", options: argparse.Name
     from eval.policy_quality import around_conflicts, chatter, mirror_error, record
 
     limits = policy.limits
-    maps = [advise(policy.tiled, scene, options.extent, options.cells, limits) for scene in scenes]
-    flown = record(policy.tiled, options.encounters, options.seed, limits)
+    maps = [advise(policy.rowwise, scene, options.extent, options.cells, limits) for scene in scenes]
+    flown = record(policy.rowwise, options.encounters, options.seed, limits)
     name = "the shipped policy" if options.policy is None else options.policy.name
     settings = {
         "own_speed_m_s": options.own_speed,
@@ -157,8 +157,8 @@ def _examine(policy: "Policy", scenes: "Sequence[Scene]", options: argparse.Name
         "settings": settings,
         "maps": [shares(advisory, RULES.separation) for advisory in maps],
         "mirror_error": {
-            "around conflicts": mirror_error(policy.tiled, around_conflicts(options.samples, options.seed), limits),
-            "on policy": mirror_error(policy.tiled, flown.seen, limits),
+            "around conflicts": mirror_error(policy.rowwise, around_conflicts(options.samples, options.seed), limits),
+            "on policy": mirror_error(policy.rowwise, flown.seen, limits),
         },
         "chatter": chatter(flown, limits),
         "versions": versions("numpy", "matplotlib"),

@@ -86,7 +86,7 @@ def test_it_decides_as_the_shipped_policy_on_random_observations():
 def test_it_decides_as_the_shipped_policy_in_flight():
     policy = Policy.load()
     starts = numbered(SCENARIOS["circle"], 7, 0, 60)
-    _, film = fly(starts, policy.tiled, RULES, SURROGATE, record=True)
+    _, film = fly(starts, policy.rowwise, RULES, SURROGATE, record=True)
     assert film is not None
     seen = film.observation[np.isfinite(film.observation[..., 0])]
     assert len(seen) > 3_000

@@ -150,11 +150,11 @@ def test_chatter_by_hand():
 
 
 def test_flights_are_recorded_while_they_last(policy: Policy):
-    recorded = record(policy.tiled, 6, 1, LIMITS)
+    recorded = record(policy.rowwise, 6, 1, LIMITS)
     lasting = np.isfinite(recorded.action[..., 0]).sum(axis=0)
     assert lasting.max() <= RULES.t_max
     assert len(recorded.seen) == lasting.sum()
-    np.testing.assert_array_equal(policy.tiled(recorded.seen[:50]), recorded.action[recorded_rows(recorded)][:50])
+    np.testing.assert_array_equal(policy.rowwise(recorded.seen[:50]), recorded.action[recorded_rows(recorded)][:50])
 
 
 def recorded_rows(recorded: Recorded) -> np.ndarray:

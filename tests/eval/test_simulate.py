@@ -127,7 +127,7 @@ def test_initial_conditions_by_hand() -> None:
 def flown(name: str, policy: Policy, first: int, count: int):
     starts = numbered(SCENARIOS[name], 11, first, count)
     noise = sensor_noise(11, first, *starts.mask.shape) if name == "noisy" else None
-    return simulate.fly(starts, policy.tiled, RULES, SURROGATE, noise=noise, record=True)
+    return simulate.fly(starts, policy.rowwise, RULES, SURROGATE, noise=noise, record=True)
 
 
 @pytest.mark.parametrize("name", ["circle", "maneuvering", "noisy", "multi"])
@@ -159,9 +159,9 @@ def test_trajectories_end_with_the_flight(policy: Policy) -> None:
 
 def test_noise_changes_what_is_seen_and_nothing_else(policy: Policy) -> None:
     starts = numbered(SCENARIOS["noisy"], 3, 0, 40)
-    clear, clear_film = simulate.fly(starts, policy.tiled, RULES, SURROGATE, record=True)
+    clear, clear_film = simulate.fly(starts, policy.rowwise, RULES, SURROGATE, record=True)
     noisy, noisy_film = simulate.fly(
-        starts, policy.tiled, RULES, SURROGATE, noise=sensor_noise(3, 0, *starts.mask.shape), record=True
+        starts, policy.rowwise, RULES, SURROGATE, noise=sensor_noise(3, 0, *starts.mask.shape), record=True
     )
     assert clear_film is not None
     assert noisy_film is not None
@@ -191,7 +191,7 @@ def test_parity_with_the_jax_surrogate_step_by_step(name: str, double: bool, pol
     """
     tolerance_m, tolerance_rad = (1e-4, 1e-9) if double else (0.5, 2e-5)
     starts = numbered(SCENARIOS[name], 5, 0, 64)
-    flights, film = simulate.fly(starts, policy.tiled, RULES, SURROGATE, record=True)
+    flights, film = simulate.fly(starts, policy.rowwise, RULES, SURROGATE, record=True)
     assert film is not None
     with jax.enable_x64(double):
         kind = jnp.float64 if double else jnp.float32
