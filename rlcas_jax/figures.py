@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["FIGURES", "STYLE", "main", "training_figures"]
+__all__ = ["FIGURES", "STYLE", "main", "stretches", "training_figures"]
 
 PAPER_SCORE = 75.0
 """Average episode reward that the paper reports at the end of its training."""
@@ -36,6 +36,8 @@ STYLE: dict[Any, Any] = {
     "svg.hashsalt": "rlcas",  # the same data give the same file
 }
 _STEPS = "environment steps, millions"
+_POINTS = 400
+"""Most points of a curve; more would be a band."""
 
 
 class _Panel(NamedTuple):
@@ -43,6 +45,8 @@ class _Panel(NamedTuple):
     title: str
     unit: str
 
+
+_OF_EPISODES = ("score", "success")  # means over the episodes that ended in an update
 
 FIGURES = {
     "episode_reward": _Panel("score", "Average episode reward", "sparse return"),
@@ -151,7 +155,8 @@ def _lines(axes: "Axes", logs: Sequence[dict[str, np.ndarray]], metric: str, col
         values = log.get(metric, np.full_like(log["step"], np.nan))
         known = np.isfinite(values)
         if known.any():
-            curves.append((log["step"][known] * 1e-6, factor * values[known]))
+            weights = log["episodes"] if metric in _OF_EPISODES else np.ones_like(values)
+            curves.append(stretches(log["step"][known] * 1e-6, factor * values[known], weights[known]))
     if len(curves) > 1:
         for steps, values in curves:
             axes.plot(steps, values, color=color, linewidth=0.7, alpha=0.4)
@@ -164,6 +169,23 @@ def _lines(axes: "Axes", logs: Sequence[dict[str, np.ndarray]], metric: str, col
         # A run of one update is a point, which a line would not show.
         marker = "o" if len(curves[0][0]) == 1 else None
         axes.plot(*curves[0], color=color, linewidth=1.5, marker=marker, label=label)
+
+
+def stretches(
+    steps: np.ndarray, values: np.ndarray, weights: np.ndarray, most: int = _POINTS
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a curve of at most so many points: the ends of stretches of equal length and the weighted means over them.
+
+    Args:
+        steps: ascending, ``[N]``.
+        values: ``[N]``.
+        weights: of the values, positive, ``[N]``.
+        most: points.
+    """
+    length = -(-len(steps) // most)
+    first = np.arange(0, len(steps), length)
+    means = np.add.reduceat(weights * values, first) / np.add.reduceat(weights, first)
+    return steps[np.minimum(first + length, len(steps)) - 1], means if length > 1 else values
 
 
 def _save(figure: "Figure", path: Path) -> list[Path]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agents.configuration import ConfigError
-from rlcas_jax.figures import FIGURES, main, training_figures
+from rlcas_jax.figures import FIGURES, main, stretches, training_figures
 from rlcas_jax.metrics import METRICS, Writer
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -22,6 +22,7 @@ def log(directory: Path, seed: int = 0, updates: int = 20) -> Path:
             row = {
                 "step": 131_072 * update,
                 "update": update,
+                "episodes": 0 if update == 1 else 300 + update,
                 # No episode has ended yet in the first update.
                 "score": np.nan if update == 1 else -60.0 + 140.0 * learned + random.normal(),
                 "success": np.nan if update == 1 else 0.2 + 0.7 * learned,
@@ -61,6 +62,19 @@ def test_the_command_draws_finished_runs_again(tmp_path: Path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(ConfigError, match="no metrics to draw"):
         main([str(tmp_path / "empty"), "--out", str(tmp_path / "figures")])
+
+
+@pytest.mark.parametrize("count", [1, 399, 400, 401, 12_207])
+def test_a_long_curve_is_drawn_by_means_that_keep_its_own(count: int):
+    random = np.random.default_rng(count)
+    steps, values, weights = np.arange(1.0, count + 1), random.normal(size=count), random.integers(1, 90, count)
+    ends, means = stretches(steps, values, weights)
+    assert len(ends) == len(means) <= 400
+    assert ends[-1] == count
+    shares = np.diff(np.concatenate([[0.0], np.cumsum(weights)[ends.astype(int) - 1]]))
+    assert np.average(means, weights=shares) == pytest.approx(np.average(values, weights=weights))
+    if count <= 400:
+        np.testing.assert_array_equal(means, values)
 
 
 def test_without_metrics_there_is_nothing_to_draw(tmp_path: Path):
