@@ -1,4 +1,4 @@
-"""What splitting a training costs: ``python -m benchmarks.devices [--config FILE] [--updates 12] [--turns 2]``.
+"""What splitting a training costs: ``python -m benchmarks.devices [--config FILE] [--updates 60] [--turns 2]``.
 
 The training program itself, in turns: one process on all cores, and as many processes as there are cores, each held to
 one of them, which exchange their gradients over the loopback. Same configuration, same global batch. A rate is the
@@ -29,7 +29,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--config", default="configs/quick.yaml", help="what is trained (default configs/quick.yaml)")
-    parser.add_argument("--updates", type=int, default=12, help="updates of each run (default 12)")
+    parser.add_argument("--updates", type=int, default=60, help="updates of each run (default 60)")
     parser.add_argument("--turns", type=int, default=2, help="runs of each kind (default 2)")
     options = parser.parse_args()
     if options.updates <= _IGNORED or options.turns < 1:
