@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import optax
+from jax.flatten_util import ravel_pytree
 
 from agents.networks import Actor, Critic
 
@@ -273,7 +274,7 @@ def update(
         gradient_of = jax.grad(partial(losses, parts=parts, settings=settings, shown=some), has_aux=True)
         gradient, parts_of_loss = gradient_of((carry.actor, carry.critic), batch)
         if parts.axis is not None:
-            gradient, parts_of_loss = jax.lax.pmean((gradient, parts_of_loss), parts.axis)
+            gradient, parts_of_loss = _mean_of_devices((gradient, parts_of_loss), parts.axis)
         direction, optimizer = parts.optimizer.update(gradient, carry.optimizer)
         actor, critic = jax.tree.map(lambda p, d: p - learning_rate * d, (carry.actor, carry.critic), direction)
         parts_of_loss["grad_norm"] = optax.tree.norm(gradient)
@@ -305,9 +306,17 @@ def explained_variance(value: jax.Array, target: jax.Array, axis: str | None = N
     return 1.0 - jnp.square(left) / (jnp.square(whole) + 1e-8)
 
 
+def _mean_of_devices(tree: Any, axis: str) -> Any:
+    """Return the mean of a tree over the devices of an axis, by one message instead of one a leaf."""
+    flat, restored = ravel_pytree(tree)
+    return restored(jax.lax.pmean(flat, axis))
+
+
 def _moments(values: jax.Array, axis: str | None) -> tuple[jax.Array, jax.Array]:
     """Return mean and standard deviation, of all devices' values where there is an axis of them."""
     if axis is None:
         return values.mean(), values.std()
-    mean = jax.lax.pmean(values.mean(), axis)
-    return mean, jnp.sqrt(jax.lax.pmean(jnp.mean(jnp.square(values - mean)), axis))
+    here = values.mean()
+    # One message: the variance over all is that within the devices and that of their means.
+    mean, square, within = jax.lax.pmean(jnp.stack([here, jnp.square(here), values.var()]), axis)
+    return mean, jnp.sqrt(within + jnp.maximum(square - jnp.square(mean), 0.0))

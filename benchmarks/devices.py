@@ -1,4 +1,4 @@
-"""What splitting a training costs: ``python -m benchmarks.devices [--config FILE] [--updates 60] [--turns 2]``.
+"""What splitting a training costs: ``python -m benchmarks.devices [--config FILE] [--updates 10] [--turns 2]``.
 
 The training program itself, in turns: one process on all cores, and as many processes as there are cores, each held to
 one of them, which exchange their gradients over the loopback. Same configuration, same global batch. A rate is the
@@ -28,8 +28,12 @@ _IGNORED = 2  # updates at the beginning: compilation, first touch
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--config", default="configs/quick.yaml", help="what is trained (default configs/quick.yaml)")
-    parser.add_argument("--updates", type=int, default=60, help="updates of each run (default 60)")
+    parser.add_argument(
+        "--config",
+        default="configs/best_middle.yaml",
+        help="what is trained, from nothing (default configs/best_middle.yaml)",
+    )
+    parser.add_argument("--updates", type=int, default=10, help="updates of each run (default 10)")
     parser.add_argument("--turns", type=int, default=2, help="runs of each kind (default 2)")
     options = parser.parse_args()
     if options.updates <= _IGNORED or options.turns < 1:
@@ -41,7 +45,8 @@ def main() -> None:
     one, many = [], []
     with tempfile.TemporaryDirectory() as folder:
         for turn in range(options.turns):
-            common = ["--config", options.config, "--set", f"steps={steps}", "--set", "evaluation.final_encounters=10"]
+            common = ["--config", options.config, "--set", f"steps={steps}", "--set", "start_from=null"]
+            common += ["--set", "evaluation.final_encounters=10"]
             common += ["--set", "evaluation.every_steps=1000000000", "--quiet"]
             out = Path(folder) / f"one-{turn}"
             _wait([_start([*common, "--out", str(out)], cores)])
