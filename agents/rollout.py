@@ -29,7 +29,6 @@ STEP = 1.0
 SPACING = 20
 """Steps between waypoints."""
 
-
 _BEHIND = 20_000.0  # m
 
 

@@ -36,13 +36,13 @@ def gemm_flops_per_s(widths: list[int]) -> float:
     """Return the float32 rate of the network's matrix products alone, one thread, large batches."""
     rng = np.random.default_rng(0)
     layers = [rng.standard_normal(shape).astype(np.float32) for shape in itertools.pairwise(widths)]
-    tiles = [rng.standard_normal((ROWS, width)).astype(np.float32) for width in widths[:-1]]
+    batches = [rng.standard_normal((ROWS, width)).astype(np.float32) for width in widths[:-1]]
     rounds = 200
 
     def work() -> None:
         for _ in range(rounds):
-            for tile, layer in zip(tiles, layers, strict=True):
-                tile @ layer  # pyright: ignore[reportUnusedExpression]
+            for batch, layer in zip(batches, layers, strict=True):
+                batch @ layer  # pyright: ignore[reportUnusedExpression]
 
     with threadpool_limits(1):
         return rounds * ROWS * flops(widths) / min(seconds(work, 7))

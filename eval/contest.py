@@ -105,13 +105,9 @@ def policy_entries(
         logic = load_logic(path, limits, rules.goal_radius, rules.separation)
         return (Entry(name, "nnet", OnStates(logic)),)
     policy = Policy.load(path)
-
-    def decide(observation: np.ndarray) -> np.ndarray:
-        return policy.rowwise(observation)
-
     return (
-        Entry(name, "policy", decide, policy.sha256),
-        Entry(f"{name}, speed held", "policy", _held(decide), policy.sha256),
+        Entry(name, "policy", policy.rowwise, policy.sha256),
+        Entry(f"{name}, speed held", "policy", _held(policy.rowwise), policy.sha256),
         *(Entry(f"{name}, {mode}", "policy", Plans(policy, SETTING, mode), policy.sha256) for mode in modes),
     )
 

@@ -182,10 +182,12 @@ def stretches(
         weights: of the values, positive, ``[N]``.
         most: points.
     """
+    if len(steps) <= most:
+        return steps, values
     length = -(-len(steps) // most)
     first = np.arange(0, len(steps), length)
     means = np.add.reduceat(weights * values, first) / np.add.reduceat(weights, first)
-    return steps[np.minimum(first + length, len(steps)) - 1], means if length > 1 else values
+    return steps[np.minimum(first + length, len(steps)) - 1], means
 
 
 def _save(figure: "Figure", path: Path) -> list[Path]:
