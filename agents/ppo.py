@@ -27,6 +27,7 @@ __all__ = [
     "initial_state",
     "learner",
     "losses",
+    "normalized",
     "update",
 ]
 
@@ -186,6 +187,18 @@ def deviation(mean: jax.Array, examples: Examples) -> jax.Array:
     return jnp.mean(jnp.square(mean - met))
 
 
+def normalized(advantage: jax.Array, axis: str | None = None) -> jax.Array:
+    """Return the advantages of minibatches ``[B, M]``, each with mean 0 and standard deviation 1 over its samples.
+
+    Args:
+        advantage: of the samples that each minibatch has on this device.
+        axis: of the devices that have the others, which then hear of all minibatches in one message; None: there are
+            none.
+    """
+    mean, std = _moments(advantage, axis)
+    return (advantage - mean[:, None]) / (std[:, None] + 1e-8)
+
+
 def losses(
     parameters: tuple[Any, Any],
     batch: Batch,
@@ -195,11 +208,9 @@ def losses(
 ) -> tuple[jax.Array, dict]:
     """Return the scalar loss of a minibatch and its parts (means over the samples of this device).
 
-    The advantages are normalised over the samples of all devices.
-
     Args:
         parameters: of actor and critic.
-        batch: samples.
+        batch: samples, their advantages normalised if they shall be.
         parts: networks.
         settings: of the algorithm.
         shown: examples to be imitated besides, and the weight of that.
@@ -208,15 +219,11 @@ def losses(
     mean, log_std = parts.policy(actor_variables, batch.observation)
     value = parts.value(critic_variables, batch.observation)
 
-    advantage = batch.advantage
-    if settings.normalize_advantage:
-        mean_advantage, std_advantage = _moments(advantage, parts.axis)
-        advantage = (advantage - mean_advantage) / (std_advantage + 1e-8)
     log_prob = gaussian_log_prob(batch.action, mean, log_std)
     log_ratio = log_prob - batch.log_prob
     ratio = jnp.exp(log_ratio)
     clipped = jnp.clip(ratio, 1.0 - settings.clip, 1.0 + settings.clip)
-    policy_loss = -jnp.mean(jnp.minimum(ratio * advantage, clipped * advantage))
+    policy_loss = -jnp.mean(jnp.minimum(ratio * batch.advantage, clipped * batch.advantage))
     value_loss = 0.5 * jnp.mean(jnp.square(value - batch.target))
     entropy = gaussian_entropy(log_std)
     loss = policy_loss + settings.value * value_loss - settings.entropy * entropy
@@ -268,8 +275,9 @@ def update(
     per_minibatch = segments // settings.minibatches
     rows = jax.tree.map(lambda a: a.reshape(segments, settings.segment, *a.shape[2:]), rollout)
 
-    def minibatch(carry: LearnerState, chosen: jax.Array) -> tuple[LearnerState, dict]:
-        batch = jax.tree.map(lambda a: a[chosen].reshape(-1, *a.shape[2:]), rows)
+    def minibatch(carry: LearnerState, now: tuple[jax.Array, jax.Array]) -> tuple[LearnerState, dict]:
+        chosen, advantage = now
+        batch = jax.tree.map(lambda a: a[chosen].reshape(-1, *a.shape[2:]), rows)._replace(advantage=advantage)
         some = None if shown is None else (_some(shown[0], batch, chosen), shown[1])
         gradient_of = jax.grad(partial(losses, parts=parts, settings=settings, shown=some), has_aux=True)
         gradient, parts_of_loss = gradient_of((carry.actor, carry.critic), batch)
@@ -282,7 +290,10 @@ def update(
 
     def epoch(carry: LearnerState, epoch_key: jax.Array) -> tuple[LearnerState, dict]:
         order = jax.random.permutation(epoch_key, segments).reshape(settings.minibatches, per_minibatch)
-        return jax.lax.scan(minibatch, carry, order)
+        advantage = rows.advantage[order].reshape(settings.minibatches, -1)
+        if settings.normalize_advantage:
+            advantage = normalized(advantage, parts.axis)
+        return jax.lax.scan(minibatch, carry, (order, advantage))
 
     if parts.axis is not None:
         key = jax.random.fold_in(key, jax.lax.axis_index(parts.axis))
@@ -302,7 +313,7 @@ def explained_variance(value: jax.Array, target: jax.Array, axis: str | None = N
     """Return the share of the returns' variance that the critic explains, 1 at best; over all devices of an axis."""
     if axis is None:
         return 1.0 - jnp.var(target - value) / (jnp.var(target) + 1e-8)
-    (_, left), (_, whole) = _moments(target - value, axis), _moments(target, axis)
+    (_, left), (_, whole) = _moments((target - value).ravel(), axis), _moments(target.ravel(), axis)
     return 1.0 - jnp.square(left) / (jnp.square(whole) + 1e-8)
 
 
@@ -313,10 +324,10 @@ def _mean_of_devices(tree: Any, axis: str) -> Any:
 
 
 def _moments(values: jax.Array, axis: str | None) -> tuple[jax.Array, jax.Array]:
-    """Return mean and standard deviation, of all devices' values where there is an axis of them."""
+    """Return mean and standard deviation along the last axis, of all devices' values where there is an axis of them."""
+    here = values.mean(axis=-1)
     if axis is None:
-        return values.mean(), values.std()
-    here = values.mean()
+        return here, values.std(axis=-1)
     # One message: the variance over all is that within the devices and that of their means.
-    mean, square, within = jax.lax.pmean(jnp.stack([here, jnp.square(here), values.var()]), axis)
+    mean, square, within = jax.lax.pmean(jnp.stack([here, jnp.square(here), values.var(axis=-1)]), axis)
     return mean, jnp.sqrt(within + jnp.maximum(square - jnp.square(mean), 0.0))

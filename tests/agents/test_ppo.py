@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -123,7 +124,7 @@ def losses(batch: Batch, **settings: Any) -> dict[str, float]:
     ],
 )
 def test_policy_loss_by_hand(ratios, advantage, expected, clipped) -> None:
-    found = losses(tiny_batch(ratios, advantage), clip=0.2, normalize_advantage=False)
+    found = losses(tiny_batch(ratios, advantage), clip=0.2)
     assert found["policy_loss"] == pytest.approx(expected, rel=1e-5)
     assert found["clip_fraction"] == pytest.approx(clipped)
     assert found["approx_kl"] == pytest.approx(np.mean([r - 1.0 - math.log(r) for r in ratios]), abs=1e-5)
@@ -133,19 +134,29 @@ def test_policy_loss_by_hand(ratios, advantage, expected, clipped) -> None:
 
 def test_value_loss_entropy_and_total_by_hand() -> None:
     """Values are 1, -1 and 4, targets 0, 0 and 3; two unit Gaussians have an entropy of log(2 pi e)."""
-    found = losses(tiny_batch([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]), value=0.7, entropy=0.3, normalize_advantage=False)
+    found = losses(tiny_batch([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]), value=0.7, entropy=0.3)
     assert found["value_loss"] == pytest.approx(0.5 * (1.0 + 1.0 + 1.0) / 3.0)
     assert found["entropy"] == pytest.approx(math.log(2.0 * math.pi * math.e), rel=1e-6)
     assert found["loss"] == pytest.approx(-2.0 + 0.7 * 0.5 - 0.3 * math.log(2.0 * math.pi * math.e), rel=1e-5)
 
 
-def test_advantages_are_normalised_within_the_minibatch() -> None:
-    """By hand: 1, 2, 6 have mean 3 and standard deviation sqrt(14/3); shifted and scaled ones have the same loss."""
-    found = losses(tiny_batch([1.1, 0.9, 1.0], [1.0, 2.0, 6.0]), normalize_advantage=True)
-    root = math.sqrt(14.0 / 3.0)
-    assert found["policy_loss"] == pytest.approx(-(1.1 * -2.0 + 0.9 * -1.0 + 3.0) / root / 3.0, rel=1e-4)
-    again = losses(tiny_batch([1.1, 0.9, 1.0], [107.0, 112.0, 132.0]), normalize_advantage=True)
-    assert again["policy_loss"] == pytest.approx(found["policy_loss"], rel=1e-4)
+def test_advantages_are_normalised_within_each_minibatch() -> None:
+    """By hand: 1, 2, 6 have mean 3 and standard deviation sqrt(14/3); so have they shifted and scaled."""
+    found = ppo.normalized(jnp.array([[1.0, 2.0, 6.0], [107.0, 112.0, 132.0]]))
+    by_hand = np.array([-2.0, -1.0, 3.0]) / math.sqrt(14.0 / 3.0)
+    np.testing.assert_allclose(found, [by_hand, by_hand], rtol=1e-4)
+
+
+def test_an_update_learns_from_normalised_advantages_if_it_shall(small) -> None:
+    parts, state, rollout = small
+    changed = rollout._replace(advantage=40.0 * rollout.advantage + 7.0)
+
+    def learned(samples: Batch, *, normalize: bool) -> float:
+        settings = replace(SETTINGS, normalize_advantage=normalize)
+        return float(update(state, samples, jax.random.key(1), 1e-3, parts, settings)[1]["policy_loss"])
+
+    assert learned(changed, normalize=True) == pytest.approx(learned(rollout, normalize=True), abs=1e-4)
+    assert abs(learned(changed, normalize=False) - learned(rollout, normalize=False)) > 1.0
 
 
 def test_the_gradient_of_a_clipped_sample_is_zero() -> None:
@@ -154,7 +165,7 @@ def test_the_gradient_of_a_clipped_sample_is_zero() -> None:
         batch = batch._replace(action=batch.action + np.float32(0.1))
         shift = ppo.gaussian_log_prob(batch.action, batch.observation, jnp.zeros(2)) + math.log(2.0 * math.pi)
         batch = batch._replace(log_prob=batch.log_prob + shift)
-        settings = PpoSettings(value=0.0, normalize_advantage=False)
+        settings = PpoSettings(value=0.0)
         gradient, _ = jax.grad(ppo.losses, has_aux=True)(UNIT, batch, BY_HAND, settings)
         return float(gradient[0]["gain"])
 
@@ -216,9 +227,9 @@ def test_each_networks_gradient_is_clipped_to_its_own_norm(small) -> None:
     once = PpoSettings(epochs=1, minibatches=1, segment=2, max_grad_norm=0.5 * SETTINGS.max_grad_norm)
     parts = ppo.learner(parts.actor, parts.critic, once)
     after, logged = update(state, rollout, jax.random.key(1), 0.0, parts, once)
-    gradient, _ = jax.grad(ppo.losses, has_aux=True)(
-        (state.actor, state.critic), jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), rollout), parts, once
-    )
+    samples = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), rollout)
+    samples = samples._replace(advantage=ppo.normalized(samples.advantage[None])[0])
+    gradient, _ = jax.grad(ppo.losses, has_aux=True)((state.actor, state.critic), samples, parts, once)
     norms = [float(optax.tree.norm(network)) for network in gradient]
     assert norms[1] > 100.0 * once.max_grad_norm, "of the critic, which errs widely"
     assert float(logged["grad_norm"]) == pytest.approx(float(np.hypot(*norms)), rel=1e-3), "logged before it is clipped"
