@@ -1,0 +1,106 @@
+"""One policy whose weights are the mean of several: ``python -m rlcas_jax.average A.safetensors=1 B.safetensors=1``.
+
+Policies that were trained one from the other differ little enough for that to be a policy again, and a better one than
+each: what the last steps of either owe to chance is averaged out (Izmailov et al. 2018; Wortsman et al. 2022).
+"""
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from agents.configuration import ConfigError, Parser, run_cli
+from agents.policy_file import PolicyFile, PolicyFileError, read
+
+__all__ = ["average", "main"]
+
+_DESCRIPTION = """\
+Write the policy whose weights are the mean of those of several, which should have been trained one from the other, and
+must have the same network, inputs and limits of the vehicle. The shares are divided by their sum."""
+
+_EPILOG = """\
+example:
+  python -m rlcas_jax.average runs/best_middle/policy.safetensors=0.2 runs/best_shorter/policy.safetensors=0.3 \\
+    runs/best/policy.safetensors=0.5 --out runs/policy.safetensors
+
+The new file carries the configuration of the last policy named and, in its notes, share and digest of each."""
+
+
+def average(policies: Sequence[tuple[PolicyFile, float]]) -> PolicyFile:
+    """Return the policy whose weights are the weighted mean of those of several.
+
+    Args:
+        policies: content and share of each; shares above 0, divided by their sum. The metadata are the last one's.
+
+    Raises:
+        PolicyFileError: networks, inputs or limits differ, or the mean is no policy.
+    """
+    from agents.export import to_policy_file
+
+    last = policies[-1][0]
+    total = math.fsum(share for _, share in policies)
+    for content, _ in policies:
+        for name in ("architecture", "limits", "observation", "action"):
+            if content.metadata[name] != last.metadata[name]:
+                raise PolicyFileError(
+                    f"policy {content.sha256[:8]}: its {name} is {content.metadata[name]}, expected "
+                    f"{last.metadata[name]} as of policy {last.sha256[:8]}"
+                )
+    mean = {
+        name: sum(content.actor[name].astype(float) * (share / total) for content, share in policies)
+        for name in last.actor
+    }
+    trunk: dict[str, dict[str, Any]] = {}
+    for name, tensor in mean.items():
+        if name != "log_std":
+            layer, part = name.split("/")
+            trunk.setdefault(layer, {})[part] = tensor
+    made_of = ", ".join(f"{share / total:.4g} of {content.sha256[:8]}" for content, share in policies)
+    return to_policy_file(
+        {"params": {"trunk": trunk, "log_std": mean["log_std"]}},
+        last.hidden,
+        last.feature_set,
+        last.limits,
+        last.metadata["training"]["config"],
+        steps=last.metadata["training"]["steps"],
+        notes=f"mean of the weights of {made_of}; configuration and steps are those of the last",
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write what the command line asks for, and return the exit status.
+
+    Raises:
+        ConfigError: bad input; so is ``PolicyFileError``.
+    """
+    from agents import policy_file
+
+    parser = Parser(prog="python -m rlcas_jax.average", description=_DESCRIPTION, epilog=_EPILOG)
+    parser.add_argument("policies", nargs="+", type=_weighted, metavar="FILE=SHARE", help="policy file and its share")
+    parser.add_argument("--out", type=Path, metavar="FILE", required=True, help="new policy file")
+    options = parser.parse_args(arguments)
+    if options.out.exists():
+        raise ConfigError(f"--out {options.out} exists, expected the name of a new file")
+    found = average([(read(path), share) for path, share in options.policies])
+    policy_file.write(options.out, found)
+    print(f"{options.out}: policy {found.sha256[:8]}, {found.metadata['notes']}")
+    return 0
+
+
+def _weighted(text: str) -> tuple[Path, float]:
+    """Return path and share of ``FILE=SHARE``."""
+    path, _, share = text.rpartition("=")
+    try:
+        number = float(share)
+    except ValueError:
+        number = math.nan
+    if not path or not 0.0 < number < math.inf:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}; expected FILE=SHARE with a share above 0, such as a.safetensors=0.5"
+        )
+    return Path(path), number
+
+
+if __name__ == "__main__":
+    run_cli(main, PolicyFileError)
