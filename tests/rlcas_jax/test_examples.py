@@ -14,7 +14,7 @@ from agents.configuration import ConfigError, load
 from agents.ppo import Examples, deviation
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.examples import exemplary
-from rlcas_jax.task import build
+from rlcas_jax.task import Task, build
 
 TINY = (
     *("network.hidden=[16]", "ppo.environments=32", "ppo.rollout=16", "ppo.minibatch=128", "ppo.segment=8"),
@@ -42,35 +42,39 @@ def test_an_action_deviates_by_its_distance_and_full_deflection_is_met_by_more(m
     assert found == pytest.approx(0.0 if beyond else (np.float32(mean) - np.float32(action)) ** 2, abs=1e-6)
 
 
-def test_a_training_is_drawn_to_its_examples_and_less_and_less(tmp_path: Path) -> None:
-    path = written(tmp_path, observation=SEEN, action=DONE)
-    more = [*TINY, f"practice.examples={path}", "practice.imitation=1.0", "steps=30720"]
-    task = build(load(TrainConfig, None, more))
-    state, found = task.initial(), []
-    for _ in range(task.updates):
-        state, figures = task.update(state)
+@pytest.fixture(scope="module")
+def tasks(tmp_path_factory: pytest.TempPathFactory) -> tuple[Task, Task]:
+    """Return a training of a thousand updates without examples and one with them; each is compiled once."""
+    path = written(tmp_path_factory.mktemp("examples"), observation=SEEN, action=DONE)
+    config = [*TINY, "steps=512000"]
+    shown = [*config, f"practice.examples={path}", "practice.imitation=1.0"]
+    plain, drawn = (build(load(TrainConfig, None, overrides)) for overrides in (config, shown))
+    return plain, drawn
+
+
+def test_a_training_is_drawn_to_its_examples(tasks: tuple[Task, Task]) -> None:
+    plain, drawn = tasks
+    state, found = drawn.initial(), []
+    for _ in range(60):
+        state, figures = drawn.update(state)
         found.append(float(figures["imitation_loss"]))
     assert found[-1] < 0.25 * found[0]
     # Without examples nothing of the kind is computed.
-    plain = build(load(TrainConfig, None, [*TINY, "steps=512"]))
     _, figures = plain.update(plain.initial())
     assert "imitation_loss" not in figures
 
 
-def test_the_weight_falls_to_nothing_at_the_end(tmp_path: Path) -> None:
+def test_the_weight_falls_to_nothing_at_the_end(tasks: tuple[Task, Task]) -> None:
     """The last of many updates changes the actor almost as a training without examples would."""
-    path = written(tmp_path, observation=SEEN, action=DONE)
-    config = [*TINY, "steps=512000", f"practice.examples={path}", "practice.imitation=1.0"]
 
-    def step(overrides: list[str], number: int) -> Any:
-        task = build(load(TrainConfig, None, overrides))
+    def step(task: Task, number: int) -> Any:
         begun = task.initial()._replace(update=jnp.asarray(number, jnp.int32))
         after, _ = task.update(begun)
         return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(after.learner.actor)])
 
-    plain = step([*TINY, "steps=512000"], 999)
-    early, late = (step(config, number) for number in (0, 999))
-    assert np.abs(late - plain).max() < 0.2 * np.abs(early - plain).max()
+    plain, drawn = tasks
+    early, late, without = step(drawn, 0), step(drawn, 999), step(plain, 999)
+    assert np.abs(late - without).max() < 0.2 * np.abs(early - without).max()
 
 
 @pytest.mark.parametrize(
