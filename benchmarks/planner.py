@@ -2,7 +2,7 @@
 
 The whole of ``agents.planner.plan``, from states and route to the validated answer, one request after the other on
 one core, over random circle encounters; those that the policy solves and those that need the fallback apart. Beside it,
-in turns with it, the floor: 380 times the three matrix-vector products of the network in float32 and their two tanh,
+in turns with it, the floor: 380 times the matrix-vector products of the network in float32 and the tanh between them,
 preallocated, features excluded. ``_cpu_`` figures count the processor's time alone, which other work on the machine
 does not lengthen so much.
 """
