@@ -19,7 +19,7 @@ from agents.versions import versions
 from envs.kinematics import Limits
 from envs.observation import SIZE
 
-__all__ = ["parity_observations", "to_policy_file", "write"]
+__all__ = ["parity_observations", "to_policy_file", "variables", "write"]
 
 _RANDOM_VECTORS = 64
 _SEED = 20
@@ -100,10 +100,20 @@ def parity_observations() -> np.ndarray:
     return np.concatenate([random, corners]).astype(np.float32)
 
 
-def _tensors(variables: Mapping[str, Any]) -> dict[str, np.ndarray]:
+def variables(tensors: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the variables of :class:`agents.networks.Actor` of a policy file's tensors, by name without ``actor/``."""
+    trunk: dict[str, dict[str, Any]] = {}
+    for name, tensor in tensors.items():
+        if name != "log_std":
+            layer, part = name.split("/")
+            trunk.setdefault(layer, {})[part] = tensor
+    return {"params": {"trunk": trunk, "log_std": tensors["log_std"]}}
+
+
+def _tensors(actor_variables: Mapping[str, Any]) -> dict[str, np.ndarray]:
     """Flatten the actor's parameters to float32 arrays named ``hidden_0/kernel``, ..., ``log_std``."""
     try:
-        params = variables["params"]
+        params = actor_variables["params"]
         tensors = {
             f"{layer}/{part}": np.asarray(value, np.float32)
             for layer, parts in params["trunk"].items()
@@ -123,13 +133,8 @@ def _flax_actions(
     In double precision: an accelerator's single-precision products may keep only ten bits.
     """
     with jax.enable_x64(True):
-        trunk: dict[str, dict[str, jax.Array]] = {}
-        for name, tensor in tensors.items():
-            if name != "log_std":
-                layer, part = name.split("/")
-                trunk.setdefault(layer, {})[part] = jnp.asarray(tensor, jnp.float64)
-        params = {"trunk": trunk, "log_std": jnp.asarray(tensors["log_std"], jnp.float64)}
-        mean = _mean({"params": params}, jnp.asarray(observations, jnp.float64), tuple(hidden), feature_set)
+        exact = variables({name: jnp.asarray(tensor, jnp.float64) for name, tensor in tensors.items()})
+        mean = _mean(exact, jnp.asarray(observations, jnp.float64), tuple(hidden), feature_set)
         return np.clip(np.asarray(mean), -1.0, 1.0)
 
 

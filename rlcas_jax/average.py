@@ -1,17 +1,17 @@
 """One policy whose weights are the mean of several: ``python -m rlcas_jax.average A.safetensors=1 B.safetensors=1``.
 
-Policies that were trained one from the other differ little enough for that to be a policy again, and a better one than
-each: what the last steps of either owe to chance is averaged out (Izmailov et al. 2018; Wortsman et al. 2022).
+Policies that were trained one from the other differ little enough for that to be a policy again, and often one beyond
+the trade between them: what the last steps of either owe to chance is averaged out (Izmailov et al. 2018; Wortsman et
+al. 2022).
 """
 
 import argparse
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from agents.configuration import ConfigError, Parser, run_cli
-from agents.policy_file import PolicyFile, PolicyFileError, read
+from agents.policy_file import PolicyFile, PolicyFileError, read, write
 
 __all__ = ["average", "main"]
 
@@ -36,7 +36,7 @@ def average(policies: Sequence[tuple[PolicyFile, float]]) -> PolicyFile:
     Raises:
         PolicyFileError: networks, inputs or limits differ, or the mean is no policy.
     """
-    from agents.export import to_policy_file
+    from agents.export import to_policy_file, variables
 
     last = policies[-1][0]
     total = math.fsum(share for _, share in policies)
@@ -51,14 +51,9 @@ def average(policies: Sequence[tuple[PolicyFile, float]]) -> PolicyFile:
         name: sum(content.actor[name].astype(float) * (share / total) for content, share in policies)
         for name in last.actor
     }
-    trunk: dict[str, dict[str, Any]] = {}
-    for name, tensor in mean.items():
-        if name != "log_std":
-            layer, part = name.split("/")
-            trunk.setdefault(layer, {})[part] = tensor
     made_of = ", ".join(f"{share / total:.4g} of {content.sha256[:8]}" for content, share in policies)
     return to_policy_file(
-        {"params": {"trunk": trunk, "log_std": mean["log_std"]}},
+        variables(mean),
         last.hidden,
         last.feature_set,
         last.limits,
@@ -74,8 +69,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Raises:
         ConfigError: bad input; so is ``PolicyFileError``.
     """
-    from agents import policy_file
-
     parser = Parser(prog="python -m rlcas_jax.average", description=_DESCRIPTION, epilog=_EPILOG)
     parser.add_argument("policies", nargs="+", type=_weighted, metavar="FILE=SHARE", help="policy file and its share")
     parser.add_argument("--out", type=Path, metavar="FILE", required=True, help="new policy file")
@@ -83,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.out.exists():
         raise ConfigError(f"--out {options.out} exists, expected the name of a new file")
     found = average([(read(path), share) for path, share in options.policies])
-    policy_file.write(options.out, found)
+    write(options.out, found)
     print(f"{options.out}: policy {found.sha256[:8]}, {found.metadata['notes']}")
     return 0
 
