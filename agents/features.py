@@ -4,17 +4,24 @@ Eight raw numbers hide what a conflict is about: whether, when and on which side
 block computes it from the observation alone, in the ownship's frame (rotation-invariant), for any backend.
 """
 
+import math
 from typing import Any
 
-from envs.observation import decode
+from agents.foresight import COUNT, separations
+from envs.kinematics import SURROGATE
+from envs.observation import Decoded, decode
 
-__all__ = ["FEATURE_SETS", "features", "side", "size"]
+__all__ = ["FEATURE_SETS", "MIRRORED", "features", "side", "size"]
 
-FEATURE_SETS = ("none", "cpa", "mirror")
+FEATURE_SETS = ("none", "cpa", "mirror", "foresight")
 """``none``: the bare observation (the paper's set-up); ``cpa``: geometry and closest point of approach; ``mirror``: the
-same with every scene seen so that the intruder is left of the line to the goal: an exactly symmetric policy."""
+same with every scene seen so that the intruder is left of the line to the goal: an exactly symmetric policy;
+``foresight``: that, and what simple manoeuvres would lead to."""
 
-_SIZES = {"none": 8, "cpa": 22, "mirror": 22}
+MIRRORED = ("mirror", "foresight")
+"""The sets that see a scene and its mirror image alike; the yaw rate then wants the factor of :func:`side`."""
+
+_SIZES = {"none": 8, "cpa": 22, "mirror": 22, "foresight": 22 + COUNT + 2}
 _INTRUDER, _GOAL = 4, 6  # bearings in the observation, left positive
 
 
@@ -41,7 +48,7 @@ def side(observation: list[Any], feature_set: str, xp: Any) -> Any:
         feature_set: one of :data:`FEATURE_SETS`.
         xp: array namespace.
     """
-    if feature_set != "mirror":
+    if feature_set not in MIRRORED:
         return 1.0
     # The sine of the angle from the goal to the intruder has the sign of the angle within half a turn, and the other
     # one beyond. Not a choice between constants, which numpy would widen to float64; -0.0 counts as left.
@@ -83,9 +90,10 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
         geometry.intruder_vy - geometry.own_speed * goal_sine,
         xp,
     )
-    if feature_set == "mirror":
+    if feature_set in MIRRORED:
         ahead, homeward = (_mirrored(passing, hand) for passing in (ahead, homeward))
         goal_sine = goal_sine * hand
+    foreseen = _foreseen(geometry, observation[_GOAL], hand, xp) if feature_set == "foresight" else []
     return [
         observation[0],
         observation[2],
@@ -103,6 +111,20 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
         (x * vx + y * vy) / (intruder_range * 100.0),
         *ahead,
         *homeward,
+        *foreseen,
+    ]
+
+
+def _foreseen(geometry: Decoded, goal_bearing: Any, hand: Any, xp: Any) -> list[Any]:
+    """Describe what simple manoeuvres keep of the separation, and how far the goal is from the turning circles."""
+    seen = geometry._replace(intruder_y=geometry.intruder_y * hand, intruder_vy=geometry.intruder_vy * hand)
+    kept = separations(seen, goal_bearing * (math.pi * hand), xp)
+    radius = geometry.own_speed * (1.0 / SURROGATE.yaw_rate_max)
+    goal_x, goal_y = geometry.goal_x, geometry.goal_y * hand
+    circles = [xp.sqrt(goal_x * goal_x + y * y + 1.0) - radius for y in (goal_y - radius, goal_y + radius)]
+    return [
+        *(_soft((separation - 1_000.0) * (1.0 / 30.0), xp) for separation in kept),
+        *(_soft(outside * (1.0 / 500.0), xp) for outside in circles),
     ]
 
 

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from agents.features import features, side
+from agents.features import MIRRORED, features, side
 
 __all__ = ["Actor", "Critic"]
 
@@ -51,7 +51,7 @@ class Actor(nn.Module):
     def __call__(self, observation: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action."""
         mean = Trunk(self.hidden, 2, 0.01, self.feature_set, name="trunk")(observation)
-        if self.feature_set == "mirror":
+        if self.feature_set in MIRRORED:
             hand = side(_components(observation), self.feature_set, jnp)
             mean = mean * jnp.stack([jnp.ones_like(hand), hand], axis=-1)
         log_std = self.param("log_std", nn.initializers.constant(self.log_std_initial), (2,))

@@ -154,6 +154,15 @@ class Graph:
         """Return the value limited to ``[low, high]``; both limits are constants."""
         return self.apply("Clip", value, float(low), float(high))
 
+    def row(self, values: np.ndarray) -> Traced:
+        """Return constants ``[1, K]``, to meet a column ``[N, 1]``."""
+        numbers = np.array(values, np.float32).reshape(1, -1)
+        return self.tensor("row_" + "_".join(f"{number!s}" for number in numbers[0]), numbers)
+
+    def columns(self, value: Traced, count: int) -> tuple[Traced, ...]:
+        """Return the columns ``[N, 1]`` of a value ``[N, count]``."""
+        return self.apply_many("Split", [value], count, axis=1)
+
     def where(self, condition: Traced, yes: Operand, no: Operand) -> Traced:
         """Return ``yes`` where the condition holds, else ``no``."""
         return self.apply("Where", condition, yes, no)

@@ -32,7 +32,9 @@ def description(**changes):
     } | changes
 
 
-@pytest.mark.parametrize(("hidden", "feature_set"), [(HIDDEN, "cpa"), ((12,), "none"), ((4, 4, 4), "mirror")])
+@pytest.mark.parametrize(
+    ("hidden", "feature_set"), [(HIDDEN, "cpa"), ((12,), "none"), ((4, 4, 4), "mirror"), ((5, 4), "foresight")]
+)
 def test_written_policy_decides_as_flax(tmp_path, hidden, feature_set):
     variables = made(hidden, feature_set)
     path = tmp_path / "p.safetensors"

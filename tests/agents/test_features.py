@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from agents.features import FEATURE_SETS, features, side, size
+from agents.features import FEATURE_SETS, MIRRORED, features, side, size
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState
 from envs.observation import observe
@@ -35,7 +35,7 @@ def test_size_agrees(feature_set):
 
 
 def test_unknown_set_is_named():
-    with pytest.raises(ValueError, match="'magic' is unknown; expected one of none, cpa, mirror"):
+    with pytest.raises(ValueError, match="'magic' is unknown; expected one of none, cpa, mirror, foresight"):
         features([0.0] * 8, "magic", FLOATS)
 
 
@@ -64,18 +64,19 @@ def test_mirrored_scene_flips_the_signed_parts_only():
     assert (np.abs(inputs(observation)).max(0) > 0.5).all()
 
 
-def test_a_mirrored_scene_looks_the_same_to_the_mirrored_set():
+@pytest.mark.parametrize("feature_set", MIRRORED)
+def test_a_mirrored_scene_looks_the_same_to_the_mirrored_sets(feature_set):
     observation = random_observations()
     mirrored = observation.copy()
     mirrored[:, [1, 3, 4, 6]] *= -1.0
-    np.testing.assert_allclose(inputs(mirrored, "mirror"), inputs(observation, "mirror"), atol=1e-8)
-    hands = [side(list(seen.T), "mirror", np) for seen in (observation, mirrored)]
+    np.testing.assert_allclose(inputs(mirrored, feature_set), inputs(observation, feature_set), atol=1e-8)
+    hands = [side(list(seen.T), feature_set, np) for seen in (observation, mirrored)]
     np.testing.assert_array_equal(hands[0], -hands[1])
     assert set(hands[0]) == {-1.0, 1.0}
     # An intruder to the left of the line to the goal is seen as it is.
     left = np.sin(np.pi * (observation[:, 4] - observation[:, 6])) >= 0.0
     np.testing.assert_array_equal(hands[0] > 0.0, left)
-    np.testing.assert_array_equal(inputs(observation[left], "mirror"), inputs(observation[left]))
+    np.testing.assert_array_equal(inputs(observation[left], feature_set)[:, :22], inputs(observation[left]))
 
 
 def test_the_side_does_not_depend_on_the_sign_of_zero():
@@ -92,7 +93,7 @@ def test_the_side_does_not_depend_on_the_sign_of_zero():
 @example([0.0, 0.3, 0.0, 0.3, 0.0, -1.0, 0.0, -1.0])  # on top of intruder and goal, at equal velocity
 @example([0.0, 1.0, 0.0, -1.0, 1.0, 1.0, -1.0, 1.0])  # equal headings at the seam, 20 km astern
 def test_finite_and_bounded_everywhere(observation):
-    for feature_set in ("cpa", "mirror"):
+    for feature_set in ("cpa", "mirror", "foresight"):
         for dtype in (np.float32, np.float64):
             values = inputs(np.array(observation, dtype), feature_set)
             assert values.dtype == dtype
@@ -101,16 +102,27 @@ def test_finite_and_bounded_everywhere(observation):
         assert max(map(abs, features(observation, feature_set, FLOATS))) <= 3.0
 
 
-@given(OBSERVATION)
-def test_plain_floats_agree_with_arrays(observation):
-    np.testing.assert_allclose(features(observation, "cpa", FLOATS), inputs(observation), atol=1e-6)
+@pytest.mark.parametrize("feature_set", ["cpa", "foresight"])
+@given(observation=OBSERVATION)
+def test_plain_floats_agree_with_arrays(feature_set, observation):
+    np.testing.assert_allclose(features(observation, feature_set, FLOATS), inputs(observation, feature_set), atol=1e-6)
 
 
-def test_jax_agrees_with_numpy():
+@pytest.mark.parametrize("feature_set", ["cpa", "foresight"])
+def test_jax_agrees_with_numpy(feature_set):
     observation = random_observations(seed=3).astype(np.float32)
     components = [jnp.asarray(observation[:, i]) for i in range(8)]
-    values = np.stack(features(components, "cpa", jnp), axis=-1)
-    np.testing.assert_allclose(values, inputs(observation), atol=2e-5)
+    values = np.stack(features(components, feature_set, jnp), axis=-1)
+    np.testing.assert_allclose(values, inputs(observation, feature_set), atol=2e-5)
+
+
+def test_a_turning_circle_around_the_goal_is_seen():
+    """The last two inputs are the goal's distances outside the turning circles to the left and right."""
+    own, far = VehicleState(0.0, 0.0, 0.0, 60.0), VehicleState(0.0, 9000.0, 0.0, 50.0)
+    radius = 60.0 / np.radians(3.0)
+    values = inputs(observe(own, far, radius, radius + 300.0, np), "foresight")
+    outside = [np.hypot(radius, 300.0) - radius, np.hypot(radius, 2.0 * radius + 300.0) - radius]
+    np.testing.assert_allclose(values[-2:] / (1.0 - np.abs(values[-2:])) * 500.0, outside, rtol=1e-3)
 
 
 def test_closest_approach_is_that_of_the_world():
