@@ -117,8 +117,8 @@ class WorldConfig(RulesConfig):
     """The environments ask for separations spread evenly from `separation` to this much more, m, and none of them says
     for which: what comes closer is lost the more often, the closer it comes."""
     separation_headroom: float | None = Field(default=None, ge=0.0)
-    """Encounters that begin closer than `separation` and this, m, are asked for `separation` alone, others for no more
-    beyond it than they begin beyond that; null: all alike. What begins near the limit has nothing to spare."""
+    """Encounters are asked for no more beyond `separation` than the best of twelve simple manoeuvres keeps, less this,
+    m; null: all alike. What begins near the limit has nothing to spare."""
 
     def demanded(self, environments: int) -> np.ndarray:
         """Return the separation that each environment asks for, m, ``[environments]``, mixed over their numbers."""
@@ -134,13 +134,16 @@ class WorldConfig(RulesConfig):
 class ShapingConfig(Strict):
     """What learning is paid besides the task's reward, in units of the scaled reward; scores never contain it.
 
-    The potentials (goal, conflict) leave the optimal policy as it is; the prices (turn, detour) do not.
+    The potentials (goal, conflict, escape) leave the optimal policy as it is; the prices (turn, detour) do not.
     """
 
     goal: float = Field(default=0.0, ge=0.0)
     """Worth of 10 km less to the goal."""
     conflict: float = Field(default=0.0, ge=0.0)
     """Worth of a predicted closest approach at the required separation instead of at 0 m."""
+    escape: float = Field(default=0.0, ge=0.0)
+    """Worth of 50 m more of the separation that the best of twelve simple manoeuvres would keep, from 50 m less than
+    required to 50 m more."""
     turn: float = Field(default=0.0, ge=0.0)
     """Price of a time step (1 s) of full turn; half a turn rate costs a quarter of it."""
     detour: float = Field(default=0.0, ge=0.0)
@@ -158,6 +161,13 @@ class PracticeConfig(Strict):
     displacement: float = Field(default=50.0, ge=0.0)
     """Each start of an aircraft is moved by up to this in x and in y, m, anew each time, unless that brings them closer
     than `world.separation`; headings, speeds and goal stay."""
+    edges: int = Field(default=0, ge=0, le=1_000_000)
+    """Encounters to draw and practise in which no more than `edge` is left to lose; 0: none."""
+    edge: float = Field(default=50.0, gt=0.0)
+    """What the best of twelve simple manoeuvres keeps beyond `world.separation` in them at most, m. They begin on
+    courses within 60 degrees, and nobody turns."""
+    edge_share: float = Field(default=0.1, gt=0.0, lt=1.0)
+    """Of all encounters, those of the file included."""
     examples: Path | None = None
     """File of examples (`eval.practice --examples` writes one), as seen from the working directory: observations and
     the actions of flights that resolve such encounters, which the policy is drawn to; null: none."""

@@ -10,18 +10,22 @@ from envs.kinematics import VehicleState
 from envs.relative import distance, straight_cpa
 from envs.surrogate import State
 from rlcas_jax.config import TrainConfig
+from rlcas_jax.escapes import best
 
-__all__ = ["detour", "paid", "potential", "price", "shaped", "worth"]
+__all__ = ["detour", "escape", "paid", "potential", "price", "shaped", "worth"]
 
 
-def potential(state: State, goal_weight: float, conflict_weight: float, separation: float) -> jax.Array:
+def potential(
+    state: State, goal_weight: float, conflict_weight: float, escape_weight: float, separation: float
+) -> jax.Array:
     """Return the potential of each encounter, ``[N]``, in units of the scaled reward.
 
     Args:
         state: encounters in progress.
         goal_weight: worth of 10 km less to the goal.
         conflict_weight: worth of a predicted closest approach at the separation instead of at 0 m.
-        separation: m.
+        escape_weight: worth of an escape, see :func:`escape`.
+        separation: m; ``state.demanded`` goes before it.
     """
     total = -goal_weight * distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp) * 1e-4
     if conflict_weight:
@@ -29,7 +33,24 @@ def potential(state: State, goal_weight: float, conflict_weight: float, separati
         cpa = straight_cpa(own, state.intruders.vehicle, jnp)
         depth = jnp.where(state.mask, jnp.clip(1.0 - cpa.distance / separation, 0.0, 1.0), 0.0)
         total = total - conflict_weight * depth.max(axis=-1)
+    if escape_weight:
+        total = total + escape_weight * escape(state, separation)
     return total
+
+
+def escape(state: State, separation: float) -> jax.Array:
+    """Return what the best of twelve manoeuvres keeps beyond the separation, in units of 50 m, ``[N]`` in [-1, 1].
+
+    It says within a step what a turn to the wrong side, or at the wrong speed, takes away, which the loss says much
+    later and in the few encounters only that leave nothing to spare.
+
+    Args:
+        state: encounters in progress.
+        separation: m; ``state.demanded`` goes before it.
+    """
+    kept = best(state.own, state.goal_x, state.goal_y, state.intruders.vehicle, state.mask, jnp)
+    demanded = separation if state.demanded is None else state.demanded
+    return jnp.clip((kept - demanded) * (1.0 / 50.0), -1.0, 1.0)
 
 
 def shaped(before: jax.Array, after: jax.Array, terminated: jax.Array, discount: float) -> jax.Array:
@@ -71,7 +92,8 @@ def detour(
 
 def worth(state: State, config: TrainConfig) -> jax.Array:
     """Return the potential of each encounter under a configuration, ``[N]``."""
-    return potential(state, config.shaping.goal, config.shaping.conflict, config.world.separation)
+    weights = config.shaping
+    return potential(state, weights.goal, weights.conflict, weights.escape, config.world.separation)
 
 
 def paid(reward: jax.Array, before: State, after: State, yaw_rate: jax.Array, config: TrainConfig) -> jax.Array:

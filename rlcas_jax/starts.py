@@ -1,6 +1,8 @@
 """The starts that a training draws: its mixture of encounters, and what separation each is asked for."""
 
-from typing import Any
+import math
+from functools import reduce
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -8,12 +10,32 @@ import numpy as np
 
 from agents.configuration import ConfigError
 from envs import encounter_file, surrogate
-from envs.encounters import Encounter, EncounterError, Scenario, choose, padded
+from envs.encounters import Encounter, EncounterError, Scenario, choose, padded, sample, scenario
 from envs.relative import distance
-from envs.starts import cast
-from rlcas_jax.config import PracticeConfig, TrainConfig, WorldConfig
+from envs.starts import cast, joined
+from envs.trees import mapped
+from rlcas_jax.config import TrainConfig, WorldConfig
+from rlcas_jax.escapes import best
 
-__all__ = ["asked", "displaced", "draw", "late", "noisy", "practised"]
+__all__ = ["Own", "asked", "displaced", "draw", "edges", "late", "noisy", "practised"]
+
+_BLOCK = 50_000
+"""Encounters drawn at a time to find edges among."""
+
+_EDGES = (
+    scenario("same_course", attempts=1),
+    scenario("circle", attempts=1, course_difference=(-math.radians(60.0), math.radians(60.0))),
+)
+"""Where edges are not rare."""
+
+
+class Own(NamedTuple):
+    """Encounters that are practised beside those of the scenarios, ``[M]`` each."""
+
+    file: Encounter | None
+    """Of ``practice.encounters``."""
+    edges: Encounter | None
+    """Of ``practice.edges``."""
 
 
 def practised(config: TrainConfig) -> Encounter | None:
@@ -40,8 +62,38 @@ def practised(config: TrainConfig) -> Encounter | None:
     return cast(starts, np.float32)
 
 
+def edges(config: TrainConfig) -> Encounter | None:
+    """Return encounters in which little is left to lose, float32 ``[M]``; None where none are asked for.
+
+    They are the same for every run of a seed.
+
+    Raises:
+        ConfigError: there are hardly any for this separation and edge.
+    """
+    wanted, separation = config.practice.edges, config.world.separation
+    random = np.random.default_rng(config.seed)
+    found: list[Encounter] = []
+    have = drawn = 0
+    while have < wanted:
+        family = _EDGES[len(found) % len(_EDGES)]
+        starts, accepted = sample(family, random.random((1, _BLOCK, family.dimensions)), np)
+        spare = best(starts.own, starts.goal_x, starts.goal_y, starts.intruders, starts.mask, np) - separation
+        chosen = np.flatnonzero(accepted & (spare > 0.0) & (spare <= config.practice.edge))
+        found.append(mapped(lambda field, chosen=chosen: field[chosen], starts))
+        have, drawn = have + chosen.size, drawn + _BLOCK
+        if have < 1e-4 * drawn:
+            raise ConfigError(
+                f"practice.edge is {config.practice.edge:g} m with world.separation {separation:g} m: {have} of "
+                f"{drawn} encounters are such, expected one in ten thousand at least"
+            )
+    if not wanted:
+        return None
+    together = reduce(joined, found)
+    return cast(mapped(lambda field: field[:wanted], together), np.float32)
+
+
 def draw(
-    key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: int, own: Encounter | None = None
+    key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: int, own: Own | None = None
 ) -> surrogate.State:
     """Return encounters at their start, ``[rows, environments]``.
 
@@ -50,37 +102,45 @@ def draw(
         config: of the training.
         scenarios: those of the configuration.
         rows: encounters of each environment.
-        own: encounters that are practised besides, ``[M]``.
+        own: encounters that are practised besides.
     """
     total = sum(entry.weight for entry in config.scenarios)
     weights = [entry.weight / total for entry in config.scenarios]
     count = config.ppo.environments
     pool = surrogate.redraw_pool(key, scenarios, weights, rows, count)
     if own is not None:
-        pool = _mixed(jax.random.fold_in(key, len(scenarios)), pool, own, config)
+        for number, (starts, share, reach) in enumerate(
+            (
+                (own.file, config.practice.share, config.practice.displacement),
+                (own.edges, config.practice.edge_share, 0.0),
+            )
+        ):
+            if starts is not None:
+                mix_key = jax.random.fold_in(key, len(scenarios) + number)
+                pool = _mixed(mix_key, pool, starts, share, reach, config.world.separation)
     demanded = asked(pool, config.world)
     # The axis of the rows is mapped over; None, where all are judged alike, has none.
     return jax.vmap(lambda row, by: surrogate.reset(row, late_reports=late(scenarios), demanded=by))(pool, demanded)
 
 
-def _mixed(key: jax.Array, pool: Encounter, own: Encounter, config: TrainConfig) -> Encounter:
+def _mixed(key: jax.Array, pool: Encounter, own: Encounter, share: float, reach: float, separation: float) -> Encounter:
     """Return the pool ``[rows, N]`` with a share of it replaced by encounters of one's own."""
     share_key, pick_key, move_key = jax.random.split(key, 3)
     rows, count = pool.goal_x.shape
     most = max(pool.mask.shape[-1], own.mask.shape[-1])
     number = jax.random.randint(pick_key, (rows * count,), 0, own.goal_x.shape[0])
     picked = padded(jax.tree.map(lambda field: jnp.asarray(field)[number], own), most, jnp)
-    picked = displaced(move_key, picked, config.practice, config.world.separation)
+    if reach:
+        picked = displaced(move_key, picked, reach, separation)
     flat = jax.tree.map(lambda field: field.reshape(rows * count, *field.shape[2:]), pool)
-    chosen = jax.random.uniform(share_key, (rows * count,)) < config.practice.share
+    chosen = jax.random.uniform(share_key, (rows * count,)) < share
     mixed = choose(chosen, picked, padded(flat, most, jnp), jnp)
     return jax.tree.map(lambda field: field.reshape(rows, count, *field.shape[1:]), mixed)
 
 
-def displaced(key: jax.Array, starts: Encounter, practice: PracticeConfig, separation: float) -> Encounter:
-    """Return encounters ``[N]`` with their aircraft moved a little; those that would begin too close stay."""
+def displaced(key: jax.Array, starts: Encounter, reach: float, separation: float) -> Encounter:
+    """Return encounters ``[N]`` with their aircraft moved by up to ``reach`` m in x and y; who came too close stays."""
     own, other = starts.own, starts.intruders
-    reach = practice.displacement
     moves = jax.random.uniform(key, (2, *other.x.shape[:-1], 1 + other.x.shape[-1]), minval=-reach, maxval=reach)
     moved = starts._replace(
         own=own._replace(x=own.x + moves[0, :, 0], y=own.y + moves[1, :, 0]),
@@ -109,7 +169,8 @@ def asked(starts: Encounter, world: WorldConfig) -> jax.Array | None:
     demanded = jnp.broadcast_to(jnp.asarray(world.demanded(environments)), (rows, environments))
     if world.separation_headroom is None:
         return demanded
-    spare = jnp.maximum(_closest(starts, jnp) - (world.separation + world.separation_headroom), 0.0)
+    kept = best(starts.own, starts.goal_x, starts.goal_y, starts.intruders, starts.mask, jnp)
+    spare = jnp.maximum(kept - (world.separation + world.separation_headroom), 0.0)
     return jnp.minimum(demanded, world.separation + spare)
 
 

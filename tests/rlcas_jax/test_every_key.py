@@ -76,6 +76,7 @@ CHANGED: dict[str, str] = {
     "pool_rows": "4",
     "shaping.goal": "0.5",
     "shaping.conflict": "0.5",
+    "shaping.escape": "0.5",
     "shaping.turn": "0.1",
     "shaping.detour": "0.1",
 }
@@ -86,6 +87,9 @@ ELSEWHERE = {
     "practice.encounters": "the starts (test_starts)",
     "practice.share": "the same",
     "practice.displacement": "the same",
+    "practice.edges": "the same",
+    "practice.edge": "the same",
+    "practice.edge_share": "the same",
     "practice.examples": "the losses (test_examples)",
     "practice.imitation": "the same",
     "seed": "the draws (test_loop: another seed is another run)",

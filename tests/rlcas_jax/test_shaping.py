@@ -10,22 +10,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envs import surrogate
+from agents.foresight import separations
+from envs import observation, surrogate
 from envs.encounters import padded, sample, scenario
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
-from rlcas_jax.shaping import detour, potential, price, shaped
+from rlcas_jax.shaping import detour, escape, potential, price, shaped
 
 WORLD = surrogate.World(RULES, SURROGATE)
 COUNT, STEPS = 128, 300
 
 
-@partial(jax.jit, static_argnums=(1, 2, 3))
-def worth(states: surrogate.State, goal: float, conflict: float, separation: float) -> jax.Array:
+@partial(jax.jit, static_argnums=(1, 2, 3, 4))
+def worth(states: surrogate.State, goal: float, conflict: float, escapes: float, separation: float) -> jax.Array:
     """Return the potential of states ``[..., N]``."""
     if states.time.ndim == 1:
-        return potential(states, goal, conflict, separation)
-    return jax.vmap(lambda state: potential(state, goal, conflict, separation))(states)
+        return potential(states, goal, conflict, escapes, separation)
+    return jax.vmap(lambda state: potential(state, goal, conflict, escapes, separation))(states)
 
 
 @given(st.lists(st.floats(-10.0, 10.0), min_size=2, max_size=40), st.floats(0.5, 1.0))
@@ -77,7 +78,7 @@ def episodes() -> tuple[surrogate.State, surrogate.State, np.ndarray]:
     return before, after, first
 
 
-@pytest.mark.parametrize("weights", [(1.0, 0.5), (3.0, 0.0)])
+@pytest.mark.parametrize("weights", [(1.0, 0.5, 0.0), (3.0, 0.0, 0.7)])
 @pytest.mark.parametrize("discount", [0.99, 1.0])
 def test_the_shaping_of_whole_episodes_depends_on_their_start_alone(episodes, weights, discount) -> None:
     """Random flights that end by violation and by time: none gains anything by shaping."""
@@ -137,15 +138,37 @@ def test_potential_by_hand() -> None:
     scene = state._replace(
         own=own, goal_x=jnp.full(2, 8_000.0), goal_y=jnp.zeros(2), intruders=state.intruders._replace(vehicle=vehicle)
     )
-    found = potential(scene, 2.0, 3.0, 1_000.0)
+    found = potential(scene, 2.0, 3.0, 0.0, 1_000.0)
     np.testing.assert_allclose(found, [-2.0 * 0.8 - 3.0, -2.0 * 0.8 - 3.0 * 0.75], atol=1e-4)
-    np.testing.assert_allclose(potential(scene, 2.0, 0.0, 1_000.0), [-1.6, -1.6], atol=1e-5)
+    np.testing.assert_allclose(potential(scene, 2.0, 0.0, 0.0, 1_000.0), [-1.6, -1.6], atol=1e-5)
     absent = scene._replace(mask=jnp.zeros_like(scene.mask))
-    np.testing.assert_allclose(potential(absent, 2.0, 3.0, 1_000.0), [-1.6, -1.6], atol=1e-5)
+    np.testing.assert_allclose(potential(absent, 2.0, 3.0, 0.0, 1_000.0), [-1.6, -1.6], atol=1e-5)
 
 
 def test_the_worst_of_several_present_intruders_counts() -> None:
     state = state_of("multi", most=8)
-    together = worth(state, 0.0, 1.0, 1_000.0)
-    singly = [worth(state._replace(mask=state.mask & (jnp.arange(8) == k)), 0.0, 1.0, 1_000.0) for k in range(8)]
+    together = worth(state, 0.0, 1.0, 0.0, 1_000.0)
+    singly = [worth(state._replace(mask=state.mask & (jnp.arange(8) == k)), 0.0, 1.0, 0.0, 1_000.0) for k in range(8)]
     np.testing.assert_allclose(together, np.min(singly, axis=0), atol=1e-6)
+
+
+def test_an_escape_is_that_of_the_derived_inputs(episodes) -> None:
+    """The potential sees the state, the network an observation; both must mean the same manoeuvres."""
+    state: surrogate.State = jax.tree.map(lambda a: a[40], episodes[0])
+    seen = np.asarray(surrogate.observe(state), np.float64)
+    geometry = observation.decode(list(seen.T), np)
+    best = np.max(separations(geometry, seen[:, 6] * math.pi, np), axis=0)
+    found = np.asarray(escape(state, 1_000.0))
+    np.testing.assert_allclose(found, np.clip((best - 1_000.0) / 50.0, -1.0, 1.0), atol=2e-3)
+    assert (found < 1.0).sum() > 10
+    asked = state._replace(demanded=jnp.full(COUNT, 1_080.0))
+    np.testing.assert_allclose(escape(asked, 1_000.0), np.clip((best - 1_080.0) / 50.0, -1.0, 1.0), atol=2e-3)
+
+
+def test_an_escape_is_one_from_all_intruders() -> None:
+    state = state_of("multi", 8)
+    alone = [escape(state._replace(mask=state.mask & (jnp.arange(8) == k)), 1_000.0) for k in range(8)]
+    together = np.asarray(escape(state, 1_000.0))
+    assert np.all(together <= np.min(alone, axis=0) + 1e-6)
+    nobody = state._replace(mask=jnp.zeros_like(state.mask))
+    np.testing.assert_array_equal(escape(nobody, 1_000.0), 1.0)

@@ -10,8 +10,9 @@ from agents.configuration import ConfigError, load
 from envs import encounter_file
 from envs.encounters import SCENARIOS, Encounter
 from envs.starts import numbered
-from rlcas_jax.config import PracticeConfig, TrainConfig
-from rlcas_jax.starts import displaced, draw, practised
+from rlcas_jax.config import TrainConfig
+from rlcas_jax.escapes import best
+from rlcas_jax.starts import Own, displaced, draw, edges, practised
 from rlcas_jax.train import main
 
 CALM = numbered(SCENARIOS["maneuvering"], 3, 0, 7)
@@ -32,7 +33,7 @@ def test_a_share_of_the_starts_is_taken_evenly_from_the_file(file: Path) -> None
     config = configured(file, "practice.share=0.25", "practice.displacement=0", "scenarios=[{name: multi}]")
     own = practised(config)
     assert own is not None
-    drawn = draw(jax.random.key(1), config, [entry.scenario() for entry in config.scenarios], 100, own)
+    drawn = draw(jax.random.key(1), config, [entry.scenario() for entry in config.scenarios], 100, Own(own, None))
     times = [np.sum(np.asarray(drawn.own.heading) == heading) for heading in own.own.heading]
     np.testing.assert_allclose(times, 6400 * 0.25 / 7, rtol=0.25)
     assert sum(times) == pytest.approx(1600, rel=0.08)
@@ -45,7 +46,7 @@ def test_a_share_of_the_starts_is_taken_evenly_from_the_file(file: Path) -> None
 
 def test_starts_are_moved_a_little_and_never_too_close() -> None:
     starts: Encounter = jax.tree.map(lambda field: np.repeat(field, 500, axis=0), CALM)
-    moved = displaced(jax.random.key(0), starts, PracticeConfig(displacement=2_000.0), 4_000.0)
+    moved = displaced(jax.random.key(0), starts, 2_000.0, 4_000.0)
     for before, after in ((starts.own, moved.own), (starts.intruders, moved.intruders)):
         assert np.max(np.abs(after.x - before.x)) <= 2_000.5
         assert np.max(np.abs(after.y - before.y)) <= 2_000.5
@@ -56,6 +57,37 @@ def test_starts_are_moved_a_little_and_never_too_close() -> None:
     apart = np.hypot(moved.intruders.x - moved.own.x[:, None], moved.intruders.y - moved.own.y[:, None])[:, 0]
     assert np.all(stayed | (apart >= 4_000.0 - 1.0))
     assert 0.0 < stayed.mean() < 1.0
+
+
+def spare(starts: Encounter) -> np.ndarray:
+    """Return what the best manoeuvre keeps beyond 1000 m."""
+    return best(starts.own, starts.goal_x, starts.goal_y, starts.intruders, starts.mask, np) - 1_000.0
+
+
+def test_edges_leave_little_to_lose_and_are_a_share_of_the_starts() -> None:
+    config = load(
+        TrainConfig, None, ["practice.edges=300", "practice.edge=30", "practice.edge_share=0.4", "ppo.environments=64"]
+    )
+    found = edges(config)
+    assert found is not None
+    assert found.goal_x.shape == (300,)
+    left = spare(found)
+    assert np.all((left > -0.05) & (left <= 30.05))  # rounded to float32
+    assert np.quantile(left, 0.75) - np.quantile(left, 0.25) > 5.0
+    again = edges(config)
+    assert again is not None
+    np.testing.assert_array_equal(found.own.x, again.own.x)
+    drawn = draw(jax.random.key(1), config, [entry.scenario() for entry in config.scenarios], 50, Own(None, found))
+    assert np.isin(np.asarray(drawn.own.heading), found.own.heading).mean() == pytest.approx(0.4, abs=0.05)
+    assert edges(load(TrainConfig, None, [])) is None
+
+
+def test_edges_that_hardly_exist_are_a_sentence() -> None:
+    config = load(TrainConfig, None, ["practice.edges=1000", "practice.edge=1e-4"])
+    with pytest.raises(
+        ConfigError, match=r"practice.edge is 0.0001 m with world.separation 1000 m: \d+ of \d+ encount"
+    ):
+        edges(config)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from envs.encounters import Encounter, scenario
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES, Outcome
 from rlcas_jax.config import TrainConfig
+from rlcas_jax.escapes import best
 from rlcas_jax.starts import asked
 from rlcas_jax.task import Task, TrainState, _coloured, build, fly
 
@@ -156,20 +157,21 @@ def test_environments_ask_for_separations_spread_over_the_range() -> None:
         np.testing.assert_allclose(np.sort(demanded[first : first + 64]), np.linspace(1_000.0, 1_080.0, 64), atol=3.0)
 
 
-def test_what_begins_near_the_limit_is_asked_for_no_more_than_it_can_spare() -> None:
-    pool = jax.tree.map(lambda field: field.reshape(4, 16, *field.shape[1:]), starts(64))
-    begins = np.hypot(*(np.asarray(pool.intruders[i][..., 0] - pool.own[i]) for i in (0, 1)))
-    config = ["world.separation_spread=4000", "world.separation_headroom=500"]
-    world = load(TrainConfig, None, config).world
+def test_nobody_is_asked_for_more_than_a_manoeuvre_keeps() -> None:
+    pool = jax.tree.map(lambda field: field.reshape(16, 16, *field.shape[1:]), starts(256))
+    kept = np.asarray(best(pool.own, pool.goal_x, pool.goal_y, pool.intruders, pool.mask, jnp))
+    world = load(TrainConfig, None, ["world.separation_spread=4000", "world.separation_headroom=500"]).world
     demanded = np.asarray(asked(pool, world))
-    alike = np.broadcast_to(world.demanded(16), (4, 16))
+    alike = np.broadcast_to(world.demanded(16), (16, 16))
     np.testing.assert_array_equal(asked(pool, world.model_copy(update={"separation_headroom": None})), alike)
     assert asked(pool, world.model_copy(update={"separation_spread": 0.0})) is None
-    np.testing.assert_array_equal(demanded[begins <= 1_500.0], 1_000.0)
-    expected = np.minimum(alike, 1_000.0 + np.maximum(begins - 1_500.0, 0.0))
-    np.testing.assert_allclose(demanded, expected, rtol=1e-5)
-    assert np.any(demanded < alike)
-    assert np.any(demanded == alike)
+    assert np.all(demanded >= 1_000.0)
+    assert np.all((demanded <= kept - 500.0 + 1e-2) | (demanded == 1_000.0))
+    # Who can spare it is asked for as much as without.
+    np.testing.assert_array_equal(demanded[kept >= 5_500.0], alike[kept >= 5_500.0])
+    assert np.any(demanded == 1_000.0)
+    assert np.any((demanded > 1_000.0) & (demanded < alike))
+    assert np.any(kept >= 5_500.0)
 
 
 def test_each_encounter_is_lost_by_the_separation_that_it_is_asked_for() -> None:
