@@ -134,7 +134,7 @@ class WorldConfig(RulesConfig):
 class ShapingConfig(Strict):
     """What learning is paid besides the task's reward, in units of the scaled reward; scores never contain it.
 
-    The potentials (goal, conflict, escape) leave the optimal policy as it is; the prices (turn, detour) do not.
+    The potentials (goal, conflict, escape) leave the optimal policy as it is; the prices (turn, swing, detour) do not.
     """
 
     goal: float = Field(default=0.0, ge=0.0)
@@ -146,6 +146,8 @@ class ShapingConfig(Strict):
     required to 50 m more."""
     turn: float = Field(default=0.0, ge=0.0)
     """Price of a time step (1 s) of full turn; half a turn rate costs a quarter of it."""
+    swing: float = Field(default=0.0, ge=0.0)
+    """Price of 90 degrees of turning, to whichever side and however sharp."""
     detour: float = Field(default=0.0, ge=0.0)
     """Price of 10 km flown that bring the goal no nearer."""
 

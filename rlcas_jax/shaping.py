@@ -12,7 +12,7 @@ from envs.surrogate import State
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.escapes import best
 
-__all__ = ["detour", "escape", "paid", "potential", "price", "shaped", "worth"]
+__all__ = ["detour", "escape", "paid", "potential", "price", "shaped", "swing", "worth"]
 
 
 def potential(
@@ -71,6 +71,22 @@ def price(yaw_rate: jax.Array, full: float) -> jax.Array:
     return full * jnp.square(jnp.clip(yaw_rate, -1.0, 1.0))
 
 
+def swing(yaw_rate: jax.Array, rate_max: float, dt: float, price_90_degrees: float) -> jax.Array:
+    """Return what a step's change of heading costs, ``[N]``, in units of the scaled reward.
+
+    Its sum over a flight is that of all turns, however sharp: one turn too many costs what it turns, and what can be
+    resolved by speed alone is resolved for nothing.
+
+    Args:
+        yaw_rate: as commanded, 1 at the limit; what is beyond is not flown.
+        rate_max: the limit, rad/s.
+        dt: the step, s.
+        price_90_degrees: of a quarter turn.
+    """
+    turned = jnp.abs(jnp.clip(yaw_rate, -1.0, 1.0)) * (rate_max * dt)
+    return price_90_degrees * turned / (0.5 * jnp.pi)
+
+
 def detour(
     before: VehicleState, after: VehicleState, goal_x: jax.Array, goal_y: jax.Array, price_10km: float
 ) -> jax.Array:
@@ -111,6 +127,9 @@ def paid(reward: jax.Array, before: State, after: State, yaw_rate: jax.Array, co
     total = config.ppo.reward_scale * reward + shaped(*worths, after.ended, config.ppo.discount)
     if prices.turn:
         total = total - price(yaw_rate, prices.turn)
+    if prices.swing:
+        rules, limits = config.world.rules(), config.world.limits()
+        total = total - swing(yaw_rate, float(limits.yaw_rate_max), float(rules.dt), prices.swing)
     if prices.detour:
         total = total - detour(before.own, after.own, before.goal_x, before.goal_y, prices.detour)
     return total

@@ -15,7 +15,7 @@ from envs import observation, surrogate
 from envs.encounters import padded, sample, scenario
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
-from rlcas_jax.shaping import detour, escape, potential, price, shaped
+from rlcas_jax.shaping import detour, escape, potential, price, shaped, swing
 
 WORLD = surrogate.World(RULES, SURROGATE)
 COUNT, STEPS = 128, 300
@@ -52,6 +52,13 @@ def test_a_turn_costs_the_same_to_either_side_and_at_most_the_full_price(yaw_rat
     assert 0.0 <= costs[0] <= np.float32(full)
     if abs(yaw_rate) >= 1.0:
         assert costs[0] == np.float32(full)
+
+
+def test_a_swing_costs_what_it_turns_however_sharp_and_to_whichever_side() -> None:
+    sharp, gentle = jnp.full(10, -1.0), jnp.full(40, 0.25)
+    costs = [float(swing(rates, math.radians(3.0), 1.0, 0.2).sum()) for rates in (sharp, gentle, 5.0 * sharp)]
+    np.testing.assert_allclose(costs, 0.2 * 30.0 / 90.0, rtol=1e-5)
+    assert float(swing(jnp.float32(0.0), math.radians(3.0), 1.0, 0.2)) == 0.0
 
 
 def state_of(name: str, most: int = 1, count: int = COUNT) -> surrogate.State:
