@@ -47,7 +47,9 @@ def separations(geometry: Decoded, goal_bearing: Any, xp: Any) -> list[Any]:
         xp: array namespace.
     """
     if xp is FLOATS:
-        return _at_once(geometry, goal_bearing)
+        return _at_once(geometry, goal_bearing).tolist()
+    if xp is np and goal_bearing.size <= _FEW:
+        return _in_blocks(geometry, goal_bearing)
     goal_sine, goal_cosine = sincos(goal_bearing, xp)
     size, hand = xp.abs(goal_bearing), xp.copysign(1.0, goal_bearing)
     ways = [(geometry.intruder_x, geometry.intruder_y)] * 4
@@ -88,27 +90,74 @@ def _apart(values: Any, xp: Any) -> list[Any]:
     return [values[i] for i in range(3)] if hasattr(values, "ndim") else list(xp.columns(values, 3))
 
 
-_PIECES = np.array(_SPANS)
-_AWAY = np.exp(1j * np.stack([_QUARTER, -_QUARTER, 0.0 * _QUARTER]))
-_HOMEWARD = np.exp(1j * _SWUNG)
-_GAINS = np.ascontiguousarray(_GAINED.T)
+_FEW = 256
+"""Rows up to which numpy takes all pieces at once, which saves calls; of more rows it takes one piece after the other,
+which saves memory. Both do the same operations in the same order, so that a row has the same bits in any company."""
+
+_ROWS = 32
+"""Rows taken at once: what lies between stays in cache."""
 
 
-def _at_once(geometry: Decoded, goal_bearing: float) -> list[float]:
-    """Do the same for plain floats, all pieces at once: in the complex plane, so that there is little to call."""
-    swinging = int(np.searchsorted(_SWUNG, abs(goal_bearing)))
-    home = _HOMEWARD.copy() if goal_bearing >= 0.0 else _HOMEWARD.conj()
-    home[swinging:] = complex(math.cos(goal_bearing), math.sin(goal_bearing))
-    headings = np.concatenate((_AWAY, home[np.newaxis]))  # [4, K]
-    way = _GAINS + geometry.own_speed  # [3, K]
-    np.minimum(np.maximum(way, SURROGATE.speed_min, out=way), SURROGATE.speed_max, out=way)
-    way *= _PIECES
-    drift = complex(geometry.intruder_vx, geometry.intruder_vy) * _PIECES
-    step = drift - headings[:, np.newaxis] * way  # [4, 3, K]
-    end = step.cumsum(axis=-1)
-    end += complex(geometry.intruder_x, geometry.intruder_y)
-    along, across = step.real, step.imag
-    back = (end.real * along + end.imag * across) / (along * along + across * across + 0.01)
-    end -= np.minimum(np.maximum(back, 0.0, out=back), 1.0, out=back) * step
-    x, y = end.real, end.imag
-    return np.sqrt((x * x + y * y).min(axis=-1)).ravel().tolist()
+def _in_blocks(geometry: Decoded, goal_bearing: np.ndarray) -> list[np.ndarray]:
+    """Return the separations of arrays of any shape, a few rows at a time."""
+    shape, dtype = goal_bearing.shape, goal_bearing.dtype
+    flat = [np.broadcast_to(field, shape).reshape(-1) for field in (*geometry, goal_bearing)]
+    kept = np.empty((COUNT, goal_bearing.size), dtype)
+    for first in range(0, goal_bearing.size, _ROWS):
+        rows = slice(first, first + _ROWS)
+        *fields, bearing = (field[rows] for field in flat)
+        kept[:, rows] = _at_once(Decoded(*fields), bearing)
+    return list(kept.reshape((COUNT, *shape)))
+
+
+_AHEAD = np.stack([np.cos(_QUARTER), np.cos(_QUARTER), np.ones_like(_QUARTER), np.cos(_SWUNG)])  # [4, K]
+_ASIDE = np.stack([np.sin(_QUARTER), -np.sin(_QUARTER), np.zeros_like(_QUARTER), np.sin(_SWUNG)])
+_GAINS = np.ascontiguousarray(_GAINED.T)  # [3, K]
+
+
+def _at_once(geometry: Decoded, goal_bearing: Any) -> np.ndarray:
+    """Do the same in numpy, ``[12, N]`` of arrays ``[N]`` and ``[12]`` of floats: all pieces at once, few calls."""
+    dims, dtype = np.ndim(geometry.own_speed), np.result_type(geometry.own_speed)
+    tables = _TABLES.get((dims, dtype))
+    if tables is None:
+        tables = tuple(
+            np.array(each.reshape(each.shape + (1,) * dims), dtype)
+            for each in (np.array(_SPANS), _SWUNG, _AHEAD, _ASIDE, _GAINS)
+        )
+        _TABLES[dims, dtype] = tables
+    spans, swung, ahead, aside, gains = tables
+    namespace = np if dims else FLOATS
+    goal_sine, goal_cosine = sincos(goal_bearing, namespace)
+    turning = np.abs(goal_bearing) > swung
+    shape = (4, *turning.shape)
+    cosine, sine = np.empty(shape, dtype), np.empty(shape, dtype)
+    cosine[:3], sine[:3] = ahead[:3], aside[:3]
+    cosine[3] = np.where(turning, ahead[3], goal_cosine)
+    sine[3] = np.where(turning, aside[3] * np.copysign(1.0, goal_bearing), goal_sine)
+    way = gains + geometry.own_speed  # [3, K, ...]
+    np.maximum(way, SURROGATE.speed_min, out=way)
+    np.minimum(way, SURROGATE.speed_max, out=way)
+    way *= spans
+    step_x = geometry.intruder_vx * spans - way * cosine[:, np.newaxis]  # [4, 3, K, ...]
+    step_y = geometry.intruder_vy * spans - way * sine[:, np.newaxis]
+    x, y = step_x.copy(), step_y.copy()
+    x[:, :, 0] += geometry.intruder_x
+    y[:, :, 0] += geometry.intruder_y
+    np.cumsum(x, axis=2, out=x)
+    np.cumsum(y, axis=2, out=y)
+    back = x * step_x
+    back += y * step_y
+    back /= step_x * step_x + step_y * step_y + 0.01
+    np.maximum(back, 0.0, out=back)
+    np.minimum(back, 1.0, out=back)
+    step_x *= back
+    step_y *= back
+    x -= step_x
+    y -= step_y
+    x *= x
+    y *= y
+    x += y
+    return np.sqrt(x.min(axis=2)).reshape((COUNT, *turning.shape[1:]))
+
+
+_TABLES: dict[Any, tuple[np.ndarray, ...]] = {}

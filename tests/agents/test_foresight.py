@@ -88,12 +88,19 @@ def test_all_array_libraries_agree() -> None:
     np.testing.assert_allclose(compiled, arrays, atol=0.02)
 
 
-def test_the_batch_does_not_matter() -> None:
-    geometry, bearing = scenes(17)
-    together = np.array(separations(geometry, bearing, np))
-    for row in range(17):
-        alone = separations(Decoded(*(field[row : row + 1] for field in geometry)), bearing[row : row + 1], np)
-        np.testing.assert_array_equal(np.array(alone)[:, 0], together[:, row])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_a_row_has_the_same_bits_in_any_company(dtype: type) -> None:
+    geometry, bearing = scenes(300)
+    fields = [field.astype(dtype) for field in (*geometry, bearing)]
+
+    def kept(rows: slice) -> np.ndarray:
+        *parts, towards = (field[rows] for field in fields)
+        return np.array(separations(Decoded(*parts), towards, np))
+
+    together = kept(slice(None))  # one piece after the other
+    assert together.dtype == dtype
+    for rows in (slice(0, 1), slice(3, 20), slice(0, 256), slice(17, 50)):  # all at once, in one block and in several
+        np.testing.assert_array_equal(kept(rows), together[:, rows])
 
 
 def test_an_intruder_at_the_same_velocity_stays_where_it_is() -> None:
