@@ -11,6 +11,7 @@ goal ends within a long piece.
 """
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -118,16 +119,8 @@ _GAINS = np.ascontiguousarray(_GAINED.T)  # [3, K]
 def _at_once(geometry: Decoded, goal_bearing: Any) -> np.ndarray:
     """Do the same in numpy, ``[12, N]`` of arrays ``[N]`` and ``[12]`` of floats: all pieces at once, few calls."""
     dims, dtype = np.ndim(geometry.own_speed), np.result_type(geometry.own_speed)
-    tables = _TABLES.get((dims, dtype))
-    if tables is None:
-        tables = tuple(
-            np.array(each.reshape(each.shape + (1,) * dims), dtype)
-            for each in (np.array(_SPANS), _SWUNG, _AHEAD, _ASIDE, _GAINS)
-        )
-        _TABLES[dims, dtype] = tables
-    spans, swung, ahead, aside, gains = tables
-    namespace = np if dims else FLOATS
-    goal_sine, goal_cosine = sincos(goal_bearing, namespace)
+    spans, swung, ahead, aside, gains = _tables(dims, dtype)
+    goal_sine, goal_cosine = sincos(goal_bearing, np if dims else FLOATS)
     turning = np.abs(goal_bearing) > swung
     shape = (4, *turning.shape)
     cosine, sine = np.empty(shape, dtype), np.empty(shape, dtype)
@@ -160,4 +153,10 @@ def _at_once(geometry: Decoded, goal_bearing: Any) -> np.ndarray:
     return np.sqrt(x.min(axis=2)).reshape((COUNT, *turning.shape[1:]))
 
 
-_TABLES: dict[Any, tuple[np.ndarray, ...]] = {}
+@cache
+def _tables(dims: int, dtype: np.dtype[Any]) -> tuple[np.ndarray, ...]:
+    """Return spans, turns and gains of the pieces as they meet fields of so many axes."""
+    return tuple(
+        np.array(each.reshape(each.shape + (1,) * dims), dtype)
+        for each in (np.array(_SPANS), _SWUNG, _AHEAD, _ASIDE, _GAINS)
+    )

@@ -32,10 +32,13 @@ _EDGES = (
 class Own(NamedTuple):
     """Encounters that are practised beside those of the scenarios, ``[M]`` each."""
 
-    file: Encounter | None
+    file: Encounter | None = None
     """Of ``practice.encounters``."""
-    edges: Encounter | None
+    edges: Encounter | None = None
     """Of ``practice.edges``."""
+
+
+_NONE = Own()
 
 
 def practised(config: TrainConfig) -> Encounter | None:
@@ -93,7 +96,7 @@ def edges(config: TrainConfig) -> Encounter | None:
 
 
 def draw(
-    key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: int, own: Own | None = None
+    key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: int, own: Own = _NONE
 ) -> surrogate.State:
     """Return encounters at their start, ``[rows, environments]``.
 
@@ -108,16 +111,11 @@ def draw(
     weights = [entry.weight / total for entry in config.scenarios]
     count = config.ppo.environments
     pool = surrogate.redraw_pool(key, scenarios, weights, rows, count)
-    if own is not None:
-        for number, (starts, share, reach) in enumerate(
-            (
-                (own.file, config.practice.share, config.practice.displacement),
-                (own.edges, config.practice.edge_share, 0.0),
-            )
-        ):
-            if starts is not None:
-                mix_key = jax.random.fold_in(key, len(scenarios) + number)
-                pool = _mixed(mix_key, pool, starts, share, reach, config.world.separation)
+    practice = config.practice
+    kinds = ((own.file, practice.share, practice.displacement), (own.edges, practice.edge_share, 0.0))
+    for number, (starts, share, reach) in enumerate(kinds, start=len(scenarios)):
+        if starts is not None:
+            pool = _mixed(jax.random.fold_in(key, number), pool, starts, share, reach, config.world.separation)
     demanded = asked(pool, config.world)
     # The axis of the rows is mapped over; None, where all are judged alike, has none.
     return jax.vmap(lambda row, by: surrogate.reset(row, late_reports=late(scenarios), demanded=by))(pool, demanded)
