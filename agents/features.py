@@ -7,21 +7,21 @@ block computes it from the observation alone, in the ownship's frame (rotation-i
 import math
 from typing import Any
 
-from agents.foresight import COUNT, separations
+from agents.foresight import ADVICE, COUNT, advice, separations
 from envs.kinematics import SURROGATE
 from envs.observation import Decoded, decode
 
 __all__ = ["FEATURE_SETS", "MIRRORED", "features", "side", "size"]
 
-FEATURE_SETS = ("none", "cpa", "mirror", "foresight")
+FEATURE_SETS = ("none", "cpa", "mirror", "foresight", "advised")
 """``none``: the bare observation (the paper's set-up); ``cpa``: geometry and closest point of approach; ``mirror``: the
 same with every scene seen so that the intruder is left of the line to the goal: an exactly symmetric policy;
-``foresight``: that, and what simple manoeuvres would lead to."""
+``foresight``: that, and what simple manoeuvres would lead to; ``advised``: and which of them leads best."""
 
-MIRRORED = ("mirror", "foresight")
+MIRRORED = ("mirror", "foresight", "advised")
 """The sets that see a scene and its mirror image alike; the yaw rate then wants the factor of :func:`side`."""
 
-_SIZES = {"none": 8, "cpa": 22, "mirror": 22, "foresight": 22 + COUNT + 2}
+_SIZES = {"none": 8, "cpa": 22, "mirror": 22, "foresight": 22 + COUNT + 2, "advised": 22 + COUNT + 2 + ADVICE}
 _INTRUDER, _GOAL = 4, 6  # bearings in the observation, left positive
 
 
@@ -93,7 +93,9 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
     if feature_set in MIRRORED:
         ahead, homeward = (_mirrored(passing, hand) for passing in (ahead, homeward))
         goal_sine = goal_sine * hand
-    foreseen = _foreseen(geometry, observation[_GOAL], hand, xp) if feature_set == "foresight" else []
+    foreseen = _foreseen(geometry, observation[_GOAL], hand, xp) if feature_set in ("foresight", "advised") else []
+    if feature_set == "advised":
+        foreseen = [*foreseen, *advice(foreseen[:COUNT], observation[_GOAL] * (math.pi * hand), xp)]
     return [
         observation[0],
         observation[2],

@@ -33,10 +33,11 @@ class NetworkConfig(Strict):
 
     hidden: tuple[Annotated[int, Field(ge=1, le=4096)], ...] = Field(default=(256, 256), min_length=1, max_length=8)
     """Widths of the hidden layers of actor and of critic (paper: two of 256)."""
-    feature_set: Literal["cpa", "foresight", "mirror", "none"] = "cpa"
+    feature_set: Literal["advised", "cpa", "foresight", "mirror", "none"] = "cpa"
     """What the first layer sees: the bare observation (none), geometry and closest point of approach derived from it
     inside the network (cpa), those with the intruder always left of the line to the goal, so that the policy is
-    exactly symmetric (mirror), or these and the separations that twelve simple manoeuvres would keep (foresight)."""
+    exactly symmetric (mirror), these and the separations that twelve simple manoeuvres would keep (foresight), or
+    these and which manoeuvre keeps most (advised)."""
     log_std_initial: float = Field(default=-0.5, ge=-5.0, le=2.0)
     """Natural logarithm of the initial standard deviation of both actions (full deflection is 1)."""
 

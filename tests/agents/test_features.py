@@ -35,7 +35,7 @@ def test_size_agrees(feature_set):
 
 
 def test_unknown_set_is_named():
-    with pytest.raises(ValueError, match="'magic' is unknown; expected one of none, cpa, mirror, foresight"):
+    with pytest.raises(ValueError, match="'magic' is unknown; expected one of none, cpa, mirror, foresight, advised"):
         features([0.0] * 8, "magic", FLOATS)
 
 
@@ -93,7 +93,7 @@ def test_the_side_does_not_depend_on_the_sign_of_zero():
 @example([0.0, 0.3, 0.0, 0.3, 0.0, -1.0, 0.0, -1.0])  # on top of intruder and goal, at equal velocity
 @example([0.0, 1.0, 0.0, -1.0, 1.0, 1.0, -1.0, 1.0])  # equal headings at the seam, 20 km astern
 def test_finite_and_bounded_everywhere(observation):
-    for feature_set in ("cpa", "mirror", "foresight"):
+    for feature_set in FEATURE_SETS[1:]:
         for dtype in (np.float32, np.float64):
             values = inputs(np.array(observation, dtype), feature_set)
             assert values.dtype == dtype
@@ -102,13 +102,13 @@ def test_finite_and_bounded_everywhere(observation):
         assert max(map(abs, features(observation, feature_set, FLOATS))) <= 3.0
 
 
-@pytest.mark.parametrize("feature_set", ["cpa", "foresight"])
+@pytest.mark.parametrize("feature_set", FEATURE_SETS[1:])
 @given(observation=OBSERVATION)
 def test_plain_floats_agree_with_arrays(feature_set, observation):
     np.testing.assert_allclose(features(observation, feature_set, FLOATS), inputs(observation, feature_set), atol=1e-6)
 
 
-@pytest.mark.parametrize("feature_set", ["cpa", "foresight"])
+@pytest.mark.parametrize("feature_set", FEATURE_SETS[1:])
 def test_jax_agrees_with_numpy(feature_set):
     observation = random_observations(seed=3).astype(np.float32)
     components = [jnp.asarray(observation[:, i]) for i in range(8)]

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents.foresight import COUNT, HORIZON, separations
+from agents.foresight import ADVICE, COUNT, HORIZON, advice, separations
 from envs.backend import FLOATS
 from envs.kinematics import SURROGATE, VehicleState, advance
 from envs.observation import Decoded
@@ -109,3 +109,36 @@ def test_an_intruder_at_the_same_velocity_stays_where_it_is() -> None:
     assert kept[7] == pytest.approx(1_200.0)  # straight on, at a steady speed
     assert kept[10] == pytest.approx(1_200.0)  # the goal is ahead
     assert kept[1] < 1_000.0 < kept[4]  # to the left is the intruder
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_it_advises_what_keeps_clearly_most(direction: str, speed: str) -> None:
+    kept = [-0.9] * COUNT
+    others = 2.0 * (COUNT - 1) / (1.0 + (1.3 / 0.05) ** 2)  # what the shares of the rest can change
+    kept[3 * DIRECTIONS.index(direction) + SPEEDS.index(speed)] = 0.4
+    for bearing, homeward in ((0.02, 0.02 / SURROGATE.yaw_rate_max), (-2.0, -1.0)):
+        most, acceleration, yaw_rate = advice(kept, bearing, FLOATS)
+        assert most == 0.4
+        assert acceleration == pytest.approx(SPEEDS.index(speed) - 1, abs=others)
+        turn = {"left": 1.0, "right": -1.0, "straight": 0.0, "goal": homeward}[direction]
+        assert yaw_rate == pytest.approx(turn, abs=others)
+
+
+def test_between_two_sides_that_keep_the_same_it_advises_neither() -> None:
+    ahead = Decoded(80.0, 3_000.0, 0.0, -80.0, 0.0, 9_000.0, 0.0)
+    kept = [(separation - 1_000.0) / 30.0 for separation in separations(ahead, 0.0, FLOATS)]
+    squashed = [value / (1.0 + abs(value)) for value in kept]
+    assert advice(squashed, 0.0, FLOATS)[2] == pytest.approx(0.0, abs=1e-9)
+    assert max(kept) == max(kept[:6])
+
+
+def test_a_mirrored_scene_is_advised_the_other_turn() -> None:
+    random = np.random.default_rng(3)
+    kept = list(random.uniform(-1.0, 1.0, (COUNT, 200)))
+    bearing = random.uniform(-math.pi, math.pi, 200)
+    here = advice(kept, bearing, np)
+    there = advice([kept[i] for i in (3, 4, 5, 0, 1, 2, 6, 7, 8, 9, 10, 11)], -bearing, np)
+    assert len(here) == ADVICE
+    np.testing.assert_allclose(np.array(here) * [[1.0], [1.0], [-1.0]], there, atol=1e-12)
+    assert np.abs(here).max() <= 1.0

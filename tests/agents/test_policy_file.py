@@ -53,7 +53,8 @@ HEADER_END = 8 + struct.unpack("<Q", DATA[:8])[0]
 
 
 @pytest.mark.parametrize(
-    ("hidden", "feature_set"), [((6, 5), "cpa"), ((4,), "none"), ((3, 3, 3), "mirror"), ((4, 3), "foresight")]
+    ("hidden", "feature_set"),
+    [((6, 5), "cpa"), ((4,), "none"), ((3, 3, 3), "mirror"), ((4, 3), "foresight"), ((4, 3), "advised")],
 )
 def test_round_trip(tmp_path, hidden, feature_set):
     policy = content(hidden, feature_set)
@@ -206,7 +207,11 @@ def at(path, value):
         ("architecture.hidden", [6, 5, 5], "tensor actor/hidden_2/bias is missing"),
         ("architecture.activation", "relu", "activation is 'relu', expected 'tanh'"),
         ("architecture.output", "tanh", "output is 'tanh', expected 'clip'"),
-        ("architecture.feature_set", "magic", "feature_set is 'magic', expected one of none, cpa, mirror, foresight"),
+        (
+            "architecture.feature_set",
+            "magic",
+            "feature_set is 'magic', expected one of none, cpa, mirror, foresight, advised",
+        ),
         ("architecture.feature_set", "none", r"shape \[22, 6\], expected \[8, 6\]"),
         ("training.steps", -1, "steps is -1"),
         ("training.steps", 1.0, r"steps is 1\.0, expected an integer"),
