@@ -17,22 +17,17 @@ from envs import surrogate
 from envs.observation import SIZE
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.shaping import paid
-from rlcas_jax.starts import draw, noisy
+from rlcas_jax.starts import Own, draw, noisy
 
 __all__ = ["TrainingFlight", "check"]
 
 
 def check(config: TrainConfig) -> None:
-    """Raise :class:`ConfigError` where the task has noisy or late reports, or encounters or examples of its own.
-
-    Peers are not given them.
-    """
-    for name in ("encounters", "examples"):
-        path = getattr(config.practice, name)
-        if path is not None:
-            raise ConfigError(
-                f"practice.{name} is {path}; expected null, as the comparison with peers flies the scenarios alone"
-            )
+    """Raise :class:`ConfigError` where the task has noisy or late reports, or examples, which peers are not given."""
+    if config.practice.examples is not None:
+        raise ConfigError(
+            f"practice.examples is {config.practice.examples}; expected null, as the peers imitate nobody"
+        )
     for number, entry in enumerate(config.scenarios):
         if noisy([entry.scenario()]):
             raise ConfigError(
@@ -96,8 +91,8 @@ class TrainingFlight:
         return counted
 
     def _redraw(self) -> None:
-        self._key, own = jax.random.split(self._key)
-        self._pool = self._draw(own)
+        self._key, now = jax.random.split(self._key)
+        self._pool = self._draw(now)
 
 
 def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
@@ -105,6 +100,7 @@ def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
     count, feature_set = config.ppo.environments, config.network.feature_set
     world = surrogate.World(config.world.rules(), config.world.limits())
     scenarios = [entry.scenario() for entry in config.scenarios]
+    own = Own.of(config)
 
     def seen(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
         observation = surrogate.observe(state)
@@ -113,7 +109,7 @@ def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
         return hand, jnp.stack(features.features(components, feature_set, jnp), axis=-1)
 
     def drawn(key: jax.Array) -> surrogate.State:
-        return draw(key, config, scenarios, config.pool_rows)
+        return draw(key, config, scenarios, config.pool_rows, own)
 
     def begin(pool: surrogate.State) -> tuple[surrogate.State, jax.Array, jax.Array]:
         state = jax.tree.map(lambda rows: rows[0], pool)

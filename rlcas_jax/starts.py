@@ -37,6 +37,15 @@ class Own(NamedTuple):
     edges: Encounter | None = None
     """Of ``practice.edges``."""
 
+    @classmethod
+    def of(cls, config: TrainConfig) -> "Own":
+        """Return those of a configuration.
+
+        Raises:
+            ConfigError: they cannot be had; see :func:`practised` and :func:`edges`.
+        """
+        return cls(practised(config), edges(config))
+
 
 _NONE = Own()
 

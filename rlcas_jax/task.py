@@ -19,7 +19,7 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import AXIS, Devices
 from rlcas_jax.examples import exemplary
 from rlcas_jax.shaping import paid
-from rlcas_jax.starts import Own, draw, edges, noisy, practised
+from rlcas_jax.starts import Own, draw, noisy
 
 __all__ = ["Task", "TrainState", "build", "fly"]
 
@@ -80,7 +80,7 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
     parts = ppo.learner(actor, Critic(hidden, feature_set), settings)._replace(axis=devices.axis)
     world = surrogate.World(config.world.rules(), config.world.limits())
     scenarios = [entry.scenario() for entry in config.scenarios]
-    own = Own(practised(config), edges(config))
+    own = Own.of(config)
     examples = exemplary(config)
     count, steps, axis = config.ppo.environments, config.ppo.rollout, devices.axis
     updates = max(1, config.steps // (count * steps))

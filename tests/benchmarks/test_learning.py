@@ -30,6 +30,7 @@ from benchmarks.learning_task import TrainingFlight, check
 from envs import surrogate
 from rlcas_jax import task
 from rlcas_jax.config import TrainConfig
+from rlcas_jax.starts import edges
 from tests.benchmarks import tiny
 
 TINY = (*tiny.TINY, "shaping.goal=0.5", "world.t_max=40")
@@ -114,10 +115,19 @@ def test_noisy_reports_are_refused():
         check(tiny("scenarios=[{name: noisy}]"))
 
 
-@pytest.mark.parametrize("name", ["encounters", "examples"])
-def test_what_only_our_side_would_practise_is_refused(name: str):
-    with pytest.raises(ConfigError, match=rf"practice\.{name} is hard\.file; expected null"):
-        check(tiny(f"practice.{name}=hard.file"))
+def test_examples_are_refused():
+    with pytest.raises(ConfigError, match=r"practice\.examples is hard\.file; expected null"):
+        check(tiny("practice.examples=hard.file"))
+
+
+def test_peers_practise_the_same_encounters_of_our_own():
+    config = tiny("practice.edges=40", "practice.edge_share=0.9", "ppo.environments=64")
+    practised = edges(config)
+    assert practised is not None
+    flight = TrainingFlight(config)
+    flight.reset()
+    shared = np.isin(np.asarray(flight._pool.intruders.vehicle.x), practised.intruders.x).mean()
+    assert 0.75 < shared < 1.0
 
 
 @given(

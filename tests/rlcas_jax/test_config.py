@@ -101,7 +101,8 @@ def test_a_dump_repeats_the_run(
         ),
         (
             "network.feature_set=cap",
-            "--set: network.feature_set is 'cap'; expected one of advised, cpa, foresight, mirror, none; did you mean cpa?",
+            "--set: network.feature_set is 'cap'; expected one of advised, cpa, foresight, mirror, none; "
+            "did you mean cpa?",
         ),
     ],
 )
