@@ -191,10 +191,14 @@ class EvaluationConfig(Strict):
     """Of the encounters; the same whatever the seed of the training, so that runs are compared on equal terms."""
     separation: float = Field(default=RULES.separation, gt=0.0)
     """Distance to an intruder below which an encounter is lost, m, whatever the training asks for."""
+    t_max: float | None = Field(default=None, ge=1.0, le=3600.0, multiple_of=1.0)
+    """Time limit, s, a whole number of seconds, whatever the training gives; that of the training where null."""
 
     def rules(self, world: WorldConfig) -> Rules:
         """Return the task by which policies are judged."""
-        return world.rules()._replace(separation=self.separation)
+        rules = world.rules()
+        t_max = rules.t_max if self.t_max is None else self.t_max
+        return rules._replace(separation=self.separation, t_max=t_max)
 
 
 class CheckpointConfig(Strict):
