@@ -135,7 +135,8 @@ class WorldConfig(RulesConfig):
 class ShapingConfig(Strict):
     """What learning is paid besides the task's reward, in units of the scaled reward; scores never contain it.
 
-    The potentials (goal, conflict, escape) leave the optimal policy as it is; the prices (turn, swing, detour) do not.
+    The potentials (goal, conflict, escape, delay) leave the optimal policy as it is; the prices (turn, swing, detour)
+    do not.
     """
 
     goal: float = Field(default=0.0, ge=0.0)
@@ -145,6 +146,8 @@ class ShapingConfig(Strict):
     escape: float = Field(default=0.0, ge=0.0)
     """Worth of 50 m more of the separation that the best of twelve simple manoeuvres would keep, from 50 m less than
     required to 50 m more."""
+    delay: float = Field(default=0.0, ge=0.0)
+    """Worth of a speed at which the goal is reached 30 s before the time limit instead of 30 s after it."""
     turn: float = Field(default=0.0, ge=0.0)
     """Price of a time step (1 s) of full turn; half a turn rate costs a quarter of it."""
     swing: float = Field(default=0.0, ge=0.0)

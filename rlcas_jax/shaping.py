@@ -7,35 +7,49 @@ import jax
 import jax.numpy as jnp
 
 from envs.kinematics import VehicleState
+from envs.outcome import Rules
 from envs.relative import distance, straight_cpa
 from envs.surrogate import State
-from rlcas_jax.config import TrainConfig
+from rlcas_jax.config import ShapingConfig, TrainConfig
 from rlcas_jax.escapes import best
 
-__all__ = ["detour", "escape", "paid", "potential", "price", "shaped", "swing", "worth"]
+__all__ = ["delay", "detour", "escape", "paid", "potential", "price", "shaped", "swing", "worth"]
 
 
-def potential(
-    state: State, goal_weight: float, conflict_weight: float, escape_weight: float, separation: float
-) -> jax.Array:
+def potential(state: State, weights: ShapingConfig, rules: Rules) -> jax.Array:
     """Return the potential of each encounter, ``[N]``, in units of the scaled reward.
 
     Args:
         state: encounters in progress.
-        goal_weight: worth of 10 km less to the goal.
-        conflict_weight: worth of a predicted closest approach at the separation instead of at 0 m.
-        escape_weight: worth of an escape, see :func:`escape`.
-        separation: m; ``state.demanded`` goes before it.
+        weights: of the goal, a predicted conflict, an escape (:func:`escape`) and a delay (:func:`delay`).
+        rules: separation, before which ``state.demanded`` goes, and time limit.
     """
-    total = -goal_weight * distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp) * 1e-4
-    if conflict_weight:
+    separation = rules.separation
+    total = -weights.goal * distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp) * 1e-4
+    if weights.conflict:
         own = VehicleState(*(field[:, None] for field in state.own))
         cpa = straight_cpa(own, state.intruders.vehicle, jnp)
         depth = jnp.where(state.mask, jnp.clip(1.0 - cpa.distance / separation, 0.0, 1.0), 0.0)
-        total = total - conflict_weight * depth.max(axis=-1)
-    if escape_weight:
-        total = total + escape_weight * escape(state, separation)
+        total = total - weights.conflict * depth.max(axis=-1)
+    if weights.escape:
+        total = total + weights.escape * escape(state, separation)
+    if weights.delay:
+        total = total - weights.delay * delay(state, rules.t_max)
     return total
+
+
+def delay(state: State, t_max: float) -> jax.Array:
+    """Return whether the present speed is too slow for the goal, ``[N]``: 0 with 30 s to spare, 1 if 30 s too late.
+
+    No input tells the time, and who trails a slow intruder hears of it minutes later, when nothing helps any more.
+
+    Args:
+        state: encounters in progress.
+        t_max: time limit, s.
+    """
+    left = distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp)
+    spare = t_max - state.time - left / jnp.maximum(state.own.speed, 1.0)
+    return jnp.clip(0.5 - spare * (1.0 / 60.0), 0.0, 1.0)
 
 
 def escape(state: State, separation: float) -> jax.Array:
@@ -108,8 +122,7 @@ def detour(
 
 def worth(state: State, config: TrainConfig) -> jax.Array:
     """Return the potential of each encounter under a configuration, ``[N]``."""
-    weights = config.shaping
-    return potential(state, weights.goal, weights.conflict, weights.escape, config.world.separation)
+    return potential(state, config.shaping, config.world.rules())
 
 
 def paid(reward: jax.Array, before: State, after: State, yaw_rate: jax.Array, config: TrainConfig) -> jax.Array:

@@ -77,6 +77,7 @@ CHANGED: dict[str, str] = {
     "shaping.goal": "0.5",
     "shaping.conflict": "0.5",
     "shaping.escape": "0.5",
+    "shaping.delay": "0.5",
     "shaping.turn": "0.1",
     "shaping.swing": "0.1",
     "shaping.detour": "0.1",

@@ -15,18 +15,17 @@ from envs import observation, surrogate
 from envs.encounters import padded, sample, scenario
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
-from rlcas_jax.shaping import detour, escape, potential, price, shaped, swing
+from rlcas_jax.config import ShapingConfig
+from rlcas_jax.shaping import delay, detour, escape, potential, price, shaped, swing
 
 WORLD = surrogate.World(RULES, SURROGATE)
 COUNT, STEPS = 128, 300
 
 
-@partial(jax.jit, static_argnums=(1, 2, 3, 4))
-def worth(states: surrogate.State, goal: float, conflict: float, escapes: float, separation: float) -> jax.Array:
+def worth(states: surrogate.State, **weights: float) -> jax.Array:
     """Return the potential of states ``[..., N]``."""
-    if states.time.ndim == 1:
-        return potential(states, goal, conflict, escapes, separation)
-    return jax.vmap(lambda state: potential(state, goal, conflict, escapes, separation))(states)
+    of = partial(potential, weights=ShapingConfig(**weights), rules=RULES)
+    return jax.jit(of if states.time.ndim == 1 else jax.vmap(of))(states)
 
 
 @given(st.lists(st.floats(-10.0, 10.0), min_size=2, max_size=40), st.floats(0.5, 1.0))
@@ -85,12 +84,12 @@ def episodes() -> tuple[surrogate.State, surrogate.State, np.ndarray]:
     return before, after, first
 
 
-@pytest.mark.parametrize("weights", [(1.0, 0.5, 0.0), (3.0, 0.0, 0.7)])
+@pytest.mark.parametrize("weights", [{"goal": 1.0, "conflict": 0.5}, {"goal": 3.0, "escape": 0.7, "delay": 0.4}])
 @pytest.mark.parametrize("discount", [0.99, 1.0])
 def test_the_shaping_of_whole_episodes_depends_on_their_start_alone(episodes, weights, discount) -> None:
     """Random flights that end by violation and by time: none gains anything by shaping."""
     before, after, last = episodes
-    worths = [np.asarray(worth(states, *weights, RULES.separation)) for states in (before, after)]
+    worths = [np.asarray(worth(states, **weights)) for states in (before, after)]
     rewards = np.asarray(shaped(*worths, last, discount), np.float64)
     lasts = last.argmax(axis=0)
     flown = np.arange(STEPS)[:, None] <= lasts
@@ -145,18 +144,29 @@ def test_potential_by_hand() -> None:
     scene = state._replace(
         own=own, goal_x=jnp.full(2, 8_000.0), goal_y=jnp.zeros(2), intruders=state.intruders._replace(vehicle=vehicle)
     )
-    found = potential(scene, 2.0, 3.0, 0.0, 1_000.0)
+    found = worth(scene, goal=2.0, conflict=3.0)
     np.testing.assert_allclose(found, [-2.0 * 0.8 - 3.0, -2.0 * 0.8 - 3.0 * 0.75], atol=1e-4)
-    np.testing.assert_allclose(potential(scene, 2.0, 0.0, 0.0, 1_000.0), [-1.6, -1.6], atol=1e-5)
+    np.testing.assert_allclose(worth(scene, goal=2.0), [-1.6, -1.6], atol=1e-5)
     absent = scene._replace(mask=jnp.zeros_like(scene.mask))
-    np.testing.assert_allclose(potential(absent, 2.0, 3.0, 0.0, 1_000.0), [-1.6, -1.6], atol=1e-5)
+    np.testing.assert_allclose(worth(absent, goal=2.0, conflict=3.0), [-1.6, -1.6], atol=1e-5)
 
 
 def test_the_worst_of_several_present_intruders_counts() -> None:
     state = state_of("multi", most=8)
-    together = worth(state, 0.0, 1.0, 0.0, 1_000.0)
-    singly = [worth(state._replace(mask=state.mask & (jnp.arange(8) == k)), 0.0, 1.0, 0.0, 1_000.0) for k in range(8)]
+    together = worth(state, conflict=1.0)
+    singly = [worth(state._replace(mask=state.mask & (jnp.arange(8) == k)), conflict=1.0) for k in range(8)]
     np.testing.assert_allclose(together, np.min(singly, axis=0), atol=1e-6)
+
+
+def test_a_delay_is_what_the_present_speed_makes_late() -> None:
+    """12 km from the goal: 160 s at 75 m/s, 240 s at 50 m/s."""
+    state = state_of("circle", count=4)
+    own = state.own._replace(x=jnp.zeros(4), y=jnp.zeros(4), speed=jnp.array([75.0, 50.0, 50.0, 50.0]))
+    scene = state._replace(own=own, goal_x=jnp.full(4, 12_000.0), goal_y=jnp.zeros(4))
+    for passed, expected in ((0.0, [0.0, 0.0, 0.0, 0.0]), (60.0, [0.0, 0.5, 0.5, 0.5]), (100.0, [0.0, 1.0, 1.0, 1.0])):
+        late = scene._replace(time=jnp.full(4, passed))
+        np.testing.assert_allclose(delay(late, 300.0), expected, atol=1e-5)
+    np.testing.assert_allclose(delay(scene._replace(time=jnp.full(4, 45.0)), 270.0), [0.0, 0.75, 0.75, 0.75], atol=1e-5)
 
 
 def test_an_escape_is_that_of_the_derived_inputs(episodes) -> None:
