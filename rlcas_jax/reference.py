@@ -18,9 +18,9 @@ A configuration is a YAML file with what differs from the defaults, given as `--
 `--set KEY=VALUE`, also inside lists (`--set scenarios.0.weight=2`). `--set` wins over the file. A run writes what came
 out, every key, to `config.yaml` in its directory, and that file repeats the run.
 
-The files in `configs/` are `quick.yaml` (a policy in a minute on two cores), `best_start.yaml`, `best_middle.yaml`,
-`best_shorter.yaml` and `best.yaml` (the policy that ships, one after the other), `paper.yaml` (the paper's own set-up)
-and the vehicles: `vehicle_surrogate.yaml` (the paper's surrogate, also the default) and `vehicle_c208_published.yaml`
+The files in `configs/` are `quick.yaml` (a policy in a minute on two cores), `best_start.yaml`, `best_middle.yaml`
+and `best.yaml` (the policy that ships, one after the other), `paper.yaml` (the paper's own set-up) and the vehicles:
+`vehicle_surrogate.yaml` (the paper's surrogate, also the default) and `vehicle_c208_published.yaml`
 (its true Cessna 208).
 
 Numbers may be written as `3e-4`, `1e7` and `1_000_000`. A key that does not exist, a value of another type or out of
