@@ -93,9 +93,9 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
     if feature_set in MIRRORED:
         ahead, homeward = (_mirrored(passing, hand) for passing in (ahead, homeward))
         goal_sine = goal_sine * hand
-    foreseen = _foreseen(geometry, observation[_GOAL], hand, xp) if feature_set in ("foresight", "advised") else []
-    if feature_set == "advised":
-        foreseen = [*foreseen, *advice(foreseen[:COUNT], observation[_GOAL] * (math.pi * hand), xp)]
+    foreseen: list[Any] = []
+    if feature_set in ("foresight", "advised"):
+        foreseen = _foreseen(geometry, observation[_GOAL], hand, feature_set == "advised", xp)
     return [
         observation[0],
         observation[2],
@@ -117,16 +117,18 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
     ]
 
 
-def _foreseen(geometry: Decoded, goal_bearing: Any, hand: Any, xp: Any) -> list[Any]:
-    """Describe what simple manoeuvres keep of the separation, and how far the goal is from the turning circles."""
+def _foreseen(geometry: Decoded, goal_bearing: Any, hand: Any, advised: bool, xp: Any) -> list[Any]:
+    """Describe what simple manoeuvres keep, how far the goal is from the turning circles, and the best manoeuvre."""
     seen = geometry._replace(intruder_y=geometry.intruder_y * hand, intruder_vy=geometry.intruder_vy * hand)
-    kept = separations(seen, goal_bearing * (math.pi * hand), xp)
+    homeward = goal_bearing * (math.pi * hand)
+    kept = [_soft((separation - 1_000.0) * (1.0 / 30.0), xp) for separation in separations(seen, homeward, xp)]
     radius = geometry.own_speed * (1.0 / SURROGATE.yaw_rate_max)
     goal_x, goal_y = geometry.goal_x, geometry.goal_y * hand
     circles = [xp.sqrt(goal_x * goal_x + y * y + 1.0) - radius for y in (goal_y - radius, goal_y + radius)]
     return [
-        *(_soft((separation - 1_000.0) * (1.0 / 30.0), xp) for separation in kept),
+        *kept,
         *(_soft(outside * (1.0 / 500.0), xp) for outside in circles),
+        *(advice(kept, homeward, xp) if advised else ()),
     ]
 
 

@@ -47,9 +47,6 @@ class Own(NamedTuple):
         return cls(practised(config), edges(config))
 
 
-_NONE = Own()
-
-
 def practised(config: TrainConfig) -> Encounter | None:
     """Return the encounters of its own that a training practises, float32 ``[M]``; None where there are none.
 
@@ -104,9 +101,7 @@ def edges(config: TrainConfig) -> Encounter | None:
     return cast(mapped(lambda field: field[:wanted], together), np.float32)
 
 
-def draw(
-    key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: int, own: Own = _NONE
-) -> surrogate.State:
+def draw(key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: int, own: Own) -> surrogate.State:
     """Return encounters at their start, ``[rows, environments]``.
 
     Args:

@@ -11,6 +11,7 @@ from envs.backend import FLOATS
 from envs.kinematics import SURROGATE, VehicleState, advance
 from envs.observation import Decoded
 
+SWAPPED = [3, 4, 5, 0, 1, 2, 6, 7, 8, 9, 10, 11]  # the manoeuvres of a mirrored scene
 DIRECTIONS, SPEEDS = ("left", "right", "straight", "goal"), ("braking", "steady", "accelerating")
 
 
@@ -68,8 +69,7 @@ def test_a_mirrored_scene_swaps_left_and_right() -> None:
         intruder_y=-geometry.intruder_y, intruder_vy=-geometry.intruder_vy, goal_y=-geometry.goal_y
     )
     here, there = separations(geometry, bearing, np), separations(mirrored, -bearing, np)
-    swapped = [3, 4, 5, 0, 1, 2, 6, 7, 8, 9, 10, 11]
-    np.testing.assert_allclose(here, [there[i] for i in swapped], rtol=1e-12)
+    np.testing.assert_allclose(here, [there[i] for i in SWAPPED], rtol=1e-12)
 
 
 def test_all_array_libraries_agree() -> None:
@@ -138,7 +138,7 @@ def test_a_mirrored_scene_is_advised_the_other_turn() -> None:
     kept = list(random.uniform(-1.0, 1.0, (COUNT, 200)))
     bearing = random.uniform(-math.pi, math.pi, 200)
     here = advice(kept, bearing, np)
-    there = advice([kept[i] for i in (3, 4, 5, 0, 1, 2, 6, 7, 8, 9, 10, 11)], -bearing, np)
+    there = advice([kept[i] for i in SWAPPED], -bearing, np)
     assert len(here) == ADVICE
     np.testing.assert_allclose(np.array(here) * [[1.0], [1.0], [-1.0]], there, atol=1e-12)
     assert np.abs(here).max() <= 1.0
