@@ -61,7 +61,8 @@ def curve(*scores: float, step: int = 100, wall_s: float = 2.0) -> list[Point]:
 # The task and its score
 
 
-@pytest.mark.parametrize("feature_set", [pytest.param("cpa", marks=pytest.mark.slow), "mirror"])
+@pytest.mark.slow
+@pytest.mark.parametrize("feature_set", ["cpa", "mirror"])
 def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: str):
     config = tiny(
         f"network.feature_set={feature_set}",

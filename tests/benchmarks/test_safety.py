@@ -255,6 +255,7 @@ def last_line(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     return json.loads(capsys.readouterr().out.strip().splitlines()[-1])
 
 
+@pytest.mark.slow
 def test_a_small_attack_finds_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     arguments = ["--first", "30", "--requests", "150", "--single", "10", "--workers", "1", "--block", "100"]
     assert safety.main([*arguments, "--out", str(tmp_path)]) == 0

@@ -60,6 +60,7 @@ def test_assured_flights_do_not_depend_on_their_company(
     np.testing.assert_array_equal(part.replans, assured.replans[12:16])
 
 
+@pytest.mark.slow
 def test_a_run_tells_of_all_modes_side_by_side(tmp_path: Path) -> None:
     out = tmp_path / "run"
     arguments = ["--mode", "assured", "--scenario", "maneuvering", "--encounters", "3", "--set", "resamples=200"]

@@ -210,7 +210,7 @@ def test_a_disk_that_fills_ends_the_run_with_one_sentence(cluster: Processes, al
         ("tcp://node7", "'tcp://node7' is no address"),
         ("http://node7:80", "is no address"),
         ("tcp://node7:99999", "is no address"),
-        ("tcp://127.0.0.1:1", "no Dask scheduler answers within 5 s"),
+        pytest.param("tcp://127.0.0.1:1", "no Dask scheduler answers within 5 s", marks=pytest.mark.slow),
     ],
 )
 def test_wrong_addresses_are_refused(address: str, sentence: str, tmp_path: Path) -> None:

@@ -47,7 +47,7 @@ def test_failures_and_detours_of_a_run_are_written_each_with_its_moments(
     assert np.all(apart[starts.mask] > RULES.separation)
 
 
-@pytest.mark.parametrize("name", ["circle", "maneuvering"])
+@pytest.mark.parametrize("name", [pytest.param("circle", marks=pytest.mark.slow), "maneuvering"])
 def test_moments_can_be_resolved_from_where_they_begin(name: str) -> None:
     """They lie on a flight that does it, and the intruders fly on from there as they would have."""
     starts = numbered(SCENARIOS[name], 5, 0, 24)

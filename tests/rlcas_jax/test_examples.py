@@ -52,6 +52,7 @@ def tasks(tmp_path_factory: pytest.TempPathFactory) -> tuple[Task, Task]:
     return plain, drawn
 
 
+@pytest.mark.slow
 def test_a_training_is_drawn_to_its_examples(tasks: tuple[Task, Task]) -> None:
     plain, drawn = tasks
     state, found = drawn.initial(), []
@@ -64,6 +65,7 @@ def test_a_training_is_drawn_to_its_examples(tasks: tuple[Task, Task]) -> None:
     assert "imitation_loss" not in figures
 
 
+@pytest.mark.slow
 def test_the_weight_falls_to_nothing_at_the_end(tasks: tuple[Task, Task]) -> None:
     """The last of many updates changes the actor almost as a training without examples would."""
 

@@ -157,6 +157,7 @@ def test_what_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpoint(con
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(state.learner))
 
 
+@pytest.mark.slow
 def test_a_run_whose_files_cannot_be_written_says_so_and_goes_on_later(uninterrupted: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy"
     shutil.copytree(uninterrupted, copy)

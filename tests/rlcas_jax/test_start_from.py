@@ -54,6 +54,7 @@ def test_it_begins_with_the_networks_and_the_optimiser_of_the_earlier_run(earlie
     assert int(later.state.update) == 1
 
 
+@pytest.mark.slow
 def test_a_checkpoint_s_file_is_as_good_as_its_run(earlier: Run, tmp_path: Path) -> None:
     file = checkpoint.latest(earlier.directory / "checkpoints")
     of_run = trained(tmp_path / "a", f"start_from={earlier.directory}")
