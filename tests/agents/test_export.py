@@ -34,7 +34,13 @@ def description(**changes):
 
 @pytest.mark.parametrize(
     ("hidden", "feature_set"),
-    [(HIDDEN, "cpa"), ((12,), "none"), ((4, 4, 4), "mirror"), ((5, 4), "foresight"), ((5, 4), "advised")],
+    [
+        (HIDDEN, "cpa"),
+        ((12,), "none"),
+        ((4, 4, 4), "mirror"),
+        pytest.param((5, 4), "foresight", marks=pytest.mark.slow),
+        ((5, 4), "advised"),
+    ],
 )
 def test_written_policy_decides_as_flax(tmp_path, hidden, feature_set):
     variables = made(hidden, feature_set)

@@ -147,6 +147,7 @@ def test_advantages_are_normalised_within_each_minibatch() -> None:
     np.testing.assert_allclose(found, [by_hand, by_hand], rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_an_update_learns_from_normalised_advantages_if_it_shall(small) -> None:
     parts, state, rollout = small
     changed = rollout._replace(advantage=40.0 * rollout.advantage + 7.0)
@@ -221,6 +222,7 @@ def adams_first_moment(state: LearnerState) -> Any:
     return next(part.mu for part in state.optimizer if hasattr(part, "mu"))
 
 
+@pytest.mark.slow
 def test_each_networks_gradient_is_clipped_to_its_own_norm(small) -> None:
     """Adam's first moment after one minibatch is a tenth of the gradient that it was given."""
     parts, state, rollout = small

@@ -104,7 +104,12 @@ def check_witness(encounter: Encounter, flown: Replay) -> None:
 
 @pytest.mark.parametrize(
     ("family", "count"),
-    [(scenario("circle"), 120), (CLOSE, 60), (scenario("maneuvering"), 60), (scenario("multi"), 20)],
+    [
+        (scenario("circle"), 120),
+        (CLOSE, 60),
+        (scenario("maneuvering"), 60),
+        pytest.param(scenario("multi"), 20, marks=pytest.mark.slow),
+    ],
 )
 def test_witnesses_succeed_in_an_independent_simulation(family: Scenario, count: int):
     encounters = numbered(family, 3, 0, count)

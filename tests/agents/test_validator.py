@@ -160,7 +160,7 @@ def test_plans_are_judged_one_by_one() -> None:
     np.testing.assert_array_equal(part.wrong, whole.wrong[:, 20:30])
 
 
-@pytest.mark.parametrize("margin", [0.1, 5.0, 50.0])
+@pytest.mark.parametrize("margin", [0.1, 5.0, pytest.param(50.0, marks=pytest.mark.slow)])
 def test_no_start_is_refused_by_its_own_margin(margin: float) -> None:
     # Every centimetre inside the margin: flying apart, side by side, and turning away.
     away = np.arange(1_000.0, 1_000.0 + margin + 0.005, 0.01)

@@ -296,6 +296,7 @@ def test_the_page_holds_everything_and_asks_for_nothing(report_page: Path) -> No
     assert "https:" not in text
 
 
+@pytest.mark.slow
 def test_the_same_run_gives_the_same_page(report_run: Path, report_page: Path, tmp_path: Path) -> None:
     again = Path(shutil.copytree(report_run, tmp_path / "again"))
     report.main([str(again), "--tracks", str(TRACKS)])

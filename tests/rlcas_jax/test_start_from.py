@@ -65,7 +65,10 @@ def test_a_checkpoint_s_file_is_as_good_as_its_run(earlier: Run, tmp_path: Path)
 
 @pytest.mark.parametrize(
     ("overrides", "said"),
-    [(["network.hidden=[8, 9]"], "expected float32"), (["network.hidden=[8]"], "made by another structure")],
+    [
+        (["network.hidden=[8, 9]"], "expected float32"),
+        pytest.param(["network.hidden=[8]"], "made by another structure", marks=pytest.mark.slow),
+    ],
 )
 def test_other_networks_are_refused(overrides: list[str], said: str, earlier: Run, tmp_path: Path) -> None:
     with pytest.raises(checkpoint.CheckpointError, match=said):

@@ -29,6 +29,7 @@ def configured(file: Path, *overrides: str) -> TrainConfig:
     return load(TrainConfig, None, [f"practice.encounters={file}", "ppo.environments=64", *overrides])
 
 
+@pytest.mark.slow
 def test_a_share_of_the_starts_is_taken_evenly_from_the_file(file: Path) -> None:
     config = configured(file, "practice.share=0.25", "practice.displacement=0", "scenarios=[{name: multi}]")
     own = practised(config)
@@ -64,6 +65,7 @@ def spare(starts: Encounter) -> np.ndarray:
     return best(starts.own, starts.goal_x, starts.goal_y, starts.intruders, starts.mask, np) - 1_000.0
 
 
+@pytest.mark.slow
 def test_edges_leave_little_to_lose_and_are_a_share_of_the_starts() -> None:
     config = load(
         TrainConfig, None, ["practice.edges=300", "practice.edge=30", "practice.edge_share=0.4", "ppo.environments=64"]
