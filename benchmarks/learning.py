@@ -2,9 +2,10 @@
 
 Our PPO, Stable-Baselines3's and SBX's learn the same task on the same machine: the same encounters, inputs, shaping,
 networks and schedule of the learning rate. First each tries the same settings for the same wall time and keeps the one
-with the best score; then each trains all seeds for the same number of steps, in turns, each in a process of its own
-and one at a time. Read off: the time to a training score, scores after equal steps and after equal wall time, with
-intervals over the seeds. The same command goes on where it was stopped.
+with the best score, or with ``--trial-target`` the one that comes to a score soonest; then each trains all seeds for
+the same number of steps, in turns, each in a process of its own and one at a time. Read off: the time to a training
+score, scores after equal steps and after equal wall time, with intervals over the seeds. The same command goes on
+where it was stopped.
 """
 
 import json
@@ -24,6 +25,7 @@ from benchmarks.learning_run import Log
 from benchmarks.learning_settings import changed, settings
 from benchmarks.learning_sides import LEARNERS, PACKAGES, available
 from benchmarks.learning_task import check
+from benchmarks.learning_trials import Trial, best, described
 from benchmarks.measure import machine, report
 from eval.statistics import Interval
 from rlcas_jax.config import SEED_END, TrainConfig
@@ -37,8 +39,6 @@ TARGETS = {"sb3": 5.0, "sbx": 2.0}
 
 _TRIAL_SEED = 1_000_003
 """Added to the seed for the trials, so that no setting is chosen by the seeds that are compared."""
-_TRIAL_TAIL = 0.2
-"""Share of a trial over which its score is taken."""
 FAILED = 1
 
 
@@ -58,7 +58,11 @@ class Extent:
     trials: int = 4
     """Settings that every learner tries; with 0 all learn as the configuration says."""
     trial_s: float = 40.0
-    """Time of a trial, s."""
+    """Most time of a trial, s."""
+    trial_seeds: int = 1
+    """Trainings of a trial."""
+    trial_target: float | None = None
+    """Training score that trials are to reach soon, and end at; None: they are judged by the score at their end."""
 
 
 QUICK = Extent(steps=400_000, seeds=2, budget_s=30.0, trials=2, trial_s=6.0)
@@ -68,8 +72,8 @@ QUICK = Extent(steps=400_000, seeds=2, budget_s=30.0, trials=2, trial_s=6.0)
 class _Runs:
     """What was trained."""
 
-    trials: dict[str, list[tuple[dict[str, float], Log]]]
-    """Of each learner: settings and runs."""
+    trials: dict[str, list[Trial]]
+    """Of each learner."""
     chosen: dict[str, dict[str, float]]
     seeds: dict[str, list[Log]]
 
@@ -94,7 +98,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         "budget_s": extent.budget_s,
         "trial_s": extent.trial_s,
         "settings": runs.chosen,
-        "trials": {name: [_trial(*trial) for trial in tried] for name, tried in runs.trials.items()},
+        "trials": {
+            name: [described(trial, extent.trial_target) for trial in tried] for name, tried in runs.trials.items()
+        },
     }
     curves = {name: [log.curve for log in logs] for name, logs in runs.seeds.items()}
     files = learning_figure.draw(curves, SCORES, options.out / "learning")
@@ -179,7 +185,14 @@ def _parsed(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
     add("--seeds", type=int, help="trainings of each learner (default 3; 2 with --quick)")
     add("--budget", type=float, metavar="SECONDS", help="most time of a training, s (default 600; 30 with --quick)")
     add("--trials", type=int, help="settings that every learner tries first; 0: none (default 4; 2 with --quick)")
-    add("--trial-seconds", type=float, help="time of each of them, s (default 40; 6 with --quick)")
+    add("--trial-seconds", type=float, help="most time of each of them, s (default 40; 6 with --quick)")
+    add("--trial-seeds", type=int, help="trainings of each of them (default 1)")
+    add(
+        "--trial-target",
+        type=float,
+        metavar="SCORE",
+        help="choose the setting that comes to this training score soonest (default: the best score at the end)",
+    )
     add("--quick", action="store_true", help="short trainings: shows that it works, and no learner at its end")
     add("--out", type=Path, default=Path("runs/learning"), help="directory of the results (default runs/learning)")
     options = parser.parse_args(argv)
@@ -189,18 +202,23 @@ def _parsed(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
         "budget_s": options.budget,
         "trials": options.trials,
         "trial_s": options.trial_seconds,
+        "trial_seeds": options.trial_seeds,
+        "trial_target": options.trial_target,
     }
     extent = replace(QUICK if options.quick else Extent(), **{k: v for k, v in given.items() if v is not None})
     for option, value, least in (
         ("--steps", extent.steps, 1),
         ("--seeds", extent.seeds, 1),
         ("--trials", extent.trials, 0),
+        ("--trial-seeds", extent.trial_seeds, 1),
     ):
         if value < least:
             raise ConfigError(f"{option} is {value}; expected {least} or more")
     for option, seconds in (("--budget", extent.budget_s), ("--trial-seconds", extent.trial_s)):
         if not 0.0 < seconds < math.inf:
             raise ConfigError(f"{option} is {seconds}; expected more than 0 s")
+    if extent.trial_target is not None and not -100.0 < extent.trial_target < 100.0:
+        raise ConfigError(f"--trial-target is {extent.trial_target}; expected a training score between -100 and 100")
     config = load(TrainConfig, options.config, [*options.set, f"steps={extent.steps}"])
     check(config)
     return options, extent, config
@@ -222,15 +240,20 @@ def _present(wanted: Sequence[str] | None) -> list[str]:
 def _trained(config: TrainConfig, extent: Extent, learners: Sequence[str], out: Path) -> _Runs:
     """Make the trials and trainings that are missing."""
     tried = settings(config, extent.trials)
-    trials: dict[str, list[tuple[dict[str, float], Log]]] = {name: [] for name in learners}
-    seed = (config.seed + _TRIAL_SEED) % SEED_END
+    trials: dict[str, list[Trial]] = {name: [] for name in learners}
+    firsts = [(config.seed + _TRIAL_SEED + number) % SEED_END for number in range(extent.trial_seeds)]
     # In turns, so that a slow moment of the machine meets every learner alike.
     for number, setting in enumerate(tried):
         for name in learners:
-            log = _run(name, changed(config, setting, seed), extent.trial_s, out / "trials" / f"{name}-{number}")
-            trials[name].append((setting, log))
+            stem = f"{name}-{number}"
+            names = [stem, *(f"{stem}-seed{more}" for more in range(1, extent.trial_seeds))]
+            logs = tuple(
+                _run(name, changed(config, setting, seed), extent.trial_s, out / "trials" / run, extent.trial_target)
+                for run, seed in zip(names, firsts, strict=True)
+            )
+            trials[name].append(Trial(setting, logs))
     own = settings(config, 1)[0]
-    chosen = {name: _best(trials[name]) if tried else own for name in learners}
+    chosen = {name: best(trials[name], extent.trial_target) if tried else own for name in learners}
     for name, setting in chosen.items():
         print(f"{name} learns with {_words(setting)}", flush=True)
     seeds: dict[str, list[Log]] = {name: [] for name in learners}
@@ -241,8 +264,8 @@ def _trained(config: TrainConfig, extent: Extent, learners: Sequence[str], out: 
     return _Runs(trials, chosen, seeds)
 
 
-def _run(learner: str, config: TrainConfig, seconds: float, path: Path) -> Log:
-    """Train in a process of its own, unless it is done.
+def _run(learner: str, config: TrainConfig, seconds: float, path: Path, until: float | None = None) -> Log:
+    """Train in a process of its own, no longer than until a score, unless it is done.
 
     Raises:
         ConfigError: there is a run of that name that was made otherwise.
@@ -251,50 +274,32 @@ def _run(learner: str, config: TrainConfig, seconds: float, path: Path) -> Log:
     text, file, log_file = dump(config), path.with_suffix(".yaml"), path.with_suffix(".jsonl")
     done = learning_run.read(log_file)
     if done is not None and done.ended is not None:
-        same_time = done.header.get("seconds") == seconds
-        if not file.exists() or file.read_text(encoding="utf-8") != text or not same_time:
+        same_end = (done.header.get("seconds"), done.header.get("until")) == (seconds, until)
+        if not file.exists() or file.read_text(encoding="utf-8") != text or not same_end:
             raise ConfigError(f"{log_file}: it was made with other options; expected the same ones, or another --out")
         print(f"{path.name}: done before", flush=True)
         return done
     path.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(text, encoding="utf-8")
     print(f"{path.name}: {LEARNERS[learner]}, {_words(settings(config, 1)[0])}", flush=True)
-    _process(learner, file, seconds, log_file)
+    _process(learner, file, seconds, log_file, until)
     log = learning_run.read(log_file)
     if log is None or log.ended is None:
         raise RunError(f"{log_file}: the training stopped before its end; the same command goes on")
     return log
 
 
-def _process(learner: str, config: Path, seconds: float, out: Path) -> None:
+def _process(learner: str, config: Path, seconds: float, out: Path, until: float | None) -> None:
     """Run :mod:`benchmarks.learning_run` in a process of its own, on the CPU as every learner here."""
     options = ["--learner", learner, "--config", str(config), "--seconds", repr(seconds), "--out", str(out)]
+    if until is not None:
+        options += ["--until", repr(until)]
     command = [sys.executable, "-m", "benchmarks.learning_run", *options]
     status = subprocess.run(command, env=os.environ | {"JAX_PLATFORMS": "cpu"}, check=False).returncode
     if status == 130:
         raise KeyboardInterrupt
     if status:
         raise RunError(f"{out}: the training ended with status {status}; the same command goes on")
-
-
-def _best(tried: Sequence[tuple[dict[str, float], Log]]) -> dict[str, float]:
-    """Return the setting whose trial ended with the best score, the first of equals."""
-    return max(tried, key=lambda trial: _trial_score(trial[1]))[0]
-
-
-def _trial_score(log: Log) -> float:
-    """Return the score of the last fifth of a trial's time, whatever its last update took beyond it.
-
-    Of one that diverged, or that ended no window in its time, the worst.
-    """
-    score = score_at(log.curve, log.header["seconds"], "wall_s", _TRIAL_TAIL)
-    return -math.inf if log.ended == "diverged" or math.isnan(score) else score
-
-
-def _trial(setting: Mapping[str, float], log: Log) -> dict[str, Any]:
-    score = _trial_score(log)
-    steps = log.curve[-1].steps if log.curve else 0
-    return dict(setting) | {"score": score if math.isfinite(score) else None, "steps": steps, "ended": log.ended}
 
 
 def _write_curves(runs: _Runs, path: Path) -> None:
@@ -309,7 +314,8 @@ def _write_curves(runs: _Runs, path: Path) -> None:
             for point in log.curve
         ]
 
-    table = [row for name, tried in runs.trials.items() for row in rows("trial", name, [log for _, log in tried])]
+    tried = {name: [log for trial in trials for log in trial.logs] for name, trials in runs.trials.items()}
+    table = [row for name, logs in tried.items() for row in rows("trial", name, logs)]
     table += [row for name, logs in runs.seeds.items() for row in rows("seed", name, logs)]
     kinds = {"phase": pa.string(), "learner": pa.string(), "number": pa.int64(), "steps": pa.int64()}
     kinds |= {"wall_s": pa.float64(), "score": pa.float64(), "episodes": pa.int64()}

@@ -33,7 +33,7 @@ class Log:
     startup_s: float
     """Time to build, compile and warm up, s."""
     ended: str | None
-    """Why it ended: ``steps``, ``time`` or ``diverged``; None where it was stopped or is still going on."""
+    """Why it ended: ``steps``, ``time``, ``score`` or ``diverged``; None where it was stopped or is still going on."""
 
 
 def read(path: Path) -> Log | None:
@@ -57,8 +57,8 @@ def read(path: Path) -> Log | None:
     return Log(rows[0], tuple(curve), startup[0] if startup else math.nan, ends[0] if ends else None)
 
 
-def train(learner: str, config: TrainConfig, seconds: float, path: Path, name: str) -> None:
-    """Train until the steps are done, the time is up or the learner diverges, and write it down.
+def train(learner: str, config: TrainConfig, seconds: float, path: Path, name: str, until: float | None = None) -> None:
+    """Train until the steps are done, the time is up, a score is reached or the learner diverges, and write it down.
 
     Args:
         learner: one of :data:`benchmarks.learning_sides.LEARNERS`.
@@ -66,6 +66,7 @@ def train(learner: str, config: TrainConfig, seconds: float, path: Path, name: s
         seconds: most time of the training, s; starting is not counted.
         path: of the file; what is there is replaced.
         name: what lines on the terminal begin with.
+        until: score of a window that ends the training; None: none does.
     """
     parent = os.getppid()
     with path.open("w", encoding="utf-8") as file:
@@ -74,7 +75,8 @@ def train(learner: str, config: TrainConfig, seconds: float, path: Path, name: s
             file.write(json.dumps(row) + "\n")
             file.flush()
 
-        say({"learner": learner, "seconds": seconds, "window": WINDOW, "versions": versions(*PACKAGES[learner])})
+        header = {"learner": learner, "seconds": seconds, "until": until, "window": WINDOW}
+        say(header | {"versions": versions(*PACKAGES[learner])})
         began = time.perf_counter()
         training = side(learner, config)
         training.start()
@@ -90,8 +92,9 @@ def train(learner: str, config: TrainConfig, seconds: float, path: Path, name: s
                 break
             took = time.perf_counter() - began
             spent += took
-            last = done == total or spent >= seconds
             point = windows.add(flown, took)
+            there = until is not None and point is not None and point.score >= until
+            last = done == total or spent >= seconds or there
             if point is None and last and not points:
                 point = windows.rest()  # a curve has one point at least
             if point is not None:
@@ -104,7 +107,7 @@ def train(learner: str, config: TrainConfig, seconds: float, path: Path, name: s
             if os.getppid() != parent:
                 return  # nobody is left to read it
             if last:
-                ended = "steps" if done == total else "time"
+                ended = "score" if there else "steps" if done == total else "time"
                 break
         say({"ended": ended})
 
@@ -116,6 +119,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     add("--learner", choices=LEARNERS, required=True, help="who trains")
     add("--config", type=Path, required=True, help="YAML file of the training")
     add("--seconds", type=float, default=600.0, help="most time of the training, s; starting is not counted")
+    add("--until", type=float, metavar="SCORE", help="end where a window has this training score (default: none does)")
     add("--out", type=Path, required=True, help="file of the run; what is there is replaced")
     options = parser.parse_args(argv)
     if not options.seconds > 0.0:
@@ -124,7 +128,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         raise ConfigError(f"--learner {options.learner}: {LEARNERS[options.learner]} is not installed")
     if not options.out.parent.is_dir():
         raise ConfigError(f"--out {options.out}: there is no directory {options.out.parent}")
-    train(options.learner, load(TrainConfig, options.config), options.seconds, options.out, options.out.stem)
+    config = load(TrainConfig, options.config)
+    train(options.learner, config, options.seconds, options.out, options.out.stem, options.until)
 
 
 def _point(row: dict[str, Any]) -> Point:

@@ -15,10 +15,10 @@ __all__ = ["PEERS_BEST", "SPACE", "changed", "settings"]
 Setting = dict[str, float]
 
 SPACE: dict[str, tuple[int, ...]] = {
-    "environments": (256, 512, 1024, 2048),
+    "environments": (128, 256, 512, 1024),
     "rollout": (16, 32, 64, 128),
-    "minibatch": (1024, 2048, 4096, 8192),
-    "epochs": (2, 3, 4, 6),
+    "minibatch": (512, 1024, 2048, 4096),
+    "epochs": (1, 2, 3, 4),
 }
 """Values of keys of ``ppo``, all alike often."""
 LEARNING_RATE = (5e-4, 4e-3)

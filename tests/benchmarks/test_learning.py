@@ -24,9 +24,11 @@ from scipy import stats
 from agents import features
 from agents.configuration import ConfigError, dump, load
 from benchmarks import gemm, learning, learning_run, learning_sides, training
-from benchmarks.learning_curves import Flown, Point, Times, Windows, ratio, reached, score_at, t_mean
+from benchmarks.learning_curves import WINDOW, Flown, Point, Times, Windows, ratio, reached, score_at, t_mean
+from benchmarks.learning_run import Log
 from benchmarks.learning_settings import PEERS_BEST, changed, settings
 from benchmarks.learning_task import TrainingFlight, check
+from benchmarks.learning_trials import Trial, best, described
 from envs import surrogate
 from rlcas_jax import task
 from rlcas_jax.config import TrainConfig
@@ -249,8 +251,8 @@ def test_every_learner_tries_the_same_valid_settings_whatever_their_number():
 # Stopping and going on
 
 
-def run_in_this_process(learner: str, config: Path, seconds: float, out: Path) -> None:
-    learning_run.train(learner, load(TrainConfig, config), seconds, out, out.stem)
+def run_in_this_process(learner: str, config: Path, seconds: float, out: Path, until: float | None) -> None:
+    learning_run.train(learner, load(TrainConfig, config), seconds, out, out.stem, until)
 
 
 @pytest.fixture
@@ -299,9 +301,9 @@ def test_ours_goes_on_after_a_kill_with_the_same_curve(
 def fake_process(made: list[str], stop_after: int | None = None):
     """Return a stand-in for a process that writes a run of two windows, the better the larger the learning rate."""
 
-    def process(learner: str, config: Path, seconds: float, out: Path) -> None:
+    def process(learner: str, config: Path, seconds: float, out: Path, until: float | None) -> None:
         score = 1e4 * load(TrainConfig, config).ppo.learning_rate
-        lines = [{"learner": learner, "seconds": seconds}, {"startup_s": 1.0}]
+        lines = [{"learner": learner, "seconds": seconds, "until": until}, {"startup_s": 1.0}]
         lines += [point._asdict() for point in curve(0.0, score, 90.0)]
         if stop_after is not None and len(made) == stop_after:
             out.write_text("".join(json.dumps(line) + "\n" for line in lines))
@@ -330,6 +332,69 @@ def test_trials_choose_the_setting_and_none_is_made_twice(tmp_path: Path, monkey
     assert len(made) == 6
     with pytest.raises(ConfigError, match="made with other options"):
         learning.main([*options, "--out", str(tmp_path), "--trial-seconds", "3"])
+
+
+def trial(setting: float, *curves: list[Point], ended: str = "score") -> Trial:
+    """Return a trial of 20 s with a run for each curve."""
+    return Trial({"epochs": setting}, tuple(Log({"seconds": 20.0}, tuple(points), 1.0, ended) for points in curves))
+
+
+def test_the_best_trial_is_the_soonest_of_those_whose_seeds_all_come_to_the_score():
+    slow = trial(1, curve(0.0, 80.0), curve(0.0, 80.0))
+    soon = trial(2, curve(60.0, 90.0), curve(60.0, 90.0))
+    once = trial(3, curve(79.0, 79.0), curve(0.0, 70.0), ended="time")
+    assert best([slow, soon, once], 75.0) == soon.setting
+    assert best([slow, once], 75.0) == slow.setting
+    assert best([once, slow, slow], None) == slow.setting
+    lost = trial(4, curve(0.0, 99.0), ended="diverged")
+    assert best([lost, once], None) == once.setting
+    said = described(once, 75.0)
+    assert said["time_to_75_s"][1] is None
+    assert said["ended"] == ["time", "time"]
+
+
+def test_trials_may_be_judged_by_the_time_to_a_score(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    made: list[str] = []
+    monkeypatch.setattr(learning, "_process", fake_process(made))
+    options = ["--config", "configs/quick.yaml", "--learner", "ours", "--seeds", "1", "--out", str(tmp_path)]
+    options += ["--trials", "3", "--trial-seeds", "2"]
+    learning.main([*options, "--trial-target", "8"])
+    assert made == [f"ours-{number}{seed}" for number in range(3) for seed in ("", "-seed1")] + ["ours-seed0"]
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    times = [tried["time_to_8_s"] for tried in summary["trials"]["ours"]]
+    soonest = min(range(3), key=lambda number: times[number][0])
+    chosen = settings(load(TrainConfig, Path("configs/quick.yaml")), 3)[soonest]
+    assert summary["settings"]["ours"] == chosen
+    assert chosen["learning_rate"] == max(tried["learning_rate"] for tried in summary["trials"]["ours"])
+    with pytest.raises(ConfigError, match="made with other options"):
+        learning.main([*options, "--trial-target", "9"])
+
+
+class Rising:
+    """A learner that flies a window an update, 10 points better each time."""
+
+    def __init__(self) -> None:
+        self.score = 0.0
+
+    def start(self) -> None:
+        self.score = 0.0
+
+    def update(self) -> Flown:
+        self.score += 10.0
+        return Flown(WINDOW, 100 * self.score, 100)
+
+
+@pytest.mark.parametrize(("until", "ended", "windows"), [(None, "steps", 5), (25.0, "score", 3), (99.0, "steps", 5)])
+def test_a_training_ends_at_its_score(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, until: float | None, ended: str, windows: int
+):
+    monkeypatch.setattr(learning_run, "side", lambda *_: Rising())
+    monkeypatch.setattr(learning_run, "updates", lambda _: 5)
+    path = tmp_path / "run.jsonl"
+    learning_run.train("ours", load(TrainConfig, None), 600.0, path, "run", until)
+    log = learning_run.read(path)
+    assert log is not None
+    assert (log.ended, len(log.curve)) == (ended, windows)
 
 
 def test_a_process_that_fails_ends_with_status_1_and_a_sentence(
@@ -375,6 +440,8 @@ def test_a_file_that_is_no_run_is_refused(tmp_path: Path):
         ("--trials", "-1", "--trials is -1"),
         ("--budget", "nan", "--budget is nan"),
         ("--trial-seconds", "0", "--trial-seconds is 0"),
+        ("--trial-seeds", "0", "--trial-seeds is 0"),
+        ("--trial-target", "nan", "--trial-target is nan"),
         ("--learner", "theirs", "invalid choice: 'theirs'"),
     ],
 )
