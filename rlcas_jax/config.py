@@ -135,8 +135,8 @@ class WorldConfig(RulesConfig):
 class ShapingConfig(Strict):
     """What learning is paid besides the task's reward, in units of the scaled reward; scores never contain it.
 
-    The potentials (goal, conflict, escape, delay) leave the optimal policy as it is; the prices (turn, swing, detour)
-    do not.
+    The potentials (goal, conflict, escape, delay) leave the optimal policy as it is; the prices (turn, swing, rejoin,
+    detour) do not.
     """
 
     goal: float = Field(default=0.0, ge=0.0)
@@ -152,6 +152,9 @@ class ShapingConfig(Strict):
     """Price of a time step (1 s) of full turn; half a turn rate costs a quarter of it."""
     swing: float = Field(default=0.0, ge=0.0)
     """Price of 90 degrees of turning, to whichever side and however sharp."""
+    rejoin: float = Field(default=0.0, ge=0.0)
+    """Price of 90 degrees of turning towards the goal at the full rate; slower turns cost less, and up to 0.35 degrees
+    a second nothing."""
     detour: float = Field(default=0.0, ge=0.0)
     """Price of 10 km flown that bring the goal no nearer."""
 

@@ -3,6 +3,8 @@
 Potential-based shaping: Ng, Harada, Russell 1999.
 """
 
+import math
+
 import jax
 import jax.numpy as jnp
 
@@ -13,7 +15,11 @@ from envs.surrogate import State
 from rlcas_jax.config import ShapingConfig, TrainConfig
 from rlcas_jax.escapes import best
 
-__all__ = ["delay", "detour", "escape", "paid", "potential", "price", "shaped", "swing", "worth"]
+__all__ = ["GENTLE", "delay", "detour", "escape", "paid", "potential", "price", "rejoin", "shaped", "swing", "worth"]
+
+GENTLE = math.radians(0.35)
+"""Rate up to which a turn towards the goal costs nothing, rad/s; it is below what counts as a turn when heading
+reversals are counted."""
 
 
 def potential(state: State, weights: ShapingConfig, rules: Rules) -> jax.Array:
@@ -101,6 +107,33 @@ def swing(yaw_rate: jax.Array, rate_max: float, dt: float, price_90_degrees: flo
     return price_90_degrees * turned / (0.5 * jnp.pi)
 
 
+def rejoin(
+    own: VehicleState,
+    goal_x: jax.Array,
+    goal_y: jax.Array,
+    yaw_rate: jax.Array,
+    limit: float,
+    dt: float,
+    price_90_degrees: float,
+) -> jax.Array:
+    """Return what a step's turn towards the goal costs, ``[N]``, in units of the scaled reward.
+
+    The way back has time, unlike the way out: it alone is to be gentle, and who must turn away pays nothing for it.
+
+    Args:
+        own: the ownship at the start of the step.
+        goal_x, goal_y: m.
+        yaw_rate: as commanded, 1 at the limit; what is beyond is not flown.
+        limit: rad/s.
+        dt: the step, s.
+        price_90_degrees: of a quarter turn at the limit; what is slower than :data:`GENTLE` is free.
+    """
+    left = (goal_y - own.y) * jnp.cos(own.heading) - (goal_x - own.x) * jnp.sin(own.heading)  # of the nose, m
+    towards = jnp.clip(yaw_rate, -1.0, 1.0) * limit * jnp.sign(left)
+    share = jnp.maximum(towards - GENTLE, 0.0) / (limit - GENTLE)
+    return share * (price_90_degrees * limit * dt / (0.5 * math.pi))
+
+
 def detour(
     before: VehicleState, after: VehicleState, goal_x: jax.Array, goal_y: jax.Array, price_10km: float
 ) -> jax.Array:
@@ -140,9 +173,11 @@ def paid(reward: jax.Array, before: State, after: State, yaw_rate: jax.Array, co
     total = config.ppo.reward_scale * reward + shaped(*worths, after.ended, config.ppo.discount)
     if prices.turn:
         total = total - price(yaw_rate, prices.turn)
+    limit, dt = float(config.world.limits().yaw_rate_max), float(config.world.rules().dt)
     if prices.swing:
-        rules, limits = config.world.rules(), config.world.limits()
-        total = total - swing(yaw_rate, float(limits.yaw_rate_max), float(rules.dt), prices.swing)
+        total = total - swing(yaw_rate, limit, dt, prices.swing)
+    if prices.rejoin:
+        total = total - rejoin(before.own, before.goal_x, before.goal_y, yaw_rate, limit, dt, prices.rejoin)
     if prices.detour:
         total = total - detour(before.own, after.own, before.goal_x, before.goal_y, prices.detour)
     return total

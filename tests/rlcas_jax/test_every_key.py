@@ -80,6 +80,7 @@ CHANGED: dict[str, str] = {
     "shaping.delay": "0.5",
     "shaping.turn": "0.1",
     "shaping.swing": "0.1",
+    "shaping.rejoin": "0.1",
     "shaping.detour": "0.1",
 }
 

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from agents.foresight import separations
 from envs import observation, surrogate
 from envs.encounters import padded, sample, scenario
-from envs.kinematics import SURROGATE
+from envs.kinematics import SURROGATE, VehicleState
 from envs.outcome import RULES
 from rlcas_jax.config import ShapingConfig
-from rlcas_jax.shaping import delay, detour, escape, potential, price, shaped, swing
+from rlcas_jax.shaping import GENTLE, delay, detour, escape, potential, price, rejoin, shaped, swing
 
 WORLD = surrogate.World(RULES, SURROGATE)
 COUNT, STEPS = 128, 300
@@ -58,6 +58,22 @@ def test_a_swing_costs_what_it_turns_however_sharp_and_to_whichever_side() -> No
     costs = [float(swing(rates, math.radians(3.0), 1.0, 0.2).sum()) for rates in (sharp, gentle, 5.0 * sharp)]
     np.testing.assert_allclose(costs, 0.2 * 30.0 / 90.0, rtol=1e-5)
     assert float(swing(jnp.float32(0.0), math.radians(3.0), 1.0, 0.2)) == 0.0
+
+
+@given(st.floats(-math.pi, math.pi), st.floats(0.05, 3.0), st.sampled_from([-1.0, 1.0]))
+def test_only_a_brisk_turn_towards_the_goal_costs(heading: float, bearing: float, side: float) -> None:
+    limit = math.radians(3.0)
+    away = side * bearing
+    own = VehicleState(*jnp.float32([[100.0], [-50.0], [heading], [70.0]]))
+    goal = own.x + 4000.0 * math.cos(heading + away), own.y + 4000.0 * math.sin(heading + away)
+
+    def cost(rate: float) -> float:
+        return float(rejoin(own, *goal, jnp.float32([side * rate]), limit, 1.0, 0.3)[0])
+
+    assert cost(-1.0) == cost(0.0) == cost(0.99 * GENTLE / limit) == 0.0
+    # A quarter turn at the limit takes 30 s.
+    assert cost(1.0) == cost(4.0) == pytest.approx(0.3 / 30.0, rel=1e-4)
+    assert 0.0 < cost(0.3) < cost(0.6) < cost(1.0)
 
 
 def state_of(name: str, most: int = 1, count: int = COUNT) -> surrogate.State:
