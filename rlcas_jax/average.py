@@ -21,7 +21,7 @@ must have the same network, inputs and limits of the vehicle. The shares are div
 
 _EPILOG = """\
 example:
-  python -m rlcas_jax.average runs/best_middle/policy.safetensors=0.3 runs/best/policy.safetensors=0.7 \\
+  python -m rlcas_jax.average runs/best_rejoin/policy.safetensors=0.45 runs/best/policy.safetensors=0.55 \\
     --out runs/policy.safetensors
 
 The new file carries the configuration of the last policy named and, in its notes, share and digest of each."""

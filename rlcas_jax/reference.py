@@ -18,8 +18,9 @@ A configuration is a YAML file with what differs from the defaults, given as `--
 `--set KEY=VALUE`, also inside lists (`--set scenarios.0.weight=2`). `--set` wins over the file. A run writes what came
 out, every key, to `config.yaml` in its directory, and that file repeats the run.
 
-The files in `configs/` are `quick.yaml` (a policy in a minute on two cores), `best_start.yaml`, `best_middle.yaml`
-and `best.yaml` (the policy that ships, one after the other), `paper.yaml` (the paper's own set-up) and the vehicles:
+The files in `configs/` are `quick.yaml` (a policy in a minute on two cores), `best_start.yaml`, `best_middle.yaml`,
+`best_late.yaml`, `best_rejoin.yaml`, `best_turning.yaml`, `best_dear.yaml` and `best.yaml` (the stages of the policy
+that ships, `agents/data/README.md`), `paper.yaml` (the paper's own set-up) and the vehicles:
 `vehicle_surrogate.yaml` (the paper's surrogate, also the default) and `vehicle_c208_published.yaml`
 (its true Cessna 208).
 
