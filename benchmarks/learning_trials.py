@@ -22,14 +22,14 @@ class Trial:
     logs: tuple[Log, ...]
 
     def score(self) -> float:
-        """Return the mean over the seeds of the score of the last fifth of a trial's time.
+        """Return the mean over the seeds of the score of the last fifth of a trial's time, not of what came after it.
 
-        Whatever its last update took beyond it. Of one that diverged, or that ended no window in its time, the worst.
+        The worst there is, where one diverged or ended no window in its time.
         """
         return sum(map(_score, self.logs)) / len(self.logs)
 
     def times(self, score: float) -> Times:
-        """Return when the seeds came to a score, s of training; who diverged or never did has had the whole time."""
+        """Return when the seeds came to a score, s of training; None and the whole time of one that never did."""
         found = [reached(log.curve, score, "wall_s") for log in self.logs]
         return Times(tuple(found), tuple(float(log.header["seconds"]) for log in self.logs))
 

@@ -130,7 +130,7 @@ def rejoin(
     """
     left = (goal_y - own.y) * jnp.cos(own.heading) - (goal_x - own.x) * jnp.sin(own.heading)  # of the nose, m
     towards = jnp.clip(yaw_rate, -1.0, 1.0) * limit * jnp.sign(left)
-    share = jnp.maximum(towards - GENTLE, 0.0) / (limit - GENTLE)
+    share = jnp.maximum(towards - GENTLE, 0.0) / max(limit - GENTLE, 1e-9)  # a vehicle may be slower than that
     return share * (price_90_degrees * limit * dt / (0.5 * math.pi))
 
 
