@@ -241,15 +241,15 @@ def _trained(config: TrainConfig, extent: Extent, learners: Sequence[str], out: 
     """Make the trials and trainings that are missing."""
     tried = settings(config, extent.trials)
     trials: dict[str, list[Trial]] = {name: [] for name in learners}
-    firsts = [(config.seed + _TRIAL_SEED + number) % SEED_END for number in range(extent.trial_seeds)]
+    trial_seeds = [(config.seed + _TRIAL_SEED + number) % SEED_END for number in range(extent.trial_seeds)]
     # In turns, so that a slow moment of the machine meets every learner alike.
     for number, setting in enumerate(tried):
         for name in learners:
-            stem = f"{name}-{number}"
-            names = [stem, *(f"{stem}-seed{more}" for more in range(1, extent.trial_seeds))]
+            first = f"{name}-{number}"
+            names = [first, *(f"{first}-seed{more}" for more in range(1, extent.trial_seeds))]
             logs = tuple(
                 _run(name, changed(config, setting, seed), extent.trial_s, out / "trials" / run, extent.trial_target)
-                for run, seed in zip(names, firsts, strict=True)
+                for run, seed in zip(names, trial_seeds, strict=True)
             )
             trials[name].append(Trial(setting, logs))
     own = settings(config, 1)[0]
@@ -314,8 +314,11 @@ def _write_curves(runs: _Runs, path: Path) -> None:
             for point in log.curve
         ]
 
-    tried = {name: [log for trial in trials for log in trial.logs] for name, trials in runs.trials.items()}
-    table = [row for name, logs in tried.items() for row in rows("trial", name, logs)]
+    table = [
+        row
+        for name, tried in runs.trials.items()
+        for row in rows("trial", name, [log for trial in tried for log in trial.logs])
+    ]
     table += [row for name, logs in runs.seeds.items() for row in rows("seed", name, logs)]
     kinds = {"phase": pa.string(), "learner": pa.string(), "number": pa.int64(), "steps": pa.int64()}
     kinds |= {"wall_s": pa.float64(), "score": pa.float64(), "episodes": pa.int64()}

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import fmean
 from typing import Any
 
 from benchmarks.learning_curves import Times, reached, score_at
@@ -26,7 +27,7 @@ class Trial:
 
         The worst there is, where one diverged or ended no window in its time.
         """
-        return sum(map(_score, self.logs)) / len(self.logs)
+        return fmean(map(_score, self.logs))
 
     def times(self, score: float) -> Times:
         """Return when the seeds came to a score, s of training; None and the whole time of one that never did."""

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from envs.kinematics import VehicleState
 from envs.outcome import Rules
-from envs.relative import distance, straight_cpa
+from envs.relative import bearing, distance, straight_cpa
 from envs.surrogate import State
 from rlcas_jax.config import ShapingConfig, TrainConfig
 from rlcas_jax.escapes import best
@@ -128,10 +128,9 @@ def rejoin(
         dt: the step, s.
         price_90_degrees: of a quarter turn at the limit; what is slower than :data:`GENTLE` is free.
     """
-    left = (goal_y - own.y) * jnp.cos(own.heading) - (goal_x - own.x) * jnp.sin(own.heading)  # of the nose, m
-    towards = jnp.clip(yaw_rate, -1.0, 1.0) * limit * jnp.sign(left)
+    towards = jnp.clip(yaw_rate, -1.0, 1.0) * limit * jnp.sign(bearing(own, goal_x, goal_y, jnp))
     share = jnp.maximum(towards - GENTLE, 0.0) / max(limit - GENTLE, 1e-9)  # a vehicle may be slower than that
-    return share * (price_90_degrees * limit * dt / (0.5 * math.pi))
+    return swing(share, limit, dt, price_90_degrees)
 
 
 def detour(
