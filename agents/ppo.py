@@ -28,6 +28,7 @@ __all__ = [
     "learner",
     "losses",
     "normalized",
+    "roughness",
     "update",
 ]
 
@@ -48,6 +49,8 @@ class PpoSettings:
     max_grad_norm: float = 0.5
     adam_epsilon: float = 1e-5
     normalize_advantage: bool = True
+    smoothness: tuple[float, float] = (0.0, 0.0)
+    """Weights of the change of either command from one step to the next (:func:`roughness`)."""
 
 
 class Learner(NamedTuple):
@@ -90,6 +93,8 @@ class Batch(NamedTuple):
     advantage: jax.Array
     target: jax.Array
     """Return that the critic is fitted to, ``[...]``."""
+    goes_on: jax.Array
+    """1 where the episode has a next step, 0 at its last, ``[...]``."""
 
 
 class Examples(NamedTuple):
@@ -187,6 +192,21 @@ def deviation(mean: jax.Array, examples: Examples) -> jax.Array:
     return jnp.mean(jnp.square(mean - met))
 
 
+def roughness(mean: jax.Array, goes_on: jax.Array) -> jax.Array:
+    """Return how much either command of a policy changes from one step to the next, ``[2]``.
+
+    Its sum over a flight is the commands' total variation, which a turn that lasts longer and is gentler makes smaller
+    (Mysore et al. 2021 regularise policies by a difference of this kind).
+
+    Args:
+        mean: actions of whole segments of time, ``[S, L, 2]``; what is beyond [-1, 1] is not flown.
+        goes_on: 1 where the next step is of the same episode, ``[S, L]``.
+    """
+    flown = jnp.clip(mean, -1.0, 1.0)
+    changed = jnp.abs(flown[:, 1:] - flown[:, :-1])
+    return jnp.mean(changed * goes_on[:, :-1, None], axis=(0, 1))
+
+
 def normalized(advantage: jax.Array, axis: str | None = None) -> jax.Array:
     """Return the advantages of minibatches ``[B, M]``, each with mean 0 and standard deviation 1 over its samples.
 
@@ -210,7 +230,7 @@ def losses(
 
     Args:
         parameters: of actor and critic.
-        batch: samples, their advantages normalised if they shall be.
+        batch: samples, their advantages normalised if they shall be; for smoothness, whole segments one after another.
         parts: networks.
         settings: of the algorithm.
         shown: examples to be imitated besides, and the weight of that.
@@ -233,6 +253,11 @@ def losses(
         done, _ = parts.policy(actor_variables, examples.observation)
         figures["imitation_loss"] = deviation(done, examples)
         loss = loss + weight * figures["imitation_loss"]
+    if any(settings.smoothness):
+        segments = (-1, settings.segment)
+        rough = roughness(mean.reshape(*segments, 2), batch.goes_on.reshape(segments))
+        loss = loss + rough @ jnp.array(settings.smoothness)
+        figures |= {"roughness_acceleration": rough[0], "roughness_yaw_rate": rough[1]}
     return loss, figures | {
         "loss": loss,
         "policy_loss": policy_loss,

@@ -80,6 +80,6 @@ def collect(
         result.reward, value[:-1], value[1:], terminated, jnp.zeros_like(terminated), discount, gae_lambda
     )
     target = estimate + value[:-1]
-    samples = Batch(observation, action, log_prob, estimate, target)
+    samples = Batch(observation, action, log_prob, estimate, target, 1.0 - terminated)
     samples = jax.tree.map(lambda a: jnp.swapaxes(a, 0, 1), samples)
     return world, samples, result.statistics, {"explained_variance": explained_variance(value[:-1], target, parts.axis)}

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, NonNegativeFloat, model_validator
 
 from agents.configuration import ConfigError, Strict
 from agents.configuration_world import RulesConfig, ScenarioConfig, VehicleConfig
@@ -81,6 +81,9 @@ class PpoConfig(Strict):
     """Factor on the task's reward before learning; logged scores are unscaled."""
     normalize_advantage: bool = True
     """Shift and scale the advantages of each minibatch to mean 0 and deviation 1."""
+    smoothness: tuple[NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0)
+    """Weights, in the loss, of the mean change of acceleration and turn rate (1: full deflection) from one time step to
+    the next, within a `segment`."""
 
     @property
     def samples(self) -> int:

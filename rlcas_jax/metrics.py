@@ -35,6 +35,9 @@ METRICS = {
     "neg_log_prob": "Mean negative logarithm of the density of the actions taken, nats.",
     "imitation_loss": "Mean squared distance of the policy's actions from those of practice.examples; only where there"
     " are any.",
+    "roughness_acceleration": "Mean change of the acceleration that the policy commands from one step to the next, in"
+    " full deflections; only with ppo.smoothness.",
+    "roughness_yaw_rate": "The same of the turn rate.",
     "approx_kl": "Estimate of the divergence between the policy before and after the update, nats; above about 0.05 the"
     " updates are too large.",
     "clip_fraction": "Share of the samples whose probability ratio left 1 +- ppo.clip.",

@@ -74,6 +74,7 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
         max_grad_norm=config.ppo.max_grad_norm,
         adam_epsilon=config.ppo.adam_epsilon,
         normalize_advantage=config.ppo.normalize_advantage,
+        smoothness=config.ppo.smoothness,
     )
     hidden, feature_set = tuple(config.network.hidden), config.network.feature_set
     actor = Actor(hidden, feature_set, config.network.log_std_initial)

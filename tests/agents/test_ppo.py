@@ -103,7 +103,9 @@ def tiny_batch(old_ratio: list[float], advantage: list[float]) -> Batch:
     """Return three samples drawn at their mean, whose probability ratios are the ones given."""
     observation = np.float32([[0.5, 0.0], [0.0, -0.5], [1.0, 1.0]])
     log_prob = -math.log(2.0 * math.pi) - np.log(np.float32(old_ratio))
-    return Batch(observation, observation, log_prob, np.float32(advantage), np.float32([0.0, 0.0, 3.0]))
+    return Batch(
+        observation, observation, log_prob, np.float32(advantage), np.float32([0.0, 0.0, 3.0]), np.ones(3, np.float32)
+    )
 
 
 def losses(batch: Batch, **settings: Any) -> dict[str, float]:
@@ -174,6 +176,34 @@ def test_the_gradient_of_a_clipped_sample_is_zero() -> None:
     assert policy_gradient(1.1) != 0.0
 
 
+def test_roughness_is_the_total_variation_of_what_is_flown() -> None:
+    """By hand: 0, 0.5, then 3, of which 1 is flown, then another episode; the second command goes up and back."""
+    mean = jnp.array([[[0.0, 0.0], [0.5, 0.4], [3.0, 0.0], [-2.0, 0.9]]])
+    goes_on = jnp.array([[1.0, 1.0, 0.0, 1.0]])
+    np.testing.assert_allclose(ppo.roughness(mean, goes_on), [1.0 / 3.0, 0.8 / 3.0], rtol=1e-6)
+    pushed = jax.grad(lambda actions: ppo.roughness(actions, goes_on).sum())(mean)
+    assert pushed[0, 2, 0] == 0.0, "beyond the limit nothing changes"
+    assert pushed[0, 0, 0] < 0.0 < pushed[0, 1, 1], "towards each other"
+
+
+def test_smoothness_weighs_the_roughness_of_whole_segments() -> None:
+    """Commands that rise and fall by 0.01 a step in each of many encounters, far apart from one another."""
+    settings = PpoSettings(epochs=1, minibatches=3, segment=4, smoothness=(2.0, 3.0))
+    parts: Any = BY_HAND._replace(optimizer=optax.set_to_zero())
+    index = 0.01 * np.arange(STEPS) + 0.1 * np.arange(ENCOUNTERS)[:, None]
+    observation = np.float32(np.stack([index, -index], axis=-1))
+    zeros = np.zeros((ENCOUNTERS, STEPS), np.float32)
+    log_prob = zeros - np.float32(math.log(2.0 * math.pi))
+    rollout = Batch(observation, observation, log_prob, zeros, zeros, zeros + 1.0)
+    state = LearnerState(*UNIT, parts.optimizer.init(UNIT))
+    _, rough = update(state, rollout, jax.random.key(0), 0.0, parts, settings)
+    assert float(rough["roughness_acceleration"]) == pytest.approx(0.01, rel=1e-3)
+    assert float(rough["roughness_yaw_rate"]) == pytest.approx(0.01, rel=1e-3)
+    _, plain = update(state, rollout, jax.random.key(0), 0.0, parts, replace(settings, smoothness=(0.0, 0.0)))
+    assert "roughness_yaw_rate" not in plain
+    assert float(rough["loss"] - plain["loss"]) == pytest.approx((2.0 + 3.0) * 0.01, rel=1e-3)
+
+
 # The update.
 
 SETTINGS = PpoSettings(epochs=3, minibatches=4, segment=2, max_grad_norm=0.01)
@@ -189,7 +219,9 @@ def small() -> tuple[Learner, LearnerState, Batch]:
     observation, action = generator.normal(size=(*shape, 3)), generator.normal(size=(*shape, 2))
     mean, log_std = parts.policy(state.actor, observation.astype(np.float32))
     log_prob = ppo.gaussian_log_prob(action, mean, log_std)
-    rollout = Batch(observation, action, log_prob, generator.normal(size=shape), 10.0 * generator.normal(size=shape))
+    rollout = Batch(
+        observation, action, log_prob, generator.normal(size=shape), 10.0 * generator.normal(size=shape), np.ones(shape)
+    )
     return parts, state, jax.tree.map(lambda a: np.asarray(a, np.float32), rollout)
 
 
@@ -286,7 +318,9 @@ def test_every_epoch_uses_every_sample_once(segment: int) -> None:
     index = np.arange(total, dtype=np.float32).reshape(ENCOUNTERS, STEPS)
     zeros = np.zeros((ENCOUNTERS, STEPS), np.float32)
     action = np.zeros((ENCOUNTERS, STEPS, 2), np.float32)
-    rollout = Batch(index[..., None], action, zeros - np.float32(math.log(2.0 * math.pi)), zeros, zeros + 1.0)
+    rollout = Batch(
+        index[..., None], action, zeros - np.float32(math.log(2.0 * math.pi)), zeros, zeros + 1.0, zeros + 1.0
+    )
     after, _ = update(state, rollout, jax.random.key(0), 0.0, parts, settings)
     used, full_minibatches = after.optimizer
     np.testing.assert_array_equal(used, settings.epochs)

@@ -45,6 +45,7 @@ CHANGED: dict[str, str] = {
     "ppo.reward_scale": "0.1",
     "ppo.noise_memory": "5.0",
     "ppo.normalize_advantage": "false",
+    "ppo.smoothness": "[0.1, 0.0]",
     "world.vehicle.speed_min_mps": "40.0",
     "world.vehicle.speed_max_mps": "120.0",
     "world.vehicle.acceleration_min_mps2": "-1.0",
