@@ -1,6 +1,7 @@
 """Actor and critic in flax: separate multi-layer perceptrons over features of the observation."""
 
 import math
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -8,16 +9,27 @@ from flax import linen as nn
 
 from agents.features import MIRRORED, features, side
 
-__all__ = ["Actor", "Critic"]
+__all__ = ["Actor", "Critic", "Derived", "derived"]
 
 
-def _components(observation: jax.Array) -> list[jax.Array]:
-    return [observation[..., i] for i in range(observation.shape[-1])]
+class Derived(NamedTuple):
+    """What the networks make of an observation before their first layer; whoever asks often derives it once."""
+
+    inputs: jax.Array
+    """Of the first layer, ``[..., F]``."""
+    hand: jax.Array
+    """Factor of the yaw rate, -1 where the scene is seen mirrored, ``[...]``."""
 
 
-def _inputs(observation: jax.Array, feature_set: str) -> jax.Array:
-    """Return the network's inputs, ``[..., F]``, of observations ``[..., 8]``."""
-    return jnp.stack(features(_components(observation), feature_set, jnp), axis=-1)
+def derived(observation: jax.Array, feature_set: str) -> Derived:
+    """Return what networks with a feature set take instead of observations ``[..., 8]``."""
+    components = [observation[..., i] for i in range(observation.shape[-1])]
+    inputs = jnp.stack(features(components, feature_set, jnp), axis=-1)
+    return Derived(inputs, jnp.broadcast_to(side(components, feature_set, jnp), inputs.shape[:-1]))
+
+
+def _derived(seen: jax.Array | Derived, feature_set: str) -> Derived:
+    return seen if isinstance(seen, Derived) else derived(seen, feature_set)
 
 
 class Trunk(nn.Module):
@@ -26,12 +38,11 @@ class Trunk(nn.Module):
     hidden: tuple[int, ...]
     outputs: int
     head_gain: float
-    feature_set: str
 
     @nn.compact
-    def __call__(self, observation: jax.Array) -> jax.Array:
-        """Map observations ``[..., 8]`` to ``[..., outputs]``."""
-        x = _inputs(observation, self.feature_set)
+    def __call__(self, inputs: jax.Array) -> jax.Array:
+        """Map inputs ``[..., F]`` to ``[..., outputs]``."""
+        x = inputs
         for i, width in enumerate(self.hidden):
             x = jnp.tanh(nn.Dense(width, kernel_init=nn.initializers.orthogonal(math.sqrt(2.0)), name=f"hidden_{i}")(x))
         return nn.Dense(self.outputs, kernel_init=nn.initializers.orthogonal(self.head_gain), name="head")(x)
@@ -48,11 +59,11 @@ class Actor(nn.Module):
     log_std_initial: float = -0.5
 
     @nn.compact
-    def __call__(self, observation: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action."""
-        mean = Trunk(self.hidden, 2, 0.01, self.feature_set, name="trunk")(observation)
+    def __call__(self, observation: jax.Array | Derived) -> tuple[jax.Array, jax.Array]:
+        """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
+        inputs, hand = _derived(observation, self.feature_set)
+        mean = Trunk(self.hidden, 2, 0.01, name="trunk")(inputs)
         if self.feature_set in MIRRORED:
-            hand = side(_components(observation), self.feature_set, jnp)
             mean = mean * jnp.stack([jnp.ones_like(hand), hand], axis=-1)
         log_std = self.param("log_std", nn.initializers.constant(self.log_std_initial), (2,))
         return mean, log_std
@@ -65,6 +76,7 @@ class Critic(nn.Module):
     feature_set: str = "cpa"
 
     @nn.compact
-    def __call__(self, observation: jax.Array) -> jax.Array:
+    def __call__(self, observation: jax.Array | Derived) -> jax.Array:
         """Return the value of observations ``[..., 8]``, ``[...]``."""
-        return Trunk(self.hidden, 1, 1.0, self.feature_set, name="trunk")(observation)[..., 0]
+        inputs, _ = _derived(observation, self.feature_set)
+        return Trunk(self.hidden, 1, 1.0, name="trunk")(inputs)[..., 0]

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import optax
 from jax.flatten_util import ravel_pytree
 
-from agents.networks import Actor, Critic
+from agents.networks import Actor, Critic, Derived
 
 __all__ = [
     "Batch",
@@ -62,12 +62,12 @@ class Learner(NamedTuple):
     axis: str | None = None
     """Name of the devices' axis inside ``shard_map``; None on one device."""
 
-    def policy(self, variables: Any, observation: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def policy(self, variables: Any, observation: jax.Array | Derived) -> tuple[jax.Array, jax.Array]:
         """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
         applied: Any = self.actor.apply(variables, observation)
         return applied
 
-    def value(self, variables: Any, observation: jax.Array) -> jax.Array:
+    def value(self, variables: Any, observation: jax.Array | Derived) -> jax.Array:
         """Return the value of observations ``[..., 8]``, ``[...]``."""
         applied: Any = self.critic.apply(variables, observation)
         return applied
@@ -84,8 +84,8 @@ class LearnerState(NamedTuple):
 class Batch(NamedTuple):
     """Samples for the losses; leading axes are free."""
 
-    observation: jax.Array
-    """``[..., 8]``."""
+    observation: jax.Array | Derived
+    """``[..., 8]``, or what the networks derive from it."""
     action: jax.Array
     """As drawn, before it is clipped to the limits, ``[..., 2]``."""
     log_prob: jax.Array

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from agents.networks import Derived, derived
 from agents.ppo import Batch, Learner, LearnerState, advantages, explained_variance, gaussian_log_prob
 
 __all__ = ["Environment", "Step", "collect"]
@@ -60,21 +61,25 @@ def collect(
     """
     steps = noise.shape[0]
 
+    def seen(world: Any, index: jax.Array | int) -> Derived:
+        # Once, instead of anew in the critic and in every epoch.
+        return derived(environment.observe(world, jax.random.fold_in(key, index)), parts.actor.feature_set)
+
     def forward(world: Any, now: tuple[jax.Array, jax.Array]) -> tuple[Any, Any]:
         index, epsilon = now
         world = environment.restart(world, index)
-        observation = environment.observe(world, jax.random.fold_in(key, index))
+        observation = seen(world, index)
         mean, log_std = parts.policy(state.actor, observation)
         world, result = environment.step(world, mean + jnp.exp(log_std) * epsilon)
         return world, (observation, mean, result)
 
     world, (observation, mean, result) = jax.lax.scan(forward, environment_state, (jnp.arange(steps), noise))
-    last = environment.observe(world, jax.random.fold_in(key, steps))
+    last = seen(world, steps)
     log_std = state.actor["params"]["log_std"]
     action = mean + jnp.exp(log_std) * noise
     log_prob = gaussian_log_prob(action, mean, log_std)
     # One wide product over the whole rollout instead of a narrow one per step.
-    value = parts.value(state.critic, jnp.concatenate([observation, last[None]]))
+    value = parts.value(state.critic, jax.tree.map(lambda a, b: jnp.concatenate([a, b[None]]), observation, last))
     terminated = result.terminated.astype(value.dtype)
     estimate = advantages(
         result.reward, value[:-1], value[1:], terminated, jnp.zeros_like(terminated), discount, gae_lambda
