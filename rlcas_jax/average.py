@@ -1,5 +1,7 @@
 """One policy whose weights are the mean of several: ``python -m rlcas_jax.average A.safetensors=1 B.safetensors=1``.
 
+Of whole runs, their directories in place of the files, it is a run that a training can begin with.
+
 Policies that were trained one from the other differ little enough for that to be a policy again, and often one beyond
 the trade between them: what the last steps of either owe to chance is averaged out (Izmailov et al. 2018; Wortsman et
 al. 2022).
@@ -12,19 +14,23 @@ from pathlib import Path
 
 from agents.configuration import ConfigError, Parser, run_cli
 from agents.policy_file import PolicyFile, PolicyFileError, read, write
+from rlcas_jax import checkpoint
+from rlcas_jax.finish import POLICY
 
 __all__ = ["average", "main"]
 
 _DESCRIPTION = """\
 Write the policy whose weights are the mean of those of several, which should have been trained one from the other, and
-must have the same network, inputs and limits of the vehicle. The shares are divided by their sum."""
+must have the same network, inputs and limits of the vehicle. The shares are divided by their sum. Of runs, whose
+directories may stand in place of the files, their critics and optimisers are averaged, too, and the directory that is
+written is one that start_from takes."""
 
 _EPILOG = """\
-example:
-  python -m rlcas_jax.average runs/best_rejoin/policy.safetensors=0.45 runs/best/policy.safetensors=0.55 \\
-    --out runs/policy.safetensors
+examples:
+  python -m rlcas_jax.average runs/a/policy.safetensors=0.4 runs/b/policy.safetensors=0.6 --out runs/policy.safetensors
+  python -m rlcas_jax.average runs/a=0.4 runs/b=0.6 --out runs/mean
 
-The new file carries the configuration of the last policy named and, in its notes, share and digest of each."""
+The new policy carries the configuration of the last policy named and, in its notes, share and digest of each."""
 
 
 def average(policies: Sequence[tuple[PolicyFile, float]]) -> PolicyFile:
@@ -67,18 +73,37 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Write what the command line asks for, and return the exit status.
 
     Raises:
-        ConfigError: bad input; so is ``PolicyFileError``.
+        ConfigError: bad input; so are ``PolicyFileError`` and ``CheckpointError``.
     """
     parser = Parser(prog="python -m rlcas_jax.average", description=_DESCRIPTION, epilog=_EPILOG)
-    parser.add_argument("policies", nargs="+", type=_weighted, metavar="FILE=SHARE", help="policy file and its share")
-    parser.add_argument("--out", type=Path, metavar="FILE", required=True, help="new policy file")
+    parser.add_argument(
+        "policies", nargs="+", type=_weighted, metavar="FILE=SHARE", help="policy file, or run, and its share"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", required=True, help="new policy file, or directory of a run"
+    )
     options = parser.parse_args(arguments)
     if options.out.exists():
         raise ConfigError(f"--out {options.out} exists, expected the name of a new file")
-    found = average([(read(path), share) for path, share in options.policies])
-    write(options.out, found)
+    runs = [path.is_dir() for path, _ in options.policies]
+    if any(runs) and not all(runs):
+        path = options.policies[runs.index(False)][0]
+        raise ConfigError(f"{path} is no directory, expected runs alone or policy files alone")
+    found = average([(read(path / POLICY if path.is_dir() else path), share) for path, share in options.policies])
+    if all(runs):
+        _save_run(options.out, options.policies, found)
+    else:
+        write(options.out, found)
     print(f"{options.out}: policy {found.sha256[:8]}, {found.metadata['notes']}")
     return 0
+
+
+def _save_run(out: Path, runs: Sequence[tuple[Path, float]], policy: PolicyFile) -> None:
+    """Write the mean of runs as a directory that ``start_from`` takes."""
+    total = math.fsum(share for _, share in runs)
+    newest = [(checkpoint.latest(path / "checkpoints"), share / total) for path, share in runs]
+    checkpoint.save_mean(out / "checkpoints", newest, "learner")
+    write(out / POLICY, policy)
 
 
 def _weighted(text: str) -> tuple[Path, float]:
@@ -96,4 +121,4 @@ def _weighted(text: str) -> tuple[Path, float]:
 
 
 if __name__ == "__main__":
-    run_cli(main, PolicyFileError)
+    run_cli(main, PolicyFileError, checkpoint.CheckpointError)

@@ -9,7 +9,7 @@ import json
 import logging
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
-__all__ = ["CheckpointError", "latest", "restore", "restore_part", "save"]
+__all__ = ["CheckpointError", "latest", "restore", "restore_part", "save", "save_mean"]
 
 SCHEMA = "rlcas-checkpoint-1"
 _HEADER = "rlcas-checkpoint"
@@ -46,8 +46,39 @@ def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any], *, ke
     Returns:
         The file's path.
     """
+    return _store(directory, number, {name: _plain(leaf) for name, leaf in _leaves(tree).items()}, meta, keep)
+
+
+def save_mean(directory: Path, parts: Sequence[tuple[Path, float]], part: str) -> Path:
+    """Write the mean of one field of the named tuples that checkpoints hold, as a checkpoint that holds no other.
+
+    Args:
+        directory: of the checkpoints; made if it is not there.
+        parts: files and their shares, which add up to 1. What is no float is the last one's, and so is the meta data.
+        part: the field's name.
+
+    Returns:
+        The file's path.
+
+    Raises:
+        CheckpointError: a file is not there, not whole, or its field has another structure than the last one's.
+    """
+    read = [(path, *_read(path), share) for path, share in parts]
+    _, last, meta, _ = read[-1]
+    field = {name: array for name, array in last.items() if name.startswith(f".{part}")}
+    mean = {}
+    for name, array in field.items():
+        shapes = [(path, tensors.get(name)) for path, tensors, _, _ in read]
+        for path, other in shapes:
+            if other is None or (other.shape, other.dtype) != (array.shape, array.dtype):
+                raise CheckpointError(f"{path}: made by another structure than {read[-1][0]} ({name})")
+        whole = sum(tensors[name].astype(float) * share for _, tensors, _, share in read)
+        mean[name] = np.asarray(whole, array.dtype) if array.dtype.kind == "f" else array
+    return _store(directory, 0, mean, meta, keep=1)
+
+
+def _store(directory: Path, number: int, tensors: dict[str, np.ndarray], meta: Mapping[str, Any], keep: int) -> Path:
     directory.mkdir(parents=True, exist_ok=True)
-    tensors = {name: _plain(leaf) for name, leaf in _leaves(tree).items()}
     written = json.dumps(dict(meta))
     header = {"schema": SCHEMA, "meta": written, "sha256": _digest(tensors, written)}
     path = directory / _NAME.format(number)

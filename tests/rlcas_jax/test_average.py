@@ -3,7 +3,7 @@
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -19,7 +19,9 @@ from agents.networks import Actor
 from agents.policy_file import PolicyFile, PolicyFileError
 from envs.kinematics import SURROGATE
 from envs.observation import SIZE
+from rlcas_jax import checkpoint
 from rlcas_jax.average import average, main
+from rlcas_jax.checkpoint import CheckpointError
 
 
 def policy(seed: int, hidden: tuple[int, ...] = (8, 8), **changes: Any) -> PolicyFile:
@@ -69,6 +71,44 @@ def test_it_says_what_it_is_made_of_and_flies(tmp_path: Path) -> None:
 def test_policies_of_another_kind_are_refused(other: PolicyFile) -> None:
     with pytest.raises(PolicyFileError, match=r"expected .* as of policy"):
         average([(other, 0.5), (A, 0.5)])
+
+
+class Saved(NamedTuple):
+    """What stands for a run's state: the learner's part is averaged, the other is not."""
+
+    learner: dict[str, Any]
+    update: np.ndarray
+
+
+def run(path: Path, seed: int, **learner: Any) -> Path:
+    """Leave a directory as a training leaves it, with one checkpoint and the policy."""
+    path.mkdir()
+    policy_file.write(path / "policy.safetensors", policy(seed))
+    known = {"weights": np.float32([seed, 2.0 * seed]), "count": np.int32(seed)}
+    checkpoint.save(path / "checkpoints", 3, Saved(known | learner, np.int32(seed)), {"config": f"of {seed}"})
+    return path
+
+
+def test_the_mean_of_runs_is_one_that_a_training_can_begin_with(tmp_path: Path) -> None:
+    runs = run(tmp_path / "a", 1), run(tmp_path / "b", 3)
+    out = tmp_path / "mean"
+    assert main([f"{runs[0]}=1", f"{runs[1]}=3", "--out", str(out)]) == 0
+    found = checkpoint.restore_part(
+        checkpoint.latest(out / "checkpoints"), {"weights": np.zeros(2, np.float32), "count": np.int32(0)}, "learner"
+    )
+    np.testing.assert_array_equal(found["weights"], np.float32([2.5, 5.0]))
+    assert found["count"] == 3, "how many steps the optimiser has made is the last one's"
+    alone = average([(policy(1), 1.0), (policy(3), 3.0)])
+    assert Policy.load(out / "policy.safetensors").sha256 == alone.sha256
+
+
+def test_runs_of_another_structure_and_runs_among_files_are_refused(tmp_path: Path) -> None:
+    a, b = run(tmp_path / "a", 1), run(tmp_path / "b", 2, weights=np.zeros(3, np.float32))
+    with pytest.raises(CheckpointError, match="made by another structure"):
+        main([f"{a}=1", f"{b}=1", "--out", str(tmp_path / "mean")])
+    with pytest.raises(ConfigError, match="expected runs alone or policy files alone"):
+        main([f"{a}=1", f"{b / 'policy.safetensors'}=1", "--out", str(tmp_path / "mean")])
+    assert not (tmp_path / "mean").exists()
 
 
 @pytest.mark.parametrize("text", ["a.safetensors", "a.safetensors=", "=1", "a=0", "a=-1", "a=nan", "a=inf", "a=x"])
