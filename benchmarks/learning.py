@@ -97,6 +97,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         "steps": extent.steps,
         "budget_s": extent.budget_s,
         "trial_s": extent.trial_s,
+        "trial_seeds": extent.trial_seeds,
+        "trial_target": extent.trial_target,
         "settings": runs.chosen,
         "trials": {
             name: [described(trial, extent.trial_target) for trial in tried] for name, tried in runs.trials.items()

@@ -107,6 +107,10 @@ class PpoConfig(Strict):
                 raise ConfigError(
                     f"{name} is {part}; expected a divisor of {whole_name}, {whole}, such as {_divisor(whole, part)}"
                 )
+        if any(self.smoothness) and self.segment == 1:
+            raise ConfigError(
+                "segment is 1; expected 2 or more, as smoothness compares neighbouring steps of a segment"
+            )
         return self
 
 
@@ -202,12 +206,16 @@ class EvaluationConfig(Strict):
     """Distance to an intruder below which an encounter is lost, m, whatever the training asks for."""
     t_max: float | None = Field(default=None, ge=1.0, le=3600.0, multiple_of=1.0)
     """Time limit, s, a whole number of seconds, whatever the training gives; that of the training where null."""
+    goal_radius: float | None = Field(default=None, gt=0.0)
+    """Distance from the goal at which it counts as reached, m, whatever the training asks for; that of the training
+    where null."""
 
     def rules(self, world: WorldConfig) -> Rules:
         """Return the task by which policies are judged."""
         rules = world.rules()
         t_max = rules.t_max if self.t_max is None else self.t_max
-        return rules._replace(separation=self.separation, t_max=t_max)
+        goal_radius = rules.goal_radius if self.goal_radius is None else self.goal_radius
+        return rules._replace(separation=self.separation, t_max=t_max, goal_radius=goal_radius)
 
 
 class CheckpointConfig(Strict):

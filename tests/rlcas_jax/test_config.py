@@ -91,6 +91,10 @@ def test_a_dump_repeats_the_run(
         ),
         ("ppo.segment=3", "--set: ppo.segment is 3; expected a divisor of rollout, 32, such as 2"),
         (
+            "ppo={segment: 1, smoothness: [0.0, 1.0]}",
+            "--set: ppo.segment is 1; expected 2 or more, as smoothness compares neighbouring steps of a segment",
+        ),
+        (
             "ppo={minibatch: 8}",
             "--set: ppo.segment is 16; expected a divisor of minibatch, 8, such as 8",
         ),

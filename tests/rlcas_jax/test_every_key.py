@@ -103,6 +103,7 @@ ELSEWHERE = {
     "evaluation.seed": "the encounters that are judged (below)",
     "evaluation.separation": "the rules that are judged by (below)",
     "evaluation.t_max": "the same",
+    "evaluation.goal_radius": "the same",
     "checkpoint.every_seconds": "the checkpoints (test_loop)",
     "checkpoint.keep": "the checkpoints (test_checkpoint)",
     "scenarios.0.attempts": "evaluation only: training fills a pool without attempts",
@@ -156,6 +157,8 @@ def test_a_key_changes_the_program(key: str, base: str) -> None:
 
 def test_what_is_judged_by_has_keys_of_its_own() -> None:
     asked = [*BASE, "evaluation.separation=950.0", "world.separation=1100.0", "world.t_max=40.0"]
+    asked.append("world.goal_radius=400.0")
     rules = build(load(TrainConfig, None, asked)).rules
-    assert (rules.separation, rules.t_max) == (950.0, 40.0)
-    assert build(load(TrainConfig, None, [*asked, "evaluation.t_max=50.0"])).rules.t_max == 50.0
+    assert (rules.separation, rules.t_max, rules.goal_radius) == (950.0, 40.0, 400.0)
+    rules = build(load(TrainConfig, None, [*asked, "evaluation.t_max=50.0", "evaluation.goal_radius=500.0"])).rules
+    assert (rules.t_max, rules.goal_radius) == (50.0, 500.0)
