@@ -11,10 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agents import features
 from agents.configuration import ConfigError
+from agents.networks import derived
 from envs import surrogate
-from envs.observation import SIZE
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.shaping import paid
 from rlcas_jax.starts import Own, draw, noisy
@@ -97,16 +96,14 @@ class TrainingFlight:
 
 def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
     """Return the functions that draw a pool, begin from its first row, and fly a step."""
-    count, feature_set = config.ppo.environments, config.network.feature_set
+    feature_set = config.network.feature_set
     world = surrogate.World(config.world.rules(), config.world.limits())
     scenarios = [entry.scenario() for entry in config.scenarios]
     own = Own.of(config)
 
     def seen(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
-        observation = surrogate.observe(state)
-        components = [observation[:, i] for i in range(SIZE)]
-        hand = jnp.broadcast_to(features.side(components, feature_set, jnp), (count,))
-        return hand, jnp.stack(features.features(components, feature_set, jnp), axis=-1)
+        inputs, hand = derived(surrogate.observe(state), feature_set)
+        return hand, inputs
 
     def drawn(key: jax.Array) -> surrogate.State:
         return draw(key, config, scenarios, config.pool_rows, own)
