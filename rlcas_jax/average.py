@@ -15,7 +15,6 @@ from pathlib import Path
 from agents.configuration import ConfigError, Parser, run_cli
 from agents.policy_file import PolicyFile, PolicyFileError, read, write
 from rlcas_jax import checkpoint
-from rlcas_jax.finish import POLICY
 
 __all__ = ["average", "main"]
 
@@ -83,6 +82,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--out", type=Path, metavar="FILE", required=True, help="new policy file, or directory of a run"
     )
     options = parser.parse_args(arguments)
+    from rlcas_jax.finish import POLICY  # with the whole training: not for --help
+
     if options.out.exists():
         raise ConfigError(f"--out {options.out} exists, expected the name of a new file")
     runs = [path.is_dir() for path, _ in options.policies]
@@ -91,19 +92,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise ConfigError(f"{path} is no directory, expected runs alone or policy files alone")
     found = average([(read(path / POLICY if path.is_dir() else path), share) for path, share in options.policies])
     if all(runs):
-        _save_run(options.out, options.policies, found)
-    else:
-        write(options.out, found)
+        _save_learners(options.out / "checkpoints", options.policies)
+    write(options.out / POLICY if all(runs) else options.out, found)
     print(f"{options.out}: policy {found.sha256[:8]}, {found.metadata['notes']}")
     return 0
 
 
-def _save_run(out: Path, runs: Sequence[tuple[Path, float]], policy: PolicyFile) -> None:
-    """Write the mean of runs as a directory that ``start_from`` takes."""
+def _save_learners(out: Path, runs: Sequence[tuple[Path, float]]) -> None:
+    """Write the mean of what runs have learned as the checkpoint of a run, which ``start_from`` takes."""
     total = math.fsum(share for _, share in runs)
     newest = [(checkpoint.latest(path / "checkpoints"), share / total) for path, share in runs]
-    checkpoint.save_mean(out / "checkpoints", newest, "learner")
-    write(out / POLICY, policy)
+    checkpoint.save_mean(out, newest, "learner")
 
 
 def _weighted(text: str) -> tuple[Path, float]:

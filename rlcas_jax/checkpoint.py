@@ -63,18 +63,18 @@ def save_mean(directory: Path, parts: Sequence[tuple[Path, float]], part: str) -
     Raises:
         CheckpointError: a file is not there, not whole, or its field has another structure than the last one's.
     """
-    read = [(path, *_read(path), share) for path, share in parts]
-    _, last, meta, _ = read[-1]
-    field = {name: array for name, array in last.items() if name.startswith(f".{part}")}
+    read = [_read(path) for path, _ in parts]
+    fields = [(path, _part(tensors, part), share) for (path, share), (tensors, _) in zip(parts, read, strict=True)]
+    newest, last, _ = fields[-1]
+    for path, field, _ in fields:
+        if differing := _kinds(field) ^ _kinds(last):
+            name = min(name for name, _, _ in differing)
+            raise CheckpointError(f"{path}: made by another structure than {newest} ({name})")
     mean = {}
-    for name, array in field.items():
-        shapes = [(path, tensors.get(name)) for path, tensors, _, _ in read]
-        for path, other in shapes:
-            if other is None or (other.shape, other.dtype) != (array.shape, array.dtype):
-                raise CheckpointError(f"{path}: made by another structure than {read[-1][0]} ({name})")
-        whole = sum(tensors[name].astype(float) * share for _, tensors, _, share in read)
-        mean[name] = np.asarray(whole, array.dtype) if array.dtype.kind == "f" else array
-    return _store(directory, 0, mean, meta, keep=1)
+    for name, array in last.items():
+        whole = sum(field[name].astype(float) * share for _, field, share in fields)
+        mean[f".{part}{name}"] = np.asarray(whole, array.dtype) if array.dtype.kind == "f" else array
+    return _store(directory, 0, mean, read[-1][1], keep=1)
 
 
 def _store(directory: Path, number: int, tensors: dict[str, np.ndarray], meta: Mapping[str, Any], keep: int) -> Path:
@@ -137,9 +137,18 @@ def restore_part(path: Path, like: Any, part: str) -> Any:
         CheckpointError: the file is not there, not whole, or its field is not of this structure.
     """
     tensors, _ = _read(path)
+    return _fitted(path, _part(tensors, part), like)
+
+
+def _part(tensors: Mapping[str, np.ndarray], part: str) -> dict[str, np.ndarray]:
+    """Return the arrays of a field of the named tuple, by the rest of their names."""
     begins = f".{part}"
-    field = {name.removeprefix(begins): array for name, array in tensors.items() if name.startswith(begins)}
-    return _fitted(path, field, like)
+    return {name.removeprefix(begins): array for name, array in tensors.items() if name.startswith(begins)}
+
+
+def _kinds(tensors: Mapping[str, np.ndarray]) -> set[tuple[str, tuple[int, ...], str]]:
+    """Return name, shape and dtype of arrays."""
+    return {(name, array.shape, array.dtype.str) for name, array in tensors.items()}
 
 
 def _leaves(tree: Any) -> dict[str, Any]:

@@ -106,6 +106,10 @@ def test_runs_of_another_structure_and_runs_among_files_are_refused(tmp_path: Pa
     a, b = run(tmp_path / "a", 1), run(tmp_path / "b", 2, weights=np.zeros(3, np.float32))
     with pytest.raises(CheckpointError, match="made by another structure"):
         main([f"{a}=1", f"{b}=1", "--out", str(tmp_path / "mean")])
+    c = run(tmp_path / "c", 3, more=np.zeros(1, np.float32))
+    for order in ((a, c), (c, a)):
+        with pytest.raises(CheckpointError, match=r"made by another structure .*more"):
+            main([*(f"{path}=1" for path in order), "--out", str(tmp_path / "mean")])
     with pytest.raises(ConfigError, match="expected runs alone or policy files alone"):
         main([f"{a}=1", f"{b / 'policy.safetensors'}=1", "--out", str(tmp_path / "mean")])
     assert not (tmp_path / "mean").exists()
