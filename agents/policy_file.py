@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import SafetensorError
+from safetensors import SafetensorError, safe_open
 from safetensors.numpy import load, save
 
 from agents.policy_schema import (
@@ -30,7 +30,7 @@ from agents.policy_schema import (
 )
 from envs.kinematics import Limits
 
-__all__ = ["MAX_BYTES", "PolicyFile", "PolicyFileError", "parse", "read", "serialise", "write"]
+__all__ = ["MAX_BYTES", "PolicyFile", "PolicyFileError", "claims", "parse", "read", "serialise", "write"]
 
 MAX_BYTES = 64 * 1024 * 1024
 """Larger files are refused unread; the default architecture takes 0.3 MB."""
@@ -102,6 +102,15 @@ def read(path: str | os.PathLike[str]) -> PolicyFile:
     except OSError as error:
         raise PolicyFileError(f"{source}: cannot be read: {error.strerror}") from error
     return parse(data, source)
+
+
+def claims(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file says of itself that it is a policy, damaged or not; False where it cannot be read."""
+    try:
+        with safe_open(path, "np") as tensors:
+            return _KEY in (tensors.metadata() or {})
+    except (OSError, SafetensorError):
+        return False
 
 
 def parse(data: bytes, source: str) -> PolicyFile:

@@ -5,7 +5,7 @@ Time runs along the first axis of a rollout, encounters along the second: ``[T, 
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -93,8 +93,8 @@ class Batch(NamedTuple):
     advantage: jax.Array
     target: jax.Array
     """Return that the critic is fitted to, ``[...]``."""
-    goes_on: jax.Array
-    """1 where the episode has a next step, 0 at its last, ``[...]``."""
+    calm: jax.Array
+    """Weight of the change from this step's action to the next one's, 0 at an episode's last step, ``[...]``."""
 
 
 class Examples(NamedTuple):
@@ -192,7 +192,7 @@ def deviation(mean: jax.Array, examples: Examples) -> jax.Array:
     return jnp.mean(jnp.square(mean - met))
 
 
-def roughness(mean: jax.Array, goes_on: jax.Array) -> jax.Array:
+def roughness(mean: jax.Array, calm: jax.Array) -> jax.Array:
     """Return how much either command of a policy changes from one step to the next, ``[2]``.
 
     Its sum over a flight is the commands' total variation, which a turn that lasts longer and is gentler makes smaller
@@ -200,11 +200,11 @@ def roughness(mean: jax.Array, goes_on: jax.Array) -> jax.Array:
 
     Args:
         mean: actions of whole segments of time, ``[S, L, 2]``; what is beyond [-1, 1] is not flown.
-        goes_on: 1 where the next step is of the same episode, ``[S, L]``.
+        calm: weight of the change to the next step, 0 where that is of another episode, ``[S, L]``.
     """
     flown = jnp.clip(mean, -1.0, 1.0)
     changed = jnp.abs(flown[:, 1:] - flown[:, :-1])
-    return jnp.mean(changed * goes_on[:, :-1, None], axis=(0, 1))
+    return jnp.mean(changed * calm[:, :-1, None], axis=(0, 1))
 
 
 def normalized(advantage: jax.Array, axis: str | None = None) -> jax.Array:
@@ -255,7 +255,7 @@ def losses(
         loss = loss + weight * figures["imitation_loss"]
     if any(settings.smoothness):
         segments = (-1, settings.segment)
-        rough = roughness(mean.reshape(*segments, 2), batch.goes_on.reshape(segments))
+        rough = roughness(mean.reshape(*segments, 2), batch.calm.reshape(segments))
         loss = loss + rough @ jnp.array(settings.smoothness)
         figures |= {"roughness_acceleration": rough[0], "roughness_yaw_rate": rough[1]}
     return loss, figures | {
@@ -277,6 +277,7 @@ def update(
     parts: Learner,
     settings: PpoSettings,
     shown: tuple[Examples, jax.Array] | None = None,
+    actor_rate: jax.Array | None = None,
 ) -> tuple[LearnerState, dict]:
     """Improve the networks by some epochs over a rollout.
 
@@ -291,10 +292,12 @@ def update(
         parts: networks and optimiser.
         settings: ``segment`` must divide T, and ``minibatches`` the number of segments.
         shown: examples ``[M]``, of which each minibatch imitates some besides, and the weight of that.
+        actor_rate: learning rate of the actor, if it is another.
 
     Returns:
         The new state and the mean of each part of the loss over the last epoch, with the gradient's norm.
     """
+    actor_rate = learning_rate if actor_rate is None else actor_rate
     encounters, steps = rollout.log_prob.shape
     segments = encounters * steps // settings.segment
     per_minibatch = segments // settings.minibatches
@@ -309,7 +312,9 @@ def update(
         if parts.axis is not None:
             gradient, parts_of_loss = _mean_of_devices((gradient, parts_of_loss), parts.axis)
         direction, optimizer = parts.optimizer.update(gradient, carry.optimizer)
-        actor, critic = jax.tree.map(lambda p, d: p - learning_rate * d, (carry.actor, carry.critic), direction)
+        of_actor, of_critic = cast(tuple[Any, Any], direction)
+        actor = jax.tree.map(lambda p, d: p - actor_rate * d, carry.actor, of_actor)
+        critic = jax.tree.map(lambda p, d: p - learning_rate * d, carry.critic, of_critic)
         parts_of_loss["grad_norm"] = optax.tree.norm(gradient)
         return LearnerState(actor, critic, optimizer), parts_of_loss
 

@@ -20,6 +20,8 @@ class Step(NamedTuple):
     terminated: jax.Array
     statistics: Any
     """Anything that the caller wants stacked over time."""
+    calm: jax.Array | None = None
+    """How much smooth actions count at the new state, in [0, 1]; None: everywhere as much."""
 
 
 class Environment(NamedTuple):
@@ -85,6 +87,7 @@ def collect(
         result.reward, value[:-1], value[1:], terminated, jnp.zeros_like(terminated), discount, gae_lambda
     )
     target = estimate + value[:-1]
-    samples = Batch(observation, action, log_prob, estimate, target, 1.0 - terminated)
+    calm = 1.0 - terminated if result.calm is None else (1.0 - terminated) * result.calm
+    samples = Batch(observation, action, log_prob, estimate, target, calm)
     samples = jax.tree.map(lambda a: jnp.swapaxes(a, 0, 1), samples)
     return world, samples, result.statistics, {"explained_variance": explained_variance(value[:-1], target, parts.axis)}

@@ -84,6 +84,13 @@ class PpoConfig(Strict):
     smoothness: tuple[NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0)
     """Weights, in the loss, of the mean change of acceleration and turn rate (1: full deflection) from one time step to
     the next, within a `segment`."""
+    smoothness_room: tuple[NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0)
+    """Smoothness counts in full only where the best of twelve simple manoeuvres keeps the first of these more than is
+    asked for, m, where the goal is the second of these farther than its radius, m, and where time is not short (as
+    `shaping.delay` sees it); where less is left it counts the less. [0, 0]: everywhere."""
+    critic_first: int = Field(default=0, ge=0)
+    """Environment steps at the beginning in which the actor stays as it is, so that a fresh critic comes to know it
+    (`start_from` of a policy)."""
 
     @property
     def samples(self) -> int:
@@ -142,8 +149,8 @@ class WorldConfig(RulesConfig):
 class ShapingConfig(Strict):
     """What learning is paid besides the task's reward, in units of the scaled reward; scores never contain it.
 
-    The potentials (goal, conflict, escape, delay) leave the optimal policy as it is; the prices (turn, swing, rejoin,
-    detour) do not.
+    The potentials (goal, conflict, escape, brink, delay) leave the optimal policy as it is; the prices (turn, swing,
+    rejoin, detour) do not.
     """
 
     goal: float = Field(default=0.0, ge=0.0)
@@ -153,6 +160,9 @@ class ShapingConfig(Strict):
     escape: float = Field(default=0.0, ge=0.0)
     """Worth of 50 m more of the separation that the best of twelve simple manoeuvres would keep, from 50 m less than
     required to 50 m more."""
+    brink: float = Field(default=0.0, ge=0.0)
+    """Worth of 5 m more of the same, from 5 m less than required to 5 m more: where hardly anything is left, a metre
+    decides."""
     delay: float = Field(default=0.0, ge=0.0)
     """Worth of a speed at which the goal is reached 30 s before the time limit instead of 30 s after it."""
     turn: float = Field(default=0.0, ge=0.0)
@@ -242,7 +252,8 @@ class TrainConfig(Strict):
     """Length of the training, environment steps; rounded down to whole updates, of which there is at least one."""
     start_from: Path | None = None
     """Directory of an earlier run, or one of its checkpoints: its networks, with the optimiser's state, are what this
-    training begins with (a path as seen from the working directory); null begins with fresh ones."""
+    training begins with (a path as seen from the working directory). Or a policy file: its actor, beside a fresh critic
+    (see `ppo.critic_first`). null begins with fresh ones."""
     network: NetworkConfig = NetworkConfig()
     ppo: PpoConfig = PpoConfig()
     world: WorldConfig = WorldConfig()

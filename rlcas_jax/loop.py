@@ -21,6 +21,7 @@ from envs.encounters import SCENARIOS, Encounter, sample
 from envs.outcome import Outcome, Rules, reward
 from envs.starts import numbered
 from rlcas_jax import checkpoint, metrics, progress
+from rlcas_jax.beginning import begun
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import Devices, agreed, everywhere, first, local, place
 from rlcas_jax.task import Task, TrainState, build
@@ -82,8 +83,7 @@ def run(
         state = place(whole, task.placed)
         _check_same(config, meta, directory)
     elif config.start_from is not None:
-        learner = checkpoint.restore_part(_checkpoint(config.start_from), state.learner, "learner")
-        state = place(state._replace(learner=learner), task.placed)
+        state = place(state._replace(learner=begun(config, state.learner)), task.placed)
     if writes and not resume:
         (directory / "versions.json").write_text(json.dumps(_made_with(), indent=2) + "\n", encoding="utf-8")
 
@@ -155,11 +155,6 @@ def rates(outcome: Outcome, rules: Rules) -> dict[str, float]:
         "eval_timeout": float(np.mean(outcome.timeout)),
         "eval_score": float(np.mean(reward(outcome, rules, np))),
     }
-
-
-def _checkpoint(of: Path) -> Path:
-    """Return a checkpoint's file, the newest one of a run's directory."""
-    return checkpoint.latest(of / "checkpoints") if of.is_dir() else of
 
 
 def _crosses(before: int, after: int, per_update: int, every_steps: int) -> bool:

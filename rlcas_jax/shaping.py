@@ -15,7 +15,20 @@ from envs.surrogate import State
 from rlcas_jax.config import ShapingConfig, TrainConfig
 from rlcas_jax.escapes import best
 
-__all__ = ["GENTLE", "delay", "detour", "escape", "paid", "potential", "price", "rejoin", "shaped", "swing", "worth"]
+__all__ = [
+    "GENTLE",
+    "calm",
+    "delay",
+    "detour",
+    "escape",
+    "paid",
+    "potential",
+    "price",
+    "rejoin",
+    "shaped",
+    "swing",
+    "worth",
+]
 
 GENTLE = math.radians(0.35)
 """Rate up to which a turn towards the goal costs nothing, rad/s; it is below what counts as a turn when heading
@@ -27,7 +40,7 @@ def potential(state: State, weights: ShapingConfig, rules: Rules) -> jax.Array:
 
     Args:
         state: encounters in progress.
-        weights: of the goal, a predicted conflict, an escape (:func:`escape`) and a delay (:func:`delay`).
+        weights: of the goal, a predicted conflict, an escape, its brink (:func:`escape`), a delay (:func:`delay`).
         rules: separation, before which ``state.demanded`` goes, and time limit.
     """
     separation = rules.separation
@@ -38,7 +51,9 @@ def potential(state: State, weights: ShapingConfig, rules: Rules) -> jax.Array:
         depth = jnp.where(state.mask, jnp.clip(1.0 - cpa.distance / separation, 0.0, 1.0), 0.0)
         total = total - weights.conflict * depth.max(axis=-1)
     if weights.escape:
-        total = total + weights.escape * escape(state, separation)
+        total = total + weights.escape * escape(state, separation, 50.0)
+    if weights.brink:
+        total = total + weights.brink * escape(state, separation, 5.0)
     if weights.delay:
         total = total - weights.delay * delay(state, rules.t_max)
     return total
@@ -58,8 +73,8 @@ def delay(state: State, t_max: float) -> jax.Array:
     return jnp.clip(0.5 - spare * (1.0 / 60.0), 0.0, 1.0)
 
 
-def escape(state: State, separation: float) -> jax.Array:
-    """Return what the best of twelve manoeuvres keeps beyond the separation, in units of 50 m, ``[N]`` in [-1, 1].
+def escape(state: State, separation: float, unit: float) -> jax.Array:
+    """Return what the best of twelve manoeuvres keeps beyond the separation, ``[N]`` in [-1, 1].
 
     It says within a step what a turn to the wrong side, or at the wrong speed, takes away, which the loss says much
     later and in the few encounters only that leave nothing to spare.
@@ -67,10 +82,33 @@ def escape(state: State, separation: float) -> jax.Array:
     Args:
         state: encounters in progress.
         separation: m; ``state.demanded`` goes before it.
+        unit: m that count 1; what is beyond counts no more.
     """
+    return jnp.clip(_spare(state, separation) * (1.0 / unit), -1.0, 1.0)
+
+
+def calm(state: State, room: tuple[float, float], rules: Rules) -> jax.Array:
+    """Return how much it counts that commands change little, ``[N]`` in [0, 1]: less where something is at stake.
+
+    Args:
+        state: encounters in progress.
+        room: what the best of twelve manoeuvres keeps beyond the separation, and the distance to the goal beyond its
+            radius, from which on it counts in full, m; 0: wherever.
+        rules: separation, before which ``state.demanded`` goes, radius of the goal and time limit.
+    """
+    counts = 1.0 - delay(state, rules.t_max)
+    if room[0]:
+        counts = counts * jnp.clip(_spare(state, rules.separation) * (1.0 / room[0]), 0.0, 1.0)
+    if room[1]:
+        left = distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp) - rules.goal_radius
+        counts = counts * jnp.clip(left * (1.0 / room[1]), 0.0, 1.0)
+    return counts
+
+
+def _spare(state: State, separation: float) -> jax.Array:
+    """Return what the best of twelve manoeuvres keeps beyond what is asked for, m, ``[N]``."""
     kept = best(state.own, state.goal_x, state.goal_y, state.intruders.vehicle, state.mask, jnp)
-    demanded = separation if state.demanded is None else state.demanded
-    return jnp.clip((kept - demanded) * (1.0 / 50.0), -1.0, 1.0)
+    return kept - (separation if state.demanded is None else state.demanded)
 
 
 def shaped(before: jax.Array, after: jax.Array, terminated: jax.Array, discount: float) -> jax.Array:

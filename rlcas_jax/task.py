@@ -18,7 +18,7 @@ from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import AXIS, Devices
 from rlcas_jax.examples import exemplary
-from rlcas_jax.shaping import paid
+from rlcas_jax.shaping import calm, paid
 from rlcas_jax.starts import Own, draw, noisy
 
 __all__ = ["Task", "TrainState", "build", "fly"]
@@ -101,12 +101,14 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
             learner, flying, drawn.noise, key, environment, parts, config.ppo.discount, config.ppo.gae_lambda
         )
         shown = None if examples is None else (examples, drawn.imitation)
-        learner, learned = ppo.update(learner, samples, drawn.shuffle_key, rate, parts, settings, shown)
+        learner, learned = ppo.update(
+            learner, samples, drawn.shuffle_key, rate, parts, settings, shown, drawn.actor_rate
+        )
         return (learner, flown), figures | learned | _episodes(statistics, count * steps, axis)
 
     if devices.mesh is not None:
         whole, split, second = PartitionSpec(), PartitionSpec(AXIS), PartitionSpec(None, AXIS)
-        drawn_specs = _Drawn(second, second, whole, whole, whole)
+        drawn_specs = _Drawn(second, second, whole, whole, whole, whole)
         # Without the check of what varies: it would add up the gradients before they can be averaged by name.
         practise = jax.shard_map(
             practise,
@@ -123,7 +125,15 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
         noise = _coloured(jax.random.normal(noise_key, (steps, count, 2)), config.ppo.noise_memory)
         done = state.update.astype(jnp.float32) / updates
         rate = config.ppo.learning_rate + (config.ppo.learning_rate_final - config.ppo.learning_rate) * done
-        drawn = _Drawn(pool, noise, observe_key, shuffle_key, config.practice.imitation * (1.0 - done))
+        waits = state.update * (count * steps) < config.ppo.critic_first
+        drawn = _Drawn(
+            pool,
+            noise,
+            observe_key,
+            shuffle_key,
+            config.practice.imitation * (1.0 - done),
+            jnp.where(waits, 0.0, rate) if config.ppo.critic_first else rate,
+        )
         (learner, flown), figures = practise((state.learner, state.environment), drawn, rate)
         finite = jax.tree.reduce(jnp.logical_and, jax.tree.map(lambda p: jnp.all(jnp.isfinite(p)), learner))
         std = jnp.exp(learner.actor["params"]["log_std"])
@@ -166,7 +176,9 @@ class _Drawn(NamedTuple):
     observe_key: Any
     shuffle_key: Any
     imitation: Any
-    """Weight of the examples; not chance, but of the update too."""
+    """Weight of the examples; not chance, but of the update too, as is the"""
+    actor_rate: Any
+    """learning rate of the actor."""
 
 
 def _coloured(white: jax.Array, memory: float) -> jax.Array:
@@ -233,7 +245,9 @@ def _training_environment(
     def step(state: surrogate.State, action: jax.Array) -> tuple[surrogate.State, Step]:
         following, result = surrogate.step(state, (action[:, 0], action[:, 1]), world)
         reward = paid(result.reward, state, following, action[:, 1], config)
-        return following, Step(reward, following.ended, (result.reward, result.outcome))
+        smoothed = any(config.ppo.smoothness) and any(config.ppo.smoothness_room)
+        counts = calm(following, config.ppo.smoothness_room, world.rules) if smoothed else None
+        return following, Step(reward, following.ended, (result.reward, result.outcome), counts)
 
     def restart(state: surrogate.State, index: jax.Array) -> surrogate.State:
         return surrogate.restart(state, jax.tree.map(lambda rows: rows[index % config.pool_rows], pool))

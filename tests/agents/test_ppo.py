@@ -177,11 +177,11 @@ def test_the_gradient_of_a_clipped_sample_is_zero() -> None:
 
 
 def test_roughness_is_the_total_variation_of_what_is_flown() -> None:
-    """By hand: 0, 0.5, then 3, of which 1 is flown, then another episode; the second command goes up and back."""
+    """By hand: 0, 0.5, at half the weight 3, of which 1 is flown, then another episode; the second goes up and back."""
     mean = jnp.array([[[0.0, 0.0], [0.5, 0.4], [3.0, 0.0], [-2.0, 0.9]]])
-    goes_on = jnp.array([[1.0, 1.0, 0.0, 1.0]])
-    np.testing.assert_allclose(ppo.roughness(mean, goes_on), [1.0 / 3.0, 0.8 / 3.0], rtol=1e-6)
-    pushed = jax.grad(lambda actions: ppo.roughness(actions, goes_on).sum())(mean)
+    calm = jnp.array([[1.0, 0.5, 0.0, 1.0]])
+    np.testing.assert_allclose(ppo.roughness(mean, calm), [0.75 / 3.0, 0.6 / 3.0], rtol=1e-6)
+    pushed = jax.grad(lambda actions: ppo.roughness(actions, calm).sum())(mean)
     assert pushed[0, 2, 0] == 0.0, "beyond the limit nothing changes"
     assert pushed[0, 0, 0] < 0.0 < pushed[0, 1, 1], "towards each other"
 

@@ -46,6 +46,7 @@ CHANGED: dict[str, str] = {
     "ppo.noise_memory": "5.0",
     "ppo.normalize_advantage": "false",
     "ppo.smoothness": "[0.1, 0.0]",
+    "ppo.critic_first": "64",
     "world.vehicle.speed_min_mps": "40.0",
     "world.vehicle.speed_max_mps": "120.0",
     "world.vehicle.acceleration_min_mps2": "-1.0",
@@ -78,6 +79,7 @@ CHANGED: dict[str, str] = {
     "shaping.goal": "0.5",
     "shaping.conflict": "0.5",
     "shaping.escape": "0.5",
+    "shaping.brink": "0.5",
     "shaping.delay": "0.5",
     "shaping.turn": "0.1",
     "shaping.swing": "0.1",
@@ -88,6 +90,7 @@ CHANGED: dict[str, str] = {
 ELSEWHERE = {
     "name": "the default name of the run's directory (test_cli)",
     "start_from": "the networks that training begins with (test_start_from)",
+    "ppo.smoothness_room": "the loss, with ppo.smoothness (test_start_from)",
     "practice.encounters": "the starts (test_starts)",
     "practice.share": "the same",
     "practice.displacement": "the same",

@@ -6,8 +6,9 @@ import jax
 import numpy as np
 import pytest
 
+from agents import export, policy_file
 from agents.configuration import ConfigError, load
-from rlcas_jax import checkpoint
+from rlcas_jax import checkpoint, metrics
 from rlcas_jax.cli import Job
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.loop import Run, run
@@ -80,3 +81,63 @@ def test_where_there_is_no_run_it_is_said_in_a_sentence(tmp_path: Path) -> None:
     nowhere = tmp_path / "nowhere"
     with pytest.raises(ConfigError, match=f"{nowhere}: there is no such checkpoint"):
         main([*changes, "--set", f"start_from={nowhere}", "--out", str(tmp_path / "run"), "--quiet"])
+
+
+@pytest.fixture(scope="module")
+def policy(earlier: Run) -> Path:
+    """The policy of the earlier run, alone."""
+    path = earlier.directory / "alone.safetensors"
+    config = earlier.config
+    content = export.to_policy_file(
+        earlier.state.learner.actor,
+        config.network.hidden,
+        config.network.feature_set,
+        config.world.limits(),
+        {},
+        steps=1,
+    )
+    policy_file.write(path, content)
+    return path
+
+
+def test_a_policy_alone_keeps_its_actor_until_a_fresh_critic_knows_it(
+    earlier: Run, policy: Path, tmp_path: Path
+) -> None:
+    # Two updates of 256 steps, of which the first is the critic's alone.
+    changes = [f"start_from={policy}", "checkpoint.keep=9", "checkpoint.every_seconds=0"]
+    for first, moves in ((256, (False, True)), (0, (True, True))):
+        later = trained(tmp_path / f"later-{first}", *changes, f"ppo.critic_first={first}")
+        learners = [
+            checkpoint.restore_part(file, earlier.state.learner, "learner")
+            for file in sorted((later.directory / "checkpoints").glob("*.safetensors"))
+        ]
+        assert same(learners[0].actor, earlier.state.learner.actor)
+        assert not same(learners[0].critic, earlier.state.learner.critic)
+        for before, after, moved in zip(learners, learners[1:], moves, strict=False):
+            assert same(before.actor, after.actor) is not moved
+            assert not same(before.critic, after.critic)
+
+
+def same(one: object, other: object) -> bool:
+    leaves = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+    return all(np.array_equal(mine, theirs) for mine, theirs in leaves)
+
+
+def test_a_policy_of_another_network_and_a_damaged_one_are_refused(policy: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"start_from: .*network\.hidden \(8, 8\); expected \(8, 9\)"):
+        trained(tmp_path / "other", f"start_from={policy}", "network.hidden=[8, 9]")
+    damaged = tmp_path / "damaged.safetensors"
+    content = bytearray(policy.read_bytes())
+    content[-1] ^= 1
+    damaged.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"start_from: .*edited or damaged"):
+        trained(tmp_path / "of_damaged", f"start_from={damaged}")
+
+
+def test_smoothness_counts_less_where_there_is_less_room(tmp_path: Path) -> None:
+    rough = []
+    for number, room in enumerate(("[0, 0]", "[500, 0]", "[0, 5000]")):
+        run = trained(tmp_path / str(number), "ppo.smoothness=[0.1, 0.1]", f"ppo.smoothness_room={room}", "steps=256")
+        rough.append(metrics.read(run.directory / "metrics.jsonl")["roughness_yaw_rate"][0])
+    assert 0.0 < rough[1] < rough[0]
+    assert 0.0 < rough[2] < rough[0]
