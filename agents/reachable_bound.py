@@ -20,10 +20,11 @@ from envs.kinematics import Limits
 
 __all__ = ["DELTA", "DIRECTIONS", "EPSILON", "Funnel", "farthest", "narrowed", "relaxed", "root", "support"]
 
-DELTA = 1.0
-"""A proof needs the separation to be missed by this, m; a goal is enlarged by it."""
+DELTA = 0.1
+"""A proof needs the separation to be missed by this, m; a goal is enlarged by it. Twice what the judged separation of
+a step may err by."""
 
-EPSILON = 1e-3
+EPSILON = 1e-4
 """A proof grants the ownship limits wider by this fraction."""
 
 DIRECTIONS = 2.0 * math.pi / 32 * np.arange(32)

@@ -98,7 +98,9 @@ class Replay(NamedTuple):
     """Smallest distance to any intruder during each step, m, ``[T]``."""
 
 
-def classify(encounters: Encounter, rules: Rules, limits: Limits, solved: Any = None) -> Resolvability:
+def classify(
+    encounters: Encounter, rules: Rules, limits: Limits, solved: Any = None, *, reserve: float = 0.0
+) -> Resolvability:
     """Decide which encounters are resolvable.
 
     Args:
@@ -106,6 +108,8 @@ def classify(encounters: Encounter, rules: Rules, limits: Limits, solved: Any = 
         rules: of the task; floats.
         limits: of the ownship; floats.
         solved: bool ``[N]``; those that any other method has solved are resolvable without a search.
+        reserve: by how much more a proof needs the separation to be missed, m, as where it is not known to that how
+            the intruders fly between the seconds.
 
     Raises:
         ValueError: ``encounters`` has no leading axis, or ``solved`` is not one bool for each of them.
@@ -125,7 +129,7 @@ def classify(encounters: Encounter, rules: Rules, limits: Limits, solved: Any = 
     asked = np.flatnonzero(~known)
     size = max(_CHUNK * 8 // max(np.shape(encounters.mask)[1], 8), 1)
     for first in range(0, asked.size, size):
-        _decide(encounters, asked[first : first + size], rules, limits, result)
+        _decide(encounters, asked[first : first + size], rules, limits, reserve, result)
     return result
 
 
@@ -162,8 +166,11 @@ def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limit
     return Replay(flown * rules.dt, own, take(traffic, (flown, 0)), np.array(separations))
 
 
-def _decide(encounters: Encounter, part: Any, rules: Rules, limits: Limits, result: Resolvability) -> None:
+def _decide(
+    encounters: Encounter, part: Any, rules: Rules, limits: Limits, reserve: float, result: Resolvability
+) -> None:
     """Write the verdicts of the encounters numbered ``part`` into the result: what is cheap comes first."""
+    missed = rules._replace(separation=rules.separation - reserve)
     chosen = cast(take(encounters, part), np.float64)
     ahead = look_ahead(chosen, rules, limits)
 
@@ -178,7 +185,7 @@ def _decide(encounters: Encounter, part: Any, rules: Rules, limits: Limits, resu
 
     everyone = np.arange(part.size)
     proven(everyone, np.where(ahead.out_of_reach, steps(rules) * rules.dt, np.nan), Method.GOAL)
-    times = contained(ahead, rules, limits)
+    times = contained(ahead, missed, limits)
     proven(everyone, times, Method.CONTAINMENT)
     proven(everyone, np.where(times == 0.0, times, np.nan), Method.START)
 
@@ -192,7 +199,7 @@ def _decide(encounters: Encounter, part: Any, rules: Rules, limits: Limits, resu
     result.arrival[rows], result.separation[rows] = found.arrival[works], found.separation[works]
 
     left = undecided()
-    proven(left, split(take(ahead, left), rules, limits), Method.SPLITTING)
+    proven(left, split(take(ahead, left), missed, limits), Method.SPLITTING)
 
 
 def _with_axis(fields: Any) -> Any:

@@ -27,19 +27,19 @@ __all__ = ["Ahead", "contained", "look_ahead", "split"]
 STEP = 0.05
 """Of the integration of the supports, s."""
 
-STRIDE = 5
+STRIDE = 2
 """Steps between the times at which containment is tested."""
 
 CELLS = (
-    Cells(turn=math.radians(30.0), speed=12.0, place=1_000.0, tests=32, most=3_000),
-    Cells(turn=math.radians(15.0), speed=8.0, place=1_000.0, tests=24, most=3_000),
+    Cells(turn=math.radians(30.0), speed=12.0, place=1_000.0, tests=80, most=3_000),
+    Cells(turn=math.radians(15.0), speed=8.0, place=1_000.0, tests=60, most=3_000),
 )
 """How finely survivors are told apart, one after the other until one proves it."""
 
 NODES = 300
 """Sets of control histories that a proof by halving may look at."""
 
-BLOCK = 64
+BLOCK = 25
 """Funnels looked at together against up to 8 intruders (fewer against more): some 150 MB."""
 
 

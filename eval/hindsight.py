@@ -12,7 +12,7 @@ from envs.replay import off_arcs
 __all__ = ["LARGEST_OFF", "verdicts"]
 
 LARGEST_OFF = 0.75
-"""m; proofs take an intruder to fly arcs within a second and have a metre to spare (agents.reachable_bound.DELTA)."""
+"""m; proofs take an intruder to fly arcs within a second, and so have this to spare where it is a recording."""
 
 
 def verdicts(encounters: Encounter, rules: Rules, limits: Limits, solved: np.ndarray) -> Resolvability:
@@ -22,9 +22,9 @@ def verdicts(encounters: Encounter, rules: Rules, limits: Limits, solved: np.nda
     finds an escape holds for every recording. A proof that looks between the seconds holds only for one that keeps to
     arcs there: where it is farther off than :data:`LARGEST_OFF`, such an encounter is undecided.
     """
-    found = classify(encounters, rules, limits, solved=solved)
     if not isinstance(encounters.intent, Recording):
-        return found
+        return classify(encounters, rules, limits, solved=solved)
+    found = classify(encounters, rules, limits, solved=solved, reserve=LARGEST_OFF)
     between = np.isin(found.method, (Method.CONTAINMENT, Method.SPLITTING))
     loose = between & (off_arcs(encounters.intent, encounters.mask) > LARGEST_OFF)
     return found._replace(

@@ -13,7 +13,7 @@ from agents.outer_polygon import beside, outside
 from agents.reachable_bound import DELTA, DIRECTIONS, EPSILON, Funnel, farthest, narrowed, relaxed, root, support
 from agents.resolvability import Method, Replay, Verdict, classify, replay
 from agents.survivors import Cells, States, last_time
-from agents.unresolvable import Ahead, contained, look_ahead, split
+from agents.unresolvable import STEP, STRIDE, Ahead, contained, look_ahead, split
 from envs.encounters import Encounter, Scenario, scenario
 from envs.intruder import Intent
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, advance
@@ -28,6 +28,9 @@ CLOSE = scenario("circle", radius=(1_000.0, 4_000.0), min_initial_separation=0.0
 
 CROWDED = scenario("multi", intruders=(2, 4), radius=(1_500.0, 4_000.0), min_initial_separation=1_000.0)
 """A fifth of these starts are beyond help, most of them because the ways past one intruder lead into another."""
+
+INTERVAL = STRIDE * STEP
+"""Between test times, s."""
 
 
 def duel(ahead: Any, course: Any = math.pi, speed: float = 75.0, intruder_speed: float = 75.0) -> Encounter:
@@ -336,10 +339,10 @@ def test_farthest_bounds_every_point_of_the_polygon():
 def flown_clear(ahead: Ahead, count: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
     """Fly random commands in one encounter; return the flights ``[T, N]`` at the test times, and who is clear by then.
 
-    Clear is who has been in no disc of 999 m at any test time so far.
+    Clear is who has been in no disc of the separation less delta at any test time so far.
     """
     tests = ahead.x.shape[2]
-    flights = random_flights(count, 0.25 * tests, 0.25, float(ahead.speed[0]))
+    flights = random_flights(count, INTERVAL * tests, INTERVAL, float(ahead.speed[0]))
     x, y, turned, speed = (field[1:] for field in flights)
     apart = np.hypot(x[:, None] - ahead.x[0].T[:, :, None], y[:, None] - ahead.y[0].T[:, :, None]).min(axis=1)
     return (x, y, turned, speed), np.logical_and.accumulate(apart > RULES.separation - DELTA, axis=0)
@@ -354,11 +357,11 @@ def test_gaps_between_intruders_that_close_are_proven_closed():
         assert 10.0 < proven < 46.5
         clear = flown_clear(ahead, 4_000)[1]
         assert clear[0].all()
-        assert not clear[round(proven / 0.25) - 1].any()
+        assert not clear[round(proven / INTERVAL) - 1].any()
 
 
 @pytest.mark.parametrize(
-    "cells", [Cells(math.radians(30.0), 12.0, 1_000.0, 32, 900), Cells(math.radians(9.0), 5.0, 300.0, 7, 900)]
+    "cells", [Cells(math.radians(30.0), 12.0, 1_000.0, 80, 900), Cells(math.radians(9.0), 5.0, 300.0, 17, 900)]
 )
 def test_whoever_is_clear_of_all_intruders_is_among_the_survivors(cells: Cells, monkeypatch: pytest.MonkeyPatch):
     kept: list[States] = []
@@ -373,7 +376,7 @@ def test_whoever_is_clear_of_all_intruders_is_among_the_survivors(cells: Cells, 
         ahead = look_ahead(numbered(CROWDED, 7, number, 1), RULES, SURROGATE)
         kept.clear()
         discs = (ahead.x[0], ahead.y[0], RULES.separation - DELTA)
-        last_time(float(ahead.speed[0]), discs, (1e6, 0.0, 500.0), 0.25, cells, relaxed(SURROGATE))
+        last_time(float(ahead.speed[0]), discs, (1e6, 0.0, 500.0), INTERVAL, cells, relaxed(SURROGATE))
         flights, clear = flown_clear(ahead, 500)
         for index, states in enumerate(kept):
             test = min((index + 1) * cells.tests, ahead.x.shape[2]) - 1
@@ -389,12 +392,12 @@ def test_whoever_is_clear_of_all_intruders_is_among_the_survivors(cells: Cells, 
 
 
 def test_survivors_that_reach_the_goal_before_the_disc_prove_nothing():
-    cells = Cells(math.radians(30.0), 12.0, 1_000.0, 32, 3_000)
+    cells = Cells(math.radians(30.0), 12.0, 1_000.0, 80, 3_000)
     ahead = look_ahead(duel([2_400.0]), RULES, SURROGATE)
     discs = (ahead.x[0], ahead.y[0], RULES.separation - DELTA)
     # The discs meet at 1 s before the ownship is at 700 m or so.
     for goal, ends in ((15_000.0, True), (2_000.0, True), (1_000.0, False)):
-        time = last_time(75.0, discs, (goal, 0.0, RULES.goal_radius + DELTA), 0.25, cells, relaxed(SURROGATE))
+        time = last_time(75.0, discs, (goal, 0.0, RULES.goal_radius + DELTA), INTERVAL, cells, relaxed(SURROGATE))
         assert np.isfinite(time) == ends
 
 
@@ -429,12 +432,15 @@ def test_polygons_lose_what_a_disc_or_a_line_takes_and_no_more():
 
 
 def test_the_margins_of_a_proof_are_honoured():
-    assert DELTA == 1.0
-    assert EPSILON == 1e-3
-    assert relaxed(SURROGATE).yaw_rate_max == pytest.approx(SURROGATE.yaw_rate_max * 1.001)
+    assert DELTA == 0.1
+    assert EPSILON == 1e-4
+    assert relaxed(SURROGATE).yaw_rate_max == pytest.approx(SURROGATE.yaw_rate_max * 1.0001)
     assert relaxed(SURROGATE).speed_min < SURROGATE.speed_min
-    # Half a metre short of the separation and opening: a violation, but no proof.
-    opening = duel([999.5], course=0.0, speed=50.0, intruder_speed=100.0)
+    # Half the margin short of the separation and opening: a violation, but no proof.
+    opening = duel([999.95], course=0.0, speed=50.0, intruder_speed=100.0)
     assert classify(opening, RULES, SURROGATE).verdict[0] == Verdict.UNDECIDED
+    half_a_metre = duel([999.5], course=0.0, speed=50.0, intruder_speed=100.0)
+    assert classify(half_a_metre, RULES, SURROGATE).verdict[0] == Verdict.UNRESOLVABLE
+    assert classify(half_a_metre, RULES, SURROGATE, reserve=0.75).verdict[0] == Verdict.UNDECIDED
     assert steps(RULES) == 300
     assert len(Manoeuvre._fields) == 8
