@@ -7,21 +7,25 @@ block computes it from the observation alone, in the ownship's frame (rotation-i
 import math
 from typing import Any
 
-from agents.foresight import ADVICE, COUNT, advice, separations
+from agents.foresight import ADVICE, COUNT, PRESSED, advice, pressed, separations
 from envs.kinematics import SURROGATE
 from envs.observation import Decoded, decode
 
-__all__ = ["FEATURE_SETS", "MIRRORED", "features", "side", "size"]
+__all__ = ["FEATURE_SETS", "MIRRORED", "begins", "features", "side", "size"]
 
-FEATURE_SETS = ("none", "cpa", "mirror", "foresight", "advised")
+FEATURE_SETS = ("none", "cpa", "mirror", "foresight", "advised", "pressed")
 """``none``: the bare observation (the paper's set-up); ``cpa``: geometry and closest point of approach; ``mirror``: the
 same with every scene seen so that the intruder is left of the line to the goal: an exactly symmetric policy;
-``foresight``: that, and what simple manoeuvres would lead to; ``advised``: and which of them leads best."""
+``foresight``: that, and what simple manoeuvres would lead to; ``advised``: and which of them leads best;
+``pressed``: and which one alone, where metres decide. Each of the last three begins with the one before."""
 
-MIRRORED = ("mirror", "foresight", "advised")
+MIRRORED = ("mirror", "foresight", "advised", "pressed")
 """The sets that see a scene and its mirror image alike; the yaw rate then wants the factor of :func:`side`."""
 
-_SIZES = {"none": 8, "cpa": 22, "mirror": 22, "foresight": 22 + COUNT + 2, "advised": 22 + COUNT + 2 + ADVICE}
+_SIZES = {"none": 8, "cpa": 22, "mirror": 22, "foresight": 22 + COUNT + 2}
+_SIZES["advised"] = _SIZES["foresight"] + ADVICE
+_SIZES["pressed"] = _SIZES["advised"] + PRESSED
+_GROWING = ("mirror", "foresight", "advised", "pressed")
 _INTRUDER, _GOAL = 4, 6  # bearings in the observation, left positive
 
 
@@ -34,6 +38,14 @@ def size(feature_set: str) -> int:
     if feature_set not in _SIZES:
         raise ValueError(f"feature set {feature_set!r} is unknown; expected one of {', '.join(FEATURE_SETS)}")
     return _SIZES[feature_set]
+
+
+def begins(feature_set: str, shorter: str) -> bool:
+    """Return whether the inputs of a feature set begin with those of another one, in the same order."""
+    if feature_set == shorter:
+        return True
+    both = feature_set in _GROWING and shorter in _GROWING
+    return both and _GROWING.index(shorter) < _GROWING.index(feature_set)
 
 
 def side(observation: list[Any], feature_set: str, xp: Any) -> Any:
@@ -94,8 +106,8 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
         ahead, homeward = (_mirrored(passing, hand) for passing in (ahead, homeward))
         goal_sine = goal_sine * hand
     foreseen: list[Any] = []
-    if feature_set in ("foresight", "advised"):
-        foreseen = _foreseen(geometry, observation[_GOAL], hand, feature_set == "advised", xp)
+    if feature_set in ("foresight", "advised", "pressed"):
+        foreseen = _foreseen(geometry, observation[_GOAL], hand, feature_set, xp)
     return [
         observation[0],
         observation[2],
@@ -117,7 +129,7 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
     ]
 
 
-def _foreseen(geometry: Decoded, goal_bearing: Any, hand: Any, advised: bool, xp: Any) -> list[Any]:
+def _foreseen(geometry: Decoded, goal_bearing: Any, hand: Any, feature_set: str, xp: Any) -> list[Any]:
     """Describe what simple manoeuvres keep, how far the goal is from the turning circles, and the best manoeuvre."""
     seen = geometry._replace(intruder_y=geometry.intruder_y * hand, intruder_vy=geometry.intruder_vy * hand)
     homeward = goal_bearing * (math.pi * hand)
@@ -128,7 +140,8 @@ def _foreseen(geometry: Decoded, goal_bearing: Any, hand: Any, advised: bool, xp
     return [
         *kept,
         *(_soft(outside * (1.0 / 500.0), xp) for outside in circles),
-        *(advice(kept, homeward, xp) if advised else ()),
+        *(advice(kept, homeward, xp) if feature_set in ("advised", "pressed") else ()),
+        *(pressed(kept, homeward, xp) if feature_set == "pressed" else ()),
     ]
 
 

@@ -3,6 +3,7 @@
 Time runs along the first axis of a rollout, encounters along the second: ``[T, N]``.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, cast
@@ -20,6 +21,7 @@ __all__ = [
     "Learner",
     "LearnerState",
     "PpoSettings",
+    "Taught",
     "advantages",
     "deviation",
     "explained_variance",
@@ -27,6 +29,7 @@ __all__ = [
     "initial_state",
     "learner",
     "losses",
+    "met_by",
     "normalized",
     "roughness",
     "update",
@@ -61,6 +64,9 @@ class Learner(NamedTuple):
     optimizer: optax.GradientTransformation
     axis: str | None = None
     """Name of the devices' axis inside ``shard_map``; None on one device."""
+    teacher: "Callable[[Derived, jax.Array], Taught] | None" = None
+    """(what is seen ``[...]``, how far the policy is to be held ``[...]``) -> what the actor is kept to; None: to
+    nothing."""
 
     def policy(self, variables: Any, observation: jax.Array | Derived) -> tuple[jax.Array, jax.Array]:
         """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
@@ -95,6 +101,17 @@ class Batch(NamedTuple):
     """Return that the critic is fitted to, ``[...]``."""
     calm: jax.Array
     """Weight of the change from this step's action to the next one's, 0 at an episode's last step, ``[...]``."""
+    taught: "Taught | None" = None
+    """What a teacher does at the observation; None: there is no teacher."""
+
+
+class Taught(NamedTuple):
+    """Within what a teacher wants the actions, ``[..., 2]`` each; infinite where anything beyond will do."""
+
+    low: jax.Array
+    high: jax.Array
+    weight: jax.Array
+    """Of the squared distance from there in the loss."""
 
 
 class Examples(NamedTuple):
@@ -181,15 +198,14 @@ def advantages(
     return estimates
 
 
-def deviation(mean: jax.Array, examples: Examples) -> jax.Array:
-    """Return how far a policy's mean actions ``[M, 2]`` are from those of examples, the mean squared error.
+def met_by(action: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Return the bounds of what does the same as actions: full deflection is met by anything beyond."""
+    return jnp.where(action <= -1.0, -jnp.inf, action), jnp.where(action >= 1.0, jnp.inf, action)
 
-    An example at full deflection is met by anything beyond, too.
-    """
-    low = jnp.where(examples.action <= -1.0, -jnp.inf, examples.action)
-    high = jnp.where(examples.action >= 1.0, jnp.inf, examples.action)
-    met = jax.lax.stop_gradient(jnp.clip(mean, low, high))
-    return jnp.mean(jnp.square(mean - met))
+
+def deviation(mean: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
+    """Return the squared distance of a policy's mean actions from an interval, all of them ``[..., 2]``."""
+    return jnp.square(mean - jax.lax.stop_gradient(jnp.clip(mean, low, high)))
 
 
 def roughness(mean: jax.Array, calm: jax.Array) -> jax.Array:
@@ -251,8 +267,12 @@ def losses(
     if shown is not None:
         examples, weight = shown
         done, _ = parts.policy(actor_variables, examples.observation)
-        figures["imitation_loss"] = deviation(done, examples)
+        figures["imitation_loss"] = jnp.mean(deviation(done, *met_by(examples.action)))
         loss = loss + weight * figures["imitation_loss"]
+    if batch.taught is not None:
+        apart = deviation(mean, batch.taught.low, batch.taught.high)
+        figures["teaching_loss"] = jnp.mean(jnp.sum(batch.taught.weight * apart, axis=-1))
+        loss = loss + figures["teaching_loss"]
     if any(settings.smoothness):
         segments = (-1, settings.segment)
         rough = roughness(mean.reshape(*segments, 2), batch.calm.reshape(segments))

@@ -7,7 +7,18 @@ from envs.angles import sincos
 from envs.kinematics import VehicleState
 from envs.relative import bearing, distance, straight_cpa
 
-__all__ = ["CRITICAL_RADIUS", "NAMES", "SIZE", "Decoded", "criticality", "decode", "most_critical", "observe"]
+__all__ = [
+    "CRITICAL_RADIUS",
+    "NAMES",
+    "SIZE",
+    "SPEED_HALF",
+    "SPEED_MIDDLE",
+    "Decoded",
+    "criticality",
+    "decode",
+    "most_critical",
+    "observe",
+]
 
 NAMES = (
     "own_speed",
@@ -26,7 +37,9 @@ SIZE = len(NAMES)
 CRITICAL_RADIUS = 1_500.0
 """Distance that counts as a conflict when the most critical of several intruders is chosen, m."""
 
-_OWN_SPEED_MIDDLE, _OWN_SPEED_HALF = 75.0, 25.0
+SPEED_MIDDLE, SPEED_HALF = 75.0, 25.0
+"""Own speed that is 0 in the observation, and how much faster 1 is, m/s."""
+
 _INTRUDER_SPEED_HALF = 75.0
 _DISTANCE_HALF = 10_000.0
 
@@ -46,7 +59,7 @@ def observe(own: VehicleState, intruder: VehicleState, goal_x: Any, goal_y: Any,
     to_intruder = distance(intruder.x - own.x, intruder.y - own.y, xp)
     to_goal = distance(goal_x - own.x, goal_y - own.y, xp)
     parts = [
-        (own.speed - _OWN_SPEED_MIDDLE) * (1.0 / _OWN_SPEED_HALF),
+        (own.speed - SPEED_MIDDLE) * (1.0 / SPEED_HALF),
         own.heading * (1.0 / math.pi),
         intruder.speed * (1.0 / _INTRUDER_SPEED_HALF) - 1.0,
         intruder.heading * (1.0 / math.pi),
@@ -77,7 +90,7 @@ def decode(observation: Any, xp: Any) -> Decoded:
     Exact but for what :func:`observe` clipped. Absolute headings enter only through their difference, so what is
     built on this does not change when the whole scene is rotated.
     """
-    own_speed = observation[0] * _OWN_SPEED_HALF + _OWN_SPEED_MIDDLE
+    own_speed = observation[0] * SPEED_HALF + SPEED_MIDDLE
     intruder_speed = (observation[2] + 1.0) * _INTRUDER_SPEED_HALF
     course = (observation[3] - observation[1]) * math.pi
     course = xp.where(course > math.pi, course - 2.0 * math.pi, course)

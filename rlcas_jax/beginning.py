@@ -1,16 +1,24 @@
-"""What a training begins with if not with fresh networks: an earlier run's, a checkpoint's, or a policy alone."""
+"""Policies that a training is given: those that it begins with, and the teacher that it keeps to."""
+
+from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from agents import policy_file
 from agents.configuration import ConfigError
 from agents.export import variables
+from agents.features import begins, size
 from agents.ppo import LearnerState
 from rlcas_jax import checkpoint
 from rlcas_jax.config import TrainConfig
 
-__all__ = ["begun"]
+__all__ = ["actor_with", "begun", "policy_at"]
+
+_AS_HERE = "as in this configuration"
+_FIRST = "hidden_0/kernel"
 
 
 def begun(config: TrainConfig, fresh: LearnerState) -> LearnerState:
@@ -30,14 +38,41 @@ def begun(config: TrainConfig, fresh: LearnerState) -> LearnerState:
         of = checkpoint.latest(of / "checkpoints")
     if not policy_file.claims(of):
         return checkpoint.restore_part(of, fresh, "learner")
+    policy = policy_at(of, "start_from")
+    hidden = tuple(config.network.hidden)
+    if policy.hidden != hidden:
+        raise ConfigError(f"start_from: {of} has network.hidden {policy.hidden}; expected {hidden} {_AS_HERE}")
+    return fresh._replace(actor=actor_with(policy, config.network.feature_set, f"start_from: {of}"))
+
+
+def policy_at(of: Path, key: str) -> policy_file.PolicyFile:
+    """Return the policy of a file that a configuration's key names.
+
+    Raises:
+        ConfigError: there is none, or it is damaged.
+    """
     try:
-        policy = policy_file.read(of)
+        return policy_file.read(of)
     except policy_file.PolicyFileError as problem:
-        raise ConfigError(f"start_from: {problem}") from None
-    for name, has, wanted in (
-        ("hidden", policy.hidden, tuple(config.network.hidden)),
-        ("feature_set", policy.feature_set, config.network.feature_set),
-    ):
-        if has != wanted:
-            raise ConfigError(f"start_from: {of} has network.{name} {has}; expected {wanted} as in this configuration")
-    return fresh._replace(actor=jax.tree.map(jnp.asarray, variables(policy.actor)))
+        raise ConfigError(f"{key}: {problem}") from None
+
+
+def actor_with(policy: policy_file.PolicyFile, feature_set: str, where: str) -> Any:
+    """Return the variables of an actor that does with a feature set what a policy does with its own.
+
+    Args:
+        policy: of a feature set with whose inputs the other one begins; the others have no weight.
+        feature_set: of the actor.
+        where: what an error names.
+
+    Raises:
+        ConfigError: the feature set begins otherwise.
+    """
+    if not begins(feature_set, policy.feature_set):
+        raise ConfigError(
+            f"{where} has network.feature_set {policy.feature_set}; expected {feature_set} {_AS_HERE}, "
+            "or one whose inputs these begin with"
+        )
+    first = policy.actor[_FIRST]
+    more = np.zeros((size(feature_set) - len(first), first.shape[1]), first.dtype)
+    return jax.tree.map(jnp.asarray, variables({**policy.actor, _FIRST: np.concatenate([first, more])}))

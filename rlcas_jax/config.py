@@ -33,11 +33,12 @@ class NetworkConfig(Strict):
 
     hidden: tuple[Annotated[int, Field(ge=1, le=4096)], ...] = Field(default=(256, 256), min_length=1, max_length=8)
     """Widths of the hidden layers of actor and of critic (paper: two of 256)."""
-    feature_set: Literal["advised", "cpa", "foresight", "mirror", "none"] = "cpa"
+    feature_set: Literal["advised", "cpa", "foresight", "mirror", "none", "pressed"] = "cpa"
     """What the first layer sees: the bare observation (none), geometry and closest point of approach derived from it
     inside the network (cpa), those with the intruder always left of the line to the goal, so that the policy is
-    exactly symmetric (mirror), these and the separations that twelve simple manoeuvres would keep (foresight), or
-    these and which manoeuvre keeps most (advised)."""
+    exactly symmetric (mirror), these and the separations that twelve simple manoeuvres would keep (foresight), these
+    and what those do that keep most (advised), or these and what the best one alone does where metres decide
+    (pressed)."""
     log_std_initial: float = Field(default=-0.5, ge=-5.0, le=2.0)
     """Natural logarithm of the initial standard deviation of both actions (full deflection is 1)."""
 
@@ -88,6 +89,9 @@ class PpoConfig(Strict):
     """Smoothness counts in full only where the best of twelve simple manoeuvres keeps the first of these more than is
     asked for, m, where the goal is the second of these farther than its radius, m, and where time is not short (as
     `shaping.delay` sees it); where less is left it counts the less. [0, 0]: everywhere."""
+    smoothness_speed: float = Field(default=0.0, ge=0.0)
+    """Smoothness counts in full only where the goal could be reached 30 s before the time limit at this speed, too, and
+    not at all where it would be reached 30 s after it, m/s; 0: however long the way."""
     critic_first: int = Field(default=0, ge=0)
     """Environment steps at the beginning in which the actor stays as it is, so that a fresh critic comes to know it
     (`start_from` of a policy)."""
@@ -199,6 +203,14 @@ class PracticeConfig(Strict):
     the actions of flights that resolve such encounters, which the policy is drawn to; null: none."""
     imitation: float = Field(default=0.05, gt=0.0)
     """Weight of the squared distance from the examples in the loss; it falls linearly with the steps, to 0."""
+    teacher: Path | None = None
+    """Policy file whose actions the policy keeps to, with the weight `teaching`, wherever smoothness does not count
+    (`ppo.smoothness_room`, `ppo.smoothness_speed`), or everywhere where these are not given; null: none."""
+    teaching: float = Field(default=1.0, gt=0.0)
+    """Weight of the squared distance from the teacher's mean actions in the loss."""
+    pressed: float = Field(default=0.0, ge=0.0)
+    """Weight of the squared distance from the best of twelve simple manoeuvres in the loss, where that one keeps less
+    than 3 m beyond 1000 m; up to 10 m it falls to 0. Wants the feature set `pressed`."""
 
 
 class EvaluationConfig(Strict):

@@ -35,6 +35,8 @@ METRICS = {
     "neg_log_prob": "Mean negative logarithm of the density of the actions taken, nats.",
     "imitation_loss": "Mean squared distance of the policy's actions from those of practice.examples; only where there"
     " are any.",
+    "teaching_loss": "Mean weighted squared distance of the policy's actions from those of practice.teacher; only where"
+    " there is one.",
     "roughness_acceleration": "Mean change of the acceleration that the policy commands from one step to the next, in"
     " full deflections; only with ppo.smoothness.",
     "roughness_yaw_rate": "The same of the turn rate.",

@@ -68,8 +68,12 @@ def delay(state: State, t_max: float) -> jax.Array:
         state: encounters in progress.
         t_max: time limit, s.
     """
+    return _late(state, t_max, jnp.maximum(state.own.speed, 1.0))
+
+
+def _late(state: State, t_max: float, speed: jax.Array | float) -> jax.Array:
     left = distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp)
-    spare = t_max - state.time - left / jnp.maximum(state.own.speed, 1.0)
+    spare = t_max - state.time - left / speed
     return jnp.clip(0.5 - spare * (1.0 / 60.0), 0.0, 1.0)
 
 
@@ -87,7 +91,7 @@ def escape(state: State, separation: float, unit: float) -> jax.Array:
     return jnp.clip(_spare(state, separation) * (1.0 / unit), -1.0, 1.0)
 
 
-def calm(state: State, room: tuple[float, float], rules: Rules) -> jax.Array:
+def calm(state: State, room: tuple[float, float], rules: Rules, speed: float = 0.0) -> jax.Array:
     """Return how much it counts that commands change little, ``[N]`` in [0, 1]: less where something is at stake.
 
     Args:
@@ -95,8 +99,11 @@ def calm(state: State, room: tuple[float, float], rules: Rules) -> jax.Array:
         room: what the best of twelve manoeuvres keeps beyond the separation, and the distance to the goal beyond its
             radius, from which on it counts in full, m; 0: wherever.
         rules: separation, before which ``state.demanded`` goes, radius of the goal and time limit.
+        speed: at which the goal must be in reach in time, too, m/s; 0: however long the way.
     """
     counts = 1.0 - delay(state, rules.t_max)
+    if speed:
+        counts = counts * (1.0 - _late(state, rules.t_max, speed))
     if room[0]:
         counts = counts * jnp.clip(_spare(state, rules.separation) * (1.0 / room[0]), 0.0, 1.0)
     if room[1]:

@@ -20,6 +20,7 @@ from rlcas_jax.devices import AXIS, Devices
 from rlcas_jax.examples import exemplary
 from rlcas_jax.shaping import calm, paid
 from rlcas_jax.starts import Own, draw, noisy
+from rlcas_jax.teaching import teacher, teaches
 
 __all__ = ["Task", "TrainState", "build", "fly"]
 
@@ -78,7 +79,9 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
     )
     hidden, feature_set = tuple(config.network.hidden), config.network.feature_set
     actor = Actor(hidden, feature_set, config.network.log_std_initial)
-    parts = ppo.learner(actor, Critic(hidden, feature_set), settings)._replace(axis=devices.axis)
+    parts = ppo.learner(actor, Critic(hidden, feature_set), settings)._replace(
+        axis=devices.axis, teacher=teacher(config)
+    )
     world = surrogate.World(config.world.rules(), config.world.limits())
     scenarios = [entry.scenario() for entry in config.scenarios]
     own = Own.of(config)
@@ -242,12 +245,20 @@ def _training_environment(
         noise = jax.random.normal(key, (4, *state.mask.shape)) if noisy(scenarios) else None
         return surrogate.observe(state, noise)
 
+    def where(state: surrogate.State) -> jax.Array | None:
+        """Return how much smoothness counts, ``[N]``; None: everywhere as much."""
+        room, speed = config.ppo.smoothness_room, config.ppo.smoothness_speed
+        return calm(state, room, world.rules, speed) if any(room) or speed else None
+
     def step(state: surrogate.State, action: jax.Array) -> tuple[surrogate.State, Step]:
         following, result = surrogate.step(state, (action[:, 0], action[:, 1]), world)
         reward = paid(result.reward, state, following, action[:, 1], config)
-        smoothed = any(config.ppo.smoothness) and any(config.ppo.smoothness_room)
-        counts = calm(following, config.ppo.smoothness_room, world.rules) if smoothed else None
-        return following, Step(reward, following.ended, (result.reward, result.outcome), counts)
+        counts = where(following) if any(config.ppo.smoothness) else None
+        held = None
+        if teaches(config):
+            relaxed = where(state)
+            held = jnp.ones_like(reward) if relaxed is None else 1.0 - relaxed
+        return following, Step(reward, following.ended, (result.reward, result.outcome), counts, held)
 
     def restart(state: surrogate.State, index: jax.Array) -> surrogate.State:
         return surrogate.restart(state, jax.tree.map(lambda rows: rows[index % config.pool_rows], pool))

@@ -35,7 +35,9 @@ def test_size_agrees(feature_set):
 
 
 def test_unknown_set_is_named():
-    with pytest.raises(ValueError, match="'magic' is unknown; expected one of none, cpa, mirror, foresight, advised"):
+    with pytest.raises(
+        ValueError, match="'magic' is unknown; expected one of none, cpa, mirror, foresight, advised, pressed"
+    ):
         features([0.0] * 8, "magic", FLOATS)
 
 

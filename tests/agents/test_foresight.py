@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents.foresight import ADVICE, COUNT, HORIZON, advice, separations
+from agents.foresight import ADVICE, COUNT, HORIZON, PRESSED, advice, pressed, separations
 from envs.backend import FLOATS
 from envs.kinematics import SURROGATE, VehicleState, advance
 from envs.observation import Decoded
@@ -140,5 +140,28 @@ def test_a_mirrored_scene_is_advised_the_other_turn() -> None:
     here = advice(kept, bearing, np)
     there = advice([kept[i] for i in SWAPPED], -bearing, np)
     assert len(here) == ADVICE
+    np.testing.assert_allclose(np.array(here) * [[1.0], [1.0], [-1.0]], there, atol=1e-12)
+    assert np.abs(here).max() <= 1.0
+
+
+@pytest.mark.parametrize(("most", "near"), [(-0.5, 1.0), (0.1, 1.0), (0.175, 0.5), (0.25, 0.0), (0.9, 0.0)])
+def test_where_metres_decide_the_one_best_manoeuvre_is_told(most: float, near: float) -> None:
+    # Braking to the left keeps a metre more than accelerating to the right, which the mean of both hardly tells.
+    kept = [most - 0.3] * COUNT
+    kept[0], kept[5] = most, most - 0.033
+    blunt, sharp = advice(kept, 0.0, FLOATS), pressed(kept, 0.0, FLOATS)
+    assert len(sharp) == PRESSED
+    assert abs(blunt[1]) < 0.3
+    assert sharp[0] == pytest.approx(near)
+    assert sharp[1] == pytest.approx(-near, abs=0.2)
+    assert sharp[2] == pytest.approx(near, abs=0.2)
+
+
+def test_a_mirrored_scene_is_pressed_to_the_other_side() -> None:
+    random = np.random.default_rng(4)
+    kept = list(random.uniform(-1.0, 0.3, (COUNT, 200)))
+    bearing = random.uniform(-math.pi, math.pi, 200)
+    here = pressed(kept, bearing, np)
+    there = pressed([kept[i] for i in SWAPPED], -bearing, np)
     np.testing.assert_allclose(np.array(here) * [[1.0], [1.0], [-1.0]], there, atol=1e-12)
     assert np.abs(here).max() <= 1.0

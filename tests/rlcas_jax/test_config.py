@@ -105,7 +105,7 @@ def test_a_dump_repeats_the_run(
         ),
         (
             "network.feature_set=cap",
-            "--set: network.feature_set is 'cap'; expected one of advised, cpa, foresight, mirror, none; "
+            "--set: network.feature_set is 'cap'; expected one of advised, cpa, foresight, mirror, none, pressed; "
             "did you mean cpa?",
         ),
     ],

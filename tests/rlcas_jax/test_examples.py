@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.configuration import ConfigError, load
-from agents.ppo import Examples, deviation
+from agents.ppo import deviation, met_by
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.examples import exemplary
 from rlcas_jax.task import Task, build
@@ -33,7 +33,7 @@ def written(folder: Path, **arrays: Any) -> Path:
 @given(st.floats(-3.0, 3.0), st.floats(-1.0, 1.0))
 def test_an_action_deviates_by_its_distance_and_full_deflection_is_met_by_more(mean: float, action: float) -> None:
     def of(mean: float, action: float) -> float:
-        return float(deviation(jnp.full((1, 2), mean), Examples(jnp.zeros((1, 8)), jnp.full((1, 2), action))))
+        return float(deviation(jnp.full((1, 2), mean), *met_by(jnp.full((1, 2), action))).mean())
 
     found = of(mean, action)
     assert found == pytest.approx(of(-mean, -action))

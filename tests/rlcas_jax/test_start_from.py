@@ -136,8 +136,9 @@ def test_a_policy_of_another_network_and_a_damaged_one_are_refused(policy: Path,
 
 def test_smoothness_counts_less_where_there_is_less_room(tmp_path: Path) -> None:
     rough = []
-    for number, room in enumerate(("[0, 0]", "[500, 0]", "[0, 5000]")):
-        run = trained(tmp_path / str(number), "ppo.smoothness=[0.1, 0.1]", f"ppo.smoothness_room={room}", "steps=256")
+    for number, spared in enumerate(("room=[0, 0]", "room=[500, 0]", "room=[0, 5000]", "speed=52")):
+        run = trained(tmp_path / str(number), "ppo.smoothness=[0.1, 0.1]", f"ppo.smoothness_{spared}", "steps=256")
         rough.append(metrics.read(run.directory / "metrics.jsonl")["roughness_yaw_rate"][0])
     assert 0.0 < rough[1] < rough[0]
     assert 0.0 < rough[2] < rough[0]
+    assert 0.0 < rough[3] < rough[0]

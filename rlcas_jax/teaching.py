@@ -1,0 +1,121 @@
+"""What a policy in training is kept to: what another policy does, and where metres decide, the best manoeuvre.
+
+The reward tells of a lost metre late, and in hardly one flight of many; a teacher tells at once, and in each. It is
+asked about the states that the policy comes to itself (Ross et al. 2011).
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+
+from agents.configuration import ConfigError
+from agents.features import size
+from agents.foresight import COUNT
+from agents.networks import Actor, Derived
+from agents.ppo import Taught, met_by
+from envs.kinematics import SURROGATE, Limits
+from envs.observation import SPEED_HALF, SPEED_MIDDLE
+from rlcas_jax.beginning import actor_with, policy_at
+from rlcas_jax.config import TrainConfig
+
+__all__ = ["best_manoeuvre", "flown", "teacher", "teaches"]
+
+_GOAL = 8
+"""Where the cosine and the sine of the goal's bearing are among the inputs."""
+
+_CLEARLY = 0.01
+"""What one manoeuvre keeps less than another, squashed, from which on it is clearly the worse: 0.3 m near 1000 m."""
+
+_AT_LIMIT = 1e-4
+"""A speed this close to a limit is at it, in units of the observation: 2.5 mm/s."""
+
+
+def teaches(config: TrainConfig) -> bool:
+    """Return whether there is a teacher."""
+    return config.practice.teacher is not None or config.practice.pressed > 0.0
+
+
+def teacher(config: TrainConfig) -> Callable[[Derived, jax.Array], Taught] | None:
+    """Return what a configuration's actor is kept to, of what it sees and how far it is held; None: to nothing.
+
+    Raises:
+        ConfigError: the policy of ``practice.teacher`` cannot be used, or ``practice.pressed`` lacks its inputs.
+    """
+    if not teaches(config):
+        return None
+    practice, feature_set = config.practice, config.network.feature_set
+    if practice.pressed and feature_set != "pressed":
+        raise ConfigError(
+            f"practice.pressed is {practice.pressed:g} with network.feature_set {feature_set}; expected pressed"
+        )
+    policy = None
+    if practice.teacher is not None:
+        read = policy_at(practice.teacher, "practice.teacher")
+        parameters = actor_with(read, feature_set, f"practice.teacher: {practice.teacher}")
+        policy = Actor(read.hidden, feature_set), parameters
+    limits = config.world.limits()
+
+    def taught(seen: Derived, held: jax.Array) -> Taught:
+        low = high = weight = jnp.zeros((*held.shape, 2))
+        if policy is not None:
+            actor, variables = policy
+            low, high = flown(actor.apply(variables, seen)[0], seen, limits)
+            weight = weight + practice.teaching * held[..., None]
+        if practice.pressed:
+            manoeuvre, near = best_manoeuvre(seen)
+            beyond = met_by(manoeuvre)
+            low, high = (jnp.where(near > 0.0, new, old) for new, old in zip(beyond, (low, high), strict=True))
+            weight = jnp.where(near > 0.0, practice.pressed * near, weight)
+        return jax.lax.stop_gradient(Taught(low, high, weight))
+
+    return taught
+
+
+def flown(action: jax.Array, seen: Derived, limits: Limits) -> tuple[jax.Array, jax.Array]:
+    """Return the bounds of what has the effect of actions ``[..., 2]``: at a limit of the speed, any throttle.
+
+    Who flies as fast as possible flies on so whether the throttle is open a little or fully: what a teacher does with
+    it there is of no account, and changes in it are best not learned.
+
+    Args:
+        action: acceleration and yaw rate, 1 at the limit.
+        seen: what they answer, of any feature set.
+        limits: of the vehicle.
+    """
+    slowest, fastest = ((speed - SPEED_MIDDLE) / SPEED_HALF for speed in (limits.speed_min, limits.speed_max))
+    low, high = met_by(action)
+    speed, acceleration = seen.inputs[..., 0], action[..., 0]
+    idle = (speed >= fastest - _AT_LIMIT) & (acceleration > 0.0), (speed <= slowest + _AT_LIMIT) & (acceleration < 0.0)
+    return (
+        low.at[..., 0].set(jnp.where(idle[1], -jnp.inf, jnp.where(idle[0], 0.0, low[..., 0]))),
+        high.at[..., 0].set(jnp.where(idle[0], jnp.inf, jnp.where(idle[1], 0.0, high[..., 0]))),
+    )
+
+
+def best_manoeuvre(seen: Derived) -> tuple[jax.Array, jax.Array]:
+    """Return what the one manoeuvre does that keeps most, and how far it is to be done, ``[..., 2]`` each.
+
+    The actions are acceleration and yaw rate, 1 at the limit. Each is to be done as far as metres decide
+    (:func:`agents.foresight.pressed`) and whatever does otherwise keeps less: who has passed and only gets away from
+    now on may do as he likes, however close he is.
+
+    Args:
+        seen: of the feature set ``pressed``.
+    """
+    first = size("mirror")
+    kept = seen.inputs[..., first : first + COUNT]
+    bearing = jnp.arctan2(seen.inputs[..., _GOAL + 1], seen.inputs[..., _GOAL])
+    home = jnp.clip(bearing * (1.0 / SURROGATE.yaw_rate_max), -1.0, 1.0)
+    turns = jnp.stack([jnp.ones_like(home), -jnp.ones_like(home), jnp.zeros_like(home), home], axis=-1)
+    done = jnp.tile(jnp.array([-1.0, 0.0, 1.0]), COUNT // 3), jnp.repeat(turns, 3, axis=-1)
+    best = jnp.argmax(kept, axis=-1, keepdims=True)
+    near, most = seen.inputs[..., size("advised")], jnp.max(kept, axis=-1, keepdims=True)
+    actions, decided = [], []
+    for one in done:
+        each = jnp.broadcast_to(one, kept.shape)
+        action = jnp.take_along_axis(each, best, axis=-1)
+        otherwise = jnp.max(jnp.where(jnp.abs(each - action) > 0.5, kept, -1.0), axis=-1)
+        actions.append(action[..., 0])
+        decided.append(near * jnp.clip((most[..., 0] - otherwise) * (1.0 / _CLEARLY), 0.0, 1.0))
+    return jnp.stack([actions[0], actions[1] * seen.hand], axis=-1), jnp.stack(decided, axis=-1)
