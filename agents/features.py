@@ -20,12 +20,12 @@ same with every scene seen so that the intruder is left of the line to the goal:
 ``pressed``: and which one alone, where metres decide. Each of the last three begins with the one before."""
 
 MIRRORED = ("mirror", "foresight", "advised", "pressed")
-"""The sets that see a scene and its mirror image alike; the yaw rate then wants the factor of :func:`side`."""
+"""The sets that see a scene and its mirror image alike, each beginning with the one before; the yaw rate then
+wants the factor of :func:`side`."""
 
 _SIZES = {"none": 8, "cpa": 22, "mirror": 22, "foresight": 22 + COUNT + 2}
 _SIZES["advised"] = _SIZES["foresight"] + ADVICE
 _SIZES["pressed"] = _SIZES["advised"] + PRESSED
-_GROWING = ("mirror", "foresight", "advised", "pressed")
 _INTRUDER, _GOAL = 4, 6  # bearings in the observation, left positive
 
 
@@ -44,8 +44,8 @@ def begins(feature_set: str, shorter: str) -> bool:
     """Return whether the inputs of a feature set begin with those of another one, in the same order."""
     if feature_set == shorter:
         return True
-    both = feature_set in _GROWING and shorter in _GROWING
-    return both and _GROWING.index(shorter) < _GROWING.index(feature_set)
+    both = feature_set in MIRRORED and shorter in MIRRORED
+    return both and MIRRORED.index(shorter) < MIRRORED.index(feature_set)
 
 
 def side(observation: list[Any], feature_set: str, xp: Any) -> Any:
@@ -106,7 +106,7 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
         ahead, homeward = (_mirrored(passing, hand) for passing in (ahead, homeward))
         goal_sine = goal_sine * hand
     foreseen: list[Any] = []
-    if feature_set in ("foresight", "advised", "pressed"):
+    if begins(feature_set, "foresight"):
         foreseen = _foreseen(geometry, observation[_GOAL], hand, feature_set, xp)
     return [
         observation[0],
@@ -140,8 +140,8 @@ def _foreseen(geometry: Decoded, goal_bearing: Any, hand: Any, feature_set: str,
     return [
         *kept,
         *(_soft(outside * (1.0 / 500.0), xp) for outside in circles),
-        *(advice(kept, homeward, xp) if feature_set in ("advised", "pressed") else ()),
-        *(pressed(kept, homeward, xp) if feature_set == "pressed" else ()),
+        *(advice(kept, homeward, xp) if begins(feature_set, "advised") else ()),
+        *(pressed(kept, homeward, xp) if begins(feature_set, "pressed") else ()),
     ]
 
 

@@ -1,6 +1,7 @@
 """What the manoeuvres of the derived inputs keep is what the surrogate flies, in every array library."""
 
 import math
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -133,13 +134,18 @@ def test_between_two_sides_that_keep_the_same_it_advises_neither() -> None:
     assert max(kept) == max(kept[:6])
 
 
-def test_a_mirrored_scene_is_advised_the_other_turn() -> None:
-    random = np.random.default_rng(3)
-    kept = list(random.uniform(-1.0, 1.0, (COUNT, 200)))
+@pytest.mark.parametrize(
+    ("told", "numbers", "most", "seed"),
+    [(advice, ADVICE, 1.0, 3), (pressed, PRESSED, 0.3, 4)],
+    ids=["advice", "pressed"],
+)
+def test_a_mirrored_scene_is_told_the_other_turn(told: Any, numbers: int, most: float, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    kept = list(random.uniform(-1.0, most, (COUNT, 200)))
     bearing = random.uniform(-math.pi, math.pi, 200)
-    here = advice(kept, bearing, np)
-    there = advice([kept[i] for i in SWAPPED], -bearing, np)
-    assert len(here) == ADVICE
+    here = told(kept, bearing, np)
+    there = told([kept[i] for i in SWAPPED], -bearing, np)
+    assert len(here) == numbers
     np.testing.assert_allclose(np.array(here) * [[1.0], [1.0], [-1.0]], there, atol=1e-12)
     assert np.abs(here).max() <= 1.0
 
@@ -155,13 +161,3 @@ def test_where_metres_decide_the_one_best_manoeuvre_is_told(most: float, near: f
     assert sharp[0] == pytest.approx(near)
     assert sharp[1] == pytest.approx(-near, abs=0.2)
     assert sharp[2] == pytest.approx(near, abs=0.2)
-
-
-def test_a_mirrored_scene_is_pressed_to_the_other_side() -> None:
-    random = np.random.default_rng(4)
-    kept = list(random.uniform(-1.0, 0.3, (COUNT, 200)))
-    bearing = random.uniform(-math.pi, math.pi, 200)
-    here = pressed(kept, bearing, np)
-    there = pressed([kept[i] for i in SWAPPED], -bearing, np)
-    np.testing.assert_allclose(np.array(here) * [[1.0], [1.0], [-1.0]], there, atol=1e-12)
-    assert np.abs(here).max() <= 1.0
