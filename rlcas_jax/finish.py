@@ -1,6 +1,7 @@
 """What a training leaves behind: the policy file, the final evaluation, the figures and a summary."""
 
 import json
+import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,7 +34,7 @@ def finish(run: Run) -> dict[str, Any]:
         "seed": run.config.seed,
         "finished": run.finished,
         "steps": int(run.state.update) * run.task.steps_per_update,
-        "training_score": run.score,
+        "training_score": run.score if math.isfinite(run.score) else None,  # no episode has ended yet
         "evaluation": evaluation,
         "wall_s": run.wall_s,
         "policy": path.name,
@@ -95,8 +96,9 @@ def table(directory: Path, summaries: Sequence[dict[str, Any]]) -> str:
         judged = summary["evaluation"]
         state = "" if summary["finished"] else ", interrupted"
         lines.append(f"seed {summary['seed']}: {summary['steps']:,} steps in {summary['wall_s']:.0f} s{state}")
+        score = "none yet" if summary["training_score"] is None else f"{summary['training_score']:+.1f}"
         rows = {
-            "training score (stochastic policy, last 5 % of the episodes)": f"{summary['training_score']:+.1f}",
+            "training score (stochastic policy, last 5 % of the episodes)": score,
             f"deterministic policy, {judged['encounters']} encounters: mean score": f"{judged['score_mean']:+.1f}",
             "resolved, of all": f"{judged['success_rate']:.2%}",
             "resolved, of the resolvable": f"{judged['success_given_resolvable']:.2%}",
@@ -107,11 +109,11 @@ def table(directory: Path, summaries: Sequence[dict[str, Any]]) -> str:
         }
         lines += [f"  {name:<64}{value:>9}" for name, value in rows.items()]
     if len(summaries) > 1:
-        scores = [summary["training_score"] for summary in summaries]
+        scores = [summary["training_score"] for summary in summaries if summary["training_score"] is not None]
         given = [summary["evaluation"]["success_given_resolvable"] for summary in summaries]
+        reached = f"training score {min(scores):+.1f} to {max(scores):+.1f}, " if scores else ""
         lines.append(
-            f"{len(summaries)} seeds: training score {min(scores):+.1f} to {max(scores):+.1f}, "
-            f"resolved of the resolvable {min(given):.2%} to {max(given):.2%}"
+            f"{len(summaries)} seeds: {reached}resolved of the resolvable {min(given):.2%} to {max(given):.2%}"
         )
     lines.append(f"policy, summary, metrics and figures: {directory}")
     return "\n".join(lines)

@@ -16,6 +16,7 @@ from agents.configuration import load
 from agents.inference import Policy
 from rlcas_jax import checkpoint, metrics
 from rlcas_jax.config import TrainConfig
+from rlcas_jax.finish import table
 from rlcas_jax.task import build
 
 TINY = """\
@@ -120,6 +121,17 @@ def test_resuming_after_a_kill_equals_an_uninterrupted_run(
     assert (killed / "policy.safetensors").read_bytes() == (uninterrupted / "policy.safetensors").read_bytes()
 
 
+def test_before_an_episode_has_ended_there_is_no_training_score() -> None:
+    judged = dict.fromkeys(("score_mean", "success_rate", "success_given_resolvable", "violation_rate"), 0.0)
+    judged |= {"timeout_rate": 1.0, "unresolvable_proven": 0, "undecided": 0, "encounters": 1}
+    begun = {"seed": 0, "steps": 1, "wall_s": 1.0, "finished": False, "training_score": None, "evaluation": judged}
+    assert "none yet" in table(Path("runs"), [begun])
+    assert "2 seeds: resolved of" in table(Path("runs"), [begun, begun])
+    assert "2 seeds: training score +7.0 to +7.0, resolved of" in table(
+        Path("runs"), [begun, begun | {"training_score": 7.0}]
+    )
+
+
 @pytest.mark.slow
 def test_ctrl_c_saves_and_exports(config_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "stopped"
@@ -127,7 +139,8 @@ def test_ctrl_c_saves_and_exports(config_file: Path, tmp_path: Path) -> None:
     assert status == 130, output
     assert f"--resume {out}" in output
     assert "Traceback" not in output
-    assert not json.loads((out / "summary.json").read_text())["finished"]
+    summary = json.loads((out / "summary.json").read_text(), parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
+    assert not summary["finished"]
     Policy.load(out / "policy.safetensors")
     stored = checkpoint.latest(out / "checkpoints")
     assert int(stored.stem.rpartition("-")[2]) == metrics.read(out)["update"][-1]
