@@ -198,6 +198,11 @@ class PracticeConfig(Strict):
     courses within 60 degrees, and nobody turns."""
     edge_share: float = Field(default=0.1, gt=0.0, lt=1.0)
     """Of all encounters, those of the file included."""
+    intricate: int = Field(default=0, ge=0, le=100_000)
+    """Encounters to draw and practise likewise that none of the twelve resolves, by up to 10 m, but some other flight
+    does; 0: none. A hundred take half a minute to find."""
+    intricate_share: float = Field(default=0.05, gt=0.0, lt=1.0)
+    """Of all encounters, those of the file and the edges included."""
     examples: Path | None = None
     """File of examples (`eval.practice --examples` writes one), as seen from the working directory: observations and
     the actions of flights that resolve such encounters, which the policy is drawn to; null: none."""
@@ -211,6 +216,9 @@ class PracticeConfig(Strict):
     pressed: float = Field(default=0.0, ge=0.0)
     """Weight of the squared distance from the best of twelve simple manoeuvres in the loss, where that one keeps less
     than 3 m beyond 1000 m; up to 10 m it falls to 0. Wants the feature set `pressed`."""
+    second: bool = False
+    """With `pressed`, whether it is the best of them for the next second only, with whichever keeps most from there
+    on, instead of the best for good."""
 
 
 class EvaluationConfig(Strict):

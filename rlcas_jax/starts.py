@@ -1,6 +1,7 @@
 """The starts that a training draws: its mixture of encounters, and what separation each is asked for."""
 
 import math
+from collections.abc import Callable
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -9,18 +10,26 @@ import jax.numpy as jnp
 import numpy as np
 
 from agents.configuration import ConfigError
+from agents.resolvability import Verdict, classify
 from envs import encounter_file, surrogate
 from envs.encounters import Encounter, EncounterError, Scenario, choose, padded, sample, scenario
+from envs.outcome import RULES
 from envs.relative import distance
 from envs.starts import cast, joined
 from envs.trees import mapped
 from rlcas_jax.config import TrainConfig, WorldConfig
 from rlcas_jax.escapes import best
 
-__all__ = ["Own", "asked", "displaced", "draw", "edges", "late", "noisy", "practised"]
+__all__ = ["Own", "asked", "displaced", "draw", "edges", "intricate", "late", "noisy", "practised"]
 
 _BLOCK = 50_000
 """Encounters drawn at a time to find edges among."""
+
+_SHORT = 10.0
+"""By how much no simple manoeuvre keeps enough in what is intricate, m: one in ninety can be resolved up to here."""
+
+_ENOUGH = 5.0
+"""Encounters to expect before it is said that there are hardly any."""
 
 _EDGES = (
     scenario("same_course", attempts=1),
@@ -36,15 +45,17 @@ class Own(NamedTuple):
     """Of ``practice.encounters``."""
     edges: Encounter | None = None
     """Of ``practice.edges``."""
+    intricate: Encounter | None = None
+    """Of ``practice.intricate``."""
 
     @classmethod
     def of(cls, config: TrainConfig) -> "Own":
         """Return those of a configuration.
 
         Raises:
-            ConfigError: they cannot be had; see :func:`practised` and :func:`edges`.
+            ConfigError: they cannot be had; see :func:`practised`, :func:`edges` and :func:`intricate`.
         """
-        return cls(practised(config), edges(config))
+        return cls(practised(config), edges(config), intricate(config))
 
 
 def practised(config: TrainConfig) -> Encounter | None:
@@ -79,22 +90,70 @@ def edges(config: TrainConfig) -> Encounter | None:
     Raises:
         ConfigError: there are hardly any for this separation and edge.
     """
-    wanted, separation = config.practice.edges, config.world.separation
-    random = np.random.default_rng(config.seed)
+    practice, separation = config.practice, config.world.separation
+
+    def little(spare: np.ndarray, _: Encounter) -> np.ndarray:
+        return (spare > 0.0) & (spare <= practice.edge)
+
+    what = f"practice.edge is {practice.edge:g} m with world.separation {separation:g} m"
+    return _near_the_limit(practice.edges, little, separation, np.random.default_rng(config.seed), what, 1e-4)
+
+
+def intricate(config: TrainConfig) -> Encounter | None:
+    """Return encounters that no simple manoeuvre resolves but another flight does, float32 ``[M]``; or None.
+
+    They are the same for every run of a seed.
+
+    Raises:
+        ConfigError: there are hardly any for this separation.
+    """
+    practice, separation = config.practice, config.world.separation
+    rules, limits = RULES._replace(separation=separation), config.world.limits()
+
+    def resolvable(spare: np.ndarray, starts: Encounter) -> np.ndarray:
+        chosen = np.zeros(spare.shape, dtype=bool)
+        short = np.flatnonzero((spare > -_SHORT) & (spare <= 0.0))
+        verdict = classify(mapped(lambda field: field[short], starts), rules, limits).verdict
+        chosen[short] = verdict == Verdict.RESOLVABLE
+        return chosen
+
+    what = f"practice.intricate is {practice.intricate} with world.separation {separation:g} m"
+    random = np.random.default_rng((config.seed, 1))
+    return _near_the_limit(practice.intricate, resolvable, separation, random, what, 1e-5)
+
+
+def _near_the_limit(
+    wanted: int,
+    chosen: Callable[[np.ndarray, Encounter], np.ndarray],
+    separation: float,
+    random: np.random.Generator,
+    what: str,
+    rarest: float,
+) -> Encounter | None:
+    """Return so many encounters of :data:`_EDGES`, float32 ``[wanted]``; None of 0.
+
+    Args:
+        wanted: how many.
+        chosen: (what the best manoeuvre keeps beyond the separation, m, ``[N]``, encounters ``[N]``) -> which, ``[N]``.
+        separation: m.
+        random: what they are drawn with.
+        what: is asked for, in words.
+        rarest: share of those drawn that must be such.
+
+    Raises:
+        ConfigError: fewer are.
+    """
     found: list[Encounter] = []
-    have = drawn = 0
+    have = drawn = families = 0
     while have < wanted:
-        family = _EDGES[len(found) % len(_EDGES)]
+        family = _EDGES[families % len(_EDGES)]
         starts, accepted = sample(family, random.random((1, _BLOCK, family.dimensions)), np)
         spare = best(starts.own, starts.goal_x, starts.goal_y, starts.intruders, starts.mask, np) - separation
-        chosen = np.flatnonzero(accepted & (spare > 0.0) & (spare <= config.practice.edge))
-        found.append(mapped(lambda field, chosen=chosen: field[chosen], starts))
-        have, drawn = have + chosen.size, drawn + _BLOCK
-        if have < 1e-4 * drawn:
-            raise ConfigError(
-                f"practice.edge is {config.practice.edge:g} m with world.separation {separation:g} m: {have} of "
-                f"{drawn} encounters are such, expected one in ten thousand at least"
-            )
+        rows = np.flatnonzero(accepted & chosen(spare, starts))
+        found.append(mapped(lambda field, rows=rows: field[rows], starts))
+        have, drawn, families = have + rows.size, drawn + _BLOCK, families + 1
+        if rarest * drawn >= _ENOUGH and have < rarest * drawn:
+            raise ConfigError(f"{what}: {have} of {drawn} encounters are such, expected {rarest * drawn:.0f} at least")
     if not wanted:
         return None
     together = reduce(joined, found)
@@ -116,7 +175,11 @@ def draw(key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: i
     count = config.ppo.environments
     pool = surrogate.redraw_pool(key, scenarios, weights, rows, count)
     practice = config.practice
-    kinds = ((own.file, practice.share, practice.displacement), (own.edges, practice.edge_share, 0.0))
+    kinds = (
+        (own.file, practice.share, practice.displacement),
+        (own.edges, practice.edge_share, 0.0),
+        (own.intricate, practice.intricate_share, 0.0),
+    )
     for number, (starts, share, reach) in enumerate(kinds, start=len(scenarios)):
         if starts is not None:
             pool = _mixed(jax.random.fold_in(key, number), pool, starts, share, reach, config.world.separation)

@@ -4,6 +4,7 @@ The reward tells of a lost metre late, and in hardly one flight of many; a teach
 asked about the states that the policy comes to itself (Ross et al. 2011).
 """
 
+import math
 from collections.abc import Callable
 
 import jax
@@ -14,18 +15,26 @@ from agents.features import size
 from agents.foresight import COUNT
 from agents.networks import Actor, Derived
 from agents.ppo import Taught, met_by
-from envs.kinematics import SURROGATE, Limits
+from envs.kinematics import SURROGATE, Limits, VehicleState, advance, commands
 from envs.observation import SPEED_HALF, SPEED_MIDDLE
+from envs.relative import leg_separation
+from rlcas_jax import escapes
 from rlcas_jax.beginning import actor_with, policy_at
 from rlcas_jax.config import TrainConfig
 
-__all__ = ["best_manoeuvre", "flown", "teacher", "teaches"]
+__all__ = ["best_manoeuvre", "best_second", "flown", "teacher", "teaches"]
 
 _GOAL = 8
 """Where the cosine and the sine of the goal's bearing are among the inputs."""
 
 _CLEARLY = 0.01
 """What one manoeuvre keeps less than another, squashed, from which on it is clearly the worse: 0.3 m near 1000 m."""
+
+_CLEARLY_M = 0.1
+"""The same of what is kept after a second, m: who errs for a second loses less than who does for good."""
+
+_DECIDED = 1 / 12
+"""Of what is seen, as much as is looked ahead from at most, the most pressed: it takes 12 times the work."""
 
 _AT_LIMIT = 1e-4
 """A speed this close to a limit is at it, in units of the observation: 2.5 mm/s."""
@@ -63,7 +72,7 @@ def teacher(config: TrainConfig) -> Callable[[Derived, jax.Array], Taught] | Non
             low, high = flown(actor.apply(variables, seen)[0], seen, limits)
             weight = weight + practice.teaching * held[..., None]
         if practice.pressed:
-            manoeuvre, near = best_manoeuvre(seen)
+            manoeuvre, near = (best_second if practice.second else best_manoeuvre)(seen)
             beyond = met_by(manoeuvre)
             low, high = (jnp.where(near > 0.0, new, old) for new, old in zip(beyond, (low, high), strict=True))
             weight = jnp.where(near > 0.0, practice.pressed * near, weight)
@@ -119,3 +128,56 @@ def best_manoeuvre(seen: Derived) -> tuple[jax.Array, jax.Array]:
         actions.append(action[..., 0])
         decided.append(near * jnp.clip((most[..., 0] - otherwise) * (1.0 / _CLEARLY), 0.0, 1.0))
     return jnp.stack([actions[0], actions[1] * seen.hand], axis=-1), jnp.stack(decided, axis=-1)
+
+
+def best_second(seen: Derived) -> tuple[jax.Array, jax.Array]:
+    """Return what the next second is best used for, and how far it is to be done, ``[..., 2]`` each.
+
+    One of the twelve manoeuvres is flown for a second, and from there on the one that then keeps most. Where no
+    manoeuvre keeps enough, one after another often does, and a policy that does this in each second finds them (a
+    rollout, Tesauro and Galperin 1996).
+
+    Args:
+        seen: as for :func:`best_manoeuvre`; so is what is returned.
+    """
+    pressed = seen.inputs[..., size("advised")]
+    near, rows = jax.lax.top_k(pressed.reshape(-1), math.ceil(pressed.size * _DECIDED))
+    own, goal, other = _scene(seen.inputs.reshape(-1, seen.inputs.shape[-1])[rows])
+    home = jnp.clip(jnp.arctan2(goal[1], goal[0]) * (1.0 / SURROGATE.yaw_rate_max), -1.0, 1.0)
+    accelerations = jnp.tile(jnp.array([-1.0, 0.0, 1.0]), COUNT // 3)[:, None] * jnp.ones_like(home)
+    turns = jnp.repeat(jnp.stack([jnp.ones_like(home), -jnp.ones_like(home), jnp.zeros_like(home), home]), 3, axis=0)
+    own_then = advance(own, *commands((accelerations, turns), SURROGATE, jnp), 1.0, SURROGATE, jnp)
+    other_then = advance(other, 0.0, 0.0, 1.0, SURROGATE, jnp)
+    alone = jax.tree.map(lambda field: jnp.broadcast_to(field, home.shape)[..., None], other_then)
+    then = escapes.best(own_then, *goal, alone, jnp.ones_like(alone.x, dtype=bool), jnp)
+    kept = jnp.minimum(leg_separation(own, own_then, other, other_then, 1.0, jnp), then)
+    best, most = jnp.argmax(kept, axis=0), jnp.max(kept, axis=0)
+    hand = seen.hand.reshape(-1)[rows]
+    actions, decided = [], []
+    for each, sign in ((accelerations, jnp.ones_like(hand)), (turns, hand)):
+        action = jnp.take_along_axis(each, best[None], axis=0)[0]
+        otherwise = jnp.max(jnp.where(jnp.abs(each - action) > 0.5, kept, -jnp.inf), axis=0)
+        actions.append(action * sign)
+        decided.append(near * jnp.clip((most - otherwise) * (1.0 / _CLEARLY_M), 0.0, 1.0))
+
+    def placed(parts: list[jax.Array]) -> jax.Array:
+        return jnp.zeros((pressed.size, 2)).at[rows].set(jnp.stack(parts, axis=-1)).reshape(*pressed.shape, 2)
+
+    return placed(actions), placed(decided)
+
+
+def _scene(inputs: jax.Array) -> tuple[VehicleState, tuple[jax.Array, jax.Array], VehicleState]:
+    """Return ownship, goal and intruder behind inputs ``[N, F]`` of the feature set ``mirror``, mirrored as they are.
+
+    The ownship is where x and y are 0, and flies along x.
+    """
+    intruder_range, goal_range = ((inputs[:, i] + 1.0) * 10_000.0 for i in (6, 10))
+    speed, vx, vy = inputs[:, 0] * SPEED_HALF + SPEED_MIDDLE, inputs[:, 2] * 100.0, inputs[:, 3] * 100.0
+    still = jnp.zeros_like(speed)
+    return (
+        VehicleState(still, still, still, speed),
+        (inputs[:, _GOAL] * goal_range, inputs[:, _GOAL + 1] * goal_range),
+        VehicleState(
+            inputs[:, 4] * intruder_range, inputs[:, 5] * intruder_range, jnp.arctan2(vy, vx), jnp.hypot(vx, vy)
+        ),
+    )

@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 
 from agents.configuration import ConfigError, load
+from agents.resolvability import Verdict, classify, replay
 from envs import encounter_file
 from envs.encounters import SCENARIOS, Encounter
-from envs.starts import numbered
+from envs.kinematics import SURROGATE
+from envs.outcome import RULES
+from envs.starts import cast, numbered
+from envs.trees import take
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.escapes import best
-from rlcas_jax.starts import Own, displaced, draw, edges, practised
+from rlcas_jax.starts import Own, displaced, draw, edges, intricate, practised
 from rlcas_jax.train import main
 
 CALM = numbered(SCENARIOS["maneuvering"], 3, 0, 7)
@@ -82,6 +86,26 @@ def test_edges_leave_little_to_lose_and_are_a_share_of_the_starts() -> None:
     drawn = draw(jax.random.key(1), config, [entry.scenario() for entry in config.scenarios], 50, Own(None, found))
     assert np.isin(np.asarray(drawn.own.heading), found.own.heading).mean() == pytest.approx(0.4, abs=0.05)
     assert edges(load(TrainConfig, None, [])) is None
+
+
+@pytest.mark.slow
+def test_what_is_intricate_no_simple_manoeuvre_resolves_but_another_flight_does() -> None:
+    config = load(TrainConfig, None, ["practice.intricate=5", "practice.intricate_share=0.3", "ppo.environments=64"])
+    found = intricate(config)
+    assert found is not None
+    assert found.goal_x.shape == (5,)
+    short = spare(found)
+    assert np.all((short > -10.05) & (short <= 0.05))
+    # Shown by the flight itself, of the true limits and rules.
+    starts = cast(found, np.float64)
+    judged = classify(starts, RULES, SURROGATE)
+    for i in np.flatnonzero(judged.verdict == Verdict.RESOLVABLE):
+        flight = replay(take(starts, i), take(judged.witness, i), RULES, SURROGATE)
+        assert flight.separation.min() >= 1_000.0
+    assert (judged.verdict == Verdict.RESOLVABLE).sum() >= 4  # the last float32 digit may cost one
+    drawn = draw(jax.random.key(1), config, [entry.scenario() for entry in config.scenarios], 50, Own(intricate=found))
+    assert np.isin(np.asarray(drawn.own.heading), found.own.heading).mean() == pytest.approx(0.3, abs=0.05)
+    assert intricate(load(TrainConfig, None, [])) is None
 
 
 def test_edges_that_hardly_exist_are_a_sentence() -> None:

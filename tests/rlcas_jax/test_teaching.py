@@ -14,15 +14,16 @@ from agents.features import FEATURE_SETS, begins, features, size
 from agents.networks import Actor, derived
 from agents.ppo import met_by
 from envs import surrogate
-from envs.kinematics import SURROGATE, VehicleState, commands
+from envs.kinematics import SURROGATE, VehicleState, advance, commands
 from envs.observation import observe
 from rlcas_jax import metrics
 from rlcas_jax.beginning import actor_with, policy_at
 from rlcas_jax.config import TrainConfig
+from rlcas_jax.escapes import best
 from rlcas_jax.loop import Run, run
 from rlcas_jax.progress import Reporter
 from rlcas_jax.starts import edges
-from rlcas_jax.teaching import best_manoeuvre, flown, teacher
+from rlcas_jax.teaching import best_manoeuvre, best_second, flown, teacher
 
 HIDDEN = (8, 8)
 
@@ -70,12 +71,17 @@ def test_an_actor_with_more_inputs_does_what_the_policy_does(policy: Path) -> No
 
 
 @cache
-def pressed_scenes(count: int = 100) -> jax.Array:
-    """Return observations of starts within metres of the limit."""
+def pressed_states(count: int = 100) -> surrogate.State:
+    """Return starts within metres of the limit."""
     config = TrainConfig.model_validate({"practice": {"edges": count, "edge": 6.0}, "seed": 5})
     starts = edges(config)
     assert starts is not None
-    return surrogate.observe(surrogate.reset(starts))
+    return surrogate.reset(starts)
+
+
+def pressed_scenes(count: int = 100) -> jax.Array:
+    """Return observations of them."""
+    return surrogate.observe(pressed_states(count))
 
 
 def test_the_best_manoeuvre_is_what_keeps_most_where_nothing_else_does() -> None:
@@ -101,6 +107,46 @@ def test_the_best_manoeuvre_is_what_keeps_most_where_nothing_else_does() -> None
     assert ((near >= 0.0) & (near <= np.asarray(seen.inputs[:, -3:-2]))).all()
     spacious = derived(observations(), "pressed")
     assert not np.asarray(best_manoeuvre(spacious)[1])[np.asarray(spacious.inputs[:, -3]) == 0.0].any()
+
+
+def after_a_second(state: surrogate.State, acceleration: jax.Array, turn: jax.Array) -> np.ndarray:
+    """Return what the best manoeuvre keeps after a second of commands in [-1, 1], m, ``[N]``; true states."""
+    own = advance(state.own, *commands((acceleration, turn), SURROGATE, jnp), 1.0, SURROGATE, jnp)
+    others = advance(state.intruders.vehicle, 0.0, 0.0, 1.0, SURROGATE, jnp)
+    return np.asarray(best(own, state.goal_x, state.goal_y, others, state.mask, jnp))
+
+
+def test_the_best_second_leaves_the_most_of_all_seconds() -> None:
+    state = pressed_states()
+    scenes = surrogate.observe(state)
+    # Most are not looked at for want of time: twelve times over, all of these are.
+    seen = derived(jnp.tile(scenes, (12, 1)), "pressed")
+    action, decided = (np.asarray(field) for field in best_second(seen))
+    looked = np.flatnonzero(np.any(action != 0.0, axis=1) | np.any(decided != 0.0, axis=1))
+    rows, first = np.unique(looked % len(scenes), return_index=True)
+    assert len(rows) > 40
+    action, decided = action[looked[first]], decided[looked[first]]
+    state = jax.tree.map(lambda field: field[rows], state)
+    left = after_a_second(state, jnp.asarray(action[:, 0]), jnp.asarray(action[:, 1]))
+    still = np.ones(len(rows), np.float32)
+    for acceleration in (-1.0, 0.0, 1.0):
+        for turn in (-1.0, 0.0, 1.0):
+            other = after_a_second(state, jnp.asarray(acceleration * still), jnp.asarray(turn * still))
+            assert (other <= left + 0.05).all()
+            # Who is told to do one thing would lose by the other.
+            for told, which in zip(decided.T, ((acceleration, action[:, 0]), (turn, action[:, 1])), strict=True):
+                apart = np.abs(which[0] - which[1]) > 0.5
+                assert (other < left)[apart & (told > 0.6)].all()
+    assert (decided > 0.9).any(axis=0).all()
+
+
+def test_the_best_second_of_a_mirrored_scene_is_its_mirror_image() -> None:
+    scenes = pressed_scenes(50)
+    mirrored = scenes * jnp.array([1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0])
+    (one, how), (other, how_other) = (best_second(derived(each, "pressed")) for each in (scenes, mirrored))
+    np.testing.assert_allclose(one, other * jnp.array([1.0, -1.0]), atol=1e-5)
+    np.testing.assert_allclose(how, how_other, atol=1e-3)
+    assert np.asarray(how).any()
 
 
 def test_who_has_passed_may_do_as_he_likes_however_close_he_is() -> None:
