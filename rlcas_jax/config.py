@@ -200,7 +200,7 @@ class PracticeConfig(Strict):
     """Of all encounters, those of the file included."""
     intricate: int = Field(default=0, ge=0, le=100_000)
     """Encounters to draw and practise likewise that none of the twelve resolves, by up to 10 m, but some other flight
-    does; 0: none. A hundred take half a minute to find."""
+    does; 0: none. A hundred take two minutes to find."""
     intricate_share: float = Field(default=0.05, gt=0.0, lt=1.0)
     """Of all encounters, those of the file and the edges included."""
     examples: Path | None = None
@@ -213,12 +213,18 @@ class PracticeConfig(Strict):
     (`ppo.smoothness_room`, `ppo.smoothness_speed`), or everywhere where these are not given; null: none."""
     teaching: float = Field(default=1.0, gt=0.0)
     """Weight of the squared distance from the teacher's mean actions in the loss."""
+    teaching_near: float = Field(default=0.0, ge=0.0)
+    """What the best of twelve simple manoeuvres keeps beyond the separation where the teacher has no say any more, m:
+    it falls to 0 there, and a teacher that comes late teaches nobody to; 0: as told at `teacher`."""
     pressed: float = Field(default=0.0, ge=0.0)
     """Weight of the squared distance from the best of twelve simple manoeuvres in the loss, where that one keeps less
     than 3 m beyond 1000 m; up to 10 m it falls to 0. Wants the feature set `pressed`."""
     second: bool = False
     """With `pressed`, whether it is the best of them for the next second only, with whichever keeps most from there
     on, instead of the best for good."""
+    unwind: float = Field(default=0.0, ge=0.0)
+    """Weight of the squared yaw rate, 1 at the limit, where the ownship flies as slowly as it can, with room enough,
+    and the goal lies within the circle of its tightest turn: who turns to it there circles around it for ever."""
 
 
 class EvaluationConfig(Strict):

@@ -25,6 +25,7 @@ __all__ = [
     "potential",
     "price",
     "rejoin",
+    "roomy",
     "shaped",
     "swing",
     "worth",
@@ -105,11 +106,22 @@ def calm(state: State, room: tuple[float, float], rules: Rules, speed: float = 0
     if speed:
         counts = counts * (1.0 - _late(state, rules.t_max, speed))
     if room[0]:
-        counts = counts * jnp.clip(_spare(state, rules.separation) * (1.0 / room[0]), 0.0, 1.0)
+        counts = counts * roomy(state, room[0], rules.separation)
     if room[1]:
         left = distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp) - rules.goal_radius
         counts = counts * jnp.clip(left * (1.0 / room[1]), 0.0, 1.0)
     return counts
+
+
+def roomy(state: State, room: float, separation: float) -> jax.Array:
+    """Return how much of ``room`` m the best of twelve manoeuvres keeps beyond the separation, ``[N]`` in [0, 1].
+
+    Args:
+        state: encounters in progress.
+        room: m.
+        separation: m; ``state.demanded`` goes before it.
+    """
+    return jnp.clip(_spare(state, separation) * (1.0 / room), 0.0, 1.0)
 
 
 def _spare(state: State, separation: float) -> jax.Array:

@@ -18,7 +18,7 @@ from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import AXIS, Devices
 from rlcas_jax.examples import exemplary
-from rlcas_jax.shaping import calm, paid
+from rlcas_jax.shaping import calm, paid, roomy
 from rlcas_jax.starts import Own, draw, noisy
 from rlcas_jax.teaching import teacher, teaches
 
@@ -255,7 +255,9 @@ def _training_environment(
         reward = paid(result.reward, state, following, action[:, 1], config)
         counts = where(following) if any(config.ppo.smoothness) else None
         held = None
-        if teaches(config):
+        if teaches(config) and config.practice.teaching_near:
+            held = 1.0 - roomy(state, config.practice.teaching_near, world.rules.separation)
+        elif teaches(config):
             relaxed = where(state)
             held = jnp.ones_like(reward) if relaxed is None else 1.0 - relaxed
         return following, Step(reward, following.ended, (result.reward, result.outcome), counts, held)

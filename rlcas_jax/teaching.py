@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from agents.configuration import ConfigError
-from agents.features import size
+from agents.features import begins, size
 from agents.foresight import COUNT
 from agents.networks import Actor, Derived
 from agents.ppo import Taught, met_by
@@ -22,7 +22,7 @@ from rlcas_jax import escapes
 from rlcas_jax.beginning import actor_with, policy_at
 from rlcas_jax.config import TrainConfig
 
-__all__ = ["best_manoeuvre", "best_second", "flown", "teacher", "teaches"]
+__all__ = ["around", "best_manoeuvre", "best_second", "flown", "teacher", "teaches"]
 
 _GOAL = 8
 """Where the cosine and the sine of the goal's bearing are among the inputs."""
@@ -36,20 +36,25 @@ _CLEARLY_M = 0.1
 _DECIDED = 1 / 12
 """Of what is seen, as much as is looked ahead from at most, the most pressed: it takes 12 times the work."""
 
+_PASSED, _SLOW, _SPACIOUS = 450.0, 6.0, 0.77
+"""Distance at which a circle may pass the goal, m; how far above the lowest speed is slow, m/s; what the best manoeuvre
+keeps where there is room, squashed: 100 m."""
+
 _AT_LIMIT = 1e-4
 """A speed this close to a limit is at it, in units of the observation: 2.5 mm/s."""
 
 
 def teaches(config: TrainConfig) -> bool:
     """Return whether there is a teacher."""
-    return config.practice.teacher is not None or config.practice.pressed > 0.0
+    return config.practice.teacher is not None or config.practice.pressed > 0.0 or config.practice.unwind > 0.0
 
 
 def teacher(config: TrainConfig) -> Callable[[Derived, jax.Array], Taught] | None:
     """Return what a configuration's actor is kept to, of what it sees and how far it is held; None: to nothing.
 
     Raises:
-        ConfigError: the policy of ``practice.teacher`` cannot be used, or ``practice.pressed`` lacks its inputs.
+        ConfigError: the policy of ``practice.teacher`` cannot be used, or ``practice.pressed`` or ``practice.unwind``
+            lacks its inputs.
     """
     if not teaches(config):
         return None
@@ -57,6 +62,11 @@ def teacher(config: TrainConfig) -> Callable[[Derived, jax.Array], Taught] | Non
     if practice.pressed and feature_set != "pressed":
         raise ConfigError(
             f"practice.pressed is {practice.pressed:g} with network.feature_set {feature_set}; expected pressed"
+        )
+    if practice.unwind and not begins(feature_set, "foresight"):
+        raise ConfigError(
+            f"practice.unwind is {practice.unwind:g} with network.feature_set {feature_set}; "
+            "expected foresight, advised or pressed"
         )
     policy = None
     if practice.teacher is not None:
@@ -76,6 +86,10 @@ def teacher(config: TrainConfig) -> Callable[[Derived, jax.Array], Taught] | Non
             beyond = met_by(manoeuvre)
             low, high = (jnp.where(near > 0.0, new, old) for new, old in zip(beyond, (low, high), strict=True))
             weight = jnp.where(near > 0.0, practice.pressed * near, weight)
+        if practice.unwind:
+            circling = around(seen, limits)
+            low, high = (jnp.where(circling > 0.0, 0.0, bound) for bound in (low, high))
+            weight = jnp.where(circling > 0.0, practice.unwind * circling, weight)
         return jax.lax.stop_gradient(Taught(low, high, weight))
 
     return taught
@@ -164,6 +178,28 @@ def best_second(seen: Derived) -> tuple[jax.Array, jax.Array]:
         return jnp.zeros((pressed.size, 2)).at[rows].set(jnp.stack(parts, axis=-1)).reshape(*pressed.shape, 2)
 
     return placed(actions), placed(decided)
+
+
+def around(seen: Derived, limits: Limits) -> jax.Array:
+    """Return whether a turn to the goal leads around it for ever, ``[..., 2]`` in [0, 1]: of the turn, 0 of the other.
+
+    At the lowest speed a circle gets no smaller; it shall pass the goal within :data:`_PASSED`. Where metres decide,
+    or will, it is no matter.
+
+    Args:
+        seen: of any of the sets that begin with ``foresight``.
+        limits: of the vehicle; floats.
+    """
+    inputs = seen.inputs
+    speed, goal_range = inputs[..., 0] * SPEED_HALF + SPEED_MIDDLE, (inputs[..., 10] + 1.0) * 10_000.0
+    x, y = inputs[..., _GOAL] * goal_range, jnp.abs(inputs[..., _GOAL + 1]) * goal_range
+    radius = speed * (1.0 / limits.yaw_rate_max)
+    missed = radius - jnp.hypot(x, y - radius)
+    first = size("mirror")
+    spacious = jnp.max(inputs[..., first : first + COUNT], axis=-1) > _SPACIOUS
+    slow = jnp.clip((limits.speed_min + _SLOW - speed) * (2.0 / _SLOW), 0.0, 1.0)
+    turn = jnp.where(spacious, slow * jnp.clip((missed - _PASSED) * (1.0 / 50.0), 0.0, 1.0), 0.0)
+    return jnp.stack([jnp.zeros_like(turn), turn], axis=-1)
 
 
 def _scene(inputs: jax.Array) -> tuple[VehicleState, tuple[jax.Array, jax.Array], VehicleState]:

@@ -106,6 +106,8 @@ ELSEWHERE = {
     "practice.teaching": "the same (test_teaching)",
     "practice.pressed": "the same (test_teaching)",
     "practice.second": "the same (test_teaching)",
+    "practice.teaching_near": "the same (test_teaching)",
+    "practice.unwind": "the same (test_teaching)",
     "seed": "the draws (test_loop: another seed is another run)",
     "evaluation.every_steps": "the metrics (test_loop)",
     "evaluation.encounters": "the metrics (test_loop)",

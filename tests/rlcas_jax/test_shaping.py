@@ -16,7 +16,7 @@ from envs.encounters import padded, sample, scenario
 from envs.kinematics import SURROGATE, VehicleState
 from envs.outcome import RULES
 from rlcas_jax.config import ShapingConfig
-from rlcas_jax.shaping import GENTLE, calm, delay, detour, escape, potential, price, rejoin, shaped, swing
+from rlcas_jax.shaping import GENTLE, calm, delay, detour, escape, potential, price, rejoin, roomy, shaped, swing
 
 WORLD = surrogate.World(RULES, SURROGATE)
 COUNT, STEPS = 128, 300
@@ -198,6 +198,7 @@ def test_an_escape_is_that_of_the_derived_inputs(episodes) -> None:
     found = np.asarray(escape(state, 1_000.0, 50.0))
     np.testing.assert_allclose(found, np.clip((best - 1_000.0) / 50.0, -1.0, 1.0), atol=2e-3)
     assert (found < 1.0).sum() > 10
+    np.testing.assert_allclose(roomy(state, 50.0, 1_000.0), np.maximum(found, 0.0), atol=1e-6)
     asked = state._replace(demanded=jnp.full(COUNT, 1_080.0))
     np.testing.assert_allclose(escape(asked, 1_000.0, 50.0), np.clip((best - 1_080.0) / 50.0, -1.0, 1.0), atol=2e-3)
 

@@ -1,5 +1,6 @@
 """What a policy in training is kept to, and how a policy goes on with more inputs."""
 
+import math
 from functools import cache
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from rlcas_jax.escapes import best
 from rlcas_jax.loop import Run, run
 from rlcas_jax.progress import Reporter
 from rlcas_jax.starts import edges
-from rlcas_jax.teaching import best_manoeuvre, best_second, flown, teacher
+from rlcas_jax.teaching import around, best_manoeuvre, best_second, flown, teacher
 
 HIDDEN = (8, 8)
 
@@ -196,6 +197,44 @@ def test_what_is_taught_is_the_teacher_where_held_and_the_best_manoeuvre_where_p
     assert teacher(told(None)) is None
 
 
+def homeward(scene: VehicleState, goal_x: jax.Array, goal_y: jax.Array, *, unwinding: bool) -> np.ndarray:
+    """Return how close those come to their goals who turn to them at the limit, m; the intruder is far away."""
+    far = VehicleState(*(jnp.full(scene.x.shape, value) for value in (-15e3, 0.0, math.pi, 60.0)))
+    closest = jnp.full(scene.x.shape, jnp.inf)
+    for _ in range(200):
+        seen = derived(observe(scene, far, goal_x, goal_y, jnp), "pressed")
+        told = around(seen, SURROGATE)[..., 1] > 0.0
+        turn = jnp.where(told & unwinding, 0.0, jnp.sign(seen.inputs[..., 9]) * seen.hand)
+        scene = advance(scene, *commands((-jnp.ones_like(turn), turn), SURROGATE, jnp), 1.0, SURROGATE, jnp)
+        closest = jnp.minimum(closest, jnp.hypot(goal_x - scene.x, goal_y - scene.y))
+    return np.asarray(closest)
+
+
+def test_who_is_told_to_fly_straight_on_would_circle_around_the_goal_and_then_does_not() -> None:
+    rng = np.random.default_rng(8)
+    count = 300
+    at, off = jnp.asarray(rng.uniform(-math.pi, math.pi, count)), jnp.asarray(rng.uniform(550.0, 2_500.0, count))
+    goal_x, goal_y = off * jnp.cos(at), off * jnp.sin(at)
+    still = jnp.zeros(count)
+    own = VehicleState(still, still, still, jnp.full(count, SURROGATE.speed_min))
+    far = VehicleState(*(jnp.full(count, value) for value in (-15e3, 0.0, math.pi, 60.0)))
+    told = np.asarray(around(derived(observe(own, far, goal_x, goal_y, jnp), "pressed"), SURROGATE))
+    assert not told[:, 0].any()
+    circling = homeward(own, goal_x, goal_y, unwinding=False) > 500.0
+    assert circling.sum() > 20
+    assert (told[circling, 1] > 0.9).all()
+    assert (homeward(own, goal_x, goal_y, unwinding=True) < 500.0).all()
+    # Who is faster can still slow down, and who is pressed has other worries.
+    faster = observe(own._replace(speed=own.speed + 10.0), far, goal_x, goal_y, jnp)
+    assert not np.asarray(around(derived(faster, "pressed"), SURROGATE)).any()
+    beside = VehicleState(goal_x * 0.0 + 100.0, goal_y * 0.0 + 1_010.0, still, jnp.full(count, 60.0))
+    assert not np.asarray(around(derived(observe(own, beside, goal_x, goal_y, jnp), "pressed"), SURROGATE)).any()
+    with pytest.raises(
+        ConfigError, match=r"practice\.unwind is 1 with network\.feature_set mirror; expected foresight"
+    ):
+        teacher(TrainConfig.model_validate({"network": {"feature_set": "mirror"}, "practice": {"unwind": 1.0}}))
+
+
 def test_a_teacher_is_kept_to_and_one_that_cannot_teach_is_refused(policy: Path, tmp_path: Path) -> None:
     def trained(name: str, **practice: object) -> Run:
         config = TrainConfig.model_validate(
@@ -217,6 +256,9 @@ def test_a_teacher_is_kept_to_and_one_that_cannot_teach_is_refused(policy: Path,
         for name, weight in (("loose", 1e-6), ("kept", 100.0))
     )
     assert 0.0 < kept < 0.5 * loose
+    near = trained("near", teacher=policy, teaching=1e-6, teaching_near=1e-3)
+    told_only_there = metrics.read(near.directory / "metrics.jsonl")["teaching_loss"][-1] / 1e-6
+    assert 0.0 <= told_only_there < 0.3 * loose
     with pytest.raises(
         ConfigError, match=r"practice\.pressed is 1 with network\.feature_set advised; expected pressed"
     ):
