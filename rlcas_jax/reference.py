@@ -19,11 +19,11 @@ A configuration is a YAML file with what differs from the defaults, given as `--
 out, every key, to `config.yaml` in its directory, and that file repeats the run.
 
 The files in `configs/` are `quick.yaml` (a policy in a minute on two cores), `best_start.yaml`, `best_middle.yaml`,
-`best_late.yaml`, `best_rejoin.yaml`, `best_turning.yaml`, `best_dear.yaml` and `best.yaml` (the stages of the policy
-that ships, `agents/data/README.md`), `paper.yaml` (the paper's own set-up), `sprint.yaml` (seconds to a training score
-of +75, `docs/benchmarks.md`) and the vehicles:
-`vehicle_surrogate.yaml` (the paper's surrogate, also the default) and `vehicle_c208_published.yaml`
-(its true Cessna 208).
+`best_late.yaml`, `best_rejoin.yaml`, `best_turning.yaml`, `best_dear.yaml`, `best_dearer.yaml`, `best_pressed.yaml`,
+`best_reflex.yaml`, `best_calm.yaml`, `best_calmer.yaml`, `best_gentle.yaml`, `best_near.yaml` and
+`best.yaml` (the stages of the policy that ships, `agents/data/README.md`), `paper.yaml` (the paper's own set-up),
+`sprint.yaml` (seconds to a training score of +75, `docs/benchmarks.md`) and the vehicles: `vehicle_surrogate.yaml`
+(the paper's surrogate, also the default) and `vehicle_c208_published.yaml` (its true Cessna 208).
 
 Numbers may be written as `3e-4`, `1e7` and `1_000_000`. A key that does not exist, a value of another type or out of
 range, a key that stands twice and a file that is not there end the program with one sentence and exit status 2, before

@@ -26,7 +26,7 @@ _BLOCK = 50_000
 """Encounters drawn at a time to find edges among."""
 
 _SHORT = 10.0
-"""By how much no simple manoeuvre keeps enough in what is intricate, m: one in ninety can be resolved up to here."""
+"""By how much no simple manoeuvre keeps enough in what is intricate, m; one in 36 of them can be resolved."""
 
 _ENOUGH = 5.0
 """Encounters to expect before it is said that there are hardly any."""
