@@ -134,7 +134,8 @@ def _near_the_limit(
 
     Args:
         wanted: how many.
-        chosen: (what the best manoeuvre keeps beyond the separation, m, ``[N]``, encounters ``[N]``) -> which, ``[N]``.
+        chosen: (what the best manoeuvre keeps beyond the separation, m, infinite where an encounter is none, ``[N]``,
+            encounters ``[N]``) -> which, ``[N]``.
         separation: m.
         random: what they are drawn with.
         what: is asked for, in words.
@@ -144,14 +145,14 @@ def _near_the_limit(
         ConfigError: fewer are.
     """
     found: list[Encounter] = []
-    have = drawn = families = 0
+    have = drawn = 0
     while have < wanted:
-        family = _EDGES[families % len(_EDGES)]
+        family = _EDGES[len(found) % len(_EDGES)]
         starts, accepted = sample(family, random.random((1, _BLOCK, family.dimensions)), np)
         spare = best(starts.own, starts.goal_x, starts.goal_y, starts.intruders, starts.mask, np) - separation
-        rows = np.flatnonzero(accepted & chosen(spare, starts))
+        rows = np.flatnonzero(chosen(np.where(accepted, spare, np.inf), starts))
         found.append(mapped(lambda field, rows=rows: field[rows], starts))
-        have, drawn, families = have + rows.size, drawn + _BLOCK, families + 1
+        have, drawn = have + rows.size, drawn + _BLOCK
         if rarest * drawn >= _ENOUGH and have < rarest * drawn:
             raise ConfigError(f"{what}: {have} of {drawn} encounters are such, expected {rarest * drawn:.0f} at least")
     if not wanted:

@@ -128,20 +128,8 @@ def best_manoeuvre(seen: Derived) -> tuple[jax.Array, jax.Array]:
     """
     first = size("mirror")
     kept = seen.inputs[..., first : first + COUNT]
-    bearing = jnp.arctan2(seen.inputs[..., _GOAL + 1], seen.inputs[..., _GOAL])
-    home = jnp.clip(bearing * (1.0 / SURROGATE.yaw_rate_max), -1.0, 1.0)
-    turns = jnp.stack([jnp.ones_like(home), -jnp.ones_like(home), jnp.zeros_like(home), home], axis=-1)
-    done = jnp.tile(jnp.array([-1.0, 0.0, 1.0]), COUNT // 3), jnp.repeat(turns, 3, axis=-1)
-    best = jnp.argmax(kept, axis=-1, keepdims=True)
-    near, most = seen.inputs[..., size("advised")], jnp.max(kept, axis=-1, keepdims=True)
-    actions, decided = [], []
-    for one in done:
-        each = jnp.broadcast_to(one, kept.shape)
-        action = jnp.take_along_axis(each, best, axis=-1)
-        otherwise = jnp.max(jnp.where(jnp.abs(each - action) > 0.5, kept, -1.0), axis=-1)
-        actions.append(action[..., 0])
-        decided.append(near * jnp.clip((most[..., 0] - otherwise) * (1.0 / _CLEARLY), 0.0, 1.0))
-    return jnp.stack([actions[0], actions[1] * seen.hand], axis=-1), jnp.stack(decided, axis=-1)
+    twelve = _twelve(jnp.arctan2(seen.inputs[..., _GOAL + 1], seen.inputs[..., _GOAL]))
+    return _told(twelve, kept, seen.inputs[..., size("advised")], _CLEARLY, seen.hand)
 
 
 def best_second(seen: Derived) -> tuple[jax.Array, jax.Array]:
@@ -156,28 +144,50 @@ def best_second(seen: Derived) -> tuple[jax.Array, jax.Array]:
     """
     pressed = seen.inputs[..., size("advised")]
     near, rows = jax.lax.top_k(pressed.reshape(-1), math.ceil(pressed.size * _DECIDED))
-    own, goal, other = _scene(seen.inputs.reshape(-1, seen.inputs.shape[-1])[rows])
-    home = jnp.clip(jnp.arctan2(goal[1], goal[0]) * (1.0 / SURROGATE.yaw_rate_max), -1.0, 1.0)
-    accelerations = jnp.tile(jnp.array([-1.0, 0.0, 1.0]), COUNT // 3)[:, None] * jnp.ones_like(home)
-    turns = jnp.repeat(jnp.stack([jnp.ones_like(home), -jnp.ones_like(home), jnp.zeros_like(home), home]), 3, axis=0)
-    own_then = advance(own, *commands((accelerations, turns), SURROGATE, jnp), 1.0, SURROGATE, jnp)
+    own, goal, other = _scene(seen.inputs.reshape(-1, 1, seen.inputs.shape[-1])[rows])  # [N, 1]
+    twelve = _twelve(jnp.arctan2(goal[1], goal[0])[:, 0])
+    own_then = advance(own, *commands(twelve, SURROGATE, jnp), 1.0, SURROGATE, jnp)
     other_then = advance(other, 0.0, 0.0, 1.0, SURROGATE, jnp)
-    alone = jax.tree.map(lambda field: jnp.broadcast_to(field, home.shape)[..., None], other_then)
+    alone = jax.tree.map(lambda field: jnp.broadcast_to(field, own_then.x.shape)[..., None], other_then)
     then = escapes.best(own_then, *goal, alone, jnp.ones_like(alone.x, dtype=bool), jnp)
     kept = jnp.minimum(leg_separation(own, own_then, other, other_then, 1.0, jnp), then)
-    best, most = jnp.argmax(kept, axis=0), jnp.max(kept, axis=0)
-    hand = seen.hand.reshape(-1)[rows]
+    told = _told(twelve, kept, near, _CLEARLY_M, seen.hand.reshape(-1)[rows])
+    action, decided = (jnp.zeros((pressed.size, 2)).at[rows].set(part).reshape(*pressed.shape, 2) for part in told)
+    return action, decided
+
+
+def _twelve(bearing: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Return acceleration and yaw rate of the manoeuvres, 1 at the limit, ``[..., 12]`` each.
+
+    Args:
+        bearing: of the goal, rad, left positive, ``[...]``.
+    """
+    home = jnp.clip(bearing * (1.0 / SURROGATE.yaw_rate_max), -1.0, 1.0)
+    turns = jnp.stack([jnp.ones_like(home), -jnp.ones_like(home), jnp.zeros_like(home), home], axis=-1)
+    accelerations = jnp.tile(jnp.array([-1.0, 0.0, 1.0]), COUNT // 3)
+    return jnp.broadcast_to(accelerations, (*home.shape, COUNT)), jnp.repeat(turns, 3, axis=-1)
+
+
+def _told(
+    twelve: tuple[jax.Array, jax.Array], kept: jax.Array, near: jax.Array, clearly: float, hand: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Return what the manoeuvre does that keeps most, and how far it is to be done, ``[..., 2]`` each.
+
+    Args:
+        twelve: what they do (:func:`_twelve`).
+        kept: by each, ``[..., 12]``.
+        near: how far metres decide, in [0, 1], ``[...]``.
+        clearly: what a manoeuvre keeps less from which on it is clearly the worse.
+        hand: factor of the yaw rate, ``[...]``.
+    """
+    best, most = jnp.argmax(kept, axis=-1, keepdims=True), jnp.max(kept, axis=-1)
     actions, decided = [], []
-    for each, sign in ((accelerations, jnp.ones_like(hand)), (turns, hand)):
-        action = jnp.take_along_axis(each, best[None], axis=0)[0]
-        otherwise = jnp.max(jnp.where(jnp.abs(each - action) > 0.5, kept, -jnp.inf), axis=0)
-        actions.append(action * sign)
-        decided.append(near * jnp.clip((most - otherwise) * (1.0 / _CLEARLY_M), 0.0, 1.0))
-
-    def placed(parts: list[jax.Array]) -> jax.Array:
-        return jnp.zeros((pressed.size, 2)).at[rows].set(jnp.stack(parts, axis=-1)).reshape(*pressed.shape, 2)
-
-    return placed(actions), placed(decided)
+    for each in twelve:
+        action = jnp.take_along_axis(each, best, axis=-1)
+        otherwise = jnp.max(jnp.where(jnp.abs(each - action) > 0.5, kept, -jnp.inf), axis=-1)
+        actions.append(action[..., 0])
+        decided.append(near * jnp.clip((most - otherwise) * (1.0 / clearly), 0.0, 1.0))
+    return jnp.stack([actions[0], actions[1] * hand], axis=-1), jnp.stack(decided, axis=-1)
 
 
 def around(seen: Derived, limits: Limits) -> jax.Array:
@@ -190,30 +200,28 @@ def around(seen: Derived, limits: Limits) -> jax.Array:
         seen: of any of the sets that begin with ``foresight``.
         limits: of the vehicle; floats.
     """
-    inputs = seen.inputs
-    speed, goal_range = inputs[..., 0] * SPEED_HALF + SPEED_MIDDLE, (inputs[..., 10] + 1.0) * 10_000.0
-    x, y = inputs[..., _GOAL] * goal_range, jnp.abs(inputs[..., _GOAL + 1]) * goal_range
-    radius = speed * (1.0 / limits.yaw_rate_max)
+    own, (x, y), _ = _scene(seen.inputs)
+    y, radius = jnp.abs(y), own.speed * (1.0 / limits.yaw_rate_max)
     missed = radius - jnp.hypot(x, y - radius)
     first = size("mirror")
-    spacious = jnp.max(inputs[..., first : first + COUNT], axis=-1) > _SPACIOUS
-    slow = jnp.clip((limits.speed_min + _SLOW - speed) * (2.0 / _SLOW), 0.0, 1.0)
+    spacious = jnp.max(seen.inputs[..., first : first + COUNT], axis=-1) > _SPACIOUS
+    slow = jnp.clip((limits.speed_min + _SLOW - own.speed) * (2.0 / _SLOW), 0.0, 1.0)
     turn = jnp.where(spacious, slow * jnp.clip((missed - _PASSED) * (1.0 / 50.0), 0.0, 1.0), 0.0)
     return jnp.stack([jnp.zeros_like(turn), turn], axis=-1)
 
 
 def _scene(inputs: jax.Array) -> tuple[VehicleState, tuple[jax.Array, jax.Array], VehicleState]:
-    """Return ownship, goal and intruder behind inputs ``[N, F]`` of the feature set ``mirror``, mirrored as they are.
+    """Return ownship, goal and intruder behind inputs ``[..., F]`` of the feature set ``mirror``, mirrored as they are.
 
     The ownship is where x and y are 0, and flies along x.
     """
-    intruder_range, goal_range = ((inputs[:, i] + 1.0) * 10_000.0 for i in (6, 10))
-    speed, vx, vy = inputs[:, 0] * SPEED_HALF + SPEED_MIDDLE, inputs[:, 2] * 100.0, inputs[:, 3] * 100.0
+    intruder_range, goal_range = ((inputs[..., i] + 1.0) * 10_000.0 for i in (6, 10))
+    speed, vx, vy = inputs[..., 0] * SPEED_HALF + SPEED_MIDDLE, inputs[..., 2] * 100.0, inputs[..., 3] * 100.0
     still = jnp.zeros_like(speed)
     return (
         VehicleState(still, still, still, speed),
-        (inputs[:, _GOAL] * goal_range, inputs[:, _GOAL + 1] * goal_range),
+        (inputs[..., _GOAL] * goal_range, inputs[..., _GOAL + 1] * goal_range),
         VehicleState(
-            inputs[:, 4] * intruder_range, inputs[:, 5] * intruder_range, jnp.arctan2(vy, vx), jnp.hypot(vx, vy)
+            inputs[..., 4] * intruder_range, inputs[..., 5] * intruder_range, jnp.arctan2(vy, vx), jnp.hypot(vx, vy)
         ),
     )
