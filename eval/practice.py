@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from envs.encounters import Encounter
     from eval.report_run import Run
 
-__all__ = ["main"]
+__all__ = ["main", "npz"]
 
 _BLOCK = 50
 """Encounters searched at a time."""
@@ -143,7 +143,8 @@ def _labels(run: "Run", numbers: "np.ndarray") -> list[str]:
     return [f"{stem}{n}" if name is None else name for n, name in zip(numbers, run.table["name"][numbers], strict=True)]
 
 
-def _npz(text: str) -> Path:
+def npz(text: str) -> Path:
+    """Return the name of a file of examples, from the command line."""
     if not text.endswith(".npz"):
         raise argparse.ArgumentTypeError(f"{text!r}; expected the name of a file that ends in .npz")
     return Path(text)
@@ -183,7 +184,7 @@ def _parser() -> argparse.ArgumentParser:
         default=0,
         help="moments of a flight that resolves it to add to each encounter (default: 0)",
     )
-    add("--examples", type=_npz, metavar="FILE", help="new .npz file of examples to write besides")
+    add("--examples", type=npz, metavar="FILE", help="new .npz file of examples to write besides")
     add(
         "--most-examples",
         type=whole(1),

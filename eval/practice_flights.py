@@ -16,7 +16,7 @@ from envs.trees import mapped, take
 from eval.film import Trajectories
 from eval.witness_flight import ROUNDS, followed
 
-__all__ = ["Resolving", "examples", "moments", "resolving"]
+__all__ = ["Resolving", "beginning_at", "examples", "moments", "resolving"]
 
 _LEAST = 1.0
 """Beyond the separation that a moment has at least, m: what is nearer may be lost by rounding."""
@@ -70,7 +70,7 @@ def moments(flights: Resolving, rules: Rules, count: int) -> tuple[Encounter, np
         axis.ravel() for axis in np.meshgrid(np.arange(flights.of.size), np.arange(1, count + 1), indexing="ij")
     )
     step = np.floor(flights.arrival[columns] / rules.dt * (at / (count + 1)) ** 2).astype(int)
-    later, fit = _beginning_at(take(flights.encounters, columns), flights.film, step, columns, rules)
+    later, fit = beginning_at(take(flights.encounters, columns), flights.film, step, columns, rules)
     fit &= step > 0
     return take(later, fit), flights.of[columns][fit], (step * rules.dt)[fit]
 
@@ -109,7 +109,7 @@ def _found(encounters: Encounter, rules: Rules, limits: Limits, spare: float) ->
     return wide
 
 
-def _beginning_at(
+def beginning_at(
     encounters: Encounter, film: Trajectories, step: np.ndarray, column: np.ndarray, rules: Rules
 ) -> tuple[Encounter, np.ndarray]:
     """Return encounters ``[M]`` as they are at a step of a film's column, and which of them can begin there."""

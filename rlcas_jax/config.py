@@ -204,8 +204,8 @@ class PracticeConfig(Strict):
     intricate_share: float = Field(default=0.05, gt=0.0, lt=1.0)
     """Of all encounters, those of the file and the edges included."""
     examples: Path | None = None
-    """File of examples (`eval.practice --examples` writes one), as seen from the working directory: observations and
-    the actions of flights that resolve such encounters, which the policy is drawn to; null: none."""
+    """File of examples (`eval.practice --examples` and `eval.branches` write one), as seen from the working directory:
+    observations and the actions of better flights, which the policy is drawn to; null: none."""
     imitation: float = Field(default=0.05, gt=0.0)
     """Weight of the squared distance from the examples in the loss; it falls linearly with the steps, to 0."""
     teacher: Path | None = None
