@@ -11,7 +11,7 @@ from agents.foresight import ADVICE, COUNT, PRESSED, advice, pressed, separation
 from envs.kinematics import SURROGATE
 from envs.observation import Decoded, decode
 
-__all__ = ["FEATURE_SETS", "MIRRORED", "begins", "features", "side", "size"]
+__all__ = ["FEATURE_SETS", "KEPT_UNIT", "MIRRORED", "begins", "features", "side", "size"]
 
 FEATURE_SETS = ("none", "cpa", "mirror", "foresight", "advised", "pressed")
 """``none``: the bare observation (the paper's set-up); ``cpa``: geometry and closest point of approach; ``mirror``: the
@@ -22,6 +22,9 @@ same with every scene seen so that the intruder is left of the line to the goal:
 MIRRORED = ("mirror", "foresight", "advised", "pressed")
 """The sets that see a scene and its mirror image alike, each beginning with the one before; the yaw rate then
 wants the factor of :func:`side`."""
+
+KEPT_UNIT = 30.0
+"""Of what manoeuvres keep beyond 1000 m, before it is squashed, m."""
 
 _SIZES = {"none": 8, "cpa": 22, "mirror": 22, "foresight": 22 + COUNT + 2}
 _SIZES["advised"] = _SIZES["foresight"] + ADVICE
@@ -133,7 +136,7 @@ def _foreseen(geometry: Decoded, goal_bearing: Any, hand: Any, feature_set: str,
     """Describe what simple manoeuvres keep, how far the goal is from the turning circles, and the best manoeuvre."""
     seen = geometry._replace(intruder_y=geometry.intruder_y * hand, intruder_vy=geometry.intruder_vy * hand)
     homeward = goal_bearing * (math.pi * hand)
-    kept = [_soft((separation - 1_000.0) * (1.0 / 30.0), xp) for separation in separations(seen, homeward, xp)]
+    kept = [_soft((separation - 1_000.0) * (1.0 / KEPT_UNIT), xp) for separation in separations(seen, homeward, xp)]
     radius = geometry.own_speed * (1.0 / SURROGATE.yaw_rate_max)
     goal_x, goal_y = geometry.goal_x, geometry.goal_y * hand
     circles = [xp.sqrt(goal_x * goal_x + y * y + 1.0) - radius for y in (goal_y - radius, goal_y + radius)]

@@ -199,8 +199,8 @@ class PracticeConfig(Strict):
     edge_share: float = Field(default=0.1, gt=0.0, lt=1.0)
     """Of all encounters, those of the file included."""
     intricate: int = Field(default=0, ge=0, le=100_000)
-    """Encounters to draw and practise likewise that none of the twelve resolves, by up to 10 m, but some other flight
-    does; 0: none. A hundred take two minutes to find."""
+    """Encounters to draw and practise likewise that none of the twelve resolves, by up to 20 m, but one after another
+    does; 0: none. A hundred take some ten seconds to find."""
     intricate_share: float = Field(default=0.05, gt=0.0, lt=1.0)
     """Of all encounters, those of the file and the edges included."""
     examples: Path | None = None
@@ -218,13 +218,24 @@ class PracticeConfig(Strict):
     it falls to 0 there, and a teacher that comes late teaches nobody to; 0: as told at `teacher`."""
     pressed: float = Field(default=0.0, ge=0.0)
     """Weight of the squared distance from the best of twelve simple manoeuvres in the loss, where that one keeps less
-    than 3 m beyond 1000 m; up to 10 m it falls to 0. Wants the feature set `pressed`."""
+    than 3 m beyond 1000 m; up to 10 m it falls to 0. Wants the feature set `pressed`; see `second`, too."""
     second: bool = False
     """With `pressed`, whether it is the best of them for the next second only, with whichever keeps most from there
-    on, instead of the best for good."""
+    on, instead of the best for good; and that wherever a second of the policy's own commands leaves little (`leave`)
+    and one of them more."""
+    leave: float = Field(default=10.0, gt=0.0)
+    """With `second`, below what the best manoeuvre still keeps beyond 1000 m after that second little begins to be
+    left, m; with half of it the lesson has its whole weight. Five times as much where turns to either side keep as
+    much: who hesitates between them has a second left, or two."""
+    anywhere: int = Field(default=0, ge=0, le=1_000_000)
+    """Encounters to draw and practise likewise in which no more than `leave` is left to lose, on any course and near
+    the goal, too, or five times as much where turns to either side keep as much; 0: none."""
+    anywhere_share: float = Field(default=0.1, gt=0.0, lt=1.0)
+    """Of all encounters, those of the file, the edges and the intricate ones included."""
     unwind: float = Field(default=0.0, ge=0.0)
-    """Weight of the squared yaw rate, 1 at the limit, where the ownship flies as slowly as it can, with room enough,
-    and the goal lies within the circle of its tightest turn: who turns to it there circles around it for ever."""
+    """Weight of the squared distance, 1 at the limit, from the yaw rate of who does not circle around the goal, where
+    the ownship flies as slowly as it can, with room enough: straight on where the goal lies within the circle of its
+    tightest turn, and else, if it lies aside, that turn."""
 
 
 class EvaluationConfig(Strict):

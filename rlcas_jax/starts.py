@@ -10,23 +10,39 @@ import jax.numpy as jnp
 import numpy as np
 
 from agents.configuration import ConfigError
-from agents.resolvability import Verdict, classify
 from envs import encounter_file, surrogate
 from envs.encounters import Encounter, EncounterError, Scenario, choose, padded, sample, scenario
-from envs.outcome import RULES
 from envs.relative import distance
 from envs.starts import cast, joined
 from envs.trees import mapped
 from rlcas_jax.config import TrainConfig, WorldConfig
-from rlcas_jax.escapes import best
+from rlcas_jax.escapes import best, each, one_by_one, undecided
 
-__all__ = ["Own", "asked", "displaced", "draw", "edges", "intricate", "late", "noisy", "practised"]
+__all__ = [
+    "EARLIER",
+    "Own",
+    "anywhere",
+    "asked",
+    "displaced",
+    "draw",
+    "edges",
+    "intricate",
+    "late",
+    "noisy",
+    "practised",
+]
 
 _BLOCK = 50_000
 """Encounters drawn at a time to find edges among."""
 
-_SHORT = 10.0
-"""By how much no simple manoeuvre keeps enough in what is intricate, m; one in 36 of them can be resolved."""
+_SHORT = 20.0
+"""By how much no simple manoeuvre keeps enough in what is intricate, m; one in 58 of them can be resolved."""
+
+_SECONDS, _FLOWN = 60, 256
+"""How long one manoeuvre after another is looked for, s, and of how many encounters at once."""
+
+EARLIER = 5.0
+"""How many times as many metres are little to who has two sides to choose from, and does not choose."""
 
 _ENOUGH = 5.0
 """Encounters to expect before it is said that there are hardly any."""
@@ -36,6 +52,15 @@ _EDGES = (
     scenario("circle", attempts=1, course_difference=(-math.radians(60.0), math.radians(60.0))),
 )
 """Where edges are not rare."""
+
+_ANYWHERE = (
+    *_EDGES,
+    scenario("head_on", attempts=1, radius=(800.0, 2_500.0)),
+    scenario("crossing_left", attempts=1, radius=(500.0, 2_500.0)),
+    scenario("crossing_right", attempts=1, radius=(500.0, 2_500.0)),
+    scenario("circle", attempts=1, radius=(500.0, 4_000.0), displacement=3_000.0),
+)
+"""Where they are not rare on other courses, nor where the goal lies aside."""
 
 
 class Own(NamedTuple):
@@ -47,15 +72,18 @@ class Own(NamedTuple):
     """Of ``practice.edges``."""
     intricate: Encounter | None = None
     """Of ``practice.intricate``."""
+    anywhere: Encounter | None = None
+    """Of ``practice.anywhere``."""
 
     @classmethod
     def of(cls, config: TrainConfig) -> "Own":
         """Return those of a configuration.
 
         Raises:
-            ConfigError: they cannot be had; see :func:`practised`, :func:`edges` and :func:`intricate`.
+            ConfigError: they cannot be had; see :func:`practised`, :func:`edges`, :func:`intricate` and
+                :func:`anywhere`.
         """
-        return cls(practised(config), edges(config), intricate(config))
+        return cls(practised(config), edges(config), intricate(config), anywhere(config))
 
 
 def practised(config: TrainConfig) -> Encounter | None:
@@ -91,16 +119,45 @@ def edges(config: TrainConfig) -> Encounter | None:
         ConfigError: there are hardly any for this separation and edge.
     """
     practice, separation = config.practice, config.world.separation
-
-    def little(spare: np.ndarray, _: Encounter) -> np.ndarray:
-        return (spare > 0.0) & (spare <= practice.edge)
-
     what = f"practice.edge is {practice.edge:g} m with world.separation {separation:g} m"
-    return _near_the_limit(practice.edges, little, separation, np.random.default_rng(config.seed), what, 1e-4)
+    random = np.random.default_rng(config.seed)
+    return _near_the_limit(practice.edges, _little(practice.edge), _EDGES, separation, random, what, 1e-4)
+
+
+def anywhere(config: TrainConfig) -> Encounter | None:
+    """Return encounters on any course in which little is left to lose, float32 ``[M]``; None where none are asked for.
+
+    Where turns to either side are as good little is :data:`EARLIER` times as much. They are the same for every run of
+    a seed.
+
+    Raises:
+        ConfigError: there are hardly any for this separation.
+    """
+    practice, separation = config.practice, config.world.separation
+    little = _little(practice.leave)
+
+    def chosen(spare: np.ndarray, starts: Encounter) -> np.ndarray:
+        kept = each(starts.own, starts.goal_x, starts.goal_y, starts.intruders, starts.mask, np)
+        left, right = (reduce(np.maximum, kept[side : side + 3]) for side in (0, 3))
+        tied = _little(EARLIER * practice.leave)(spare, starts) & (undecided(left, right, np) > 0.0)
+        return little(spare, starts) | tied
+
+    what = f"practice.leave is {practice.leave:g} m with world.separation {separation:g} m"
+    random = np.random.default_rng((config.seed, 2))
+    return _near_the_limit(practice.anywhere, chosen, _ANYWHERE, separation, random, what, 1e-4)
+
+
+def _little(most: float) -> Callable[[np.ndarray, Encounter], np.ndarray]:
+    """Return which encounters have something, but no more than so many metres, to lose."""
+
+    def chosen(spare: np.ndarray, _: Encounter) -> np.ndarray:
+        return (spare > 0.0) & (spare <= most)
+
+    return chosen
 
 
 def intricate(config: TrainConfig) -> Encounter | None:
-    """Return encounters that no simple manoeuvre resolves but another flight does, float32 ``[M]``; or None.
+    """Return encounters that no simple manoeuvre resolves but one after another does, float32 ``[M]``; or None.
 
     They are the same for every run of a seed.
 
@@ -108,34 +165,39 @@ def intricate(config: TrainConfig) -> Encounter | None:
         ConfigError: there are hardly any for this separation.
     """
     practice, separation = config.practice, config.world.separation
-    rules, limits = RULES._replace(separation=separation), config.world.limits()
 
     def resolvable(spare: np.ndarray, starts: Encounter) -> np.ndarray:
         chosen = np.zeros(spare.shape, dtype=bool)
         short = np.flatnonzero((spare > -_SHORT) & (spare <= 0.0))
-        verdict = classify(mapped(lambda field: field[short], starts), rules, limits).verdict
-        chosen[short] = verdict == Verdict.RESOLVABLE
+        # As many each time, so that it is compiled once.
+        for first in range(0, short.size, _FLOWN):
+            some = short[np.arange(first, first + _FLOWN) % short.size]
+            at = cast(mapped(lambda field, some=some: field[some], starts), np.float32)
+            kept = one_by_one(at.own, at.goal_x, at.goal_y, at.intruders, at.mask, _SECONDS)
+            chosen[some] = np.asarray(kept) >= separation
         return chosen
 
     what = f"practice.intricate is {practice.intricate} with world.separation {separation:g} m"
     random = np.random.default_rng((config.seed, 1))
-    return _near_the_limit(practice.intricate, resolvable, separation, random, what, 1e-5)
+    return _near_the_limit(practice.intricate, resolvable, _EDGES, separation, random, what, 1e-5)
 
 
 def _near_the_limit(
     wanted: int,
     chosen: Callable[[np.ndarray, Encounter], np.ndarray],
+    families: tuple[Scenario, ...],
     separation: float,
     random: np.random.Generator,
     what: str,
     rarest: float,
 ) -> Encounter | None:
-    """Return so many encounters of :data:`_EDGES`, float32 ``[wanted]``; None of 0.
+    """Return so many encounters of some families, float32 ``[wanted]``; None of 0.
 
     Args:
         wanted: how many.
         chosen: (what the best manoeuvre keeps beyond the separation, m, infinite where an encounter is none, ``[N]``,
             encounters ``[N]``) -> which, ``[N]``.
+        families: drawn from in turn, as many of each.
         separation: m.
         random: what they are drawn with.
         what: is asked for, in words.
@@ -147,7 +209,7 @@ def _near_the_limit(
     found: list[Encounter] = []
     have = drawn = 0
     while have < wanted:
-        family = _EDGES[len(found) % len(_EDGES)]
+        family = families[len(found) % len(families)]
         starts, accepted = sample(family, random.random((1, _BLOCK, family.dimensions)), np)
         spare = best(starts.own, starts.goal_x, starts.goal_y, starts.intruders, starts.mask, np) - separation
         rows = np.flatnonzero(chosen(np.where(accepted, spare, np.inf), starts))
@@ -180,6 +242,7 @@ def draw(key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: i
         (own.file, practice.share, practice.displacement),
         (own.edges, practice.edge_share, 0.0),
         (own.intricate, practice.intricate_share, 0.0),
+        (own.anywhere, practice.anywhere_share, 0.0),
     )
     for number, (starts, share, reach) in enumerate(kinds, start=len(scenarios)):
         if starts is not None:

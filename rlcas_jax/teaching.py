@@ -11,16 +11,16 @@ import jax
 import jax.numpy as jnp
 
 from agents.configuration import ConfigError
-from agents.features import begins, size
+from agents.features import KEPT_UNIT, begins, size
 from agents.foresight import COUNT
 from agents.networks import Actor, Derived
 from agents.ppo import Taught, met_by
-from envs.kinematics import SURROGATE, Limits, VehicleState, advance, commands
+from envs.kinematics import Limits, VehicleState
 from envs.observation import SPEED_HALF, SPEED_MIDDLE
-from envs.relative import leg_separation
 from rlcas_jax import escapes
 from rlcas_jax.beginning import actor_with, policy_at
 from rlcas_jax.config import TrainConfig
+from rlcas_jax.starts import EARLIER
 
 __all__ = ["around", "best_manoeuvre", "best_second", "flown", "teacher", "teaches"]
 
@@ -33,12 +33,21 @@ _CLEARLY = 0.01
 _CLEARLY_M = 0.1
 """The same of what is kept after a second, m: who errs for a second loses less than who does for good."""
 
-_DECIDED = 1 / 12
-"""Of what is seen, as much as is looked ahead from at most, the most pressed: it takes 12 times the work."""
+_CLEARLY_OF = 0.1
+"""By how much that grows with each metre that is kept beyond 1000 m."""
+
+_DECIDED = 1 / 6
+"""Of what is seen, as much as is looked ahead from at most, what has least to lose: it takes 13 times the work."""
+
+_LOST = 30.0
+"""By how much the best manoeuvre comes too close where nothing is to be saved any more, m."""
 
 _PASSED, _SLOW, _SPACIOUS = 450.0, 6.0, 0.77
 """Distance at which a circle may pass the goal, m; how far above the lowest speed is slow, m/s; what the best manoeuvre
 keeps where there is room, squashed: 100 m."""
+
+_ASIDE = math.radians(25.0)
+"""How far aside of the nose the goal begins to be, rad."""
 
 _AT_LIMIT = 1e-4
 """A speed this close to a limit is at it, in units of the observation: 2.5 mm/s."""
@@ -49,8 +58,10 @@ def teaches(config: TrainConfig) -> bool:
     return config.practice.teacher is not None or config.practice.pressed > 0.0 or config.practice.unwind > 0.0
 
 
-def teacher(config: TrainConfig) -> Callable[[Derived, jax.Array], Taught] | None:
-    """Return what a configuration's actor is kept to, of what it sees and how far it is held; None: to nothing.
+def teacher(config: TrainConfig) -> Callable[[Derived, jax.Array, jax.Array], Taught] | None:
+    """Return what a configuration's actor is kept to, of what it sees, how far it is held and what it does.
+
+    Where it is kept to nothing the answer is None.
 
     Raises:
         ConfigError: the policy of ``practice.teacher`` cannot be used, or ``practice.pressed`` or ``practice.unwind``
@@ -75,20 +86,23 @@ def teacher(config: TrainConfig) -> Callable[[Derived, jax.Array], Taught] | Non
         policy = Actor(read.hidden, feature_set), parameters
     limits = config.world.limits()
 
-    def taught(seen: Derived, held: jax.Array) -> Taught:
+    def taught(seen: Derived, held: jax.Array, mean: jax.Array) -> Taught:
         low = high = weight = jnp.zeros((*held.shape, 2))
         if policy is not None:
             actor, variables = policy
             low, high = flown(actor.apply(variables, seen)[0], seen, limits)
             weight = weight + practice.teaching * held[..., None]
         if practice.pressed:
-            manoeuvre, near = (best_second if practice.second else best_manoeuvre)(seen)
+            told = best_second(seen, mean, practice.leave) if practice.second else best_manoeuvre(seen)
+            manoeuvre, near = told
             beyond = met_by(manoeuvre)
             low, high = (jnp.where(near > 0.0, new, old) for new, old in zip(beyond, (low, high), strict=True))
             weight = jnp.where(near > 0.0, practice.pressed * near, weight)
         if practice.unwind:
-            circling = around(seen, limits)
-            low, high = (jnp.where(circling > 0.0, 0.0, bound) for bound in (low, high))
+            turn, circling = (jnp.stack([jnp.zeros_like(part), part], axis=-1) for part in around(seen, limits))
+            low, high = (
+                jnp.where(circling > 0.0, new, old) for new, old in zip(met_by(turn), (low, high), strict=True)
+            )
             weight = jnp.where(circling > 0.0, practice.unwind * circling, weight)
         return jax.lax.stop_gradient(Taught(low, high, weight))
 
@@ -128,56 +142,75 @@ def best_manoeuvre(seen: Derived) -> tuple[jax.Array, jax.Array]:
     """
     first = size("mirror")
     kept = seen.inputs[..., first : first + COUNT]
-    twelve = _twelve(jnp.arctan2(seen.inputs[..., _GOAL + 1], seen.inputs[..., _GOAL]))
+    twelve = escapes.twelve(jnp.arctan2(seen.inputs[..., _GOAL + 1], seen.inputs[..., _GOAL]))
     return _told(twelve, kept, seen.inputs[..., size("advised")], _CLEARLY, seen.hand)
 
 
-def best_second(seen: Derived) -> tuple[jax.Array, jax.Array]:
+def best_second(seen: Derived, mean: jax.Array, leave: float) -> tuple[jax.Array, jax.Array]:
     """Return what the next second is best used for, and how far it is to be done, ``[..., 2]`` each.
 
     One of the twelve manoeuvres is flown for a second, and from there on the one that then keeps most. Where no
     manoeuvre keeps enough, one after another often does, and a policy that does this in each second finds them (a
-    rollout, Tesauro and Galperin 1996).
+    rollout, Tesauro and Galperin 1996). Of those that keep nearly as much it is the one that the policy comes closest
+    to. Either command is to be done as far as little is left after a second of the policy's own commands and it takes
+    more away than the best.
+
+    Who hesitates between two sides that are as good loses a hundred metres a second, and may have them to spare until
+    the last: where left and right keep as much, little begins at :data:`rlcas_jax.starts.EARLIER` times as many metres.
 
     Args:
         seen: as for :func:`best_manoeuvre`; so is what is returned.
+        mean: what the policy does, ``[..., 2]``.
+        leave: beyond 1000 m, from which on less begins to be too little, m; with a half of it, it is altogether.
     """
-    pressed = seen.inputs[..., size("advised")]
-    near, rows = jax.lax.top_k(pressed.reshape(-1), math.ceil(pressed.size * _DECIDED))
-    own, goal, other = _scene(seen.inputs.reshape(-1, 1, seen.inputs.shape[-1])[rows])  # [N, 1]
-    twelve = _twelve(jnp.arctan2(goal[1], goal[0])[:, 0])
-    own_then = advance(own, *commands(twelve, SURROGATE, jnp), 1.0, SURROGATE, jnp)
-    other_then = advance(other, 0.0, 0.0, 1.0, SURROGATE, jnp)
-    alone = jax.tree.map(lambda field: jnp.broadcast_to(field, own_then.x.shape)[..., None], other_then)
-    then = escapes.best(own_then, *goal, alone, jnp.ones_like(alone.x, dtype=bool), jnp)
-    kept = jnp.minimum(leg_separation(own, own_then, other, other_then, 1.0, jnp), then)
-    told = _told(twelve, kept, near, _CLEARLY_M, seen.hand.reshape(-1)[rows])
-    action, decided = (jnp.zeros((pressed.size, 2)).at[rows].set(part).reshape(*pressed.shape, 2) for part in told)
-    return action, decided
+    first, shape = size("mirror"), seen.hand.shape
+    spare = _metres(jnp.max(seen.inputs[..., first : first + COUNT], axis=-1)).reshape(-1)
+    _, rows = jax.lax.top_k(jnp.where(spare > -_LOST, -spare, -jnp.inf), math.ceil(spare.size * _DECIDED))
+    own, goal, alone = _scene(seen.inputs.reshape(-1, seen.inputs.shape[-1])[rows])
+    other = jax.tree.map(lambda field: field[:, None], alone)
+    hand = jnp.stack([jnp.ones_like(rows, mean.dtype), seen.hand.reshape(-1)[rows]], axis=-1)
+    does = jnp.clip(mean.reshape(-1, 2)[rows], -1.0, 1.0) * hand
+
+    def kept_by(tried: jax.Array) -> jax.Array:
+        """Return what is kept beyond 1000 m after a second of actions ``[N, A, 2]``, ``[N, A]``."""
+        commanded = tried[..., 0], tried[..., 1]
+        return escapes.after(commanded, own, *goal, other, jnp.ones_like(other.x, dtype=bool)) - 1_000.0
+
+    twelve = jnp.stack(escapes.twelve(jnp.arctan2(goal[1], goal[0])), axis=-1)  # [N, 12, 2]
+    kept = kept_by(jnp.concatenate([twelve, does[:, None]], axis=1))
+    kept, left = kept[:, :COUNT], kept[:, COUNT]
+    most, clearly = jnp.max(kept, axis=-1), _CLEARLY_M + _CLEARLY_OF * jnp.maximum(left, 0.0)
+    as_good = kept >= (most - clearly)[:, None]
+    apart = jnp.sum(jnp.square(twelve - does[:, None]), axis=-1)
+    chosen = jnp.argmin(jnp.where(as_good, apart, jnp.inf), axis=-1)
+    action = jnp.take_along_axis(twelve, chosen[:, None, None], axis=1)[:, 0]
+    keeps = jnp.take_along_axis(kept, chosen[:, None], axis=1)
+    # Each command of the policy beside the other one of the best.
+    lost = keeps - kept_by(jnp.stack([action.at[:, i].set(does[:, i]) for i in range(2)], axis=1))
+    to_the_left, to_the_right = (jnp.max(kept[:, side : side + 3], axis=-1) for side in (0, 3))
+    enough = leave * (1.0 + (EARLIER - 1.0) * escapes.undecided(to_the_left, to_the_right, jnp))
+    near = jnp.clip(2.0 - left * (2.0 / enough), 0.0, 1.0)
+    weight = near[:, None] * jnp.clip(lost / clearly[:, None], 0.0, 1.0)
+    told = (jnp.zeros((spare.size, 2)).at[rows].set(part).reshape(*shape, 2) for part in (action * hand, weight))
+    action, weight = told
+    return action, weight
 
 
-def _twelve(bearing: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Return acceleration and yaw rate of the manoeuvres, 1 at the limit, ``[..., 12]`` each.
-
-    Args:
-        bearing: of the goal, rad, left positive, ``[...]``.
-    """
-    home = jnp.clip(bearing * (1.0 / SURROGATE.yaw_rate_max), -1.0, 1.0)
-    turns = jnp.stack([jnp.ones_like(home), -jnp.ones_like(home), jnp.zeros_like(home), home], axis=-1)
-    accelerations = jnp.tile(jnp.array([-1.0, 0.0, 1.0]), COUNT // 3)
-    return jnp.broadcast_to(accelerations, (*home.shape, COUNT)), jnp.repeat(turns, 3, axis=-1)
+def _metres(kept: jax.Array) -> jax.Array:
+    """Return what is kept beyond 1000 m, m, of what it is among the inputs."""
+    return KEPT_UNIT * kept / jnp.maximum(1.0 - jnp.abs(kept), 1e-6)
 
 
 def _told(
-    twelve: tuple[jax.Array, jax.Array], kept: jax.Array, near: jax.Array, clearly: float, hand: jax.Array
+    twelve: tuple[jax.Array, jax.Array], kept: jax.Array, near: jax.Array, clearly: jax.Array | float, hand: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Return what the manoeuvre does that keeps most, and how far it is to be done, ``[..., 2]`` each.
 
     Args:
-        twelve: what they do (:func:`_twelve`).
+        twelve: what they do (:func:`rlcas_jax.escapes.twelve`).
         kept: by each, ``[..., 12]``.
         near: how far metres decide, in [0, 1], ``[...]``.
-        clearly: what a manoeuvre keeps less from which on it is clearly the worse.
+        clearly: what a manoeuvre keeps less from which on it is clearly the worse, ``[...]`` or one for all.
         hand: factor of the yaw rate, ``[...]``.
     """
     best, most = jnp.argmax(kept, axis=-1, keepdims=True), jnp.max(kept, axis=-1)
@@ -186,28 +219,38 @@ def _told(
         action = jnp.take_along_axis(each, best, axis=-1)
         otherwise = jnp.max(jnp.where(jnp.abs(each - action) > 0.5, kept, -jnp.inf), axis=-1)
         actions.append(action[..., 0])
-        decided.append(near * jnp.clip((most - otherwise) * (1.0 / clearly), 0.0, 1.0))
+        decided.append(near * jnp.clip((most - otherwise) / clearly, 0.0, 1.0))
     return jnp.stack([actions[0], actions[1] * hand], axis=-1), jnp.stack(decided, axis=-1)
 
 
-def around(seen: Derived, limits: Limits) -> jax.Array:
-    """Return whether a turn to the goal leads around it for ever, ``[..., 2]`` in [0, 1]: of the turn, 0 of the other.
+def around(seen: Derived, limits: Limits) -> tuple[jax.Array, jax.Array]:
+    """Return the yaw rate, 1 at the limit, of who is not to circle around the goal, and how far it is to be done.
 
-    At the lowest speed a circle gets no smaller; it shall pass the goal within :data:`_PASSED`. Where metres decide,
-    or will, it is no matter.
+    At the lowest speed a circle gets no smaller. Where the tightest turn to the goal leads around it for ever, it is
+    to fly straight on; where it leads there, or within :data:`_PASSED` m, no wider one is to be flown. Where metres
+    decide, or will, it is no matter.
 
     Args:
         seen: of any of the sets that begin with ``foresight``.
         limits: of the vehicle; floats.
+
+    Returns:
+        ``[...]`` each.
     """
     own, (x, y), _ = _scene(seen.inputs)
-    y, radius = jnp.abs(y), own.speed * (1.0 / limits.yaw_rate_max)
+    side, y, radius = jnp.sign(y), jnp.abs(y), own.speed * (1.0 / limits.yaw_rate_max)
     missed = radius - jnp.hypot(x, y - radius)
     first = size("mirror")
-    spacious = jnp.max(seen.inputs[..., first : first + COUNT], axis=-1) > _SPACIOUS
+    kept = seen.inputs[..., first : first + COUNT]
     slow = jnp.clip((limits.speed_min + _SLOW - own.speed) * (2.0 / _SLOW), 0.0, 1.0)
-    turn = jnp.where(spacious, slow * jnp.clip((missed - _PASSED) * (1.0 / 50.0), 0.0, 1.0), 0.0)
-    return jnp.stack([jnp.zeros_like(turn), turn], axis=-1)
+    beyond = jnp.clip((missed - _PASSED) * (1.0 / 50.0), 0.0, 1.0)
+    within = jnp.clip((_PASSED - 50.0 - missed) * (1.0 / 50.0), 0.0, 1.0)
+    aside = jnp.clip((jnp.arctan2(y, x) - _ASIDE) * (1.0 / _ASIDE), 0.0, 1.0)
+    spacious = jnp.max(kept, axis=-1) > _SPACIOUS
+    way_home = jnp.min(kept[..., COUNT - 3 : COUNT - 1], axis=-1) > _SPACIOUS  # braking and steady
+    turning = jnp.where(way_home, within * aside, 0.0)
+    straight = jnp.where(spacious, beyond, 0.0)
+    return jnp.where(turning > 0.0, side * seen.hand, 0.0), slow * jnp.maximum(turning, straight)
 
 
 def _scene(inputs: jax.Array) -> tuple[VehicleState, tuple[jax.Array, jax.Array], VehicleState]:

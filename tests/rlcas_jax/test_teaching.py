@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from agents import export, policy_file
 from agents.configuration import ConfigError
@@ -15,15 +16,17 @@ from agents.features import FEATURE_SETS, begins, features, size
 from agents.networks import Actor, derived
 from agents.ppo import met_by
 from envs import surrogate
+from envs.angles import wrap
 from envs.kinematics import SURROGATE, VehicleState, advance, commands
 from envs.observation import observe
+from envs.relative import leg_separation
 from rlcas_jax import metrics
 from rlcas_jax.beginning import actor_with, policy_at
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.escapes import best
+from rlcas_jax.escapes import best, each
 from rlcas_jax.loop import Run, run
 from rlcas_jax.progress import Reporter
-from rlcas_jax.starts import edges
+from rlcas_jax.starts import anywhere, edges
 from rlcas_jax.teaching import around, best_manoeuvre, best_second, flown, teacher
 
 HIDDEN = (8, 8)
@@ -110,44 +113,114 @@ def test_the_best_manoeuvre_is_what_keeps_most_where_nothing_else_does() -> None
     assert not np.asarray(best_manoeuvre(spacious)[1])[np.asarray(spacious.inputs[:, -3]) == 0.0].any()
 
 
-def after_a_second(state: surrogate.State, acceleration: jax.Array, turn: jax.Array) -> np.ndarray:
-    """Return what the best manoeuvre keeps after a second of commands in [-1, 1], m, ``[N]``; true states."""
-    own = advance(state.own, *commands((acceleration, turn), SURROGATE, jnp), 1.0, SURROGATE, jnp)
+def looked_at(scenes: jax.Array, mean: jax.Array, leave: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return what is told of scenes among five times as many that nothing is at stake in: of all, that is."""
+    spacious = jnp.tile(jnp.array([[0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0]]), (5 * len(scenes), 1))
+    seen = derived(jnp.concatenate([scenes, spacious]), "pressed")
+    action, weight = (np.asarray(field) for field in best_second(seen, jnp.tile(mean, (6, 1)), leave))
+    assert not weight[len(scenes) :].any()
+    return action[: len(scenes)], weight[: len(scenes)]
+
+
+def left_after(state: surrogate.State, action: ArrayLike) -> np.ndarray:
+    """Return what a second of actions ``[N, 2]`` and then the best manoeuvre keep beyond 1000 m, m; true states."""
+    pair = jnp.clip(jnp.asarray(action), -1.0, 1.0)
+    own = advance(state.own, *commands((pair[:, 0], pair[:, 1]), SURROGATE, jnp), 1.0, SURROGATE, jnp)
     others = advance(state.intruders.vehicle, 0.0, 0.0, 1.0, SURROGATE, jnp)
-    return np.asarray(best(own, state.goal_x, state.goal_y, others, state.mask, jnp))
+    before, after = (VehicleState(*(field[:, None] for field in one)) for one in (state.own, own))
+    meanwhile = leg_separation(before, after, state.intruders.vehicle, others, 1.0, jnp)[:, 0]
+    kept = jnp.minimum(meanwhile, best(own, state.goal_x, state.goal_y, others, state.mask, jnp))
+    return np.asarray(kept) - 1_000.0
 
 
-def test_the_best_second_leaves_the_most_of_all_seconds() -> None:
-    state = pressed_states()
-    scenes = surrogate.observe(state)
-    # Most are not looked at for want of time: twelve times over, all of these are.
-    seen = derived(jnp.tile(scenes, (12, 1)), "pressed")
-    action, decided = (np.asarray(field) for field in best_second(seen))
-    looked = np.flatnonzero(np.any(action != 0.0, axis=1) | np.any(decided != 0.0, axis=1))
-    rows, first = np.unique(looked % len(scenes), return_index=True)
-    assert len(rows) > 40
-    action, decided = action[looked[first]], decided[looked[first]]
-    state = jax.tree.map(lambda field: field[rows], state)
-    left = after_a_second(state, jnp.asarray(action[:, 0]), jnp.asarray(action[:, 1]))
-    still = np.ones(len(rows), np.float32)
+def scenes_anywhere(count: int, leave: float) -> tuple[surrogate.State, jax.Array]:
+    """Return starts in which little is left to lose, and what is seen there."""
+    config = TrainConfig.model_validate({"practice": {"anywhere": count, "leave": leave}, "seed": 6})
+    starts = anywhere(config)
+    assert starts is not None
+    state = surrogate.reset(starts)
+    return state, surrogate.observe(state)
+
+
+def test_what_is_told_leaves_as_much_as_any_second_but_for_a_tenth_of_what_is_left() -> None:
+    state, scenes = scenes_anywhere(3_000, 12.0)
+    mean = jnp.asarray(np.random.default_rng(7).uniform(-1.2, 1.2, (len(scenes), 2)), jnp.float32)
+    action, weight = looked_at(scenes, mean, 40.0)
+    left, told = left_after(state, mean), left_after(state, action)
+    assert (np.abs(action[weight[:, 0] > 0.0, 0]).round(3) % 1.0 == 0.0).all()
     for acceleration in (-1.0, 0.0, 1.0):
         for turn in (-1.0, 0.0, 1.0):
-            other = after_a_second(state, jnp.asarray(acceleration * still), jnp.asarray(turn * still))
-            assert (other <= left + 0.05).all()
-            # Who is told to do one thing would lose by the other.
-            for told, which in zip(decided.T, ((acceleration, action[:, 0]), (turn, action[:, 1])), strict=True):
-                apart = np.abs(which[0] - which[1]) > 0.5
-                assert (other < left)[apart & (told > 0.6)].all()
-    assert (decided > 0.9).any(axis=0).all()
+            other = left_after(state, np.full((len(scenes), 2), (acceleration, turn), np.float32))
+            assert (other <= told + 0.12 + 0.1 * np.maximum(left, 0.0)).all()
+
+
+def test_a_command_is_taught_as_far_as_it_costs_something_where_little_is_left() -> None:
+    state, scenes = scenes_anywhere(3_000, 12.0)
+    mean = np.random.default_rng(7).uniform(-1.2, 1.2, (len(scenes), 2)).astype(np.float32)
+    action, weight = looked_at(scenes, jnp.asarray(mean), 40.0)
+    left, told = left_after(state, mean), left_after(state, action)
+    assert not weight[left > 201.0].any()
+    for command in range(2):
+        mixed = action.copy()
+        mixed[:, command] = mean[:, command]
+        worse = (told - left_after(state, mixed)) / (0.1 + 0.1 * np.maximum(left, 0.0))
+        little = left < 19.0
+        np.testing.assert_allclose(weight[little, command], np.clip(worse[little], 0.0, 1.0), atol=0.02)
+        assert (weight[:, command] <= np.clip(worse, 0.0, 1.0) + 0.02).all()
+        assert (weight[little, command] > 0.9).mean() > 0.1
+    # Whoever does what is told is told nothing.
+    assert looked_at(scenes, jnp.asarray(action), 40.0)[1].max() < 0.05
+
+
+def test_who_hesitates_between_two_sides_is_told_earlier_and_to_take_the_one_that_he_leans_to() -> None:
+    # An intruder comes head on, two degrees off, and a turn to either side keeps as much.
+    count = 60
+    still, far = jnp.zeros(count), jnp.linspace(2_600.0, 4_500.0, count)
+    own = VehicleState(still, still, still, still + 90.0)
+    other = VehicleState(far, still, still + math.pi, still + 90.0)
+    scenes = observe(own, other, still + 9e3, still, jnp)
+    spare = np.asarray(
+        best(
+            own, still + 9e3, still, jax.tree.map(lambda field: field[:, None], other), jnp.ones((count, 1), bool), jnp
+        )
+    )
+    for lean in (-0.05, 0.05):
+        action, weight = looked_at(scenes, jnp.tile(jnp.array([[1.0, lean]]), (count, 1)), 40.0)
+        told = weight[:, 1] > 0.5
+        np.testing.assert_array_equal(np.sign(action[told, 1]), np.sign(lean))
+        assert spare[told].max() > 1_150.0
+        assert not weight[spare > 1_400.0].any()
+
+
+def test_encounters_anywhere_leave_little_on_all_courses() -> None:
+    config = TrainConfig.model_validate({"practice": {"anywhere": 6_000, "leave": 25.0}, "seed": 6})
+    starts = anywhere(config)
+    assert starts is not None
+    assert starts.goal_x.shape == (6_000,)
+    kept = best(starts.own, starts.goal_x, starts.goal_y, starts.intruders, starts.mask, np)
+    assert ((kept > 999.9) & (kept < 1_125.1)).all()
+    twelve = each(starts.own, starts.goal_x, starts.goal_y, starts.intruders, starts.mask, np)
+    left, right = (np.max(twelve[side : side + 3], axis=0) for side in (0, 3))
+    plenty = kept > 1_025.1
+    assert 0.05 < plenty.mean() < 0.6
+    assert (np.abs(left - right)[plenty] < 100.1).all()
+    courses = np.degrees(np.abs(wrap(starts.intruders.heading[:, 0] - starts.own.heading, np)))
+    assert (np.histogram(courses, [0, 30, 60, 90, 120, 150, 181])[0] > 100).all()
+    assert anywhere(TrainConfig()) is None
+    with pytest.raises(ConfigError, match=r"practice\.leave is 0\.001 m with world\.separation 1000 m: .* are such"):
+        anywhere(TrainConfig.model_validate({"practice": {"anywhere": 10, "leave": 1e-3}}))
 
 
 def test_the_best_second_of_a_mirrored_scene_is_its_mirror_image() -> None:
     scenes = pressed_scenes(50)
+    other_side = jnp.array([1.0, -1.0])
     mirrored = scenes * jnp.array([1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0])
-    (one, how), (other, how_other) = (best_second(derived(each, "pressed")) for each in (scenes, mirrored))
-    np.testing.assert_allclose(one, other * jnp.array([1.0, -1.0]), atol=1e-5)
-    np.testing.assert_allclose(how, how_other, atol=1e-3)
-    assert np.asarray(how).any()
+    mean = jnp.tile(jnp.array([[0.3, -0.4]]), (len(scenes), 1))
+    one, how = looked_at(scenes, mean, 10.0)
+    other, how_other = looked_at(mirrored, mean * other_side, 10.0)
+    np.testing.assert_allclose(one, other * other_side, atol=1e-5)
+    np.testing.assert_allclose(how, how_other, atol=0.02)
+    assert how.any()
 
 
 def test_who_has_passed_may_do_as_he_likes_however_close_he_is() -> None:
@@ -187,48 +260,73 @@ def test_what_is_taught_is_the_teacher_where_held_and_the_best_manoeuvre_where_p
     manoeuvre, near = best_manoeuvre(seen)
     pressed = np.asarray(near) > 0.0
     assert 0.02 < pressed.mean() < 0.5
-    low, high, weight = (np.asarray(field) for field in taught(seen, held))
+    low, high, weight = (np.asarray(field) for field in taught(seen, held, mean))
     for bound, kept, urgent in zip((low, high), flown(mean, seen, SURROGATE), met_by(manoeuvre), strict=True):
         np.testing.assert_allclose(bound, np.where(pressed, urgent, kept), atol=1e-6)
     np.testing.assert_allclose(weight, np.where(pressed, 3.0 * near, 2.0 * held[:, None]), rtol=1e-6)
     alone = teacher(told(None, pressed=3.0))
     assert alone is not None
-    assert not np.asarray(alone(seen, held).weight)[~pressed].any()
+    assert not np.asarray(alone(seen, held, mean).weight)[~pressed].any()
     assert teacher(told(None)) is None
 
 
-def homeward(scene: VehicleState, goal_x: jax.Array, goal_y: jax.Array, *, unwinding: bool) -> np.ndarray:
-    """Return how close those come to their goals who turn to them at the limit, m; the intruder is far away."""
+def homeward(
+    scene: VehicleState, goal_x: jax.Array, goal_y: jax.Array, *, unwinding: bool, share: float = 1.0
+) -> np.ndarray:
+    """Return how close those come to their goals who turn to them at a share of the limit, m; nobody is near."""
     far = VehicleState(*(jnp.full(scene.x.shape, value) for value in (-15e3, 0.0, math.pi, 60.0)))
     closest = jnp.full(scene.x.shape, jnp.inf)
-    for _ in range(200):
+    for _ in range(250):
         seen = derived(observe(scene, far, goal_x, goal_y, jnp), "pressed")
-        told = around(seen, SURROGATE)[..., 1] > 0.0
-        turn = jnp.where(told & unwinding, 0.0, jnp.sign(seen.inputs[..., 9]) * seen.hand)
+        turn, weight = around(seen, SURROGATE)
+        turn = jnp.where((weight > 0.0) & unwinding, turn, share * jnp.sign(seen.inputs[..., 9]) * seen.hand)
         scene = advance(scene, *commands((-jnp.ones_like(turn), turn), SURROGATE, jnp), 1.0, SURROGATE, jnp)
         closest = jnp.minimum(closest, jnp.hypot(goal_x - scene.x, goal_y - scene.y))
     return np.asarray(closest)
 
 
-def test_who_is_told_to_fly_straight_on_would_circle_around_the_goal_and_then_does_not() -> None:
+def goals_around(
+    count: int, nearest: float, furthest: float
+) -> tuple[VehicleState, VehicleState, jax.Array, jax.Array]:
+    """Return who flies as slowly as can be, an intruder far away, and goals on all sides."""
     rng = np.random.default_rng(8)
-    count = 300
-    at, off = jnp.asarray(rng.uniform(-math.pi, math.pi, count)), jnp.asarray(rng.uniform(550.0, 2_500.0, count))
-    goal_x, goal_y = off * jnp.cos(at), off * jnp.sin(at)
+    at, off = jnp.asarray(rng.uniform(-math.pi, math.pi, count)), jnp.asarray(rng.uniform(nearest, furthest, count))
     still = jnp.zeros(count)
     own = VehicleState(still, still, still, jnp.full(count, SURROGATE.speed_min))
     far = VehicleState(*(jnp.full(count, value) for value in (-15e3, 0.0, math.pi, 60.0)))
-    told = np.asarray(around(derived(observe(own, far, goal_x, goal_y, jnp), "pressed"), SURROGATE))
-    assert not told[:, 0].any()
+    return own, far, off * jnp.cos(at), off * jnp.sin(at)
+
+
+def test_who_would_circle_around_the_goal_for_ever_is_told_to_fly_straight_on_and_then_does_not() -> None:
+    own, far, goal_x, goal_y = goals_around(300, 550.0, 2_500.0)
+    turn, weight = (
+        np.asarray(part) for part in around(derived(observe(own, far, goal_x, goal_y, jnp), "pressed"), SURROGATE)
+    )
     circling = homeward(own, goal_x, goal_y, unwinding=False) > 500.0
     assert circling.sum() > 20
-    assert (told[circling, 1] > 0.9).all()
+    assert (weight[circling] > 0.9).all()
+    assert not turn[circling].any()
     assert (homeward(own, goal_x, goal_y, unwinding=True) < 500.0).all()
     # Who is faster can still slow down, and who is pressed has other worries.
     faster = observe(own._replace(speed=own.speed + 10.0), far, goal_x, goal_y, jnp)
-    assert not np.asarray(around(derived(faster, "pressed"), SURROGATE)).any()
-    beside = VehicleState(goal_x * 0.0 + 100.0, goal_y * 0.0 + 1_010.0, still, jnp.full(count, 60.0))
-    assert not np.asarray(around(derived(observe(own, beside, goal_x, goal_y, jnp), "pressed"), SURROGATE)).any()
+    assert not np.asarray(around(derived(faster, "pressed"), SURROGATE)[1]).any()
+    beside = VehicleState(goal_x * 0.0 + 100.0, goal_y * 0.0 + 1_010.0, goal_x * 0.0, goal_x * 0.0 + 60.0)
+    assert not np.asarray(around(derived(observe(own, beside, goal_x, goal_y, jnp), "pressed"), SURROGATE)[1]).any()
+
+
+def test_who_would_circle_in_too_wide_a_turn_is_told_to_turn_as_tightly_as_he_can() -> None:
+    own, far, goal_x, goal_y = goals_around(300, 1_500.0, 3_000.0)
+    turn, weight = (
+        np.asarray(part) for part in around(derived(observe(own, far, goal_x, goal_y, jnp), "pressed"), SURROGATE)
+    )
+    turning = (weight > 0.5) & (turn != 0.0)
+    assert turning.mean() > 0.4
+    np.testing.assert_array_equal(turn[turning], np.sign(np.asarray(goal_y))[turning])
+    assert (homeward(own, goal_x, goal_y, unwinding=False, share=0.45) > 500.0).mean() > 0.2
+    assert (homeward(own, goal_x, goal_y, unwinding=True, share=0.45) < 500.0).all()
+
+
+def test_circles_are_left_by_a_network_that_is_told_enough() -> None:
     with pytest.raises(
         ConfigError, match=r"practice\.unwind is 1 with network\.feature_set mirror; expected foresight"
     ):
