@@ -37,7 +37,7 @@ _CLEARLY_OF = 0.1
 """By how much that grows with each metre that is kept beyond 1000 m."""
 
 _DECIDED = 1 / 6
-"""Of what is seen, as much as is looked ahead from at most, what has least to lose: it takes 13 times the work."""
+"""Of what is seen, as much as is looked ahead from at most, what has least to lose: it takes 15 times the work."""
 
 _LOST = 30.0
 """By how much the best manoeuvre comes too close where nothing is to be saved any more, m."""
@@ -93,8 +93,7 @@ def teacher(config: TrainConfig) -> Callable[[Derived, jax.Array, jax.Array], Ta
             low, high = flown(actor.apply(variables, seen)[0], seen, limits)
             weight = weight + practice.teaching * held[..., None]
         if practice.pressed:
-            told = best_second(seen, mean, practice.leave) if practice.second else best_manoeuvre(seen)
-            manoeuvre, near = told
+            manoeuvre, near = best_second(seen, mean, practice.leave) if practice.second else best_manoeuvre(seen)
             beyond = met_by(manoeuvre)
             low, high = (jnp.where(near > 0.0, new, old) for new, old in zip(beyond, (low, high), strict=True))
             weight = jnp.where(near > 0.0, practice.pressed * near, weight)
@@ -141,9 +140,15 @@ def best_manoeuvre(seen: Derived) -> tuple[jax.Array, jax.Array]:
         seen: of the feature set ``pressed``.
     """
     first = size("mirror")
-    kept = seen.inputs[..., first : first + COUNT]
-    twelve = escapes.twelve(jnp.arctan2(seen.inputs[..., _GOAL + 1], seen.inputs[..., _GOAL]))
-    return _told(twelve, kept, seen.inputs[..., size("advised")], _CLEARLY, seen.hand)
+    kept, near = seen.inputs[..., first : first + COUNT], seen.inputs[..., size("advised")]
+    best, most = jnp.argmax(kept, axis=-1, keepdims=True), jnp.max(kept, axis=-1)
+    actions, decided = [], []
+    for each in escapes.twelve(jnp.arctan2(seen.inputs[..., _GOAL + 1], seen.inputs[..., _GOAL])):
+        action = jnp.take_along_axis(each, best, axis=-1)
+        otherwise = jnp.max(jnp.where(jnp.abs(each - action) > 0.5, kept, -jnp.inf), axis=-1)
+        actions.append(action[..., 0])
+        decided.append(near * jnp.clip((most - otherwise) * (1.0 / _CLEARLY), 0.0, 1.0))
+    return jnp.stack([actions[0], actions[1] * seen.hand], axis=-1), jnp.stack(decided, axis=-1)
 
 
 def best_second(seen: Derived, mean: jax.Array, leave: float) -> tuple[jax.Array, jax.Array]:
@@ -191,36 +196,13 @@ def best_second(seen: Derived, mean: jax.Array, leave: float) -> tuple[jax.Array
     enough = leave * (1.0 + (EARLIER - 1.0) * escapes.undecided(to_the_left, to_the_right, jnp))
     near = jnp.clip(2.0 - left * (2.0 / enough), 0.0, 1.0)
     weight = near[:, None] * jnp.clip(lost / clearly[:, None], 0.0, 1.0)
-    told = (jnp.zeros((spare.size, 2)).at[rows].set(part).reshape(*shape, 2) for part in (action * hand, weight))
-    action, weight = told
-    return action, weight
+    whole = jnp.zeros((spare.size, 2))
+    return whole.at[rows].set(action * hand).reshape(*shape, 2), whole.at[rows].set(weight).reshape(*shape, 2)
 
 
 def _metres(kept: jax.Array) -> jax.Array:
     """Return what is kept beyond 1000 m, m, of what it is among the inputs."""
     return KEPT_UNIT * kept / jnp.maximum(1.0 - jnp.abs(kept), 1e-6)
-
-
-def _told(
-    twelve: tuple[jax.Array, jax.Array], kept: jax.Array, near: jax.Array, clearly: jax.Array | float, hand: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """Return what the manoeuvre does that keeps most, and how far it is to be done, ``[..., 2]`` each.
-
-    Args:
-        twelve: what they do (:func:`rlcas_jax.escapes.twelve`).
-        kept: by each, ``[..., 12]``.
-        near: how far metres decide, in [0, 1], ``[...]``.
-        clearly: what a manoeuvre keeps less from which on it is clearly the worse, ``[...]`` or one for all.
-        hand: factor of the yaw rate, ``[...]``.
-    """
-    best, most = jnp.argmax(kept, axis=-1, keepdims=True), jnp.max(kept, axis=-1)
-    actions, decided = [], []
-    for each in twelve:
-        action = jnp.take_along_axis(each, best, axis=-1)
-        otherwise = jnp.max(jnp.where(jnp.abs(each - action) > 0.5, kept, -jnp.inf), axis=-1)
-        actions.append(action[..., 0])
-        decided.append(near * jnp.clip((most - otherwise) / clearly, 0.0, 1.0))
-    return jnp.stack([actions[0], actions[1] * hand], axis=-1), jnp.stack(decided, axis=-1)
 
 
 def around(seen: Derived, limits: Limits) -> tuple[jax.Array, jax.Array]:
