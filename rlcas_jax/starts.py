@@ -137,10 +137,13 @@ def anywhere(config: TrainConfig) -> Encounter | None:
     little = _little(practice.leave)
 
     def chosen(spare: np.ndarray, starts: Encounter) -> np.ndarray:
-        kept = each(starts.own, starts.goal_x, starts.goal_y, starts.intruders, starts.mask, np)
+        found = little(spare, starts)
+        some = np.flatnonzero(_little(EARLIER * practice.leave)(spare, starts) & ~found)
+        at = mapped(lambda field: field[some], starts)
+        kept = each(at.own, at.goal_x, at.goal_y, at.intruders, at.mask, np)
         left, right = (reduce(np.maximum, kept[side : side + 3]) for side in (0, 3))
-        tied = _little(EARLIER * practice.leave)(spare, starts) & (undecided(left, right, np) > 0.0)
-        return little(spare, starts) | tied
+        found[some] = undecided(left, right, np) > 0.0
+        return found
 
     what = f"practice.leave is {practice.leave:g} m with world.separation {separation:g} m"
     random = np.random.default_rng((config.seed, 2))

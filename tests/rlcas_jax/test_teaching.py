@@ -173,7 +173,7 @@ def test_a_command_is_taught_as_far_as_it_costs_something_where_little_is_left()
 
 
 def test_who_hesitates_between_two_sides_is_told_earlier_and_to_take_the_one_that_he_leans_to() -> None:
-    # An intruder comes head on, two degrees off, and a turn to either side keeps as much.
+    # An intruder comes head on, and a turn to either side keeps as much.
     count = 60
     still, far = jnp.zeros(count), jnp.linspace(2_600.0, 4_500.0, count)
     own = VehicleState(still, still, still, still + 90.0)
@@ -219,7 +219,7 @@ def test_the_best_second_of_a_mirrored_scene_is_its_mirror_image() -> None:
     one, how = looked_at(scenes, mean, 10.0)
     other, how_other = looked_at(mirrored, mean * other_side, 10.0)
     np.testing.assert_allclose(one, other * other_side, atol=1e-5)
-    np.testing.assert_allclose(how, how_other, atol=0.02)
+    np.testing.assert_allclose(how, how_other, atol=1e-3)
     assert how.any()
 
 
