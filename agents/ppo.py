@@ -64,9 +64,9 @@ class Learner(NamedTuple):
     optimizer: optax.GradientTransformation
     axis: str | None = None
     """Name of the devices' axis inside ``shard_map``; None on one device."""
-    teacher: "Callable[[Derived, jax.Array, jax.Array], Taught] | None" = None
-    """(what is seen ``[...]``, how far the policy is to be held ``[...]``, its mean actions ``[..., 2]``) -> what the
-    actor is kept to; None: to nothing."""
+    teacher: "Callable[[Derived, jax.Array, jax.Array, Callable[[jax.Array], jax.Array]], Taught] | None" = None
+    """(what is seen ``[...]``, how far the policy is to be held ``[...]``, its mean actions ``[..., 2]``, the policy)
+    -> what the actor is kept to; None: to nothing."""
 
     def policy(self, variables: Any, observation: jax.Array | Derived) -> tuple[jax.Array, jax.Array]:
         """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""

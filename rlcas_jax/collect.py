@@ -90,7 +90,9 @@ def collect(
     )
     target = estimate + value[:-1]
     calm = 1.0 - terminated if result.calm is None else (1.0 - terminated) * result.calm
-    taught = None if parts.teacher is None else parts.teacher(observation, result.held, mean)
+    taught = None
+    if parts.teacher is not None:
+        taught = parts.teacher(observation, result.held, mean, lambda seen: parts.policy(state.actor, seen)[0])
     samples = Batch(observation, action, log_prob, estimate, target, calm, taught)
     samples = jax.tree.map(lambda a: jnp.swapaxes(a, 0, 1), samples)
     return world, samples, result.statistics, {"explained_variance": explained_variance(value[:-1], target, parts.axis)}

@@ -17,12 +17,12 @@ from agents.networks import Actor, Derived
 from agents.ppo import Taught, met_by
 from envs.kinematics import Limits, VehicleState
 from envs.observation import SPEED_HALF, SPEED_MIDDLE
-from rlcas_jax import escapes
+from rlcas_jax import escapes, homeward
 from rlcas_jax.beginning import actor_with, policy_at
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.starts import EARLIER
 
-__all__ = ["around", "best_manoeuvre", "best_second", "flown", "teacher", "teaches"]
+__all__ = ["around", "best_manoeuvre", "best_second", "flown", "prompt_second", "teacher", "teaches"]
 
 _GOAL = 8
 """Where the cosine and the sine of the goal's bearing are among the inputs."""
@@ -38,6 +38,20 @@ _CLEARLY_OF = 0.1
 
 _DECIDED = 1 / 6
 """Of what is seen, as much as is looked ahead from at most, what has least to lose: it takes 15 times the work."""
+
+_BLOCKED, _FLOWN = 1 / 8, 1 / 128
+"""Of what is seen, as much as is looked for ways home at most, and as much as the policy is flown on from: what is
+late."""
+
+_SECONDS = 200
+"""How long it is flown on, s."""
+
+_DAWDLES, _DAWDLES_LONG = 30.0, 60.0
+"""By how much the policy arrives later than it could, s, where that begins to count, and where it counts in full."""
+
+_IN_THE_WAY, _AHEAD = 0.2, math.cos(math.radians(20.0))
+"""What the way straight home keeps at most, squashed, where something is in the way: 7.5 m; cosine of the bearing up to
+which the goal is ahead."""
 
 _LOST = 30.0
 """By how much the best manoeuvre comes too close where nothing is to be saved any more, m."""
@@ -55,10 +69,13 @@ _AT_LIMIT = 1e-4
 
 def teaches(config: TrainConfig) -> bool:
     """Return whether there is a teacher."""
-    return config.practice.teacher is not None or config.practice.pressed > 0.0 or config.practice.unwind > 0.0
+    practice = config.practice
+    return practice.teacher is not None or max(practice.pressed, practice.prompt, practice.unwind) > 0.0
 
 
-def teacher(config: TrainConfig) -> Callable[[Derived, jax.Array, jax.Array], Taught] | None:
+def teacher(
+    config: TrainConfig,
+) -> Callable[[Derived, jax.Array, jax.Array, Callable[[jax.Array], jax.Array]], Taught] | None:
     """Return what a configuration's actor is kept to, of what it sees, how far it is held and what it does.
 
     Where it is kept to nothing the answer is None.
@@ -74,11 +91,12 @@ def teacher(config: TrainConfig) -> Callable[[Derived, jax.Array, jax.Array], Ta
         raise ConfigError(
             f"practice.pressed is {practice.pressed:g} with network.feature_set {feature_set}; expected pressed"
         )
-    if practice.unwind and not begins(feature_set, "foresight"):
-        raise ConfigError(
-            f"practice.unwind is {practice.unwind:g} with network.feature_set {feature_set}; "
-            "expected foresight, advised or pressed"
-        )
+    for key, weight in (("prompt", practice.prompt), ("unwind", practice.unwind)):
+        if weight and not begins(feature_set, "foresight"):
+            raise ConfigError(
+                f"practice.{key} is {weight:g} with network.feature_set {feature_set}; "
+                "expected foresight, advised or pressed"
+            )
     policy = None
     if practice.teacher is not None:
         read = policy_at(practice.teacher, "practice.teacher")
@@ -86,12 +104,18 @@ def teacher(config: TrainConfig) -> Callable[[Derived, jax.Array, jax.Array], Ta
         policy = Actor(read.hidden, feature_set), parameters
     limits = config.world.limits()
 
-    def taught(seen: Derived, held: jax.Array, mean: jax.Array) -> Taught:
+    def taught(seen: Derived, held: jax.Array, mean: jax.Array, act: Callable[[jax.Array], jax.Array]) -> Taught:
         low = high = weight = jnp.zeros((*held.shape, 2))
         if policy is not None:
             actor, variables = policy
             low, high = flown(actor.apply(variables, seen)[0], seen, limits)
             weight = weight + practice.teaching * held[..., None]
+        if practice.prompt:
+            way, matters, unasked = prompt_second(seen, mean, act)
+            weight = jnp.where(unasked[..., None], 0.0, weight)
+            matters = matters[..., None]
+            low, high = (jnp.where(matters > 0.0, new, old) for new, old in zip(met_by(way), (low, high), strict=True))
+            weight = jnp.where(matters > 0.0, practice.prompt * matters, weight)
         if practice.pressed:
             manoeuvre, near = best_second(seen, mean, practice.leave) if practice.second else best_manoeuvre(seen)
             beyond = met_by(manoeuvre)
@@ -198,6 +222,41 @@ def best_second(seen: Derived, mean: jax.Array, leave: float) -> tuple[jax.Array
     weight = near[:, None] * jnp.clip(lost / clearly[:, None], 0.0, 1.0)
     whole = jnp.zeros((spare.size, 2))
     return whole.at[rows].set(action * hand).reshape(*shape, 2), whole.at[rows].set(weight).reshape(*shape, 2)
+
+
+def prompt_second(
+    seen: Derived, mean: jax.Array, act: Callable[[jax.Array], jax.Array]
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Return how the soonest way home begins, ``[..., 2]``, how far it is to be done, and where to ask was no time.
+
+    With an intruder in the way, or the goal aside, and where even the soonest way is late, the policy is flown on: it
+    is told as far as it comes later than that one.
+
+    Args:
+        seen: of any of the sets that begin with ``foresight``.
+        mean: what the policy does, ``[..., 2]``.
+        act: observations ``[N, 8]`` -> the policy's mean actions ``[N, 2]``.
+
+    Returns:
+        ``[..., 2]``, ``[...]`` and ``[...]``.
+    """
+    shape = seen.hand.shape
+    inputs, hands = seen.inputs.reshape(-1, seen.inputs.shape[-1]), seen.hand.reshape(-1)
+    hand = jnp.stack([jnp.ones_like(hands), hands], axis=-1)
+    does = jnp.clip(mean.reshape(-1, 2), -1.0, 1.0) * hand
+    blocked = (inputs[:, size("mirror") + COUNT - 1] < _IN_THE_WAY) | (inputs[:, _GOAL] < _AHEAD)
+    _, rows = jax.lax.top_k(blocked.astype(jnp.float32), math.ceil(blocked.size * _BLOCKED))
+    own, goal, other = _scene(inputs[rows])
+    arrival, action = homeward.soonest(own, *goal, other, does[rows])
+    lateness = homeward.late(arrival, jnp.hypot(*goal)) * (blocked[rows] & jnp.isfinite(arrival))
+    some, among = jax.lax.top_k(lateness, math.ceil(blocked.size * _FLOWN))
+    own, (goal_x, goal_y), other = jax.tree.map(lambda field: field[among], (own, goal, other))
+    later = homeward.arrival_of(act, own, goal_x, goal_y, other, _SECONDS) - arrival[among]
+    matters = some * jnp.clip((later - _DAWDLES) * (1.0 / (_DAWDLES_LONG - _DAWDLES)), 0.0, 1.0)
+    unasked = blocked.at[rows].set(lateness > 0.0).at[rows[among]].set(False)
+    told = jnp.zeros((blocked.size, 2)).at[rows[among]].set((action * hand[rows])[among])
+    share = jnp.zeros(blocked.size).at[rows[among]].set(matters)
+    return told.reshape(*shape, 2), share.reshape(shape), unasked.reshape(shape)
 
 
 def _metres(kept: jax.Array) -> jax.Array:

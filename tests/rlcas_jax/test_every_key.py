@@ -107,6 +107,7 @@ ELSEWHERE = {
     "practice.pressed": "the same (test_teaching)",
     "practice.second": "the same (test_teaching)",
     "practice.leave": "the same (test_teaching)",
+    "practice.prompt": "the same (test_teaching)",
     "practice.anywhere": "the starts (test_teaching)",
     "practice.anywhere_share": "the same (test_starts)",
     "practice.teaching_near": "the same (test_teaching)",

@@ -1,6 +1,7 @@
 """What a policy in training is kept to, and how a policy goes on with more inputs."""
 
 import math
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -24,10 +25,11 @@ from rlcas_jax import metrics
 from rlcas_jax.beginning import actor_with, policy_at
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.escapes import best, each
+from rlcas_jax.homeward import arrival_of, late, soonest
 from rlcas_jax.loop import Run, run
 from rlcas_jax.progress import Reporter
 from rlcas_jax.starts import anywhere, edges
-from rlcas_jax.teaching import around, best_manoeuvre, best_second, flown, teacher
+from rlcas_jax.teaching import around, best_manoeuvre, best_second, flown, prompt_second, teacher
 
 HIDDEN = (8, 8)
 
@@ -260,13 +262,13 @@ def test_what_is_taught_is_the_teacher_where_held_and_the_best_manoeuvre_where_p
     manoeuvre, near = best_manoeuvre(seen)
     pressed = np.asarray(near) > 0.0
     assert 0.02 < pressed.mean() < 0.5
-    low, high, weight = (np.asarray(field) for field in taught(seen, held, mean))
+    low, high, weight = (np.asarray(field) for field in taught(seen, held, mean, straight_on))
     for bound, kept, urgent in zip((low, high), flown(mean, seen, SURROGATE), met_by(manoeuvre), strict=True):
         np.testing.assert_allclose(bound, np.where(pressed, urgent, kept), atol=1e-6)
     np.testing.assert_allclose(weight, np.where(pressed, 3.0 * near, 2.0 * held[:, None]), rtol=1e-6)
     alone = teacher(told(None, pressed=3.0))
     assert alone is not None
-    assert not np.asarray(alone(seen, held, mean).weight)[~pressed].any()
+    assert not np.asarray(alone(seen, held, mean, straight_on).weight)[~pressed].any()
     assert teacher(told(None)) is None
 
 
@@ -331,6 +333,77 @@ def test_circles_are_left_by_a_network_that_is_told_enough() -> None:
         ConfigError, match=r"practice\.unwind is 1 with network\.feature_set mirror; expected foresight"
     ):
         teacher(TrainConfig.model_validate({"network": {"feature_set": "mirror"}, "practice": {"unwind": 1.0}}))
+
+
+def beside(count: int) -> tuple[VehicleState, VehicleState, jax.Array, jax.Array]:
+    """Return ownships, intruders beside them on nearly the same course, and goals ahead on the other side."""
+    random = np.random.default_rng(6)
+
+    def drawn(low: float, high: float) -> jax.Array:
+        return jnp.asarray(random.uniform(low, high, count), jnp.float32)
+
+    still, side = jnp.zeros(count), jnp.asarray(random.choice([-1.0, 1.0], count), jnp.float32)
+    speed = drawn(65.0, 85.0)
+    own = VehicleState(still, still, still, speed)
+    other = VehicleState(drawn(-200.0, 200.0), side * drawn(1_050.0, 1_500.0), still, speed + drawn(-4.0, 4.0))
+    return own, other, drawn(5_000.0, 8_000.0), side * drawn(2_500.0, 3_500.0)
+
+
+def straight_on(observation: jax.Array) -> jax.Array:
+    return jnp.zeros((len(observation), 2))
+
+
+def told_to_be_prompt(observation: jax.Array, act: Callable[[jax.Array], jax.Array]) -> tuple[np.ndarray, ...]:
+    """Return what is told of all at once, so that everybody is asked."""
+    asked = jnp.concatenate([observation, jnp.zeros((127 * len(observation), 8)).at[:, 7].set(1.0)])
+    told = jax.jit(lambda seen: prompt_second(derived(seen, "pressed"), act(seen), act))(asked)
+    return tuple(np.asarray(part)[: len(observation)] for part in told)
+
+
+def test_who_flies_on_beside_an_intruder_is_told_how_the_soonest_way_past_it_begins() -> None:
+    own, other, goal_x, goal_y = beside(40)
+    seen = observe(own, other, goal_x, goal_y, jnp)
+    action, matters, unasked = told_to_be_prompt(seen, straight_on)
+    arrival, begins = soonest(own, goal_x, goal_y, other, straight_on(seen))
+    assert np.isfinite(np.asarray(arrival)).all()
+    assert not unasked.any()
+    # What is seen is rounded.
+    np.testing.assert_allclose(matters, late(arrival, jnp.hypot(goal_x, goal_y)), atol=0.1)
+    assert (matters > 0.0).mean() > 0.5
+    alike = np.isclose(action, begins, atol=1e-3).all(axis=1)
+    assert alike[matters > 0.0].mean() > 0.9  # of ways that are as soon it may be another one
+
+
+def test_who_arrives_as_soon_as_can_be_is_told_nothing() -> None:
+    own, other, goal_x, goal_y = beside(40)
+    seen = observe(own, other, goal_x, goal_y, jnp)
+    arrival, _ = soonest(own, goal_x, goal_y, other, straight_on(seen))
+
+    def home_by_then(observation: jax.Array) -> jax.Array:
+        """Nobody is in the way of who flies through everybody."""
+        turn = jnp.clip(observation[:, 6] * (math.pi / SURROGATE.yaw_rate_max), -1.0, 1.0)
+        return jnp.stack([jnp.ones_like(turn), turn], axis=-1)
+
+    flown = arrival_of(home_by_then, own, goal_x, goal_y, other, 200)
+    assert np.asarray(flown < arrival + 30.0).all()
+    _, matters, _ = told_to_be_prompt(seen, home_by_then)
+    assert not matters.any()
+
+
+def test_where_there_is_no_time_to_ask_nobody_is_kept_to_the_teacher(policy: Path) -> None:
+    own, other, goal_x, goal_y = beside(64)
+    seen = derived(observe(own, other, goal_x, goal_y, jnp), "pressed")
+    both = teacher(told(policy, teaching=2.0, prompt=3.0))
+    assert both is not None
+    weight = np.asarray(both(seen, jnp.ones(64), jnp.zeros((64, 2)), straight_on).weight)
+    _, matters, unasked = (np.asarray(part) for part in prompt_second(seen, jnp.zeros((64, 2)), straight_on))
+    assert (matters > 0.0).sum() == 1  # there is time for one of 64
+    assert 56 <= unasked.sum() < 64
+    np.testing.assert_allclose(weight[matters > 0.0], 3.0 * matters[matters > 0.0][:, None].repeat(2, axis=1))
+    np.testing.assert_array_equal(weight[unasked], 0.0)
+    # Nobody is in the way, and the goal is ahead.
+    free = derived(jnp.zeros((64, 8)).at[:, 4].set(1.0).at[:, 5].set(1.0), "pressed")
+    np.testing.assert_array_equal(both(free, jnp.ones(64), jnp.zeros((64, 2)), straight_on).weight, 2.0)
 
 
 def test_a_teacher_is_kept_to_and_one_that_cannot_teach_is_refused(policy: Path, tmp_path: Path) -> None:
