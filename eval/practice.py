@@ -33,9 +33,10 @@ came to its goal by a long detour, and write them as a file of encounters that a
 
 With --moments each is followed by so many moments of the least-cost flight that resolves it, most of them early: a
 policy that begins there learns what lies behind the way that it never tries. --examples writes what such flights see
-and do, for the policy to be drawn to (practice.examples).
+and do, for the policy to be drawn to (practice.examples). Both take a search of 0.15 s an encounter.
 
-Both take a search of 0.15 s an encounter."""
+With --along each is followed by so many moments of the policy's own flight: what it hardly ever comes to, and does
+badly, it meets often."""
 
 _EPILOG = """\
 example:
@@ -84,11 +85,16 @@ class _Hard(NamedTuple):
 
 
 def _hard(run: "Run", options: argparse.Namespace) -> _Hard:
+    import numpy as np
+
+    from agents.inference import Policy
     from envs.intruder import Intent
     from eval.chunks import picked
-    from eval.practice_flights import examples, moments, resolving
+    from eval.practice_flights import along, examples, moments, resolving
     from eval.report_flights import evaluation_of
 
+    if options.along and run.config.mode != "policy":
+        raise ConfigError(f"--run {run.folder} flew in mode {run.config.mode}; --along expects policy")
     evaluation = evaluation_of(run, options.policy)
     rules, limits = evaluation.rules, evaluation.limits
     numbers = _chosen(run, options.longer)[: options.most]
@@ -101,6 +107,12 @@ def _hard(run: "Run", options: argparse.Namespace) -> _Hard:
             raise ConfigError(f"--run {run.folder} flew recorded tracks, which a file of encounters cannot hold")
         result.encounters.append(starts)
         result.names.extend(labels)
+        if options.along:
+            if any(np.any(quality > 0.0) for quality in starts.sensor):
+                raise ConfigError(f"--run {run.folder} flew with noisy or late reports; --along expects perfect ones")
+            later, of, times = along(starts, Policy.load(evaluation.policy).rowwise, rules, limits, options.along)
+            result.encounters.append(later)
+            result.names.extend(f"{labels[row]} along {at:g} s" for row, at in zip(of, times, strict=True))
         if options.moments or options.examples:
             flights = resolving(starts, rules, limits, options.spare)
             later, of, times = moments(flights, rules, options.moments)
@@ -183,6 +195,13 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         default=0,
         help="moments of a flight that resolves it to add to each encounter (default: 0)",
+    )
+    add(
+        "--along",
+        type=whole(0),
+        metavar="N",
+        default=0,
+        help="moments of the policy's own flight to add to each encounter (default: 0)",
     )
     add("--examples", type=npz, metavar="FILE", help="new .npz file of examples to write besides")
     add(

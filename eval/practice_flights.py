@@ -14,9 +14,10 @@ from envs.outcome import Rules
 from envs.relative import distance
 from envs.trees import mapped, take
 from eval.film import Trajectories
+from eval.simulate import Decider, fly
 from eval.witness_flight import ROUNDS, followed
 
-__all__ = ["Resolving", "beginning_at", "examples", "moments", "resolving"]
+__all__ = ["Resolving", "along", "beginning_at", "examples", "moments", "resolving"]
 
 _LEAST = 1.0
 """Beyond the separation that a moment has at least, m: what is nearer may be lost by rounding."""
@@ -73,6 +74,30 @@ def moments(flights: Resolving, rules: Rules, count: int) -> tuple[Encounter, np
     later, fit = beginning_at(take(flights.encounters, columns), flights.film, step, columns, rules)
     fit &= step > 0
     return take(later, fit), flights.of[columns][fit], (step * rules.dt)[fit]
+
+
+def along(
+    encounters: Encounter, policy: Decider, rules: Rules, limits: Limits, count: int
+) -> tuple[Encounter, np.ndarray, np.ndarray]:
+    """Return what a policy comes to on its flights, as :func:`moments` does; encounters ``[N]``.
+
+    Args:
+        encounters: the starts, float64, with perfect reports.
+        policy: that flies them.
+        rules: of the task.
+        limits: of the ownship.
+        count: moments of each flight between its start and its end, evenly. None comes of a moment at which an intruder
+            turns, or at the limit itself.
+    """
+    flights, film = fly(encounters, policy, rules, limits, record=True)
+    assert film is not None
+    columns, at = (
+        axis.ravel() for axis in np.meshgrid(np.arange(len(flights.duration)), np.arange(1, count + 1), indexing="ij")
+    )
+    step, before = (np.floor(flights.duration[columns] / rules.dt * k / (count + 1)).astype(int) for k in (at, at - 1))
+    later, fit = beginning_at(take(encounters, columns), film, step, columns, rules)
+    fit &= step > before
+    return take(later, fit), columns[fit], (step * rules.dt)[fit]
 
 
 def examples(flights: Resolving, rules: Rules, limits: Limits) -> tuple[np.ndarray, np.ndarray]:

@@ -16,8 +16,9 @@ from envs.starts import numbered
 from envs.trees import take
 from eval.failure_groups import failures
 from eval.practice import _write_examples, main
-from eval.practice_flights import examples, moments, resolving
+from eval.practice_flights import along, examples, moments, resolving
 from eval.report_run import read_run
+from eval.simulate import OUTCOMES, direct, fly
 from tests.eval.report_runs import report_run
 
 __all__ = ["report_run"]
@@ -71,6 +72,28 @@ def test_moments_can_be_resolved_from_where_they_begin(name: str) -> None:
         travelled[straight],
         rtol=1e-6,
     )
+
+
+def test_moments_along_a_flight_go_on_as_it_did() -> None:
+    starts, policy = numbered(SCENARIOS["maneuvering"], 5, 0, 40), direct(SURROGATE)
+    whole, _ = fly(starts, policy, RULES, SURROGATE)
+    later, of, times = along(starts, policy, RULES, SURROGATE, 3)
+    assert len(of) > 40
+    rest, _ = fly(later, policy, RULES, SURROGATE)
+    in_time = whole.outcome[of] != OUTCOMES.index("timeout")
+    np.testing.assert_array_equal(rest.outcome[in_time], whole.outcome[of][in_time])
+    np.testing.assert_allclose(rest.duration[in_time], whole.duration[of][in_time] - times[in_time], atol=1.0)
+    np.testing.assert_allclose(rest.goal_distance[in_time], whole.goal_distance[of][in_time], atol=1.0)
+
+
+def test_moments_along_a_flight_are_of_policies_with_perfect_reports(
+    report_run: Path, policy_path: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "along.csv"
+    asked = ["--run", str(report_run), "--policy", str(policy_path), "--along", "2", "--most", "5", "--out", str(out)]
+    assert main(asked) == 0
+    _, names = encounter_file.read(out)
+    assert any(" along " in name for name in names)
 
 
 def test_examples_do_what_resolves_the_encounters() -> None:
