@@ -91,7 +91,7 @@ def ways(own: VehicleState, goal_x: jax.Array, goal_y: jax.Array, intruder: Vehi
     between = (spare[:, :-1] < 0.0) & (spare[:, 1:] >= 0.0) & alike
     between = jnp.where(between, arrival[:, :-1] + share * jnp.where(alike, gained, 0.0), jnp.inf)
     arrivals = jnp.concatenate([safe, between], axis=1)  # [K, 2 T - 1, ...]
-    homeward = np.array([while_ == 0.0 for while_ in _WHILES] + [False] * (len(_WHILES) - 1))
+    homeward = np.array([seconds == 0.0 for seconds in _WHILES] + [False] * (len(_WHILES) - 1))
     courses, home = _courses(heading, course, (len(_KINDS), 1, *wide))
     to_goal = _unit(*goal)
     straight = home | jnp.asarray(homeward).reshape(1, -1, *wide)
