@@ -97,6 +97,7 @@ def _hard(run: "Run", options: argparse.Namespace) -> _Hard:
         raise ConfigError(f"--run {run.folder} flew in mode {run.config.mode}; --along expects policy")
     evaluation = evaluation_of(run, options.policy)
     rules, limits = evaluation.rules, evaluation.limits
+    policy = Policy.load(evaluation.policy).rowwise if options.along else None
     numbers = _chosen(run, options.longer)[: options.most]
     print(f"{run.folder}: {len(numbers)} of {len(run.table['encounter'])} encounters", flush=True)
     result, said = _Hard([], [], []), time.monotonic()
@@ -107,10 +108,10 @@ def _hard(run: "Run", options: argparse.Namespace) -> _Hard:
             raise ConfigError(f"--run {run.folder} flew recorded tracks, which a file of encounters cannot hold")
         result.encounters.append(starts)
         result.names.extend(labels)
-        if options.along:
+        if policy is not None:
             if any(np.any(quality > 0.0) for quality in starts.sensor):
                 raise ConfigError(f"--run {run.folder} flew with noisy or late reports; --along expects perfect ones")
-            later, of, times = along(starts, Policy.load(evaluation.policy).rowwise, rules, limits, options.along)
+            later, of, times = along(starts, policy, rules, limits, options.along)
             result.encounters.append(later)
             result.names.extend(f"{labels[row]} along {at:g} s" for row, at in zip(of, times, strict=True))
         if options.moments or options.examples:
