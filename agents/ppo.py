@@ -22,6 +22,7 @@ __all__ = [
     "LearnerState",
     "PpoSettings",
     "Taught",
+    "Teacher",
     "advantages",
     "deviation",
     "explained_variance",
@@ -64,9 +65,8 @@ class Learner(NamedTuple):
     optimizer: optax.GradientTransformation
     axis: str | None = None
     """Name of the devices' axis inside ``shard_map``; None on one device."""
-    teacher: "Callable[[Derived, jax.Array, jax.Array, Callable[[jax.Array], jax.Array]], Taught] | None" = None
-    """(what is seen ``[...]``, how far the policy is to be held ``[...]``, its mean actions ``[..., 2]``, the policy)
-    -> what the actor is kept to; None: to nothing."""
+    teacher: "Teacher | None" = None
+    """What the actor is kept to; None: to nothing."""
 
     def policy(self, variables: Any, observation: jax.Array | Derived) -> tuple[jax.Array, jax.Array]:
         """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
@@ -112,6 +112,11 @@ class Taught(NamedTuple):
     high: jax.Array
     weight: jax.Array
     """Of the squared distance from there in the loss."""
+
+
+Teacher = Callable[[Derived, jax.Array, jax.Array, Callable[[jax.Array], jax.Array]], Taught]
+"""(What is seen ``[...]``, how far the policy is to be held ``[...]``, its mean actions ``[..., 2]``, the policy:
+observations ``[N, 8]`` -> mean actions ``[N, 2]``) -> what the actor is kept to."""
 
 
 class Examples(NamedTuple):

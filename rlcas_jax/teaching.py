@@ -14,7 +14,7 @@ from agents.configuration import ConfigError
 from agents.features import KEPT_UNIT, begins, size
 from agents.foresight import COUNT
 from agents.networks import Actor, Derived
-from agents.ppo import Taught, met_by
+from agents.ppo import Taught, Teacher, met_by
 from envs.kinematics import Limits, VehicleState
 from envs.observation import SPEED_HALF, SPEED_MIDDLE
 from rlcas_jax import escapes, homeward
@@ -73,16 +73,14 @@ def teaches(config: TrainConfig) -> bool:
     return practice.teacher is not None or max(practice.pressed, practice.prompt, practice.unwind) > 0.0
 
 
-def teacher(
-    config: TrainConfig,
-) -> Callable[[Derived, jax.Array, jax.Array, Callable[[jax.Array], jax.Array]], Taught] | None:
+def teacher(config: TrainConfig) -> Teacher | None:
     """Return what a configuration's actor is kept to, of what it sees, how far it is held and what it does.
 
     Where it is kept to nothing the answer is None.
 
     Raises:
-        ConfigError: the policy of ``practice.teacher`` cannot be used, or ``practice.pressed`` or ``practice.unwind``
-            lacks its inputs.
+        ConfigError: the policy of ``practice.teacher`` cannot be used, or ``practice.pressed``, ``practice.prompt``
+            or ``practice.unwind`` lacks its inputs.
     """
     if not teaches(config):
         return None
@@ -105,31 +103,36 @@ def teacher(
     limits = config.world.limits()
 
     def taught(seen: Derived, held: jax.Array, mean: jax.Array, act: Callable[[jax.Array], jax.Array]) -> Taught:
-        low = high = weight = jnp.zeros((*held.shape, 2))
+        bounds = jnp.zeros((*held.shape, 2))
+        does = Taught(bounds, bounds, bounds)
         if policy is not None:
             actor, variables = policy
             low, high = flown(actor.apply(variables, seen)[0], seen, limits)
-            weight = weight + practice.teaching * held[..., None]
+            does = Taught(low, high, does.weight + practice.teaching * held[..., None])
         if practice.prompt:
             way, matters, unasked = prompt_second(seen, mean, act)
-            weight = jnp.where(unasked[..., None], 0.0, weight)
-            matters = matters[..., None]
-            low, high = (jnp.where(matters > 0.0, new, old) for new, old in zip(met_by(way), (low, high), strict=True))
-            weight = jnp.where(matters > 0.0, practice.prompt * matters, weight)
+            does = does._replace(weight=jnp.where(unasked[..., None], 0.0, does.weight))
+            does = _instead(does, way, matters[..., None], practice.prompt)
         if practice.pressed:
             manoeuvre, near = best_second(seen, mean, practice.leave) if practice.second else best_manoeuvre(seen)
-            beyond = met_by(manoeuvre)
-            low, high = (jnp.where(near > 0.0, new, old) for new, old in zip(beyond, (low, high), strict=True))
-            weight = jnp.where(near > 0.0, practice.pressed * near, weight)
+            does = _instead(does, manoeuvre, near, practice.pressed)
         if practice.unwind:
             turn, circling = (jnp.stack([jnp.zeros_like(part), part], axis=-1) for part in around(seen, limits))
-            low, high = (
-                jnp.where(circling > 0.0, new, old) for new, old in zip(met_by(turn), (low, high), strict=True)
-            )
-            weight = jnp.where(circling > 0.0, practice.unwind * circling, weight)
-        return jax.lax.stop_gradient(Taught(low, high, weight))
+            does = _instead(does, turn, circling, practice.unwind)
+        return jax.lax.stop_gradient(does)
 
     return taught
+
+
+def _instead(before: Taught, action: jax.Array, share: jax.Array, weight: float) -> Taught:
+    """Return what is taught with actions ``[..., 2]`` instead, with so much of a weight, wherever that is any."""
+    told = share > 0.0
+    low, high = met_by(action)
+    return Taught(
+        jnp.where(told, low, before.low),
+        jnp.where(told, high, before.high),
+        jnp.where(told, weight * share, before.weight),
+    )
 
 
 def flown(action: jax.Array, seen: Derived, limits: Limits) -> tuple[jax.Array, jax.Array]:
