@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from agents.configuration import ConfigError, Parser, run_cli
 from eval.command import refusing, whole
-from eval.practice import npz
+from eval.practice import npz, policy_of, refuse_imperfect
 
 if TYPE_CHECKING:
     import numpy as np
@@ -62,17 +62,14 @@ def _of(run: "Run", options: argparse.Namespace) -> "list[tuple[np.ndarray, np.n
     """Return observations and actions of a run's best branches, in parts."""
     import numpy as np
 
-    from agents.inference import Policy
     from eval.branching import branched
     from eval.chunks import picked
     from eval.report_flights import evaluation_of
     from eval.simulate import fly
 
-    if run.config.mode != "policy":
-        raise ConfigError(f"--run {run.folder} flew in mode {run.config.mode}, expected policy")
     evaluation = evaluation_of(run, options.policy)
     rules, limits = evaluation.rules, evaluation.limits
-    policy = Policy.load(evaluation.policy).rowwise
+    policy = policy_of(run, evaluation)
     table = run.table
     direct = (table["route_length_m"] - rules.goal_radius) / limits.speed_max
     late = (table["duration_s"] - direct >= options.later) & (table["outcome"] != "violation")
@@ -81,8 +78,7 @@ def _of(run: "Run", options: argparse.Namespace) -> "list[tuple[np.ndarray, np.n
     parts, saved, flown = [], [], 0
     for done in range(0, len(numbers), _BLOCK):
         starts = picked(evaluation, numbers[done : done + _BLOCK])
-        if any(np.any(quality > 0.0) for quality in starts.sensor):
-            raise ConfigError(f"--run {run.folder} flew with noisy or late reports, expected perfect ones")
+        refuse_imperfect(run, starts)
         flights, film = fly(starts, policy, rules, limits, record=True)
         assert film is not None
         best = branched(starts, flights, film, policy, rules, limits, least=options.saves)

@@ -16,9 +16,11 @@ if TYPE_CHECKING:
     import numpy as np
 
     from envs.encounters import Encounter
+    from eval.chunks import Evaluation
     from eval.report_run import Run
+    from eval.simulate import Decider
 
-__all__ = ["main", "npz"]
+__all__ = ["main", "npz", "policy_of", "refuse_imperfect"]
 
 _BLOCK = 50
 """Encounters searched at a time."""
@@ -85,19 +87,14 @@ class _Hard(NamedTuple):
 
 
 def _hard(run: "Run", options: argparse.Namespace) -> _Hard:
-    import numpy as np
-
-    from agents.inference import Policy
     from envs.intruder import Intent
     from eval.chunks import picked
     from eval.practice_flights import along, examples, moments, resolving
     from eval.report_flights import evaluation_of
 
-    if options.along and run.config.mode != "policy":
-        raise ConfigError(f"--run {run.folder} flew in mode {run.config.mode}; --along expects policy")
     evaluation = evaluation_of(run, options.policy)
     rules, limits = evaluation.rules, evaluation.limits
-    policy = Policy.load(evaluation.policy).rowwise if options.along else None
+    policy = policy_of(run, evaluation) if options.along else None
     numbers = _chosen(run, options.longer)[: options.most]
     print(f"{run.folder}: {len(numbers)} of {len(run.table['encounter'])} encounters", flush=True)
     result, said = _Hard([], [], []), time.monotonic()
@@ -109,8 +106,7 @@ def _hard(run: "Run", options: argparse.Namespace) -> _Hard:
         result.encounters.append(starts)
         result.names.extend(labels)
         if policy is not None:
-            if any(np.any(quality > 0.0) for quality in starts.sensor):
-                raise ConfigError(f"--run {run.folder} flew with noisy or late reports; --along expects perfect ones")
+            refuse_imperfect(run, starts)
             later, of, times = along(starts, policy, rules, limits, options.along)
             result.encounters.append(later)
             result.names.extend(f"{labels[row]} along {at:g} s" for row, at in zip(of, times, strict=True))
@@ -124,6 +120,29 @@ def _hard(run: "Run", options: argparse.Namespace) -> _Hard:
             said = time.monotonic()
             print(f"{done + len(block)} of {len(numbers)} searched", file=sys.stderr, flush=True)
     return result
+
+
+def policy_of(run: "Run", evaluation: "Evaluation") -> "Decider":
+    """Return the policy that flew a run.
+
+    Raises:
+        ConfigError: none did, but a planner, say.
+    """
+    from agents.inference import Policy
+
+    if run.config.mode != "policy":
+        raise ConfigError(f"--run {run.folder} flew in mode {run.config.mode}, expected policy")
+    return Policy.load(evaluation.policy).rowwise
+
+
+def refuse_imperfect(run: "Run", starts: "Encounter") -> None:
+    """Refuse encounters of a run whose reports are noisy or come late: what is flown here sees the truth.
+
+    Raises:
+        ConfigError: there are such.
+    """
+    if any((quality > 0.0).any() for quality in starts.sensor):
+        raise ConfigError(f"--run {run.folder} flew with noisy or late reports, expected perfect ones")
 
 
 def _write_examples(path: Path, parts: "list[tuple[np.ndarray, np.ndarray]]", most: int) -> None:

@@ -14,6 +14,7 @@ from envs.observation import observe
 from envs.outcome import RULES
 from envs.starts import numbered
 from envs.trees import take
+from eval import monte_carlo
 from eval.failure_groups import failures
 from eval.practice import _write_examples, main
 from eval.practice_flights import along, examples, moments, resolving
@@ -86,14 +87,31 @@ def test_moments_along_a_flight_go_on_as_it_did() -> None:
     np.testing.assert_allclose(rest.goal_distance[in_time], whole.goal_distance[of][in_time], atol=1.0)
 
 
-def test_moments_along_a_flight_are_of_policies_with_perfect_reports(
-    report_run: Path, policy_path: Path, tmp_path: Path
-) -> None:
+def test_moments_along_flights_of_a_run_are_written(report_run: Path, policy_path: Path, tmp_path: Path) -> None:
     out = tmp_path / "along.csv"
     asked = ["--run", str(report_run), "--policy", str(policy_path), "--along", "2", "--most", "5", "--out", str(out)]
     assert main(asked) == 0
     _, names = encounter_file.read(out)
     assert any(" along " in name for name in names)
+
+
+@pytest.mark.parametrize(
+    ("flown", "message"),
+    [
+        (["--mode", "plan"], "flew in mode plan, expected policy"),
+        (["--mode", "policy", "--scenario", "noisy"], "noisy or late reports, expected perfect ones"),
+    ],
+)
+def test_moments_along_flights_want_a_policy_with_perfect_reports(
+    flown: list[str], message: str, policy_path: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    asked = ["--encounters", "30", "--policy", str(policy_path), "--set", "figures=false", "--workers", "1"]
+    assert monte_carlo.main([*flown, *asked, "--out", str(run)]) == 0
+    out = tmp_path / "along.csv"
+    with pytest.raises(ConfigError, match=message):
+        main(["--run", str(run), "--longer", "0.001", "--along", "2", "--out", str(out)])
+    assert not out.exists()
 
 
 def test_examples_do_what_resolves_the_encounters() -> None:
