@@ -62,10 +62,10 @@ def help_text(model: type[BaseModel]) -> str:
     return "\n".join(lines)
 
 
-def markdown(model: type[BaseModel]) -> str:
-    """Return the keys as a Markdown table."""
+def markdown(model: type[BaseModel], prefix: str = "") -> str:
+    """Return the keys as a Markdown table, with a prefix before each."""
     rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
-    for key in keys(model):
+    for key in keys(model, prefix):
         cells = (f"`{key.name}`", key.expected, f"`{key.default}`", key.text)
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(rows) + "\n"

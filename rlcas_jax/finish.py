@@ -3,7 +3,8 @@
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,14 @@ import numpy as np
 from agents import policy_file
 from agents.export import write
 from agents.resolvability import Verdict, classify
-from envs.encounters import SCENARIOS
+from envs.encounters import SCENARIOS, Encounter
+from envs.outcome import Outcome, Rules
 from envs.starts import numbered
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.figures import training_figures
 from rlcas_jax.loop import Run, outcomes, rates
 
-__all__ = ["POLICY", "export", "finish", "judge", "table"]
+__all__ = ["POLICY", "export", "finish", "judge", "judged", "table"]
 
 POLICY = "policy.safetensors"
 
@@ -46,18 +48,28 @@ def finish(run: Run) -> dict[str, Any]:
 
 
 def judge(run: Run) -> dict[str, Any]:
-    """Fly the deterministic policy through the final encounters and count the successes, of all and of the resolvable.
+    """Fly the deterministic policy through the final encounters and count its successes, as :func:`judged` does."""
+    return judged(run.config, run.task.rules, partial(outcomes, run.task, run.state))
+
+
+def judged(config: TrainConfig, rules: Rules, flown: Callable[[Encounter], Outcome]) -> dict[str, Any]:
+    """Count the successes of a policy in the final encounters, of all and of the resolvable.
 
     What is not proven unresolvable counts as resolvable, so a weak search cannot flatter the rate.
+
+    Args:
+        config: says which encounters.
+        rules: of the task.
+        flown: encounters ``[N]`` -> how the policy ends them.
     """
     began = time.monotonic()
-    settings = run.config.evaluation
+    settings = config.evaluation
     encounters = numbered(SCENARIOS["circle"], settings.seed, 0, settings.final_encounters)
-    outcome = outcomes(run.task, run.state, encounters)
+    outcome = flown(encounters)
     solved = np.asarray(outcome.reached)
-    verdict = classify(encounters, run.task.rules, run.config.world.limits(), solved=solved).verdict
+    verdict = classify(encounters, rules, config.world.limits(), solved=solved).verdict
     resolvable = int(np.sum(verdict != Verdict.UNRESOLVABLE))
-    found = rates(outcome, run.task.rules)
+    found = rates(outcome, rules)
     return {
         "encounters": settings.final_encounters,
         "seed": settings.seed,

@@ -38,6 +38,10 @@ _SPANS = np.array([2.0] * 40 + [4.0] * 38)
 _SPARE = 15.0
 """Beyond the separation that a way is to keep, m; less where there is less already."""
 
+_SPARE_A_SECOND = 2.0
+"""How much more a way is to keep of an intruder for each second until then, m. Who flies a way that is just safe, and
+errs by a metre, may have to give it up for another one, and so again and again; what is far ahead may yet go wrong."""
+
 _WITHIN = RULES.goal_radius - 20.0
 """Distance at which the goal is reached, m."""
 
@@ -48,8 +52,9 @@ and where it matters altogether."""
 _FOR_A_SECOND = 3.0
 """How much later a second more on a course may bring one home, s."""
 
-_AS_SOON = 10.0
-"""Ways that come so much later than the soonest are as good, s."""
+_AS_SOON = 2.0
+"""Ways that come so much later than the soonest are as good, s. It is less than the shortest while may cost: who flies
+on for four seconds now does so again a second later, and so for ever."""
 
 
 class Ways(NamedTuple):
@@ -175,6 +180,8 @@ def _flown(
 ) -> tuple[jax.Array, jax.Array]:
     """Return what each way keeps of the separation until it is home, m, and when that is, s, ``[K, T, ...]`` each.
 
+    What is kept later counts less, by :data:`_SPARE_A_SECOND`.
+
     Args:
         heading, course: of ownship and intruder, unit vectors, ``[...]``.
         speed, other_speed: m/s, ``[...]``.
@@ -205,7 +212,8 @@ def _flown(
         share = jnp.clip(share, 0.0, 1.0)
         near_x, near_y = seen_x + share * move_x, seen_y + share * move_y
         flies = jnp.isinf(arrival)
-        least = jnp.where(flies, jnp.minimum(least, near_x * near_x + near_y * near_y), least)
+        near = jnp.sqrt(near_x * near_x + near_y * near_y) - _SPARE_A_SECOND * (since + share * span)
+        least = jnp.where(flies, jnp.minimum(least, near), least)
         x, y = x + step_x, y + step_y
         left = jnp.sqrt(jnp.square(goal[0] - x) + jnp.square(goal[1] - y))
         early = jnp.clip((_WITHIN - left) / new_speed, 0.0, span)
@@ -218,7 +226,7 @@ def _flown(
     most = SURROGATE.yaw_rate_max * _SPANS
     pieces = np.cumsum(_SPANS) - _SPANS, _SPANS, np.stack([np.cos(most), np.sin(most)], axis=-1)
     (*_, least, arrival), _ = jax.lax.scan(forward, start, tuple(jnp.asarray(part, speed.dtype) for part in pieces))
-    return jnp.sqrt(least), arrival
+    return least, arrival
 
 
 def _unit(x: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:

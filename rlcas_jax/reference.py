@@ -4,6 +4,7 @@ from agents.configuration import run_cli
 from agents.configuration_keys import markdown
 from agents.configuration_pages import write_pages
 from rlcas_jax.config import TrainConfig
+from rlcas_jax.dagger_config import DaggerConfig
 from rlcas_jax.metrics import FILE, METRICS, WALL_CLOCK
 
 __all__ = ["main", "pages"]
@@ -21,13 +22,26 @@ out, every key, to `config.yaml` in its directory, and that file repeats the run
 The files in `configs/` are `quick.yaml` (a policy in a minute on two cores), `best_start.yaml`, `best_middle.yaml`,
 `best_late.yaml`, `best_rejoin.yaml`, `best_turning.yaml`, `best_dear.yaml`, `best_dearer.yaml`, `best_pressed.yaml`,
 `best_reflex.yaml`, `best_calm.yaml`, `best_calmer.yaml`, `best_gentle.yaml`, `best_near.yaml` and
-`best.yaml` (the stages of the policy that ships, `agents/data/README.md`), `paper.yaml` (the paper's own set-up),
+`best.yaml` (the stages of the policy that ships, `agents/data/README.md`), `best_told.yaml` (how it can be refined),
+`paper.yaml` (the paper's own set-up),
 `sprint.yaml` (seconds to a training score of +75, `docs/benchmarks.md`) and the vehicles: `vehicle_surrogate.yaml`
 (the paper's surrogate, also the default) and `vehicle_c208_published.yaml` (its true Cessna 208).
 
 Numbers may be written as `3e-4`, `1e7` and `1_000_000`. A key that does not exist, a value of another type or out of
 range, a key that stands twice and a file that is not there end the program with one sentence and exit status 2, before
 anything else happens.
+
+"""
+
+_DAGGER = """
+## Refining
+
+`python -m rlcas_jax.dagger` takes all of these, and a section of its own; its texts stand in
+`rlcas_jax/dagger_config.py`.
+
+Of `practice` the weights of the lessons count, `pressed`, `prompt` and `unwind`, and `teaching`, the weight of what no
+lesson speaks of: there the policy is to stay as it is, or to do as `teacher` where nothing is in the way home and the
+goal is ahead. Of `ppo` there are `environments` and `rollout`; `shaping` and `steps` count for nothing.
 
 """
 
@@ -50,7 +64,8 @@ which it was made. Two runs of one configuration on the same kind of machine and
 def pages() -> dict[str, str]:
     """Return the generated pages by the name of their file."""
     rows = "".join(f"| `{name}` | {text} |\n" for name, text in METRICS.items())
-    return {"configuration.md": _CONFIGURATION + markdown(TrainConfig), "metrics.md": _METRICS + rows}
+    training = _CONFIGURATION + markdown(TrainConfig) + _DAGGER + markdown(DaggerConfig, "dagger.")
+    return {"configuration.md": training, "metrics.md": _METRICS + rows}
 
 
 def main() -> None:

@@ -6,6 +6,8 @@ asked about the states that the policy comes to itself (Ross et al. 2011).
 
 import math
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +24,19 @@ from rlcas_jax.beginning import actor_with, policy_at
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.starts import EARLIER
 
-__all__ = ["around", "best_manoeuvre", "best_second", "flown", "prompt_second", "teacher", "teaches"]
+__all__ = [
+    "Asked",
+    "Hold",
+    "acting",
+    "around",
+    "best_manoeuvre",
+    "best_second",
+    "blocked",
+    "flown",
+    "prompt_second",
+    "teacher",
+    "teaches",
+]
 
 _GOAL = 8
 """Where the cosine and the sine of the goal's bearing are among the inputs."""
@@ -39,14 +53,23 @@ _CLEARLY_OF = 0.1
 _DECIDED = 1 / 6
 """Of what is seen, as much as is looked ahead from at most, what has least to lose: it takes 15 times the work."""
 
-_BLOCKED, _FLOWN = 1 / 8, 1 / 128
-"""Of what is seen, as much as is looked for ways home at most, and as much as the policy is flown on from: what is
-late."""
+
+class Asked(NamedTuple):
+    """Of what is seen, how much there is the time for."""
+
+    blocked: float = 1 / 8
+    """As much as is looked for ways home at most."""
+    flown: float = 1 / 128
+    """As much as the policy is flown on from: what is late."""
+
+
+Hold = Callable[[Derived, jax.Array], jax.Array]
+"""(What is seen ``[...]``, the policy's mean actions ``[..., 2]``) -> actions ``[..., 2]``."""
 
 _SECONDS = 200
 """How long it is flown on, s."""
 
-_DAWDLES, _DAWDLES_LONG = 30.0, 60.0
+_DAWDLES, _DAWDLES_LONG = 20.0, 40.0
 """By how much the policy arrives later than it could, s, where that begins to count, and where it counts in full."""
 
 _IN_THE_WAY, _AHEAD = 0.2, math.cos(math.radians(20.0))
@@ -73,10 +96,15 @@ def teaches(config: TrainConfig) -> bool:
     return practice.teacher is not None or max(practice.pressed, practice.prompt, practice.unwind) > 0.0
 
 
-def teacher(config: TrainConfig) -> Teacher | None:
+def teacher(config: TrainConfig, asked: Asked | None = None, hold: Hold | None = None) -> Teacher | None:
     """Return what a configuration's actor is kept to, of what it sees, how far it is held and what it does.
 
     Where it is kept to nothing the answer is None.
+
+    Args:
+        config: lessons and their weights.
+        asked: for how much of what is seen ``practice.prompt`` has the time.
+        hold: what is held to where no lesson speaks; by default what the policy of ``practice.teacher`` does.
 
     Raises:
         ConfigError: the policy of ``practice.teacher`` cannot be used, or ``practice.pressed``, ``practice.prompt``
@@ -95,22 +123,18 @@ def teacher(config: TrainConfig) -> Teacher | None:
                 f"practice.{key} is {weight:g} with network.feature_set {feature_set}; "
                 "expected foresight, advised or pressed"
             )
-    policy = None
-    if practice.teacher is not None:
-        read = policy_at(practice.teacher, "practice.teacher")
-        parameters = actor_with(read, feature_set, f"practice.teacher: {practice.teacher}")
-        policy = Actor(read.hidden, feature_set), parameters
     limits = config.world.limits()
+    if hold is None and practice.teacher is not None:
+        hold = acting(practice.teacher, "practice.teacher", feature_set)
 
     def taught(seen: Derived, held: jax.Array, mean: jax.Array, act: Callable[[jax.Array], jax.Array]) -> Taught:
         bounds = jnp.zeros((*held.shape, 2))
         does = Taught(bounds, bounds, bounds)
-        if policy is not None:
-            actor, variables = policy
-            low, high = flown(actor.apply(variables, seen)[0], seen, limits)
+        if hold is not None:
+            low, high = flown(hold(seen, mean), seen, limits)
             does = Taught(low, high, does.weight + practice.teaching * held[..., None])
         if practice.prompt:
-            way, matters, unasked = prompt_second(seen, mean, act)
+            way, matters, unasked = prompt_second(seen, mean, act, asked or Asked())
             does = does._replace(weight=jnp.where(unasked[..., None], 0.0, does.weight))
             does = _instead(does, way, matters[..., None], practice.prompt)
         if practice.pressed:
@@ -122,6 +146,31 @@ def teacher(config: TrainConfig) -> Teacher | None:
         return jax.lax.stop_gradient(does)
 
     return taught
+
+
+def acting(of: Path, key: str, feature_set: str) -> Hold:
+    """Return what a policy file does that a configuration's key names.
+
+    Raises:
+        ConfigError: there is none, it is damaged, or its inputs do not begin those of the feature set.
+    """
+    read = policy_at(of, key)
+    actor, variables = Actor(read.hidden, feature_set), actor_with(read, feature_set, f"{key}: {of}")
+
+    def does(seen: Derived, _: jax.Array) -> jax.Array:
+        applied: Any = actor.apply(variables, seen)
+        return applied[0]
+
+    return does
+
+
+def blocked(seen: Derived) -> jax.Array:
+    """Return whether something is in the way home, or the goal is aside, ``[...]``.
+
+    Args:
+        seen: of any of the sets that begin with ``foresight``.
+    """
+    return (seen.inputs[..., size("mirror") + COUNT - 1] < _IN_THE_WAY) | (seen.inputs[..., _GOAL] < _AHEAD)
 
 
 def _instead(before: Taught, action: jax.Array, share: jax.Array, weight: float) -> Taught:
@@ -228,7 +277,7 @@ def best_second(seen: Derived, mean: jax.Array, leave: float) -> tuple[jax.Array
 
 
 def prompt_second(
-    seen: Derived, mean: jax.Array, act: Callable[[jax.Array], jax.Array]
+    seen: Derived, mean: jax.Array, act: Callable[[jax.Array], jax.Array], asked: Asked | None = None
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Return how the soonest way home begins, ``[..., 2]``, how far it is to be done, and where to ask was no time.
 
@@ -239,26 +288,29 @@ def prompt_second(
         seen: of any of the sets that begin with ``foresight``.
         mean: what the policy does, ``[..., 2]``.
         act: observations ``[N, 8]`` -> the policy's mean actions ``[N, 2]``.
+        asked: how much there is the time for.
 
     Returns:
         ``[..., 2]``, ``[...]`` and ``[...]``.
     """
+    most = asked or Asked()
     shape = seen.hand.shape
     inputs, hands = seen.inputs.reshape(-1, seen.inputs.shape[-1]), seen.hand.reshape(-1)
     hand = jnp.stack([jnp.ones_like(hands), hands], axis=-1)
     does = jnp.clip(mean.reshape(-1, 2), -1.0, 1.0) * hand
-    blocked = (inputs[:, size("mirror") + COUNT - 1] < _IN_THE_WAY) | (inputs[:, _GOAL] < _AHEAD)
-    _, rows = jax.lax.top_k(blocked.astype(jnp.float32), math.ceil(blocked.size * _BLOCKED))
+    barred = blocked(seen).reshape(-1)
+    _, rows = jax.lax.top_k(barred.astype(jnp.float32), math.ceil(barred.size * most.blocked))
     own, goal, other = _scene(inputs[rows])
     arrival, action = homeward.soonest(own, *goal, other, does[rows])
-    lateness = homeward.late(arrival, jnp.hypot(*goal)) * (blocked[rows] & jnp.isfinite(arrival))
-    some, among = jax.lax.top_k(lateness, math.ceil(blocked.size * _FLOWN))
+    lateness = homeward.late(arrival, jnp.hypot(*goal)) * (barred[rows] & jnp.isfinite(arrival))
+    some, among = jax.lax.top_k(lateness, math.ceil(barred.size * most.flown))
     own, (goal_x, goal_y), other = jax.tree.map(lambda field: field[among], (own, goal, other))
-    later = homeward.arrival_of(act, own, goal_x, goal_y, other, _SECONDS) - arrival[among]
+    arrives = homeward.arrival_of(act, own, goal_x, goal_y, other, _SECONDS)
+    later = jnp.where(some > 0.0, arrives - jnp.where(some > 0.0, arrival[among], 0.0), 0.0)
     matters = some * jnp.clip((later - _DAWDLES) * (1.0 / (_DAWDLES_LONG - _DAWDLES)), 0.0, 1.0)
-    unasked = blocked.at[rows].set(lateness > 0.0).at[rows[among]].set(False)
-    told = jnp.zeros((blocked.size, 2)).at[rows[among]].set((action * hand[rows])[among])
-    share = jnp.zeros(blocked.size).at[rows[among]].set(matters)
+    unasked = barred.at[rows].set(lateness > 0.0).at[rows[among]].set(False)
+    told = jnp.zeros((barred.size, 2)).at[rows[among]].set((action * hand[rows])[among])
+    share = jnp.zeros(barred.size).at[rows[among]].set(matters)
     return told.reshape(*shape, 2), share.reshape(shape), unasked.reshape(shape)
 
 
@@ -288,7 +340,7 @@ def around(seen: Derived, limits: Limits) -> tuple[jax.Array, jax.Array]:
     kept = seen.inputs[..., first : first + COUNT]
     slow = jnp.clip((limits.speed_min + _SLOW - own.speed) * (2.0 / _SLOW), 0.0, 1.0)
     beyond = jnp.clip((missed - _PASSED) * (1.0 / 50.0), 0.0, 1.0)
-    within = jnp.clip((_PASSED - 50.0 - missed) * (1.0 / 50.0), 0.0, 1.0)
+    within = jnp.clip((_PASSED - missed) * (1.0 / 50.0), 0.0, 1.0)
     aside = jnp.clip((jnp.arctan2(y, x) - _ASIDE) * (1.0 / _ASIDE), 0.0, 1.0)
     spacious = jnp.max(kept, axis=-1) > _SPACIOUS
     way_home = jnp.min(kept[..., COUNT - 3 : COUNT - 1], axis=-1) > _SPACIOUS  # braking and steady

@@ -106,6 +106,26 @@ def test_of_ways_that_are_as_soon_it_is_the_one_that_begins_as_the_policy_does()
     assert np.asarray(begins)[0, 1] > 0.0 > np.asarray(begins)[1, 1]
 
 
+def test_who_begins_the_soonest_way_each_second_as_much_as_he_likes_to_fly_on_does_arrive() -> None:
+    """To fly on for another while is never as good: who may put off the turn now may put it off for ever."""
+    count = 200
+    own, goal_x, goal_y, other = scenes(count)
+    first, _ = soonest(own, goal_x, goal_y, other, jnp.zeros((count, 2)))
+    asked = np.isfinite(np.asarray(first))
+    assert asked.mean() > 0.9
+    second = jax.jit(
+        lambda own, other: soonest(own, goal_x, goal_y, other, jnp.zeros((count, 2)))[1]
+    )  # who would rather do nothing
+    arrival = np.full(count, np.inf)
+    for time in range(240):
+        begins = second(own, other)
+        own = advance(own, *commands((begins[:, 0], begins[:, 1]), SURROGATE, jnp), 1.0, SURROGATE, jnp)
+        other = advance(other, 0.0, 0.0, 1.0, SURROGATE, jnp)
+        home = np.asarray(distance(goal_x - own.x, goal_y - own.y, jnp)) < 500.0
+        arrival = np.where(np.isinf(arrival) & home, time + 1.0, arrival)
+    assert (arrival - np.asarray(first))[asked].max() < 60.0
+
+
 def test_who_never_gets_there_has_no_arrival() -> None:
     own, goal_x, goal_y, other = scenes(5)
     never = arrival_of(lambda seen: jnp.tile(jnp.array([1.0, 1.0]), (len(seen), 1)), own, goal_x, goal_y, other, 120)
