@@ -118,8 +118,8 @@ def _table(directory: Path, summary: dict[str, Any]) -> str:
     """Return what a person wants to know at the end, as text."""
     lines = ["round       told   resolved  violations  time-outs  (deterministic, of the final encounters)"]
     lines += [
-        f"{number:>5} {row['told']:>10,} {row['success_given_resolvable']:>10.2%} {row['violation_rate']:>11.2%} "
-        f"{row['timeout_rate']:>10.2%}"
+        f"{number:>5} {row['told']:>10,} {row['success_given_resolvable']:>10.2%} "
+        f"{row['violation_rate']:>11.2%} {row['timeout_rate']:>10.2%}"
         for number, row in enumerate(summary["rounds"])
     ]
     return "\n".join([*lines, f"policy, summary and metrics: {directory}"])

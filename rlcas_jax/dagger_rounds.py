@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -77,7 +78,7 @@ def refine(config: DaggerRun, directory: Path, said: Reporter) -> dict[str, Any]
     (directory / "versions.json").write_text(json.dumps(made_with, indent=2) + "\n", encoding="utf-8")
     gather: Gather | None = None
     current = begun
-    rows = [_judged(config, actor, current, files.judged(0), {"told": 0}, said)]
+    rows = [_judged(config, actor, current, files.judged(0), lambda: {"told": 0}, said)]
     for number in range(1, config.dagger.rounds + 1):
         if not files.policy(number).is_file():
             gather = gatherer(config, actor) if gather is None else gather
@@ -85,7 +86,7 @@ def refine(config: DaggerRun, directory: Path, said: Reporter) -> dict[str, Any]
             current = _learned(config, actor, current, told, number, directory, said)
             policy_file.write(files.policy(number), current)
         current = policy_file.read(files.policy(number))
-        rows.append(_judged(config, actor, current, files.judged(number), _counted(files.told(number)), said))
+        rows.append(_judged(config, actor, current, files.judged(number), partial(_counted, files.told(number)), said))
     policy_file.write(directory / POLICY, current)
     summary = {
         "name": config.name,
@@ -150,6 +151,7 @@ def _learned(
 ) -> policy_file.PolicyFile:
     """Return the policy after it learned what was told; how the loss fell is written down."""
     log = directory / METRICS
+    _forget(log, number)
 
     def report(done: int, of: int, loss: float) -> None:
         said.progress(f"round {number}, gradient steps", done, of)
@@ -170,6 +172,13 @@ def _learned(
     )
 
 
+def _forget(log: Path, number: int) -> None:
+    """Drop what a log has of a round that was stopped while it learned."""
+    lines = log.read_text(encoding="utf-8").splitlines(keepends=True) if log.is_file() else []
+    kept = [line for line in lines if line.endswith("\n") and json.loads(line)["round"] != number]
+    log.write_text("".join(kept), encoding="utf-8")
+
+
 def _counted(told: Path) -> dict[str, Any]:
     """Return how much a round was told, and what share of its training flights was resolved."""
     with np.load(told) as saved:
@@ -181,7 +190,7 @@ def _judged(
     actor: Actor,
     policy: policy_file.PolicyFile,
     file: Path,
-    known: dict[str, Any],
+    known: Callable[[], dict[str, Any]],
     said: Reporter,
 ) -> dict[str, Any]:
     """Return how the policy of a round ends the final encounters, and what else is known of it; it is saved."""
@@ -194,8 +203,10 @@ def _judged(
             flown = jax.jit(partial(fly, lambda seen: actor.apply(variables, seen)[0], world=world))
             return Outcome(*jax.device_get(flown(cast(encounters, np.float32))))
 
-        row = known | {"policy_sha256": policy.sha256} | judged(config, rules, ended)
-        file.write_text(json.dumps(row, indent=2) + "\n", encoding="utf-8")
+        row = known() | {"policy_sha256": policy.sha256} | judged(config, rules, ended)
+        unfinished = file.with_suffix(".tmp")
+        unfinished.write_text(json.dumps(row, indent=2) + "\n", encoding="utf-8")
+        unfinished.replace(file)
     row = json.loads(file.read_text(encoding="utf-8"))
     said.note(
         f"policy {row['policy_sha256'][:8]}: {row['success_given_resolvable']:.2%} of the resolvable resolved, "

@@ -217,6 +217,7 @@ def test_a_run_that_was_stopped_goes_on_as_one_that_was_not(policy: Path, tmp_pa
     written = policy_file.read(whole / "policy.safetensors")
     assert written.sha256 == summary["policy_sha256"]
     assert written.metadata["training"]["steps"] == 5 + 2 * 3 * 16 * 8
+    lines = (whole / "metrics.jsonl").read_text(encoding="utf-8")
     # Stopped after the first round, and after the flights of the second.
     for name, lost in (
         ("first", ("told-2.npz", "policy-2.safetensors", "judged-2.json")),
@@ -228,6 +229,7 @@ def test_a_run_that_was_stopped_goes_on_as_one_that_was_not(policy: Path, tmp_pa
         for file in lost:
             (stopped / "rounds" / file).unlink()
         again = refine(config, stopped, Silent())
+        assert (stopped / "metrics.jsonl").read_text(encoding="utf-8") == lines
         assert policy_file.read(stopped / "policy.safetensors").sha256 == written.sha256
         assert [row["policy_sha256"] for row in again["rounds"]] == [row["policy_sha256"] for row in summary["rounds"]]
 
