@@ -9,7 +9,7 @@ from agents.configuration import ConfigError, Parser, dump, load
 from agents.configuration_keys import help_text
 from rlcas_jax.config import SEED_END, TrainConfig
 
-__all__ = ["Job", "Options", "Processes", "parse", "prepare"]
+__all__ = ["Job", "Options", "Processes", "new_directory", "parse", "prepare"]
 
 _DESCRIPTION = """\
 Train a conflict resolution policy in the surrogate.
@@ -83,13 +83,29 @@ def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> 
         raise ConfigError(f"--seeds is {seeds}; expected 1 to {SEED_END - config.seed} (seeds are below {SEED_END})")
     if processes is not None and given.out is None:
         raise ConfigError("--coordinator needs --out, the same directory for all processes")
-    moment = datetime.now(UTC) if now is None else now
-    directory = given.out or Path("runs") / f"{config.name}-{moment:%Y%m%dT%H%M%S}-{config.seed}"
     # Another process may have begun to fill it.
     alone = processes is None or processes.number == 0
-    if alone and directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
-        raise ConfigError(f"--out {directory} exists and is not empty; name another, or go on with it by --resume")
+    directory = new_directory(config, given.out, now, empty=alone)
     return Options(directory, _fresh(config, directory, seeds), given.quiet, given.devices, processes)
+
+
+def new_directory(config: TrainConfig, out: Path | None, now: datetime | None, *, empty: bool = True) -> Path:
+    """Return the directory of a new run, which need not exist.
+
+    Args:
+        config: of the run.
+        out: as the command line names it; by default it is named after the run, the moment and the seed.
+        now: the moment; the present one by default.
+        empty: whether one that is not empty is refused.
+
+    Raises:
+        ConfigError: it is not empty.
+    """
+    moment = datetime.now(UTC) if now is None else now
+    directory = out or Path("runs") / f"{config.name}-{moment:%Y%m%dT%H%M%S}-{config.seed}"
+    if empty and directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+        raise ConfigError(f"--out {directory} exists and is not empty; name another, or go on with it by --resume")
+    return directory
 
 
 def prepare(options: Options) -> None:

@@ -1,16 +1,17 @@
-"""Refine a policy by what it is told on its flights: ``python -m rlcas_jax.dagger --config configs/best.yaml``."""
+"""Refine a policy by what it is told on its flights: ``python -m rlcas_jax.dagger --config configs/best_told.yaml``."""
 
-import os
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from agents.configuration import ConfigError, Parser, dump, load, run_cli
 from agents.configuration_keys import help_text
+from agents.policy_file import PolicyFileError
+from rlcas_jax.cli import new_directory
 from rlcas_jax.dagger_config import DaggerRun
 
 __all__ = ["Options", "main", "parse"]
@@ -19,7 +20,7 @@ _DESCRIPTION = """\
 Refine a policy: it is flown, told what is better where lessons speak (practice.pressed, prompt, unwind), learns all
 that it was told so far by regression, and is flown again (DAgger, Ross et al. 2011).
 
-  python -m rlcas_jax.dagger --config configs/best.yaml
+  python -m rlcas_jax.dagger --config configs/best_told.yaml
   python -m rlcas_jax.dagger --config FILE --set dagger.rounds=5 --out runs/refined
   python -m rlcas_jax.dagger --resume runs/refined                what of a round is done is not done again
 """
@@ -57,11 +58,7 @@ def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> 
             raise ConfigError(f"--resume {given.resume}: it holds no config.yaml, so it is no run")
         return Options(load(DaggerRun, file), given.resume, given.quiet)
     config = load(DaggerRun, given.config, given.set)
-    moment = datetime.now(UTC) if now is None else now
-    directory = given.out or Path("runs") / f"{config.name}-{moment:%Y%m%dT%H%M%S}-{config.seed}"
-    if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
-        raise ConfigError(f"--out {directory} exists and is not empty; name another, or go on with it by --resume")
-    return Options(config, directory, given.quiet)
+    return Options(config, new_directory(config, given.out, now), given.quiet)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -142,15 +139,5 @@ def _parser() -> Parser:
     return parser
 
 
-def _main() -> int:
-    from agents.policy_file import PolicyFileError
-
-    try:
-        return main()
-    except PolicyFileError as problem:
-        raise ConfigError(str(problem)) from None
-
-
 if __name__ == "__main__":
-    os.environ.setdefault("PYTHONUNBUFFERED", "1")
-    run_cli(_main)
+    run_cli(main, PolicyFileError)

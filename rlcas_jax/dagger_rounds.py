@@ -15,7 +15,6 @@ from agents import policy_file
 from agents.configuration import ConfigError
 from agents.export import to_policy_file
 from agents.networks import Actor
-from agents.versions import versions
 from envs import surrogate
 from envs.encounters import Encounter
 from envs.outcome import Outcome
@@ -25,6 +24,7 @@ from rlcas_jax.dagger_config import DaggerRun
 from rlcas_jax.dagger_fit import fit
 from rlcas_jax.dagger_flights import Gather, Samples, gatherer, joined
 from rlcas_jax.finish import POLICY, judged
+from rlcas_jax.loop import made_with
 from rlcas_jax.task import fly
 
 __all__ = ["Reporter", "refine"]
@@ -74,11 +74,11 @@ def refine(config: DaggerRun, directory: Path, said: Reporter) -> dict[str, Any]
     files.directory.mkdir(exist_ok=True)
     actor = Actor(tuple(config.network.hidden), config.network.feature_set)
     begun = _first(config)
-    made_with = versions("numpy", "jax", "jaxlib", "flax", "optax", "safetensors")
-    (directory / "versions.json").write_text(json.dumps(made_with, indent=2) + "\n", encoding="utf-8")
+    (directory / "versions.json").write_text(json.dumps(made_with(), indent=2) + "\n", encoding="utf-8")
+    flies = _flight(config, actor)
     gather: Gather | None = None
     current = begun
-    rows = [_judged(config, actor, current, files.judged(0), lambda: {"told": 0}, said)]
+    rows = [_judged(config, flies, current, files.judged(0), lambda: {"told": 0}, said)]
     for number in range(1, config.dagger.rounds + 1):
         if not files.policy(number).is_file():
             gather = gatherer(config, actor) if gather is None else gather
@@ -86,7 +86,7 @@ def refine(config: DaggerRun, directory: Path, said: Reporter) -> dict[str, Any]
             current = _learned(config, actor, current, told, number, directory, said)
             policy_file.write(files.policy(number), current)
         current = policy_file.read(files.policy(number))
-        rows.append(_judged(config, actor, current, files.judged(number), partial(_counted, files.told(number)), said))
+        rows.append(_judged(config, flies, current, files.judged(number), partial(_counted, files.told(number)), said))
     policy_file.write(directory / POLICY, current)
     summary = {
         "name": config.name,
@@ -185,9 +185,15 @@ def _counted(told: Path) -> dict[str, Any]:
         return {"told": len(saved["weight"]), "flights_resolved": float(saved["resolved"])}
 
 
+def _flight(config: DaggerRun, actor: Actor) -> Callable[[Any, Encounter], Outcome]:
+    """Return (parameters, encounters ``[N]``) -> how the policy ends them; compiled once."""
+    world = surrogate.World(config.evaluation.rules(config.world), config.world.limits())
+    return jax.jit(lambda variables, encounters: fly(lambda seen: actor.apply(variables, seen)[0], encounters, world))
+
+
 def _judged(
     config: DaggerRun,
-    actor: Actor,
+    flies: Callable[[Any, Encounter], Outcome],
     policy: policy_file.PolicyFile,
     file: Path,
     known: Callable[[], dict[str, Any]],
@@ -196,14 +202,11 @@ def _judged(
     """Return how the policy of a round ends the final encounters, and what else is known of it; it is saved."""
     if not file.is_file():
         variables = _variables(config, policy)
-        rules = config.evaluation.rules(config.world)
-        world = surrogate.World(rules, config.world.limits())
 
         def ended(encounters: Encounter) -> Outcome:
-            flown = jax.jit(partial(fly, lambda seen: actor.apply(variables, seen)[0], world=world))
-            return Outcome(*jax.device_get(flown(cast(encounters, np.float32))))
+            return Outcome(*jax.device_get(flies(variables, cast(encounters, np.float32))))
 
-        row = known() | {"policy_sha256": policy.sha256} | judged(config, rules, ended)
+        row = known() | {"policy_sha256": policy.sha256} | judged(config, config.evaluation.rules(config.world), ended)
         unfinished = file.with_suffix(".tmp")
         unfinished.write_text(json.dumps(row, indent=2) + "\n", encoding="utf-8")
         unfinished.replace(file)

@@ -26,7 +26,7 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import Devices, agreed, everywhere, first, local, place
 from rlcas_jax.task import Task, TrainState, build
 
-__all__ = ["Run", "TrainingError", "outcomes", "rates", "run"]
+__all__ = ["Run", "TrainingError", "made_with", "outcomes", "rates", "run"]
 
 LEAST_ACCEPTED = 0.05
 """Smallest share of a scenario's draws that must meet its conditions."""
@@ -85,7 +85,7 @@ def run(
     elif config.start_from is not None:
         state = place(state._replace(learner=begun(config, state.learner)), task.placed)
     if writes and not resume:
-        (directory / "versions.json").write_text(json.dumps(_made_with(), indent=2) + "\n", encoding="utf-8")
+        (directory / "versions.json").write_text(json.dumps(made_with(), indent=2) + "\n", encoding="utf-8")
 
     update = int(state.update)
     per_update = task.steps_per_update
@@ -171,7 +171,7 @@ def _final_score(log: dict[str, np.ndarray]) -> float:
     return float(np.average(score[known], weights=episodes[known])) if known.any() else math.nan
 
 
-def _made_with() -> dict[str, str]:
+def made_with() -> dict[str, str]:
     """Return the platform and the versions that decide a run's numbers."""
     here = {"platform": platform.platform(), "machine": platform.machine()}
     return here | versions("numpy", "jax", "jaxlib", "flax", "optax", "safetensors")
