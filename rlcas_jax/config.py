@@ -234,9 +234,10 @@ class PracticeConfig(Strict):
     """Of all encounters, those of the file, the edges and the intricate ones included."""
     prompt: float = Field(default=0.0, ge=0.0)
     """Weight of the squared distance from the beginning of the soonest of some ways home in the loss, where even that
-    way takes 25 s longer than if nobody were in the way (from 15 s on a part of it), and the policy, flown on from
-    there, arrives 40 s later still (from 20 s on a part): who does not decide whether to pass an intruder ahead or
-    behind flies beside it until the time is up. Wants a feature set that begins with `foresight`."""
+    way takes 25 s longer than if nobody were in the way (from 15 s on a part of it), or with an intruder in the way
+    within 2 km of the goal (from 4 km on a part), and the policy, flown on from there, arrives 60 s later still (from
+    30 s on a part): who does not decide whether to pass an intruder ahead or behind flies beside it until the time is
+    up. Wants a feature set that begins with `foresight`."""
     unwind: float = Field(default=0.0, ge=0.0)
     """Weight of the squared distance, 1 at the limit, from the yaw rate of who does not circle around the goal, where
     the ownship flies as slowly as it can, with room enough: straight on where the goal lies within the circle of its

@@ -1,5 +1,6 @@
 """What a policy comes to on its flights, and what it is told there."""
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -12,9 +13,12 @@ from agents.ppo import Taught
 from envs import surrogate
 from rlcas_jax.dagger_config import DaggerRun
 from rlcas_jax.starts import Own, draw, noisy
-from rlcas_jax.teaching import Asked, acting, blocked, teacher
+from rlcas_jax.teaching import Asked, acting, in_the_way, teacher
 
 __all__ = ["Gather", "Samples", "gatherer", "joined"]
+
+_NEAR, _ASIDE = 2_500.0, math.radians(15.0)
+"""Distance of a goal that is near, m; bearing from which on it lies aside, rad."""
 
 
 class Samples(NamedTuple):
@@ -134,7 +138,7 @@ def _lesson(config: DaggerRun, actor: Actor) -> Callable[[Any, jax.Array, jax.Ar
         anchor = acting(config.practice.teacher, "practice.teacher", feature_set)
 
     def hold(seen: Derived, mean: jax.Array) -> jax.Array:
-        return jnp.where(blocked(seen)[..., None], mean, anchor(seen, mean))
+        return jnp.where(in_the_way(seen)[..., None], mean, anchor(seen, mean))
 
     teach = teacher(config, Asked(config.dagger.blocked, config.dagger.flown), hold)
     assert teach is not None  # the configuration has a lesson
@@ -160,5 +164,11 @@ def _worthwhile(config: DaggerRun, flown: _Flown, told: Taught, random: np.rando
     low, high, weight = (np.asarray(field, dtype=np.float32) for field in told)
     plain = (weight == np.float32(config.practice.teaching)).all(axis=-1)
     chosen = weight.any(axis=-1) & (~plain | (random.random(len(plain)) < config.dagger.kept))
-    smooth = np.where(plain[:, None], following, observation)
+    smooth = np.where((plain & ~_turns_in(observation))[:, None], following, observation)
     return Samples(*(field[chosen] for field in (observation, smooth, low, high, weight)))
+
+
+def _turns_in(observation: np.ndarray) -> np.ndarray:
+    """Return who is about to turn in to the goal, ``[M]``: who is a little too gentle there passes it."""
+    bearing, goal_range = observation[:, 6] * math.pi, (observation[:, 7] + 1.0) * 10_000.0
+    return (goal_range < _NEAR) & (np.abs(bearing) > _ASIDE)

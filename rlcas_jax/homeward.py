@@ -28,11 +28,15 @@ _THROTTLES = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0))
 """Throttle on that course, and on the way home."""
 
 _WHILES = (0.0, 4.0, 8.0, 14.0, 22.0, 32.0, 46.0, 66.0)
-"""How long it is kept to, s; in between it is the shortest while that is safe."""
+"""How long it is kept to, s; in between the shortest while that is safe is looked for."""
+
+_BETWEEN = (0.25, 0.5, 0.75)
+"""Shares of the way from a while that is not safe to the next longer one, which is, that are tried too."""
 
 _KINDS = tuple(product(_COURSES, _THROTTLES))
 
-_SPANS = np.array([2.0] * 40 + [4.0] * 38)
+_PIECE = 2.0
+_SPANS = np.array([_PIECE] * 40 + [2.0 * _PIECE] * 38)
 """Durations of the pieces, s; ways that take longer lead nowhere."""
 
 _SPARE = 15.0
@@ -52,9 +56,9 @@ and where it matters altogether."""
 _FOR_A_SECOND = 3.0
 """How much later a second more on a course may bring one home, s."""
 
-_AS_SOON = 2.0
+_AS_SOON = 0.5
 """Ways that come so much later than the soonest are as good, s. It is less than the shortest while may cost: who flies
-on for four seconds now does so again a second later, and so for ever."""
+on for two seconds now does so again a second later, and so for ever."""
 
 
 class Ways(NamedTuple):
@@ -72,7 +76,9 @@ def ways(own: VehicleState, goal_x: jax.Array, goal_y: jax.Array, intruder: Vehi
     """Return what comes of each way home.
 
     Turns are chains of straight pieces; the intruder flies straight on. Of a kind of way that is safe after one while
-    and not after the next shorter one, the while between them that is just safe comes from what either keeps.
+    and not after the next shorter one, whiles between them are tried, where it comes home the soonest; and the one
+    that is just safe comes from what the nearest keep. The coarser whiles are off by seconds, differently in each
+    second as the intruder comes nearer: it would be chance which side comes first.
 
     Args:
         own: ownship, ``[...]``.
@@ -85,18 +91,21 @@ def ways(own: VehicleState, goal_x: jax.Array, goal_y: jax.Array, intruder: Vehi
     least = jnp.clip(jnp.hypot(x, y) - 0.5, RULES.separation, RULES.separation + _SPARE)
     heading = jnp.cos(own.heading), jnp.sin(own.heading)
     course = jnp.cos(intruder.heading), jnp.sin(intruder.heading)
-    kept, arrival = _flown(heading, own.speed, goal, (x, y), course, intruder.speed)
-    spare = kept - least
-    safe = jnp.where(spare >= 0.0, arrival, jnp.inf)
-    # Just long enough; not where the next longer while leads to another kind of flight.
-    share = jnp.clip(spare[:, :-1] / jnp.minimum(spare[:, :-1] - spare[:, 1:], -1e-3), 0.0, 1.0)
-    gained = jnp.where(jnp.isfinite(arrival[:, 1:]), arrival[:, 1:] - arrival[:, :-1], jnp.inf)
-    longer = np.diff(_WHILES).reshape(1, -1, *wide)
-    alike = jnp.abs(gained) <= _FOR_A_SECOND * longer
-    between = (spare[:, :-1] < 0.0) & (spare[:, 1:] >= 0.0) & alike
-    between = jnp.where(between, arrival[:, :-1] + share * jnp.where(alike, gained, 0.0), jnp.inf)
-    arrivals = jnp.concatenate([safe, between], axis=1)  # [K, 2 T - 1, ...]
-    homeward = np.array([seconds == 0.0 for seconds in _WHILES] + [False] * (len(_WHILES) - 1))
+
+    def tried(until: jax.Array) -> _Tried:
+        kept, arrival = _flown(heading, own.speed, goal, (x, y), course, intruder.speed, until)
+        return _Tried(jnp.broadcast_to(until, kept.shape), kept - least, arrival)
+
+    coarse = tried(jnp.asarray(_WHILES, goal_x.dtype).reshape(1, -1, *wide))
+    becomes = (coarse.spare[:, :-1] < 0.0) & (coarse.spare[:, 1:] >= 0.0)
+    at = jnp.argmin(jnp.where(becomes, coarse.arrival[:, 1:], jnp.inf), axis=1, keepdims=True)
+    short, long = (_Tried(*(jnp.take_along_axis(part, at + i, axis=1) for part in coarse)) for i in range(2))
+    share = jnp.asarray(_BETWEEN, goal_x.dtype).reshape(1, -1, *wide)
+    fine = tried(jnp.ceil((short.until + share * (long.until - short.until)) * (1.0 / _PIECE)) * _PIECE)
+    near = _Tried(*(jnp.concatenate(parts, axis=1) for parts in zip(short, fine, long, strict=True)))
+    safe = (jnp.where(each.spare >= 0.0, each.arrival, jnp.inf) for each in (coarse, fine))
+    arrivals = jnp.concatenate([*safe, _just_safe(near)], axis=1)  # [K, E, ...]
+    homeward = np.arange(arrivals.shape[1]) < 1  # of whiles of 0 s
     courses, home = _courses(heading, course, (len(_KINDS), 1, *wide))
     to_goal = _unit(*goal)
     straight = home | jnp.asarray(homeward).reshape(1, -1, *wide)
@@ -110,6 +119,30 @@ def ways(own: VehicleState, goal_x: jax.Array, goal_y: jax.Array, intruder: Vehi
             for part in (arrivals, throttle.reshape(*throttle.shape, *wide), turn)
         )
     )
+
+
+class _Tried(NamedTuple):
+    """What comes of ways, ``[K, T, ...]`` each."""
+
+    until: jax.Array
+    """How long they keep to their course, s; it does not fall."""
+    spare: jax.Array
+    """What they keep beyond what they are to, m."""
+    arrival: jax.Array
+    """s from now."""
+
+
+def _just_safe(found: _Tried) -> jax.Array:
+    """Return when a way between each and the next longer one arrives that is just safe, s, ``[K, T - 1, ...]``.
+
+    It is infinite where there is none, or the longer one leads to another kind of flight.
+    """
+    spare, arrival = found.spare, found.arrival
+    share = jnp.clip(spare[:, :-1] / jnp.minimum(spare[:, :-1] - spare[:, 1:], -1e-3), 0.0, 1.0)
+    gained = jnp.where(jnp.isfinite(arrival[:, 1:]), arrival[:, 1:] - arrival[:, :-1], jnp.inf)
+    alike = jnp.abs(gained) <= _FOR_A_SECOND * (found.until[:, 1:] - found.until[:, :-1])
+    between = (spare[:, :-1] < 0.0) & (spare[:, 1:] >= 0.0) & alike
+    return jnp.where(between, arrival[:, :-1] + share * jnp.where(alike, gained, 0.0), jnp.inf)
 
 
 def late(arrival: jax.Array, goal_range: jax.Array) -> jax.Array:
@@ -177,6 +210,7 @@ def _flown(
     other: tuple[jax.Array, jax.Array],
     course: tuple[jax.Array, jax.Array],
     other_speed: jax.Array,
+    until: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
     """Return what each way keeps of the separation until it is home, m, and when that is, s, ``[K, T, ...]`` each.
 
@@ -186,10 +220,10 @@ def _flown(
         heading, course: of ownship and intruder, unit vectors, ``[...]``.
         speed, other_speed: m/s, ``[...]``.
         goal, other: relative to the ownship, m, ``[...]``.
+        until: how long ways keep to their course, s, ``[K, T, ...]`` or what is broadcast to that.
     """
     wide = (1,) * speed.ndim
     begin, end = (jnp.asarray([kind[1][i] for kind in _KINDS]).reshape(-1, 1, *wide) for i in range(2))
-    until = jnp.asarray(_WHILES).reshape(1, -1, *wide)
     courses, home = _courses(heading, course, (len(_KINDS), 1, *wide))
     drift = other_speed * course[0], other_speed * course[1]
 
@@ -220,7 +254,7 @@ def _flown(
         arrival = jnp.where(flies & (left <= _WITHIN), since + span - early, arrival)
         return (x, y, new_cosine, new_sine, new_speed, least, arrival), None
 
-    whole = (len(_KINDS), len(_WHILES), *speed.shape)
+    whole = (len(_KINDS), until.shape[1], *speed.shape)
     still, never = jnp.zeros(whole, speed.dtype), jnp.full(whole, jnp.inf, speed.dtype)
     start = still, still, *(jnp.broadcast_to(part, whole) for part in (*heading, speed)), never, never
     most = SURROGATE.yaw_rate_max * _SPANS

@@ -33,6 +33,7 @@ __all__ = [
     "best_second",
     "blocked",
     "flown",
+    "in_the_way",
     "prompt_second",
     "teacher",
     "teaches",
@@ -69,8 +70,12 @@ Hold = Callable[[Derived, jax.Array], jax.Array]
 _SECONDS = 200
 """How long it is flown on, s."""
 
-_DAWDLES, _DAWDLES_LONG = 20.0, 40.0
-"""By how much the policy arrives later than it could, s, where that begins to count, and where it counts in full."""
+_A_LITTLE, _DAWDLES, _DAWDLES_LONG = 5.0, 30.0, 60.0
+"""By how much the policy arrives later than it could, s, where it is no example, where that begins to count, and where
+it counts in full."""
+
+_NEAR = 4_000.0
+"""Distance at which a goal begins to be near, m; at half of it, it is altogether."""
 
 _IN_THE_WAY, _AHEAD = 0.2, math.cos(math.radians(20.0))
 """What the way straight home keeps at most, squashed, where something is in the way: 7.5 m; cosine of the bearing up to
@@ -134,8 +139,8 @@ def teacher(config: TrainConfig, asked: Asked | None = None, hold: Hold | None =
             low, high = flown(hold(seen, mean), seen, limits)
             does = Taught(low, high, does.weight + practice.teaching * held[..., None])
         if practice.prompt:
-            way, matters, unasked = prompt_second(seen, mean, act, asked or Asked())
-            does = does._replace(weight=jnp.where(unasked[..., None], 0.0, does.weight))
+            way, matters, free = prompt_second(seen, mean, act, asked or Asked())
+            does = does._replace(weight=jnp.where(free[..., None], 0.0, does.weight))
             does = _instead(does, way, matters[..., None], practice.prompt)
         if practice.pressed:
             manoeuvre, near = best_second(seen, mean, practice.leave) if practice.second else best_manoeuvre(seen)
@@ -164,13 +169,22 @@ def acting(of: Path, key: str, feature_set: str) -> Hold:
     return does
 
 
+def in_the_way(seen: Derived) -> jax.Array:
+    """Return whether something is in the way straight home, ``[...]``.
+
+    Args:
+        seen: of any of the sets that begin with ``foresight``.
+    """
+    return seen.inputs[..., size("mirror") + COUNT - 1] < _IN_THE_WAY
+
+
 def blocked(seen: Derived) -> jax.Array:
     """Return whether something is in the way home, or the goal is aside, ``[...]``.
 
     Args:
         seen: of any of the sets that begin with ``foresight``.
     """
-    return (seen.inputs[..., size("mirror") + COUNT - 1] < _IN_THE_WAY) | (seen.inputs[..., _GOAL] < _AHEAD)
+    return in_the_way(seen) | (seen.inputs[..., _GOAL] < _AHEAD)
 
 
 def _instead(before: Taught, action: jax.Array, share: jax.Array, weight: float) -> Taught:
@@ -279,10 +293,12 @@ def best_second(seen: Derived, mean: jax.Array, leave: float) -> tuple[jax.Array
 def prompt_second(
     seen: Derived, mean: jax.Array, act: Callable[[jax.Array], jax.Array], asked: Asked | None = None
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Return how the soonest way home begins, ``[..., 2]``, how far it is to be done, and where to ask was no time.
+    """Return how the soonest way home begins, ``[..., 2]``, how far it is to be done, and where nothing is known.
 
-    With an intruder in the way, or the goal aside, and where even the soonest way is late, the policy is flown on: it
-    is told as far as it comes later than that one.
+    With an intruder in the way, or the goal aside, and where even the soonest way is late, the policy is flown on, and
+    with an intruder in the way near the goal, which is easily missed: it is told as far as it comes later than that
+    way. With an intruder in the way it is to be held to nothing where to ask was no time, and where it comes a little
+    later: what it does there is not wrong, and not to be copied either.
 
     Args:
         seen: of any of the sets that begin with ``foresight``.
@@ -298,20 +314,21 @@ def prompt_second(
     inputs, hands = seen.inputs.reshape(-1, seen.inputs.shape[-1]), seen.hand.reshape(-1)
     hand = jnp.stack([jnp.ones_like(hands), hands], axis=-1)
     does = jnp.clip(mean.reshape(-1, 2), -1.0, 1.0) * hand
-    barred = blocked(seen).reshape(-1)
+    barred, met = blocked(seen).reshape(-1), in_the_way(seen).reshape(-1)
     _, rows = jax.lax.top_k(barred.astype(jnp.float32), math.ceil(barred.size * most.blocked))
     own, goal, other = _scene(inputs[rows])
     arrival, action = homeward.soonest(own, *goal, other, does[rows])
-    lateness = homeward.late(arrival, jnp.hypot(*goal)) * (barred[rows] & jnp.isfinite(arrival))
+    near = jnp.where(met[rows], jnp.clip((_NEAR - jnp.hypot(*goal)) * (2.0 / _NEAR), 0.0, 1.0), 0.0)
+    lateness = jnp.maximum(homeward.late(arrival, jnp.hypot(*goal)), near) * (barred[rows] & jnp.isfinite(arrival))
     some, among = jax.lax.top_k(lateness, math.ceil(barred.size * most.flown))
     own, (goal_x, goal_y), other = jax.tree.map(lambda field: field[among], (own, goal, other))
     arrives = homeward.arrival_of(act, own, goal_x, goal_y, other, _SECONDS)
     later = jnp.where(some > 0.0, arrives - jnp.where(some > 0.0, arrival[among], 0.0), 0.0)
     matters = some * jnp.clip((later - _DAWDLES) * (1.0 / (_DAWDLES_LONG - _DAWDLES)), 0.0, 1.0)
-    unasked = barred.at[rows].set(lateness > 0.0).at[rows[among]].set(False)
+    free = met & barred.at[rows].set(lateness > 0.0).at[rows[among]].set((some > 0.0) & (later > _A_LITTLE))
     told = jnp.zeros((barred.size, 2)).at[rows[among]].set((action * hand[rows])[among])
     share = jnp.zeros(barred.size).at[rows[among]].set(matters)
-    return told.reshape(*shape, 2), share.reshape(shape), unasked.reshape(shape)
+    return told.reshape(*shape, 2), share.reshape(shape), free.reshape(shape)
 
 
 def _metres(kept: jax.Array) -> jax.Array:

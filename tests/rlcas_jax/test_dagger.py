@@ -112,7 +112,12 @@ def test_what_no_lesson_speaks_of_is_what_the_policy_does_and_what_follows_it(to
     assert (mean - 1e-5 <= told.high)[plain].all()
     assert (told.weight[~plain] > 0.0).any(axis=1).all()
     np.testing.assert_array_equal(told.following[~plain], told.observation[~plain])
-    assert (told.following[plain] != told.observation[plain]).any(axis=1).mean() > 0.5
+    smooth = (told.following != told.observation).any(axis=1)
+    assert smooth[plain].mean() > 0.5
+    # Who turns in to a near goal, 15 degrees aside, is not to be smooth.
+    near, aside = told.observation[:, 7] < 2_500.0 / 1e4 - 1.0, np.abs(told.observation[:, 6]) > 15.0 / 180.0
+    assert (plain & near & aside).any()
+    assert not smooth[near & aside].any()
     # A second later the goal is at most 100 m elsewhere.
     assert np.abs(told.following - told.observation)[:, 7].max() <= 100.0 / 1e4 + 1e-5
 
