@@ -366,7 +366,7 @@ def test_who_flies_on_beside_an_intruder_is_told_how_the_soonest_way_past_it_beg
     action, matters, free = told_to_be_prompt(seen, straight_on)
     arrival, begins = soonest(own, goal_x, goal_y, other, straight_on(seen))
     assert np.isfinite(np.asarray(arrival)).all()
-    assert free[matters > 0.0].all()
+    assert not free[matters > 0.0].any()
     # What is seen is rounded.
     np.testing.assert_allclose(matters, late(arrival, jnp.hypot(goal_x, goal_y)), atol=0.1)
     assert (matters > 0.0).mean() > 0.5
@@ -398,9 +398,9 @@ def test_where_there_is_no_time_to_ask_nobody_is_kept_to_the_teacher(policy: Pat
     weight = np.asarray(both(seen, jnp.ones(64), jnp.zeros((64, 2)), straight_on).weight)
     _, matters, unknown = (np.asarray(part) for part in prompt_second(seen, jnp.zeros((64, 2)), straight_on))
     assert (matters > 0.0).sum() == 1  # there is time for one of 64
-    assert 56 <= unknown.sum() <= 64
+    assert 56 <= unknown.sum() < 64
     np.testing.assert_allclose(weight[matters > 0.0], 3.0 * matters[matters > 0.0][:, None].repeat(2, axis=1))
-    np.testing.assert_array_equal(weight[unknown & (matters == 0.0)], 0.0)
+    np.testing.assert_array_equal(weight[unknown], 0.0)
     # Nobody is in the way, and the goal is ahead.
     free = derived(jnp.zeros((64, 8)).at[:, 4].set(1.0).at[:, 5].set(1.0), "pressed")
     np.testing.assert_array_equal(both(free, jnp.ones(64), jnp.zeros((64, 2)), straight_on).weight, 2.0)
