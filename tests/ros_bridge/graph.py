@@ -1,15 +1,17 @@
 """A real graph for tests: nodes in processes of their own, a client in this one, DDS on loopback, a domain apart."""
 
+import contextlib
+import math
 import os
 import signal
 import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
@@ -37,14 +39,25 @@ from tests.ros_bridge.scenes import route_points as plain_points  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 PATIENCE = 15.0  # s; discovery alone may take 3 s
+AGAIN = 4.0  # s
 NODE = "/rlcas_runner"
 
 
-domain = free_domain
+@contextlib.contextmanager
+def domain() -> Generator[int]:
+    """Reserve a domain id until the block ends; what still runs on it is killed: the next to have it would hear it."""
+    with free_domain() as number:
+        try:
+            yield number
+        finally:
+            for process in Process.started.pop(number, []):
+                process.kill()
 
 
 class Process:
-    """A node in a process of its own."""
+    """A node in a process of its own, which ends with its domain at the latest."""
+
+    started: ClassVar[dict[int, list["Process"]]] = {}
 
     def __init__(self, module: str, number: int, *arguments: str) -> None:
         environment = os.environ | {"ROS_DOMAIN_ID": str(number), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
@@ -56,6 +69,13 @@ class Process:
             stderr=subprocess.STDOUT,
             text=True,
         )
+        Process.started.setdefault(number, []).append(self)
+
+    def kill(self) -> None:
+        """End it, if it has not ended."""
+        self.popen.kill()
+        with self.popen:  # closes its pipe, and waits
+            pass
 
     def stop(self, how: signal.Signals = signal.SIGINT) -> tuple[int, str]:
         """Return exit code and output."""
@@ -111,14 +131,25 @@ class Client:
         self.node.create_subscription(kind, topic, heard.append, quality)
         return heard
 
-    def call(self, kind: type, service: str, request: Any, patience: float = PATIENCE) -> Any:
-        """Return the answer of a service."""
+    def call(self, kind: type, service: str, request: Any, once: bool = False) -> Any:
+        """Return the answer of a service, asked again after a while without one unless it is to be asked once.
+
+        A server that has not found its client yet has nowhere to send its answer to.
+        """
         client = self.node.create_client(kind, service)
+        futures: list[Any] = []
+        last = -math.inf
+
+        def answered() -> Any:
+            nonlocal last
+            if time.monotonic() - last > AGAIN and not (once and futures):
+                futures.append(client.call_async(request))
+                last = time.monotonic()
+            return next((future for future in futures if future.done()), None)
+
         try:
             self.spin(client.service_is_ready)
-            future = client.call_async(request)
-            self.spin(future.done, patience)
-            return future.result()
+            return self.spin(answered).result()
         finally:
             self.node.destroy_client(client)
 

@@ -210,7 +210,7 @@ def test_a_withdrawn_plan_is_not_flown(flight: Flight):
     flight.until(state=AssuranceStatus.STATE_MONITORING)
     change = ChangeState.Request()
     change.transition.id = Transition.TRANSITION_DEACTIVATE
-    assert flight.client.call(ChangeState, f"{NODE}/change_state", change).success
+    assert flight.client.call(ChangeState, f"{NODE}/change_state", change, once=True).success
     end = time.monotonic() + 3.0
     while flight.says[-1].fly != AssuranceStatus.FLY_BACKUP:
         assert time.monotonic() < end, "the plan is flown on"

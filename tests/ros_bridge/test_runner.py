@@ -252,13 +252,13 @@ def test_deactivation_withdraws_the_plan(client: Client, world: World):
     client.spin(lambda: plans and plans[-1].revision == held.revision)
     change = ChangeState.Request()
     change.transition.id = 4
-    assert client.call(ChangeState, f"{NODE}/change_state", change).success
+    assert client.call(ChangeState, f"{NODE}/change_state", change, once=True).success
     client.spin(lambda: plans[-1].revision > held.revision)
     assert plans[-1].status == Trajectory.STATUS_WITHDRAWN
     assert plans[-1].waypoints == []
     answer(client, Code.NOT_ACTIVE)
     change.transition.id = 3
-    assert client.call(ChangeState, f"{NODE}/change_state", change).success
+    assert client.call(ChangeState, f"{NODE}/change_state", change, once=True).success
     assert client.call(GetState, f"{NODE}/get_state", GetState.Request()).current_state.label == "active"
     answer(client, Code.SAFE, lambda: gone(world))
 
