@@ -12,8 +12,9 @@ from agents.networks import Actor, Derived, derived
 from agents.ppo import Taught
 from envs import surrogate
 from rlcas_jax.dagger_config import DaggerRun
+from rlcas_jax.promptness import Asked, in_the_way
 from rlcas_jax.starts import Own, draw, noisy
-from rlcas_jax.teaching import Asked, acting, in_the_way, teacher
+from rlcas_jax.teaching import acting, teacher
 
 __all__ = ["Gather", "Samples", "gatherer", "joined"]
 

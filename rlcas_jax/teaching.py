@@ -7,7 +7,7 @@ asked about the states that the policy comes to itself (Ross et al. 2011).
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,30 +17,24 @@ from agents.features import KEPT_UNIT, begins, size
 from agents.foresight import COUNT
 from agents.networks import Actor, Derived
 from agents.ppo import Taught, Teacher, met_by
-from envs.kinematics import Limits, VehicleState
+from envs.kinematics import Limits
 from envs.observation import SPEED_HALF, SPEED_MIDDLE
-from rlcas_jax import escapes, homeward
+from rlcas_jax import escapes
 from rlcas_jax.beginning import actor_with, policy_at
 from rlcas_jax.config import TrainConfig
+from rlcas_jax.promptness import GOAL, Asked, prompt_second, scene
 from rlcas_jax.starts import EARLIER
 
 __all__ = [
-    "Asked",
     "Hold",
     "acting",
     "around",
     "best_manoeuvre",
     "best_second",
-    "blocked",
     "flown",
-    "in_the_way",
-    "prompt_second",
     "teacher",
     "teaches",
 ]
-
-_GOAL = 8
-"""Where the cosine and the sine of the goal's bearing are among the inputs."""
 
 _CLEARLY = 0.01
 """What one manoeuvre keeps less than another, squashed, from which on it is clearly the worse: 0.3 m near 1000 m."""
@@ -55,31 +49,8 @@ _DECIDED = 1 / 6
 """Of what is seen, as much as is looked ahead from at most, what has least to lose: it takes 15 times the work."""
 
 
-class Asked(NamedTuple):
-    """Of what is seen, how much there is the time for."""
-
-    blocked: float = 1 / 8
-    """As much as is looked for ways home at most."""
-    flown: float = 1 / 128
-    """As much as the policy is flown on from: what is late."""
-
-
 Hold = Callable[[Derived, jax.Array], jax.Array]
 """(What is seen ``[...]``, the policy's mean actions ``[..., 2]``) -> actions ``[..., 2]``."""
-
-_SECONDS = 200
-"""How long it is flown on, s."""
-
-_A_LITTLE, _DAWDLES, _DAWDLES_LONG = 5.0, 30.0, 60.0
-"""By how much the policy arrives later than it could, s, where it is no example, where that begins to count, and where
-it counts in full."""
-
-_NEAR = 4_000.0
-"""Distance at which a goal begins to be near, m; at half of it, it is altogether."""
-
-_IN_THE_WAY, _AHEAD = 0.2, math.cos(math.radians(20.0))
-"""What the way straight home keeps at most, squashed, where something is in the way: 7.5 m; cosine of the bearing up to
-which the goal is ahead."""
 
 _LOST = 30.0
 """By how much the best manoeuvre comes too close where nothing is to be saved any more, m."""
@@ -169,24 +140,6 @@ def acting(of: Path, key: str, feature_set: str) -> Hold:
     return does
 
 
-def in_the_way(seen: Derived) -> jax.Array:
-    """Return whether something is in the way straight home, ``[...]``.
-
-    Args:
-        seen: of any of the sets that begin with ``foresight``.
-    """
-    return seen.inputs[..., size("mirror") + COUNT - 1] < _IN_THE_WAY
-
-
-def blocked(seen: Derived) -> jax.Array:
-    """Return whether something is in the way home, or the goal is aside, ``[...]``.
-
-    Args:
-        seen: of any of the sets that begin with ``foresight``.
-    """
-    return in_the_way(seen) | (seen.inputs[..., _GOAL] < _AHEAD)
-
-
 def _instead(before: Taught, action: jax.Array, share: jax.Array, weight: float) -> Taught:
     """Return what is taught with actions ``[..., 2]`` instead, with so much of a weight, wherever that is any."""
     told = share > 0.0
@@ -233,7 +186,7 @@ def best_manoeuvre(seen: Derived) -> tuple[jax.Array, jax.Array]:
     kept, near = seen.inputs[..., first : first + COUNT], seen.inputs[..., size("advised")]
     best, most = jnp.argmax(kept, axis=-1, keepdims=True), jnp.max(kept, axis=-1)
     actions, decided = [], []
-    for each in escapes.twelve(jnp.arctan2(seen.inputs[..., _GOAL + 1], seen.inputs[..., _GOAL])):
+    for each in escapes.twelve(jnp.arctan2(seen.inputs[..., GOAL + 1], seen.inputs[..., GOAL])):
         action = jnp.take_along_axis(each, best, axis=-1)
         otherwise = jnp.max(jnp.where(jnp.abs(each - action) > 0.5, kept, -jnp.inf), axis=-1)
         actions.append(action[..., 0])
@@ -261,7 +214,7 @@ def best_second(seen: Derived, mean: jax.Array, leave: float) -> tuple[jax.Array
     first, shape = size("mirror"), seen.hand.shape
     spare = _metres(jnp.max(seen.inputs[..., first : first + COUNT], axis=-1)).reshape(-1)
     _, rows = jax.lax.top_k(jnp.where(spare > -_LOST, -spare, -jnp.inf), math.ceil(spare.size * _DECIDED))
-    own, goal, alone = _scene(seen.inputs.reshape(-1, seen.inputs.shape[-1])[rows])
+    own, goal, alone = scene(seen.inputs.reshape(-1, seen.inputs.shape[-1])[rows])
     other = jax.tree.map(lambda field: field[:, None], alone)
     hand = jnp.stack([jnp.ones_like(rows, mean.dtype), seen.hand.reshape(-1)[rows]], axis=-1)
     does = jnp.clip(mean.reshape(-1, 2)[rows], -1.0, 1.0) * hand
@@ -290,48 +243,6 @@ def best_second(seen: Derived, mean: jax.Array, leave: float) -> tuple[jax.Array
     return whole.at[rows].set(action * hand).reshape(*shape, 2), whole.at[rows].set(weight).reshape(*shape, 2)
 
 
-def prompt_second(
-    seen: Derived, mean: jax.Array, act: Callable[[jax.Array], jax.Array], asked: Asked | None = None
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Return how the soonest way home begins, ``[..., 2]``, how far it is to be done, and where nothing is known.
-
-    With an intruder in the way, or the goal aside, and where even the soonest way is late, the policy is flown on, and
-    with an intruder in the way near the goal, which is easily missed: it is told as far as it comes later than that
-    way. With an intruder in the way it is to be held to nothing where to ask was no time, and where it comes a little
-    later: what it does there is not wrong, and not to be copied either.
-
-    Args:
-        seen: of any of the sets that begin with ``foresight``.
-        mean: what the policy does, ``[..., 2]``.
-        act: observations ``[N, 8]`` -> the policy's mean actions ``[N, 2]``.
-        asked: how much there is the time for.
-
-    Returns:
-        ``[..., 2]``, ``[...]`` and ``[...]``.
-    """
-    most = asked or Asked()
-    shape = seen.hand.shape
-    inputs, hands = seen.inputs.reshape(-1, seen.inputs.shape[-1]), seen.hand.reshape(-1)
-    hand = jnp.stack([jnp.ones_like(hands), hands], axis=-1)
-    does = jnp.clip(mean.reshape(-1, 2), -1.0, 1.0) * hand
-    barred, met = blocked(seen).reshape(-1), in_the_way(seen).reshape(-1)
-    _, rows = jax.lax.top_k(barred.astype(jnp.float32), math.ceil(barred.size * most.blocked))
-    own, goal, other = _scene(inputs[rows])
-    arrival, action = homeward.soonest(own, *goal, other, does[rows])
-    near = jnp.where(met[rows], jnp.clip((_NEAR - jnp.hypot(*goal)) * (2.0 / _NEAR), 0.0, 1.0), 0.0)
-    lateness = jnp.maximum(homeward.late(arrival, jnp.hypot(*goal)), near) * (barred[rows] & jnp.isfinite(arrival))
-    some, among = jax.lax.top_k(lateness, math.ceil(barred.size * most.flown))
-    own, (goal_x, goal_y), other = jax.tree.map(lambda field: field[among], (own, goal, other))
-    arrives = homeward.arrival_of(act, own, goal_x, goal_y, other, _SECONDS)
-    later = jnp.where(some > 0.0, arrives - jnp.where(some > 0.0, arrival[among], 0.0), 0.0)
-    matters = some * jnp.clip((later - _DAWDLES) * (1.0 / (_DAWDLES_LONG - _DAWDLES)), 0.0, 1.0)
-    unsure = (some > 0.0) & (later > _A_LITTLE) & (matters == 0.0)
-    free = met & barred.at[rows].set(lateness > 0.0).at[rows[among]].set(unsure)
-    told = jnp.zeros((barred.size, 2)).at[rows[among]].set((action * hand[rows])[among])
-    share = jnp.zeros(barred.size).at[rows[among]].set(matters)
-    return told.reshape(*shape, 2), share.reshape(shape), free.reshape(shape)
-
-
 def _metres(kept: jax.Array) -> jax.Array:
     """Return what is kept beyond 1000 m, m, of what it is among the inputs."""
     return KEPT_UNIT * kept / jnp.maximum(1.0 - jnp.abs(kept), 1e-6)
@@ -351,7 +262,7 @@ def around(seen: Derived, limits: Limits) -> tuple[jax.Array, jax.Array]:
     Returns:
         ``[...]`` each.
     """
-    own, (x, y), _ = _scene(seen.inputs)
+    own, (x, y), _ = scene(seen.inputs)
     side, y, radius = jnp.sign(y), jnp.abs(y), own.speed * (1.0 / limits.yaw_rate_max)
     missed = radius - jnp.hypot(x, y - radius)
     first = size("mirror")
@@ -365,20 +276,3 @@ def around(seen: Derived, limits: Limits) -> tuple[jax.Array, jax.Array]:
     turning = jnp.where(way_home, within * aside, 0.0)
     straight = jnp.where(spacious, beyond, 0.0)
     return jnp.where(turning > 0.0, side * seen.hand, 0.0), slow * jnp.maximum(turning, straight)
-
-
-def _scene(inputs: jax.Array) -> tuple[VehicleState, tuple[jax.Array, jax.Array], VehicleState]:
-    """Return ownship, goal and intruder behind inputs ``[..., F]`` of the feature set ``mirror``, mirrored as they are.
-
-    The ownship is where x and y are 0, and flies along x.
-    """
-    intruder_range, goal_range = ((inputs[..., i] + 1.0) * 10_000.0 for i in (6, 10))
-    speed, vx, vy = inputs[..., 0] * SPEED_HALF + SPEED_MIDDLE, inputs[..., 2] * 100.0, inputs[..., 3] * 100.0
-    still = jnp.zeros_like(speed)
-    return (
-        VehicleState(still, still, still, speed),
-        (inputs[..., _GOAL] * goal_range, inputs[..., _GOAL + 1] * goal_range),
-        VehicleState(
-            inputs[..., 4] * intruder_range, inputs[..., 5] * intruder_range, jnp.arctan2(vy, vx), jnp.hypot(vx, vy)
-        ),
-    )

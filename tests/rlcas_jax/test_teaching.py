@@ -28,8 +28,9 @@ from rlcas_jax.escapes import best, each
 from rlcas_jax.homeward import arrival_of, late, soonest
 from rlcas_jax.loop import Run, run
 from rlcas_jax.progress import Reporter
+from rlcas_jax.promptness import prompt_second
 from rlcas_jax.starts import anywhere, edges
-from rlcas_jax.teaching import around, best_manoeuvre, best_second, flown, prompt_second, teacher
+from rlcas_jax.teaching import around, best_manoeuvre, best_second, flown, teacher
 
 HIDDEN = (8, 8)
 
