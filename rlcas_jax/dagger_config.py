@@ -33,6 +33,9 @@ class DaggerConfig(Strict):
     learning_rate: float = Field(default=5e-4, gt=0.0, le=1.0)
     """Greatest step size of Adam; it rises to this in the first two hundred steps of a round, and falls to 0 as a
     cosine does."""
+    orthogonal_rate: float = Field(default=0.0, ge=0.0, le=1.0)
+    """The same of Muon (Jordan et al. 2024), which makes the steps of the hidden layers' matrices orthogonal; 0: Adam
+    takes these, too."""
     nearly: float = Field(default=0.1, gt=0.0)
     """Distance from what is told, 1 at the limit, up to which its square counts; beyond it counts linearly, so that
     what is told here and there against all else moves little (Huber's loss)."""

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from jax.typing import ArrayLike
+from optax import contrib
 
 from agents.networks import Actor, derived
 from rlcas_jax.dagger_config import DaggerConfig
@@ -55,8 +56,7 @@ def fit(
     # Whole calls, so that one shape is compiled: what is left over comes first in the next pass.
     calls = max(1, settings.epochs * count // (size * at_once))
     steps = calls * at_once
-    rate = optax.warmup_cosine_decay_schedule(0.0, settings.learning_rate, min(_WARM_UP, steps // 10), steps)
-    optimizer = optax.chain(optax.clip_by_global_norm(_NORM), optax.scale_by_adam(), optax.scale_by_learning_rate(rate))
+    optimizer = optax.chain(optax.clip_by_global_norm(_NORM), _learner(settings, steps))
     smoothness = jnp.asarray(settings.smoothness, jnp.float32)
 
     def does(parameters: Any, observation: Any) -> jax.Array:
@@ -78,7 +78,7 @@ def fit(
         def step(now: tuple[Any, Any], batch: Samples) -> tuple[tuple[Any, Any], jax.Array]:
             parameters, state = now
             value, gradient = jax.value_and_grad(loss)(parameters, batch)
-            change, state = optimizer.update(gradient, state)
+            change, state = optimizer.update(gradient, state, parameters)
             return (optax.apply_updates(parameters, change), state), value
 
         carry, values = jax.lax.scan(step, carry, batches)
@@ -98,3 +98,26 @@ def fit(
             said((call + 1) * at_once, steps, float(np.mean(values)))
             values = []
     return carry[0]
+
+
+def _learner(settings: DaggerConfig, steps: int) -> optax.GradientTransformation:
+    """Return what makes steps of gradients: Adam, and Muon for the hidden layers' matrices where that has a rate."""
+
+    def rate(greatest: float) -> optax.Schedule:
+        return optax.warmup_cosine_decay_schedule(0.0, greatest, min(_WARM_UP, steps // 10), steps)
+
+    if not settings.orthogonal_rate:
+        return optax.adam(rate(settings.learning_rate))
+    return contrib.muon(
+        rate(settings.orthogonal_rate),
+        adam_learning_rate=rate(settings.learning_rate),
+        muon_weight_dimension_numbers=_hidden_matrices,
+    )
+
+
+def _hidden_matrices(variables: Any) -> Any:
+    """Return, like a policy's parameters, how Muon sees the matrices of hidden layers; None of what is left to Adam."""
+    matrix = contrib.MuonDimensionNumbers(0, 1)
+    return jax.tree_util.tree_map_with_path(
+        lambda path, _: matrix if path[-1].key == "kernel" and path[-2].key != "head" else None, variables
+    )

@@ -143,7 +143,8 @@ def test_of_a_teacher_is_learned_where_nothing_is_in_the_way_and_of_oneself_wher
     assert within(does)[plain & apart].any()
 
 
-def test_it_learns_what_it_is_told_and_keeps_what_it_is_to_keep() -> None:
+@pytest.mark.parametrize("orthogonal_rate", [0.0, 0.05])
+def test_it_learns_what_it_is_told_and_keeps_what_it_is_to_keep(orthogonal_rate: float) -> None:
     actor, variables = actor_and_variables()
     seen = np.random.default_rng(2).uniform(-1.0, 1.0, (4_000, 8)).astype(np.float32)
     applied: Any = actor.apply(variables, jnp.asarray(seen))
@@ -157,7 +158,7 @@ def test_it_learns_what_it_is_told_and_keeps_what_it_is_to_keep() -> None:
         actor,
         variables,
         samples,
-        DaggerConfig(epochs=40, minibatch=256, learning_rate=1e-2),
+        DaggerConfig(epochs=40, minibatch=256, learning_rate=1e-2, orthogonal_rate=orthogonal_rate),
         (0, 1),
         lambda _done, _of, loss: lost.append(loss),
     )
@@ -175,6 +176,7 @@ def test_it_learns_what_it_is_told_and_keeps_what_it_is_to_keep() -> None:
         {"epochs": 3},
         {"minibatch": 16},
         {"learning_rate": 1e-3},
+        {"orthogonal_rate": 1e-2},
         {"nearly": 0.5},
         {"smoothness": (1.0, 0.0)},
         {"smoothness": (0.0, 1.0)},
