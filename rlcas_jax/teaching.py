@@ -62,6 +62,11 @@ keeps where there is room, squashed: 100 m."""
 _ASIDE = math.radians(25.0)
 """How far aside of the nose the goal begins to be, rad."""
 
+_ROOM = 1_016.0
+"""Range of the intruder from which on a way home keeps 15 m beyond 1000 m, m. It is safe then, and of two sides that
+are as good it is the one to be decided for: whoever is told the other one, since he comes to it by hesitating, weaves
+beside a slow intruder until it is too late."""
+
 _AT_LIMIT = 1e-4
 """A speed this close to a limit is at it, in units of the observation: 2.5 mm/s."""
 
@@ -109,13 +114,16 @@ def teacher(config: TrainConfig, asked: Asked | None = None, hold: Hold | None =
         if hold is not None:
             low, high = flown(hold(seen, mean), seen, limits)
             does = Taught(low, high, does.weight + practice.teaching * held[..., None])
+        matters = jnp.zeros((*held.shape, 1))
         if practice.prompt:
-            way, matters, free = prompt_second(seen, mean, act, asked or Asked())
-            does = does._replace(weight=jnp.where(free[..., None], 0.0, does.weight))
-            does = _instead(does, way, matters[..., None], practice.prompt)
+            way, sooner, free = prompt_second(seen, mean, act, asked or Asked())
+            does, matters = does._replace(weight=jnp.where(free[..., None], 0.0, does.weight)), sooner[..., None]
+            does = _instead(does, way, matters, practice.prompt)
         if practice.pressed:
             manoeuvre, near = best_second(seen, mean, practice.leave) if practice.second else best_manoeuvre(seen)
-            does = _instead(does, manoeuvre, near, practice.pressed)
+            decided = (matters > 0.0) & (_intruder_range(seen) > _ROOM)[..., None]
+            does = _instead(does, manoeuvre, jnp.where(decided, 0.0, near), practice.pressed)
+            does = does._replace(weight=does.weight + jnp.where(decided, practice.pressed * near, 0.0))
         if practice.unwind:
             turn, circling = (jnp.stack([jnp.zeros_like(part), part], axis=-1) for part in around(seen, limits))
             does = _instead(does, turn, circling, practice.unwind)
@@ -241,6 +249,11 @@ def best_second(seen: Derived, mean: jax.Array, leave: float) -> tuple[jax.Array
     weight = near[:, None] * jnp.clip(lost / clearly[:, None], 0.0, 1.0)
     whole = jnp.zeros((spare.size, 2))
     return whole.at[rows].set(action * hand).reshape(*shape, 2), whole.at[rows].set(weight).reshape(*shape, 2)
+
+
+def _intruder_range(seen: Derived) -> jax.Array:
+    """Return how far the intruder is, m, ``[...]``."""
+    return (seen.inputs[..., 6] + 1.0) * 10_000.0
 
 
 def _metres(kept: jax.Array) -> jax.Array:

@@ -28,7 +28,7 @@ from rlcas_jax.escapes import best, each
 from rlcas_jax.homeward import arrival_of, late, soonest
 from rlcas_jax.loop import Run, run
 from rlcas_jax.progress import Reporter
-from rlcas_jax.promptness import prompt_second
+from rlcas_jax.promptness import Asked, prompt_second
 from rlcas_jax.starts import anywhere, edges
 from rlcas_jax.teaching import around, best_manoeuvre, best_second, flown, teacher
 
@@ -405,6 +405,37 @@ def test_where_there_is_no_time_to_ask_nobody_is_kept_to_the_teacher(policy: Pat
     # Nobody is in the way, and the goal is ahead.
     free = derived(jnp.zeros((64, 8)).at[:, 4].set(1.0).at[:, 5].set(1.0), "pressed")
     np.testing.assert_array_equal(both(free, jnp.ones(64), jnp.zeros((64, 2)), straight_on).weight, 2.0)
+
+
+@pytest.mark.parametrize("hand", [1.0, -1.0])
+def test_who_hesitates_with_a_safe_way_home_is_told_that_way_and_urgently(hand: float) -> None:
+    # Of a flight that weaved beside a slow intruder for minutes: with 1337 m between them either side is still safe,
+    # straight on is not, and the goal is behind the intruder, to the right (hand 1).
+    moment = jnp.asarray([-0.77067, 0.715, -0.31103, 0.93679, -0.13405, -0.86626, -0.11991, -0.81382])
+    sides = jnp.asarray([1.0, hand, 1.0, hand, hand, 1.0, hand, 1.0])
+    seen = derived(jnp.tile(moment * sides, (128, 1)), "pressed")
+    does = jnp.tile(jnp.asarray([-1.0, 0.1 * hand]), (128, 1))
+
+    def weaves(observation: jax.Array) -> jax.Array:
+        return jnp.tile(jnp.asarray([-1.0, 0.1 * hand]), (len(observation), 1))
+
+    lessons = {"pressed": 3.0, "prompt": 4.0, "second": True, "leave": 60.0}
+    each = {}
+    for name, keys in (
+        ("both", lessons),
+        ("pressed", lessons | {"prompt": 0.0}),
+        ("prompt", lessons | {"pressed": 0.0}),
+    ):
+        teach = teacher(told(None, **keys), Asked(1.0, 1.0))
+        assert teach is not None
+        each[name] = [np.asarray(part)[0] for part in teach(seen, jnp.ones(128), does, weaves)]
+    turn = {name: (bounds[0][1], bounds[1][1], bounds[2][1]) for name, bounds in each.items()}
+    to_either = met_by(jnp.asarray([[0.0, hand], [0.0, -hand]]))
+    (away_low, home_low), (away_high, home_high) = (np.asarray(part)[:, 1] for part in to_either)
+    assert turn["pressed"][:2] == (away_low, away_high)  # as it does, to the wrong side
+    assert turn["pressed"][2] == pytest.approx(3.0, abs=0.1)
+    assert turn["prompt"] == (home_low, home_high, 4.0)
+    assert turn["both"] == (home_low, home_high, pytest.approx(7.0, abs=0.1))
 
 
 def test_a_teacher_is_kept_to_and_one_that_cannot_teach_is_refused(policy: Path, tmp_path: Path) -> None:
