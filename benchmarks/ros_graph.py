@@ -1,3 +1,4 @@
+# pyright: reportMissingImports=false
 """What benchmarks on a real ROS graph share: processes, their memory, places and routes as messages."""
 
 import math
