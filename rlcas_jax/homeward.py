@@ -19,7 +19,7 @@ from envs.observation import observe
 from envs.outcome import RULES
 from envs.relative import distance
 
-__all__ = ["Ways", "arrival_of", "late", "soonest", "ways"]
+__all__ = ["ROOM", "Ways", "arrival_of", "late", "soonest", "ways"]
 
 _COURSES = (None, "own", 0.0, math.radians(30.0), math.radians(-30.0))
 """Courses that are kept to: to the goal, one's own, or the intruder's and so much to its left."""
@@ -41,6 +41,9 @@ _SPANS = np.array([_PIECE] * 40 + [2.0 * _PIECE] * 38)
 
 _SPARE = 15.0
 """Beyond the separation that a way is to keep, m; less where there is less already."""
+
+ROOM = RULES.separation + _SPARE + 1.0
+"""Range of the intruder from which on a way has the room to keep all of that, m."""
 
 _SPARE_A_SECOND = 2.0
 """How much more a way is to keep of an intruder for each second until then, m. Who flies a way that is just safe, and

@@ -17,7 +17,7 @@ from envs.kinematics import VehicleState
 from envs.observation import SPEED_HALF, SPEED_MIDDLE
 from rlcas_jax import homeward
 
-__all__ = ["GOAL", "Asked", "blocked", "in_the_way", "prompt_second", "scene"]
+__all__ = ["GOAL", "Asked", "blocked", "in_the_way", "prompt_second", "ranges", "scene"]
 
 GOAL = 8
 """Where the cosine and the sine of the goal's bearing are among the inputs."""
@@ -106,12 +106,17 @@ def prompt_second(
     return told.reshape(*shape, 2), share.reshape(shape), free.reshape(shape)
 
 
+def ranges(inputs: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Return how far intruder and goal are, m, behind inputs ``[..., F]`` of the feature set ``mirror``."""
+    return (inputs[..., 6] + 1.0) * 10_000.0, (inputs[..., 10] + 1.0) * 10_000.0
+
+
 def scene(inputs: jax.Array) -> tuple[VehicleState, tuple[jax.Array, jax.Array], VehicleState]:
     """Return ownship, goal and intruder behind inputs ``[..., F]`` of the feature set ``mirror``, mirrored as they are.
 
     The ownship is where x and y are 0, and flies along x.
     """
-    intruder_range, goal_range = ((inputs[..., i] + 1.0) * 10_000.0 for i in (6, 10))
+    intruder_range, goal_range = ranges(inputs)
     speed, vx, vy = inputs[..., 0] * SPEED_HALF + SPEED_MIDDLE, inputs[..., 2] * 100.0, inputs[..., 3] * 100.0
     still = jnp.zeros_like(speed)
     return (

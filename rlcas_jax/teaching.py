@@ -19,10 +19,10 @@ from agents.networks import Actor, Derived
 from agents.ppo import Taught, Teacher, met_by
 from envs.kinematics import Limits
 from envs.observation import SPEED_HALF, SPEED_MIDDLE
-from rlcas_jax import escapes
+from rlcas_jax import escapes, homeward
 from rlcas_jax.beginning import actor_with, policy_at
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.promptness import GOAL, Asked, prompt_second, scene
+from rlcas_jax.promptness import GOAL, Asked, prompt_second, ranges, scene
 from rlcas_jax.starts import EARLIER
 
 __all__ = [
@@ -61,11 +61,6 @@ keeps where there is room, squashed: 100 m."""
 
 _ASIDE = math.radians(25.0)
 """How far aside of the nose the goal begins to be, rad."""
-
-_ROOM = 1_016.0
-"""Range of the intruder from which on a way home keeps 15 m beyond 1000 m, m. It is safe then, and of two sides that
-are as good it is the one to be decided for: whoever is told the other one, since he comes to it by hesitating, weaves
-beside a slow intruder until it is too late."""
 
 _AT_LIMIT = 1e-4
 """A speed this close to a limit is at it, in units of the observation: 2.5 mm/s."""
@@ -121,7 +116,8 @@ def teacher(config: TrainConfig, asked: Asked | None = None, hold: Hold | None =
             does = _instead(does, way, matters, practice.prompt)
         if practice.pressed:
             manoeuvre, near = best_second(seen, mean, practice.leave) if practice.second else best_manoeuvre(seen)
-            decided = (matters > 0.0) & (_intruder_range(seen) > _ROOM)[..., None]
+            # Of two safe sides the way home's is told: whoever hesitates comes closest to the other one, and weaves.
+            decided = (matters > 0.0) & (ranges(seen.inputs)[0] > homeward.ROOM)[..., None]
             does = _instead(does, manoeuvre, jnp.where(decided, 0.0, near), practice.pressed)
             does = does._replace(weight=does.weight + jnp.where(decided, practice.pressed * near, 0.0))
         if practice.unwind:
@@ -249,11 +245,6 @@ def best_second(seen: Derived, mean: jax.Array, leave: float) -> tuple[jax.Array
     weight = near[:, None] * jnp.clip(lost / clearly[:, None], 0.0, 1.0)
     whole = jnp.zeros((spare.size, 2))
     return whole.at[rows].set(action * hand).reshape(*shape, 2), whole.at[rows].set(weight).reshape(*shape, 2)
-
-
-def _intruder_range(seen: Derived) -> jax.Array:
-    """Return how far the intruder is, m, ``[...]``."""
-    return (seen.inputs[..., 6] + 1.0) * 10_000.0
 
 
 def _metres(kept: jax.Array) -> jax.Array:
