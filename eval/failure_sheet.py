@@ -15,7 +15,8 @@ from eval.report_flights import Replayed
 
 __all__ = ["sheet"]
 
-_COLUMNS = 6
+_COLUMNS = (3, 6)  # at least, so that the legend has room, and at most
+_WIDTH = 16.0 / 6  # inches, of a column
 _KM = 1e-3
 
 
@@ -27,17 +28,20 @@ def sheet(flights: Sequence[Replayed], titles: Sequence[str], rules: Rules) -> F
         titles: of each.
         rules: of the task.
     """
-    lines = -(-len(flights) // _COLUMNS)
-    figure = Figure(figsize=(16.0, 3.1 * lines + 0.7), layout="constrained")
+    columns = int(np.clip(len(flights), *_COLUMNS))
+    lines = -(-len(flights) // columns)
+    figure = Figure(figsize=(_WIDTH * columns, 3.1 * lines + 0.7), layout="constrained")
     for i, (flight, title) in enumerate(zip(flights, titles, strict=True)):
-        axes = figure.add_subplot(lines, _COLUMNS, i + 1)
+        axes = figure.add_subplot(lines, columns, i + 1)
         _draw(axes, flight, rules)
         axes.set_title(title, fontsize=8)
-        if i % _COLUMNS == 0:
+        if i % columns == 0:
             axes.set_ylabel("north, km", fontsize=8)
-        if i + _COLUMNS >= len(flights):
+        if i + columns >= len(flights):
             axes.set_xlabel("east, km", fontsize=8)
-    figure.legend(handles=_legend(rules), loc="outside lower center", ncols=6, frameon=False, fontsize=9)
+    legend = _legend(rules)
+    beside = len(legend) if columns == _COLUMNS[1] else _COLUMNS[0]
+    figure.legend(handles=legend, loc="outside lower center", ncols=beside, frameon=False, fontsize=9)
     return figure
 
 

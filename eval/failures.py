@@ -98,7 +98,10 @@ def _parser() -> argparse.ArgumentParser:
 
 def _title(number: int, group: "Group", table: "Mapping[str, np.ndarray]") -> str:
     closest, angle = table["min_separation_m"][number], abs(table["relative_heading_deg"][number])
-    return f"{number}: {group.how}, {closest:.0f} m\nfrom {table['distance_m'][number]:.0f} m, courses {angle:.0f}°"
+    digits = 2 if group.how == "near miss" else 0  # of centimetres, where they decide
+    return (
+        f"{number}: {group.how}, {closest:.{digits}f} m\nfrom {table['distance_m'][number]:.0f} m, courses {angle:.0f}°"
+    )
 
 
 def _write_rows(path: Path, table: "Mapping[str, np.ndarray]", failed: "np.ndarray") -> None:
@@ -112,14 +115,14 @@ def _write_rows(path: Path, table: "Mapping[str, np.ndarray]", failed: "np.ndarr
 def _show(found: Mapping[str, Any]) -> None:
     total, of = found["failures"], found["encounters"]
     print(f"{total} of {of} encounters failed and are not proven unresolvable ({total / of:.3%})")
-    print("how          courses         start  failures   share  of such  closest  CPA in")
+    print("how          courses         start  failures   share  of such    closest  CPA in")
     for group in found["groups"]:
         (low, high), (near, far) = group["course_difference_deg"], group["distance_m"]
         start = f"{near / 1e3:g} to {far / 1e3:g} km" if far is not None else f"over {near / 1e3:g} km"
         print(
             f"{group['how']:<10} {f'{low:g}-{high:g}°':>9} {start:>13} {group['failures']:>9} "
             f"{group['failures'] / total:>7.1%} {group['failures'] / group['such_encounters']:>8.2%} "
-            f"{group['min_separation_m_median']:>6.0f} m {group['t_cpa_s_median']:>5.0f} s"
+            f"{group['min_separation_m_median']:>8.1f} m {group['t_cpa_s_median']:>5.0f} s"
         )
 
 
