@@ -22,7 +22,7 @@ out, every key, to `config.yaml` in its directory, and that file repeats the run
 The files in `configs/` are `quick.yaml` (a policy in a minute on two cores), `best_start.yaml`, `best_middle.yaml`,
 `best_late.yaml`, `best_rejoin.yaml`, `best_turning.yaml`, `best_dear.yaml`, `best_dearer.yaml`, `best_pressed.yaml`,
 `best_reflex.yaml`, `best_calm.yaml`, `best_calmer.yaml`, `best_gentle.yaml`, `best_near.yaml` and
-`best.yaml`, and `best_told.yaml` and `best_told_decided.yaml`, which refine (all stages of the policy that ships,
+`best.yaml`, and `best_told.yaml` and `best_told_smooth.yaml`, which refine (all stages of the policy that ships,
 `agents/data/README.md`),
 `paper.yaml` (the paper's own set-up),
 `sprint.yaml` (seconds to a training score of +75, `docs/benchmarks.md`) and the vehicles: `vehicle_surrogate.yaml`
