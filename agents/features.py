@@ -9,7 +9,7 @@ from typing import Any
 
 from agents.foresight import ADVICE, COUNT, PRESSED, advice, pressed, separations
 from envs.kinematics import SURROGATE
-from envs.observation import Decoded, decode
+from envs.observation import DISTANCE_HALF, Decoded, decode
 
 __all__ = ["FEATURE_SETS", "KEPT_UNIT", "MIRRORED", "begins", "features", "side", "size"]
 
@@ -91,9 +91,9 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
     far = observation[5] + 1.0
     goal_far = observation[7] + 1.0
     guard = 1e-3
-    goal_range = goal_far * 10_000.0 + guard
+    goal_range = goal_far * DISTANCE_HALF + guard
     goal_cosine, goal_sine = geometry.goal_x / goal_range, geometry.goal_y / goal_range
-    intruder_range = far * 10_000.0 + guard
+    intruder_range = far * DISTANCE_HALF + guard
 
     vx, vy = geometry.intruder_vx - geometry.own_speed, geometry.intruder_vy
     ahead = _passing(x, y, vx, vy, xp)

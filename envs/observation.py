@@ -9,6 +9,7 @@ from envs.relative import bearing, distance, straight_cpa
 
 __all__ = [
     "CRITICAL_RADIUS",
+    "DISTANCE_HALF",
     "NAMES",
     "SIZE",
     "SPEED_HALF",
@@ -40,8 +41,10 @@ CRITICAL_RADIUS = 1_500.0
 SPEED_MIDDLE, SPEED_HALF = 75.0, 25.0
 """Own speed that is 0 in the observation, and how much faster 1 is, m/s."""
 
+DISTANCE_HALF = 10_000.0
+"""Distance that is 0 in the observation, and how much farther 1 is, m."""
+
 _INTRUDER_SPEED_HALF = 75.0
-_DISTANCE_HALF = 10_000.0
 
 
 def observe(own: VehicleState, intruder: VehicleState, goal_x: Any, goal_y: Any, xp: Any) -> Any:
@@ -64,9 +67,9 @@ def observe(own: VehicleState, intruder: VehicleState, goal_x: Any, goal_y: Any,
         intruder.speed * (1.0 / _INTRUDER_SPEED_HALF) - 1.0,
         intruder.heading * (1.0 / math.pi),
         bearing(own, intruder.x, intruder.y, xp) * (1.0 / math.pi),
-        to_intruder * (1.0 / _DISTANCE_HALF) - 1.0,
+        to_intruder * (1.0 / DISTANCE_HALF) - 1.0,
         bearing(own, goal_x, goal_y, xp) * (1.0 / math.pi),
-        to_goal * (1.0 / _DISTANCE_HALF) - 1.0,
+        to_goal * (1.0 / DISTANCE_HALF) - 1.0,
     ]
     return xp.stack([xp.clip(part, -1.0, 1.0) for part in parts], axis=-1)
 
@@ -97,9 +100,9 @@ def decode(observation: Any, xp: Any) -> Decoded:
     course = xp.where(course < -math.pi, course + 2.0 * math.pi, course)
     sine, cosine = sincos(course, xp)
     intruder_sine, intruder_cosine = sincos(observation[4] * math.pi, xp)
-    intruder_distance = (observation[5] + 1.0) * _DISTANCE_HALF
+    intruder_distance = (observation[5] + 1.0) * DISTANCE_HALF
     goal_sine, goal_cosine = sincos(observation[6] * math.pi, xp)
-    goal_distance = (observation[7] + 1.0) * _DISTANCE_HALF
+    goal_distance = (observation[7] + 1.0) * DISTANCE_HALF
     return Decoded(
         own_speed,
         intruder_distance * intruder_cosine,

@@ -15,7 +15,7 @@ from eval.report_flights import Replayed
 
 __all__ = ["sheet"]
 
-_COLUMNS = (3, 6)  # at least, so that the legend has room, and at most
+_FEWEST, _MOST = 3, 6  # columns; with fewer the legend has no room
 _WIDTH = 16.0 / 6  # inches, of a column
 _KM = 1e-3
 
@@ -28,7 +28,7 @@ def sheet(flights: Sequence[Replayed], titles: Sequence[str], rules: Rules) -> F
         titles: of each.
         rules: of the task.
     """
-    columns = int(np.clip(len(flights), *_COLUMNS))
+    columns = int(np.clip(len(flights), _FEWEST, _MOST))
     lines = -(-len(flights) // columns)
     figure = Figure(figsize=(_WIDTH * columns, 3.1 * lines + 0.7), layout="constrained")
     for i, (flight, title) in enumerate(zip(flights, titles, strict=True)):
@@ -40,7 +40,7 @@ def sheet(flights: Sequence[Replayed], titles: Sequence[str], rules: Rules) -> F
         if i + columns >= len(flights):
             axes.set_xlabel("east, km", fontsize=8)
     legend = _legend(rules)
-    beside = len(legend) if columns == _COLUMNS[1] else _COLUMNS[0]
+    beside = len(legend) if columns == _MOST else _FEWEST
     figure.legend(handles=legend, loc="outside lower center", ncols=beside, frameon=False, fontsize=9)
     return figure
 

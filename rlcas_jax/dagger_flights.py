@@ -11,6 +11,7 @@ import numpy as np
 from agents.networks import Actor, Derived, derived
 from agents.ppo import Taught
 from envs import surrogate
+from envs.observation import DISTANCE_HALF
 from rlcas_jax.dagger_config import DaggerRun
 from rlcas_jax.promptness import Asked, in_the_way
 from rlcas_jax.starts import Own, draw, noisy
@@ -171,5 +172,5 @@ def _worthwhile(config: DaggerRun, flown: _Flown, told: Taught, random: np.rando
 
 def _turns_in(observation: np.ndarray) -> np.ndarray:
     """Return who is about to turn in to the goal, ``[M]``: who is a little too gentle there passes it."""
-    bearing, goal_range = observation[:, 6] * math.pi, (observation[:, 7] + 1.0) * 10_000.0
+    bearing, goal_range = observation[:, 6] * math.pi, (observation[:, 7] + 1.0) * DISTANCE_HALF
     return (goal_range < _NEAR) & (np.abs(bearing) > _ASIDE)

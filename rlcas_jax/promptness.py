@@ -14,7 +14,7 @@ from agents.features import size
 from agents.foresight import COUNT
 from agents.networks import Derived
 from envs.kinematics import VehicleState
-from envs.observation import SPEED_HALF, SPEED_MIDDLE
+from envs.observation import DISTANCE_HALF, SPEED_HALF, SPEED_MIDDLE
 from rlcas_jax import homeward
 
 __all__ = ["GOAL", "Asked", "blocked", "in_the_way", "prompt_second", "ranges", "scene"]
@@ -108,7 +108,7 @@ def prompt_second(
 
 def ranges(inputs: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Return how far intruder and goal are, m, behind inputs ``[..., F]`` of the feature set ``mirror``."""
-    return (inputs[..., 6] + 1.0) * 10_000.0, (inputs[..., 10] + 1.0) * 10_000.0
+    return (inputs[..., 6] + 1.0) * DISTANCE_HALF, (inputs[..., 10] + 1.0) * DISTANCE_HALF
 
 
 def scene(inputs: jax.Array) -> tuple[VehicleState, tuple[jax.Array, jax.Array], VehicleState]:
