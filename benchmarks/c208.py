@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.inference import Policy
-from agents.planner import plan_many
-from agents.request import Options
+from agents.planner.planner import plan_many
+from agents.planner.request import Options
+from agents.policy.inference import Policy
 from benchmarks.measure import report
 from envs import follower
 from envs.c208.autopilot import GRAVITY
@@ -32,13 +32,13 @@ from envs.c208.point_mass import PointMassVehicle
 from envs.c208.vehicle import C208Vehicle, FlightError, StartError
 from envs.encounters import scenario
 from envs.follower import PERIOD
-from envs.gymnasium_env import DeconflictionEnv
+from envs.gym.gymnasium_env import DeconflictionEnv
 from envs.kinematics import VehicleState
 from envs.starts import numbered
 from envs.tracking import deviation, offset
 from envs.waypoints import Knots, Legs, legs
 from envs.waypoints import at as along
-from eval.plan_flight import request_of
+from eval.flights.plan_flight import request_of
 
 _WIND = 10.0  # m/s, from any direction
 _POWER_SPEED = 92.0  # a plan that is faster, or a flight of which the air is, may lack power, m/s

@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from distributed import LocalCluster
 
-from agents.inference import Policy
+from agents.policy.inference import Policy
 from benchmarks.measure import report
 from envs.encounters import SCENARIOS
 from envs.outcome import RULES
-from eval.chunks import Evaluation, Pilot, columns
-from eval.cluster import Cluster, connected
-from eval.cluster_kit import DECISIVE, Flier
-from eval.workers import Chunk, fly_chunks
+from eval.flights.chunks import Evaluation, Pilot, columns
+from eval.runner.cluster import Cluster, connected
+from eval.runner.cluster_kit import DECISIVE, Flier
+from eval.runner.workers import Chunk, fly_chunks
 
 
 class Nothing(NamedTuple):

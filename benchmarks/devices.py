@@ -15,7 +15,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from agents.configuration import load
+from agents.config.load import load
 from benchmarks.measure import report
 from rlcas_jax import metrics
 from rlcas_jax.config import TrainConfig

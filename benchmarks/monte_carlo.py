@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from agents import features
-from agents.inference import Policy
-from agents.resolvability import classify
+from agents.policy import features
+from agents.policy.inference import Policy
+from agents.resolvability.classify import classify
 from benchmarks.measure import report, seconds
 from envs.encounters import SCENARIOS
 from envs.outcome import RULES
 from envs.starts import numbered
-from eval.chunks import Evaluation, Pilot
 from eval.config import MonteCarloConfig
-from eval.simulate import direct, fly
-from eval.workers import Chunk, cores, fly_chunks
+from eval.flights.chunks import Evaluation, Pilot
+from eval.flights.simulate import direct, fly
+from eval.runner.workers import Chunk, cores, fly_chunks
 
 ROWS = 256
 """Of a matrix product of the limit."""

@@ -17,17 +17,17 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from agents import features
-from agents.inference import Policy
-from agents.plan import Source
-from agents.planner import plan
+from agents.planner.answer import Source
+from agents.planner.planner import plan
+from agents.policy import features
+from agents.policy.inference import Policy
 from benchmarks.measure import report
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
 from envs.starts import numbered
 from envs.trees import take
 from envs.waypoints import RoutePoint
-from eval.plan_flight import request_of
+from eval.flights.plan_flight import request_of
 
 FLOOR_STEPS = 380
 

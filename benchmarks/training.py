@@ -22,12 +22,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from agents import features, ppo
-from agents.configuration import ConfigError, Parser, load, run_cli
-from agents.networks import Actor, Critic
-from benchmarks import gemm, sb3_task
+from agents.config.load import ConfigError, Parser, load, run_cli
+from agents.learning import ppo
+from agents.learning.networks import Actor, Critic
+from agents.policy import features
+from benchmarks import gemm
+from benchmarks.learning import sb3 as sb3_task
+from benchmarks.learning.sb3 import Cell
 from benchmarks.measure import machine, report
-from benchmarks.sb3_task import Cell
 from envs import observation
 from rlcas_jax import task
 from rlcas_jax.config import TrainConfig

@@ -15,9 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import minimize
 
-from agents.escape_manoeuvre import steps, tracks
-from agents.resolvability import replay
-from agents.witness import Witnesses, least_cost
+from agents.manoeuvres.escape_manoeuvre import steps, tracks
+from agents.resolvability.classify import replay
+from agents.resolvability.witness import Witnesses, least_cost
 from benchmarks.measure import report
 from envs.angles import wrap
 from envs.encounters import Encounter, scenario

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agents.configuration import ConfigError, Parser, run_cli
-from eval.command import refusing, whole
+from agents.config.load import ConfigError, Parser, run_cli
 from eval.practice import npz, policy_of, refuse_imperfect
+from eval.runner.command import refusing, whole
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from eval.report_run import Run
+    from eval.report.folder import Run
 
 __all__ = ["main"]
 
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise ConfigError(f"--out {options.out}: there is no folder {options.out.parent}, expected one that exists")
     import numpy as np
 
-    from eval.report_run import read_run
+    from eval.report.folder import read_run
 
     parts = [part for folder in options.run for part in _of(read_run(folder), options)]
     if not parts:
@@ -63,9 +63,9 @@ def _of(run: "Run", options: argparse.Namespace) -> "list[tuple[np.ndarray, np.n
     import numpy as np
 
     from eval.branching import branched
-    from eval.chunks import picked
-    from eval.report_flights import evaluation_of
-    from eval.simulate import fly
+    from eval.flights.chunks import picked
+    from eval.flights.simulate import fly
+    from eval.report.flights import evaluation_of
 
     evaluation = evaluation_of(run, options.policy)
     rules, limits = evaluation.rules, evaluation.limits

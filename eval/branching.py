@@ -11,15 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.baselines import Sight
+from agents.baselines.baselines import Sight
 from envs.encounters import Encounter
 from envs.kinematics import Limits
 from envs.observation import CRITICAL_RADIUS, most_critical, observe
 from envs.outcome import Rules
 from envs.trees import take
-from eval.film import Trajectories
+from eval.flights.simulate import OUTCOMES, Decider, Flights, OnStates, fly
+from eval.flights.trajectories import Trajectories
 from eval.practice_flights import beginning_at
-from eval.simulate import OUTCOMES, Decider, Flights, OnStates, fly
 
 __all__ = ["MOMENTS", "WHILE", "Branches", "branched"]
 

@@ -2,22 +2,31 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from agents.configuration import ConfigError, Strict
-from agents.configuration_keys import nearest
-from agents.configuration_world import RulesConfig, ScenarioConfig, VehicleConfig
-from agents.request import MARGIN
+from agents.config.keys import nearest
+from agents.config.load import ConfigError, Strict
+from agents.config.world import RulesConfig, ScenarioConfig, VehicleConfig
+from agents.planner.request import MARGIN, Options, gentle
+from agents.planner.traffic import Requirement
 from envs.encounters import SCENARIOS, Scenario
-from envs.replay import AHEAD
+from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, within
 from envs.sobol import REPLICATES
+from envs.traffic.replay import AHEAD
 
-if TYPE_CHECKING:
-    from eval.planned import Setting
-
-__all__ = ["FILE", "MODEL", "PREFIXES", "TRACKS", "MonteCarloConfig", "PlannerConfig", "TracksConfig", "TrafficConfig"]
+__all__ = [
+    "FILE",
+    "MODEL",
+    "PREFIXES",
+    "TRACKS",
+    "MonteCarloConfig",
+    "PlannerConfig",
+    "Setting",
+    "TracksConfig",
+    "TrafficConfig",
+]
 
 FILE, TRACKS, MODEL = "file:", "tracks:", "lincoln:"
 PREFIXES: tuple[str, ...] = (FILE, TRACKS, MODEL)
@@ -28,6 +37,14 @@ _Model = TypeVar("_Model", bound=Strict)
 _DEFAULT_ENCOUNTERS = 10_000
 _LARGEST_CHUNK = 1_250
 _AVAILABLE = {"mode": ("policy", "plan", "assured"), "baseline": ("none",)}
+
+
+class Setting(NamedTuple):
+    """How plans are made and flown; can be sent to another process."""
+
+    options: Options
+    limits: Limits
+    """Of the vehicle that follows."""
 
 
 class PlannerConfig(Strict):
@@ -53,17 +70,12 @@ class PlannerConfig(Strict):
     """Limits of the legs and of the vehicle that follows them; manoeuvres keep inside the surrogate's, too; null: the
     Cessna 208's as the paper states them."""
 
-    def setting(self) -> "Setting":
+    def setting(self) -> Setting:
         """Return this as the planner takes it: manoeuvres inside both the surrogate's limits and the vehicle's.
 
         Raises:
             ConfigError: there is no speed that both have.
         """
-        from agents.request import Options, gentle
-        from agents.traffic import Requirement
-        from envs.kinematics import C208_PUBLISHED, SURROGATE, within
-        from eval.planned import Setting
-
         limits = C208_PUBLISHED if self.vehicle is None else self.vehicle.limits()
         try:
             manoeuvre = gentle(within(SURROGATE, limits))
@@ -287,7 +299,7 @@ class MonteCarloConfig(Strict):
 
     def _changed(self, model: type[_Model], *first: str) -> _Model:
         # Through the sentences of the configuration, which name the key and the nearest one.
-        from agents.configuration import load
+        from agents.config.load import load
 
         try:
             return load(model, None, [*first, *(f"{key}={_yaml(value)}" for key, value in self.changes.items())])
@@ -302,6 +314,6 @@ def _located(path: Path, info: ValidationInfo) -> Path:
 
 
 def _yaml(value: Any) -> str:
-    from agents.configuration_yaml import write
+    from agents.config.yaml import write
 
     return write([value])[1:-2] if not isinstance(value, (list, tuple)) else write(value).strip()

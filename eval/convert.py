@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agents.configuration import ConfigError, Parser, run_cli
-from eval.command import refusing
+from agents.config.load import ConfigError, Parser, run_cli
+from eval.runner.command import refusing
 
 if TYPE_CHECKING:
-    from envs.encounter_exchange import Scene
+    from envs.formats.encounter_exchange import Scene
 
 __all__ = ["main"]
 
@@ -69,8 +69,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _convert(options: argparse.Namespace) -> int:
-    from envs.encounter_exchange import daidalus_text, encounters_of_scenes, lincoln_objects
-    from envs.track_units import FOOT
+    from envs.formats.encounter_exchange import daidalus_text, encounters_of_scenes, lincoln_objects
+    from envs.traffic.track_units import FOOT
 
     scenes = _read(options)
     if options.encounter is not None:
@@ -102,7 +102,7 @@ def _convert(options: argparse.Namespace) -> int:
         raise ConfigError(f"{options.target} cannot hold {'; '.join(lost)}; expected --lossy to leave it out")
     altitude = None if options.altitude_ft is None else options.altitude_ft * FOOT
     if target == ".csv":
-        from envs import encounter_file
+        from envs.formats import encounter_file
 
         encounter_file.write(options.target, *encounters_of_scenes(scenes, options.ahead))
     elif target == ".json":
@@ -123,14 +123,14 @@ def _whole(name: str) -> bool:
 
 
 def _read(options: argparse.Namespace) -> "list[Scene]":
-    from envs.encounter_exchange import scenes_of, scenes_of_tracks
-    from envs.lincoln_file import read_lincoln, tracks_of
-    from envs.track_files import read_daidalus
-    from envs.tracks import Repairs, summed
+    from envs.formats.encounter_exchange import scenes_of, scenes_of_tracks
+    from envs.formats.lincoln_file import read_lincoln, tracks_of
+    from envs.formats.track_files import read_daidalus
+    from envs.traffic.tracks import Repairs, summed
 
     path = options.source
     if path.suffix == ".csv":
-        from envs import encounter_file
+        from envs.formats import encounter_file
 
         encounters, names = encounter_file.read(path)
         return scenes_of(encounters, names, options.seconds)

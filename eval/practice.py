@@ -9,16 +9,16 @@ from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from agents.configuration import ConfigError, Parser, run_cli
-from eval.command import refusing, whole
+from agents.config.load import ConfigError, Parser, run_cli
+from eval.runner.command import refusing, whole
 
 if TYPE_CHECKING:
     import numpy as np
 
     from envs.encounters import Encounter
-    from eval.chunks import Evaluation
-    from eval.report_run import Run
-    from eval.simulate import Decider
+    from eval.flights.chunks import Evaluation
+    from eval.flights.simulate import Decider
+    from eval.report.folder import Run
 
 __all__ = ["main", "npz", "policy_of", "refuse_imperfect"]
 
@@ -60,9 +60,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise ConfigError(f"--{name} {path} exists, expected the name of a new file")
         if path is not None and not path.parent.is_dir():
             raise ConfigError(f"--{name} {path}: there is no folder {path.parent}, expected one that exists")
-    from envs import encounter_file
+    from envs.formats import encounter_file
     from envs.starts import joined
-    from eval.report_run import read_run
+    from eval.report.folder import read_run
 
     hard = [_hard(read_run(folder), options) for folder in options.run]
     found, names = [part for one in hard for part in one.encounters], [name for one in hard for name in one.names]
@@ -88,9 +88,9 @@ class _Hard(NamedTuple):
 
 def _hard(run: "Run", options: argparse.Namespace) -> _Hard:
     from envs.intruder import Intent
-    from eval.chunks import picked
+    from eval.flights.chunks import picked
     from eval.practice_flights import along, examples, moments, resolving
-    from eval.report_flights import evaluation_of
+    from eval.report.flights import evaluation_of
 
     evaluation = evaluation_of(run, options.policy)
     rules, limits = evaluation.rules, evaluation.limits
@@ -128,7 +128,7 @@ def policy_of(run: "Run", evaluation: "Evaluation") -> "Decider":
     Raises:
         ConfigError: none did, but a planner, say.
     """
-    from agents.inference import Policy
+    from agents.policy.inference import Policy
 
     if run.config.mode != "policy":
         raise ConfigError(f"--run {run.folder} flew in mode {run.config.mode}, expected policy")
@@ -162,7 +162,7 @@ def _write_examples(path: Path, parts: "list[tuple[np.ndarray, np.ndarray]]", mo
 
 def _chosen(run: "Run", longer: float) -> "np.ndarray":
     """Return the numbers of the encounters to be practised, ascending, int ``[M]``."""
-    from eval.failure_groups import failures
+    from eval.failures.groups import failures
 
     table = run.table
     detour = (table["outcome"] == "reached") & (100.0 * table["path_excess"] >= longer)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.witness import Witnesses, least_cost
+from agents.resolvability.witness import Witnesses, least_cost
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.intruder import Intent
@@ -13,9 +13,9 @@ from envs.observation import CRITICAL_RADIUS, most_critical, observe
 from envs.outcome import Rules
 from envs.relative import distance
 from envs.trees import mapped, take
-from eval.film import Trajectories
-from eval.simulate import Decider, fly
-from eval.witness_flight import ROUNDS, followed
+from eval.flights.optimal import ROUNDS, followed
+from eval.flights.simulate import Decider, fly
+from eval.flights.trajectories import Trajectories
 
 __all__ = ["Resolving", "along", "beginning_at", "examples", "moments", "resolving"]
 

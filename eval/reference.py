@@ -1,10 +1,10 @@
 """Writes the page of every key of an evaluation: ``python -m eval.reference DIR``."""
 
-from agents.configuration import run_cli
-from agents.configuration_keys import markdown
-from agents.configuration_pages import write_pages
+from agents.config.keys import markdown
+from agents.config.load import run_cli
+from agents.config.pages import write_pages
 from eval.config import MonteCarloConfig, TrafficConfig
-from eval.hifi_config import HifiConfig
+from eval.hifi.config import HifiConfig
 
 __all__ = ["PAGE", "main", "page"]
 
@@ -15,7 +15,7 @@ _HEAD = """\
 # Configuration of evaluations
 
 This page is written by `python -m eval.reference docs`; its texts are the docstrings in `eval/config.py`,
-`eval/hifi_config.py` and `agents/configuration_world.py`.
+`eval/hifi/config.py` and `agents/config/world.py`.
 
 A configuration is a YAML file with what differs from the defaults, given as `--config FILE`; single keys are changed by
 `--set KEY=VALUE` (`--set planner.margin=50`), which wins over the file, as do the options of the command. A run writes

@@ -12,8 +12,8 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from agents.configuration import ConfigError, Parser, run_cli
-from agents.policy_file import PolicyFile, PolicyFileError, read, write
+from agents.config.load import ConfigError, Parser, run_cli
+from agents.policy.file import PolicyFile, PolicyFileError, read, write
 from rlcas_jax import checkpoint
 
 __all__ = ["average", "main"]
@@ -41,7 +41,7 @@ def average(policies: Sequence[tuple[PolicyFile, float]]) -> PolicyFile:
     Raises:
         PolicyFileError: networks, inputs or limits differ, or the mean is no policy.
     """
-    from agents.export import to_policy_file, variables
+    from agents.learning.export import to_policy_file, variables
 
     last = policies[-1][0]
     total = math.fsum(share for _, share in policies)

@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agents import policy_file
-from agents.configuration import ConfigError
-from agents.export import variables
-from agents.features import begins, size
-from agents.ppo import LearnerState
+from agents.config.load import ConfigError
+from agents.learning.export import variables
+from agents.learning.ppo import LearnerState
+from agents.policy import file as policy_file
+from agents.policy.features import begins, size
 from rlcas_jax import checkpoint
 from rlcas_jax.config import TrainConfig
 

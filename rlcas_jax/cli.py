@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from agents.configuration import ConfigError, Parser, dump, load
-from agents.configuration_keys import help_text
+from agents.config.keys import help_text
+from agents.config.load import ConfigError, Parser, dump, load
 from rlcas_jax.config import SEED_END, TrainConfig
 
 __all__ = ["Job", "Options", "Processes", "new_directory", "parse", "prepare"]

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from agents.networks import Derived, derived
-from agents.ppo import Batch, Learner, LearnerState, advantages, explained_variance, gaussian_log_prob
+from agents.learning.networks import Derived, derived
+from agents.learning.ppo import Batch, Learner, LearnerState, advantages, explained_variance, gaussian_log_prob
 
 __all__ = ["Environment", "Step", "collect"]
 

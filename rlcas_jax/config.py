@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, NonNegativeFloat, model_validator
 
-from agents.configuration import ConfigError, Strict
-from agents.configuration_world import RulesConfig, ScenarioConfig, VehicleConfig
+from agents.config.load import ConfigError, Strict
+from agents.config.world import RulesConfig, ScenarioConfig, VehicleConfig
 from envs.kinematics import Limits
 from envs.outcome import RULES, Rules
 

@@ -8,9 +8,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from agents.configuration import ConfigError, Parser, dump, load, run_cli
-from agents.configuration_keys import help_text
-from agents.policy_file import PolicyFileError
+from agents.config.keys import help_text
+from agents.config.load import ConfigError, Parser, dump, load, run_cli
+from agents.policy.file import PolicyFileError
 from rlcas_jax.cli import new_directory
 from rlcas_jax.dagger_config import DaggerRun
 

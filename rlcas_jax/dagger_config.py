@@ -2,8 +2,8 @@
 
 from pydantic import Field, NonNegativeFloat, model_validator
 
-from agents.configuration import ConfigError, Strict
-from agents.features import begins
+from agents.config.load import ConfigError, Strict
+from agents.policy.features import begins
 from rlcas_jax.config import TrainConfig
 
 __all__ = ["DaggerConfig", "DaggerRun"]

@@ -10,7 +10,7 @@ import optax
 from jax.typing import ArrayLike
 from optax import contrib
 
-from agents.networks import Actor, derived
+from agents.learning.networks import Actor, derived
 from rlcas_jax.dagger_config import DaggerConfig
 from rlcas_jax.dagger_flights import Samples
 

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agents.networks import Actor, Derived, derived
-from agents.ppo import Taught
+from agents.learning.networks import Actor, Derived, derived
+from agents.learning.ppo import Taught
 from envs import surrogate
 from envs.observation import DISTANCE_HALF
 from rlcas_jax.dagger_config import DaggerRun

@@ -11,10 +11,10 @@ from typing import Any, Protocol
 import jax
 import numpy as np
 
-from agents import policy_file
-from agents.configuration import ConfigError
-from agents.export import to_policy_file
-from agents.networks import Actor
+from agents.config.load import ConfigError
+from agents.learning.export import to_policy_file
+from agents.learning.networks import Actor
+from agents.policy import file as policy_file
 from envs import surrogate
 from envs.encounters import Encounter
 from envs.outcome import Outcome

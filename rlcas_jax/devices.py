@@ -13,7 +13,7 @@ import numpy as np
 from jax.experimental import multihost_utils
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from agents.configuration import ConfigError
+from agents.config.load import ConfigError
 from rlcas_jax.cli import Processes
 
 __all__ = ["AXIS", "Devices", "agreed", "connect", "everywhere", "first", "local", "place"]

@@ -6,8 +6,8 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from agents.configuration import ConfigError
-from agents.ppo import Examples
+from agents.config.load import ConfigError
+from agents.learning.ppo import Examples
 from envs.observation import SIZE
 from rlcas_jax.config import TrainConfig
 

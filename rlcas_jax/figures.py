@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from agents.configuration import ConfigError, Parser, run_cli
+from agents.config.load import ConfigError, Parser, run_cli
 from rlcas_jax.metrics import read
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from agents import policy_file
-from agents.export import write
-from agents.resolvability import Verdict, classify
+from agents.learning.export import write
+from agents.policy import file as policy_file
+from agents.resolvability.classify import Verdict, classify
 from envs.encounters import SCENARIOS, Encounter
 from envs.outcome import Outcome, Rules
 from envs.starts import numbered

@@ -2,7 +2,7 @@
 
 Whoever flies beside an intruder that is between him and his goal must outpace it or let it pass. Each way keeps to a
 course and to full throttle, or brakes, for a while, and then turns home. The twelve manoeuvres of
-:mod:`agents.foresight` tell what is safe; these tell what is late.
+:mod:`agents.policy.escape_features` tell what is safe; these tell what is late.
 """
 
 import math

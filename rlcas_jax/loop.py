@@ -14,8 +14,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from agents.configuration import ConfigError, dump
-from agents.versions import versions
+from agents.config.load import ConfigError, dump
+from agents.policy.versions import versions
 from envs.draws import uniforms
 from envs.encounters import SCENARIOS, Encounter, sample
 from envs.outcome import Outcome, Rules, reward

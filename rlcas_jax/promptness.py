@@ -10,9 +10,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from agents.features import size
-from agents.foresight import COUNT
-from agents.networks import Derived
+from agents.learning.networks import Derived
+from agents.policy.escape_features import COUNT
+from agents.policy.features import size
 from envs.kinematics import VehicleState
 from envs.observation import DISTANCE_HALF, SPEED_HALF, SPEED_MIDDLE
 from rlcas_jax import homeward

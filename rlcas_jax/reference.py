@@ -1,8 +1,8 @@
 """Writes the pages of the documentation that come from the code: ``python -m rlcas_jax.reference DIR``."""
 
-from agents.configuration import run_cli
-from agents.configuration_keys import markdown
-from agents.configuration_pages import write_pages
+from agents.config.keys import markdown
+from agents.config.load import run_cli
+from agents.config.pages import write_pages
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.dagger_config import DaggerConfig
 from rlcas_jax.metrics import FILE, METRICS, WALL_CLOCK
@@ -13,7 +13,7 @@ _CONFIGURATION = """\
 # Configuration of training
 
 This page is written by `python -m rlcas_jax.reference docs`; its texts are the docstrings in `rlcas_jax/config.py` and
-`agents/configuration_world.py`.
+`agents/config/world.py`.
 
 A configuration is a YAML file with what differs from the defaults, given as `--config FILE`; single keys are changed by
 `--set KEY=VALUE`, also inside lists (`--set scenarios.0.weight=2`). `--set` wins over the file. A run writes what came

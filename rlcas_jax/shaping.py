@@ -13,7 +13,7 @@ from envs.outcome import Rules
 from envs.relative import bearing, distance, straight_cpa
 from envs.surrogate import State
 from rlcas_jax.config import ShapingConfig, TrainConfig
-from rlcas_jax.escapes import best
+from rlcas_jax.escape_margin import best
 
 __all__ = [
     "GENTLE",

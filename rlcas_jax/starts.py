@@ -9,14 +9,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agents.configuration import ConfigError
-from envs import encounter_file, surrogate
+from agents.config.load import ConfigError
+from envs import surrogate
 from envs.encounters import Encounter, EncounterError, Scenario, choose, padded, sample, scenario
+from envs.formats import encounter_file
 from envs.relative import distance
 from envs.starts import cast, joined
 from envs.trees import mapped
 from rlcas_jax.config import TrainConfig, WorldConfig
-from rlcas_jax.escapes import best, each, one_by_one, undecided
+from rlcas_jax.escape_margin import best, each, one_by_one, undecided
 
 __all__ = [
     "EARLIER",

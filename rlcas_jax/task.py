@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 from jax.sharding import PartitionSpec
 
-from agents import ppo
-from agents.configuration import ConfigError
-from agents.networks import Actor, Critic
+from agents.config.load import ConfigError
+from agents.learning import ppo
+from agents.learning.networks import Actor, Critic
 from envs import observation, surrogate
 from envs.encounters import Encounter, Scenario
 from envs.outcome import Outcome, Rules

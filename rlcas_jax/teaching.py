@@ -12,14 +12,15 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from agents.configuration import ConfigError
-from agents.features import KEPT_UNIT, begins, size
-from agents.foresight import COUNT
-from agents.networks import Actor, Derived
-from agents.ppo import Taught, Teacher, met_by
+from agents.config.load import ConfigError
+from agents.learning.networks import Actor, Derived
+from agents.learning.ppo import Taught, Teacher, met_by
+from agents.policy.escape_features import COUNT
+from agents.policy.features import KEPT_UNIT, begins, size
 from envs.kinematics import Limits
 from envs.observation import SPEED_HALF, SPEED_MIDDLE
-from rlcas_jax import escapes, homeward
+from rlcas_jax import escape_margin as escapes
+from rlcas_jax import homeward
 from rlcas_jax.beginning import actor_with, policy_at
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.promptness import GOAL, Asked, prompt_second, ranges, scene
@@ -180,8 +181,8 @@ def best_manoeuvre(seen: Derived) -> tuple[jax.Array, jax.Array]:
     """Return what the one manoeuvre does that keeps most, and how far it is to be done, ``[..., 2]`` each.
 
     The actions are acceleration and yaw rate, 1 at the limit. Each is to be done as far as metres decide
-    (:func:`agents.foresight.pressed`) and whatever does otherwise keeps less: who has passed and only gets away from
-    now on may do as he likes, however close he is.
+    (:func:`agents.policy.escape_features.pressed`) and whatever does otherwise keeps less: who has passed and only gets
+    away from now on may do as he likes, however close he is.
 
     Args:
         seen: of the feature set ``pressed``.

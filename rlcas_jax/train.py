@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from agents.configuration import ConfigError, run_cli
+from agents.config.load import ConfigError, run_cli
 from rlcas_jax.cli import Options, parse, prepare
 
 __all__ = ["main"]
@@ -22,7 +22,7 @@ def _train(options: Options) -> int:
     if options.processes is None or options.processes.number == 0:
         prepare(options)
     # Imported here: --help and bad input must not wait for JAX.
-    from agents.policy_file import PolicyFileError
+    from agents.policy.file import PolicyFileError
     from rlcas_jax.checkpoint import CheckpointError
     from rlcas_jax.devices import connect, first
     from rlcas_jax.figures import training_figures

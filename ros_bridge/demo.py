@@ -20,10 +20,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ros_bridge.domains import free_domain
+from ros_bridge.transport.domains import free_domain
 
 if TYPE_CHECKING:
-    from ros_bridge.flight_log import FlightLog
+    from ros_bridge.sim.flight_log import FlightLog
 
 __all__ = ["FOUR", "MARGINS", "main"]
 
@@ -82,7 +82,7 @@ def _encounters(options: argparse.Namespace) -> Iterator[tuple[str, Any, int]]:
     from envs.encounters import scenario
     from envs.starts import numbered
     from envs.trees import take
-    from ros_bridge.simulation import VEHICLES
+    from ros_bridge.sim.world import VEHICLES
 
     if options.vehicle not in VEHICLES:
         raise ValueError(f"--vehicle is {options.vehicle!r}, expected one of {', '.join(VEHICLES)}")
@@ -110,9 +110,9 @@ def _flown(options: argparse.Namespace, encounters: Sequence[tuple[str, Any, int
     from rclpy.exceptions import ParameterException
     from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-    from ros_bridge.flight_log import kept, table
-    from ros_bridge.recording import Recorder
-    from ros_bridge.simulator import Simulator
+    from ros_bridge.nodes.simulator import Simulator
+    from ros_bridge.sim.flight_log import kept, table
+    from ros_bridge.transport.recording import Recorder
 
     margin = MARGINS[options.vehicle] if options.margin is None else options.margin
     level = "info" if options.verbose else "fatal"
@@ -180,10 +180,10 @@ def _judge(logs: "Sequence[FlightLog]", encounters: Sequence[Any], margin: float
     """
     import numpy as np
 
-    from agents.resolvability import Verdict, classify
+    from agents.resolvability.classify import Verdict, classify
     from envs.kinematics import SURROGATE
     from envs.outcome import RULES
-    from ros_bridge.flight_log import NEVER_ASKED, SEPARATION
+    from ros_bridge.sim.flight_log import NEVER_ASKED, SEPARATION
 
     rules = RULES._replace(separation=SEPARATION + margin)
     for log, encounter in zip(logs, encounters, strict=False):
@@ -196,7 +196,7 @@ def _judge(logs: "Sequence[FlightLog]", encounters: Sequence[Any], margin: float
 
 def _borne(options: argparse.Namespace, encounters: Sequence[tuple[str, Any, int]]) -> dict[str, float]:
     """Return what the monitor must bear of the intruders: three sigmas of their noise more than usual."""
-    from agents.thresholds import Thresholds
+    from agents.assurance.thresholds import Thresholds
 
     usual = Thresholds()
     result = {}

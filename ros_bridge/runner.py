@@ -29,8 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node."""
     # Whatever is imported stays; looking for what does not takes an eighth of the time.
     gc.disable()
-    from ros_bridge import parameters, process
-    from ros_bridge.planning import Runner
+    from ros_bridge.nodes.runner import Runner
+    from ros_bridge.transport import parameters, process
 
     return process.main(Runner, "python -m ros_bridge.runner", f"{__doc__}{parameters.help_text()}", arguments)
 

@@ -1,7 +1,7 @@
 """The encounter flown by the true aircraft, ``rlcas/C208-v0``; importing this module registers it.
 
-Observation, action, reward and ends are those of :class:`envs.gymnasium_env.DeconflictionEnv`: what was trained in the
-surrogate runs here unchanged. Nothing is meant to be trained on it.
+Observation, action, reward and ends are those of :class:`envs.gym.gymnasium_env.DeconflictionEnv`: what was trained in
+the surrogate runs here unchanged. Nothing is meant to be trained on it.
 """
 
 from typing import Any
@@ -14,8 +14,8 @@ from envs.c208.conditions import CALM, Conditions
 from envs.c208.vehicle import C208Vehicle, FlightError
 from envs.encounters import EncounterError, Scenario
 from envs.flight import Flight, Result
-from envs.gymnasium_contract import error
-from envs.gymnasium_env import DeconflictionEnv, register, registry
+from envs.gym.gymnasium_contract import error
+from envs.gym.gymnasium_env import DeconflictionEnv, register, registry
 from envs.kinematics import SURROGATE, Limits, VehicleState, commands
 from envs.outcome import RULES, Rules
 from envs.relative import distance, leg_separation

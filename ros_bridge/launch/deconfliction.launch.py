@@ -6,7 +6,7 @@ from typing import Any
 from launch import LaunchDescription
 from launch.actions import OpaqueFunction
 
-from ros_bridge import launching
+from ros_bridge.transport import launching
 
 
 def _nodes(context: Any) -> list[Any]:

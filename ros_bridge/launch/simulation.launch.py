@@ -6,7 +6,7 @@ from typing import Any
 from launch import LaunchDescription
 from launch.actions import OpaqueFunction, Shutdown
 
-from ros_bridge import launching
+from ros_bridge.transport import launching
 
 _MORE = (
     ("scenario", "crossing_left", "family of encounters"),

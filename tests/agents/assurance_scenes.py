@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from agents import assurance
-from agents.assurance import Cause, Decision, Monitor, State, Thresholds
-from agents.traffic import Traffic
+from agents.assurance import monitor as assurance
+from agents.assurance.monitor import Cause, Decision, Monitor, State, Thresholds
+from agents.planner.traffic import Traffic
 from envs.kinematics import VehicleState
 from envs.waypoints import Knots
 

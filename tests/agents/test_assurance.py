@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from agents import assurance
-from agents.assurance import Cause, Flown, State
-from agents.traffic import Traffic
+from agents.assurance import monitor as assurance
+from agents.assurance.monitor import Cause, Flown, State
+from agents.planner.traffic import Traffic
 from envs.waypoints import Knots
 from tests.agents.assurance_scenes import (
     NAN,

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from agents.backup import HORIZON, KNOTS, Backup, flown, refreshed, search
-from agents.outlook import course, outlook
-from agents.traffic import Requirement, Traffic, predicted
-from agents.validator import validate
+from agents.assurance.backup import HORIZON, KNOTS, Backup, flown, refreshed, search
+from agents.assurance.lookahead import course, outlook
+from agents.planner.traffic import Requirement, Traffic, predicted
+from agents.planner.validator import validate
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.trees import take
 from envs.waypoints import Knots, at, legs

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agents import watch as watching
-from agents.assurance import Cause, Flown, State, Thresholds
-from agents.inference import Policy
-from agents.plan import Plan, Status
-from agents.planner import plan
-from agents.request import Intruder
+from agents.assurance import single as watching
+from agents.assurance.monitor import Cause, Flown, State, Thresholds
+from agents.planner.answer import Plan, Status
+from agents.planner.planner import plan
+from agents.planner.request import Intruder
+from agents.policy.inference import Policy
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from tests.agents.assurance_scenes import causes_of, flying, on_plan, other, tell
@@ -35,7 +35,7 @@ def parallel(time: float) -> Intruder:
 
 
 def on(plan: Plan, time: float, watch: watching.Watch) -> VehicleState:
-    from agents.assurance import references
+    from agents.assurance.monitor import references
 
     state = references(watch.monitor, time, 0.1, 0)
     return VehicleState(*(float(field[0, 0]) for field in state))

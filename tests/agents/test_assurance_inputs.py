@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents import assurance
-from agents.assurance import Cause, Flown, Inputs, State
-from agents.reports import blank, taken
-from agents.thresholds import BLIND
+from agents.assurance import monitor as assurance
+from agents.assurance.inputs import blank, taken
+from agents.assurance.monitor import Cause, Flown, Inputs, State
+from agents.assurance.thresholds import BLIND
 from envs.kinematics import VehicleState
 from envs.trees import mapped, take
 from tests.agents.assurance_scenes import (

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.baselines import BASELINES, Direct, PotentialField, RightHand, Sight, homeward, steered, way_back
+from agents.baselines.baselines import BASELINES, Direct, PotentialField, RightHand, Sight, homeward, steered, way_back
 from envs.angles import wrap
 from envs.kinematics import SURROGATE, VehicleState
 from envs.relative import straight_cpa
@@ -166,7 +166,7 @@ def test_mvp_s_new_velocity_touches_the_protected_zone() -> None:
     own, other = (0.0, 0.0, 0.0, 80.0), (7_000.0, 7_400.0, -math.pi / 2, 80.0)
     sight = seen(own, [other])
     field = PotentialField(speed=True)
-    from agents.baselines import _conflicts
+    from agents.baselines.baselines import _conflicts
 
     conflict = _conflicts(sight, sight.own.heading, 1_100.0, 300.0)
     push_x, push_y = field._push(sight, conflict, 1_100.0)

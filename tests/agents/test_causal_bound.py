@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from agents.causal_bound import Causal, Foresight, causal
-from agents.escape_manoeuvre import steps, tracks
-from agents.resolvability import Replay
-from agents.unresolvable import contained, look_ahead
+from agents.manoeuvres.escape_manoeuvre import steps, tracks
+from agents.resolvability.causal_bound import Causal, Foresight, causal
+from agents.resolvability.classify import Replay
+from agents.resolvability.proof import contained, look_ahead
 from envs.encounters import Encounter, scenario
 from envs.kinematics import SURROGATE, VehicleState
 from envs.outcome import RULES

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field, ValidationError, model_validator
 
-from agents.configuration import ConfigError, Parser, Strict, dump, load, run_cli
-from agents.configuration_keys import help_text, keys, markdown
-from agents.configuration_yaml import read, write
+from agents.config.keys import help_text, keys, markdown
+from agents.config.load import ConfigError, Parser, Strict, dump, load, run_cli
+from agents.config.yaml import read, write
 
 
 class Inner(Strict):
@@ -247,7 +247,7 @@ def test_help_and_documentation_list_every_key_with_its_text():
 
 
 def program(body: str) -> subprocess.CompletedProcess[str]:
-    text = f"from agents.configuration import *\ndef main():\n    {body}\nrun_cli(main, KeyError)"
+    text = f"from agents.config.load import *\ndef main():\n    {body}\nrun_cli(main, KeyError)"
     return subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
 
 
@@ -291,7 +291,7 @@ def test_bad_arguments_are_one_sentence():
 
 
 def test_a_reader_that_stops_early_sees_no_traceback() -> None:
-    program = "from agents.configuration import run_cli; run_cli(lambda: print('x' * 200_000))"
+    program = "from agents.config.load import run_cli; run_cli(lambda: print('x' * 200_000))"
     with subprocess.Popen(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from agents.configuration import ConfigError, Strict, dump, load
-from agents.configuration_world import ScenarioConfig, VehicleConfig
+from agents.config.load import ConfigError, Strict, dump, load
+from agents.config.world import ScenarioConfig, VehicleConfig
 from envs.encounters import SCENARIOS, Scenario
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits
 

@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents.export import parity_observations, to_policy_file, write
-from agents.inference import Policy
-from agents.networks import Actor, Critic
-from agents.policy_file import PolicyFileError, read
+from agents.learning.export import parity_observations, to_policy_file, write
+from agents.learning.networks import Actor, Critic
+from agents.policy.file import PolicyFileError, read
+from agents.policy.inference import Policy
 from envs.kinematics import C208_PUBLISHED, SURROGATE
 
 HIDDEN = (16, 8)
@@ -116,9 +116,9 @@ def test_diverged_parameters_are_refused(tmp_path, bad, where):
 @pytest.mark.parametrize(
     ("variables", "changes", "message"),
     [
-        (lambda: made(module=Critic), {}, "not those of agents.networks.Actor"),
-        (dict, {}, "not those of agents.networks.Actor"),
-        (lambda: made()["params"], {}, "not those of agents.networks.Actor"),
+        (lambda: made(module=Critic), {}, "not those of agents.learning.networks.Actor"),
+        (dict, {}, "not those of agents.learning.networks.Actor"),
+        (lambda: made()["params"], {}, "not those of agents.learning.networks.Actor"),
         (made, {"hidden": (16, 9)}, r"tensor actor/hidden_1/kernel has shape \[16, 8\], expected \[16, 9\]"),
         (made, {"hidden": (16,)}, "tensor 'actor/hidden_1/bias' is unexpected"),
         (made, {"hidden": (16, 8, 4)}, "tensor actor/hidden_2/bias is missing"),

@@ -11,20 +11,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents import export_onnx, policy_file
-from agents.configuration import run_cli
-from agents.export_onnx import INPUT, IR_VERSION, OPSET, ExportError, export, model
-from agents.features import FEATURE_SETS, features, size
-from agents.inference import Policy
-from agents.onnx_trace import Graph
-from agents.policy_file import PolicyFile, PolicyFileError
-from agents.policy_schema import new_metadata
+from agents.config.load import run_cli
+from agents.policy import file as policy_file
+from agents.policy import onnx as export_onnx
+from agents.policy.features import FEATURE_SETS, features, size
+from agents.policy.file import PolicyFile, PolicyFileError
+from agents.policy.inference import Policy
+from agents.policy.onnx import INPUT, IR_VERSION, OPSET, ExportError, export, model
+from agents.policy.onnx_trace import Graph
+from agents.policy.schema import new_metadata
 from envs.angles import atan2
 from envs.encounters import SCENARIOS
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 from envs.starts import numbered
-from eval.simulate import fly
+from eval.flights.simulate import fly
 
 onnx = pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -37,7 +38,7 @@ ROOT = Path(__file__).resolve().parents[2]
 @cache
 def random_policy(feature_set: str, hidden: tuple[int, ...] = (16, 24)) -> PolicyFile:
     """Return a policy of random numbers; its parity vectors are those of numpy in double precision."""
-    from agents.inference import _forward, _layers
+    from agents.policy.inference import _forward, _layers
 
     random = np.random.default_rng(4)
     widths = (size(feature_set), *hidden, 2)
@@ -186,7 +187,7 @@ def test_the_command_needs_no_training_framework(tmp_path: Path):
     target = tmp_path / "policy.onnx"
     target.write_bytes(b"old")
     program = (
-        "import sys; from agents.export_onnx import main; main(sys.argv[1:]); "
+        "import sys; from agents.policy.onnx import main; main(sys.argv[1:]); "
         "print(sorted({'jax', 'flax', 'onnxruntime'} & set(sys.modules)))"
     )
     ran = subprocess.run(

@@ -8,18 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents import fallback_flight as fallback
-from agents.escape_manoeuvre import Flight, Manoeuvre, fly, fly_away, takeoff
-from agents.escape_search import COARSE, STAGES, concatenated
-from agents.fallback_flight import STRIDE, Flown, fly_out
-from agents.request import MARGIN, Options, Request
-from agents.traffic import Requirement
+from agents.manoeuvres.escape_manoeuvre import Flight, Manoeuvre, fly, fly_away, takeoff
+from agents.manoeuvres.escape_search import COARSE, STAGES, concatenated
+from agents.planner import fallback_flight as fallback
+from agents.planner.fallback_flight import STRIDE, Flown, fly_out
+from agents.planner.request import MARGIN, Options, Request
+from agents.planner.traffic import Requirement
 from envs.encounters import scenario
 from envs.kinematics import SURROGATE, VehicleState
 from envs.outcome import RULES
 from envs.starts import numbered
 from envs.trees import take
-from eval.plan_flight import request_of
+from eval.flights.plan_flight import request_of
 
 FAMILY = concatenated(*STAGES[:2])
 DELAYED = take(STAGES[3], slice(None, None, 5))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from agents.features import FEATURE_SETS, MIRRORED, features, side, size
+from agents.policy.features import FEATURE_SETS, MIRRORED, features, side, size
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState
 from envs.observation import observe

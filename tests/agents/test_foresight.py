@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents.foresight import ADVICE, COUNT, HORIZON, PRESSED, advice, pressed, separations
+from agents.policy.escape_features import ADVICE, COUNT, HORIZON, PRESSED, advice, pressed, separations
 from envs.backend import FLOATS
 from envs.kinematics import SURROGATE, VehicleState, advance
 from envs.observation import Decoded

@@ -15,11 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from threadpoolctl import threadpool_limits
 
-from agents import inference
-from agents.export import to_policy_file
-from agents.inference import PARITY_TOLERANCE, Policy
-from agents.networks import Actor
-from agents.policy_file import PolicyFileError, write
+from agents.learning.export import to_policy_file
+from agents.learning.networks import Actor
+from agents.policy import inference
+from agents.policy.file import PolicyFileError, write
+from agents.policy.inference import PARITY_TOLERANCE, Policy
 from envs import surrogate
 from envs.encounters import scenario
 from envs.kinematics import SURROGATE

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.baselines import Sight
-from agents.nnet import Network, NnetError, load_logic, read
+from agents.baselines.acas_nnet import Network, NnetError, load_logic, read
+from agents.baselines.baselines import Sight
 from envs.kinematics import SURROGATE, VehicleState
 from tests.recorded import recorded
 

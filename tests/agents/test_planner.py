@@ -6,20 +6,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.inference import Policy
-from agents.plan import WAYPOINTS, Kind, Plan, RequestError, Source, Status
-from agents.planner import eligible, plan, plan_many
-from agents.proposals import task_of
-from agents.request import Altitude, Intruder, Options, Request
-from agents.rollout import roll, roll_one
-from agents.traffic import Requirement, Traffic
+from agents.planner.answer import WAYPOINTS, Kind, Plan, RequestError, Source, Status
+from agents.planner.candidates import task_of
+from agents.planner.planner import eligible, plan, plan_many
+from agents.planner.request import Altitude, Intruder, Options, Request
+from agents.planner.rollout import roll, roll_one
+from agents.planner.traffic import Requirement, Traffic
+from agents.policy.inference import Policy
 from envs.encounters import Encounter, scenario
 from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.outcome import RULES
 from envs.starts import numbered
 from envs.trees import take
 from envs.waypoints import RoutePoint
-from eval.plan_flight import fly_plans, request_of
+from eval.flights.plan_flight import fly_plans, request_of
 
 OWN = VehicleState(0.0, 0.0, 0.0, 80.0)
 ROUTE = [RoutePoint(100 + i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]

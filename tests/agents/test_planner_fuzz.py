@@ -11,14 +11,14 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from agents.inference import Policy
-from agents.plan import Plan, RequestError
-from agents.planner import plan
-from agents.request import Altitude, Intruder, Options, Request
-from agents.traffic import Requirement, Traffic
-from agents.validator import CLOSE
-from benchmarks import published
-from benchmarks.resimulation import CHECKS, Route, resimulate
+from agents.planner.answer import Plan, RequestError
+from agents.planner.planner import plan
+from agents.planner.request import Altitude, Intruder, Options, Request
+from agents.planner.traffic import Requirement, Traffic
+from agents.planner.validator import CLOSE
+from agents.policy.inference import Policy
+from benchmarks.safety import published
+from benchmarks.safety.resimulation import CHECKS, Route, resimulate
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState
 from envs.trees import take
 from envs.waypoints import RoutePoint

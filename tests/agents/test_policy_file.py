@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from safetensors.numpy import load, save
 
-from agents import policy_file
-from agents.features import size
-from agents.policy_file import PolicyFile, PolicyFileError, parse, read, serialise, write
-from agents.policy_schema import ACTION, OBSERVATION, canonical, digest, new_metadata
+from agents.policy import file as policy_file
+from agents.policy.features import size
+from agents.policy.file import PolicyFile, PolicyFileError, parse, read, serialise, write
+from agents.policy.schema import ACTION, OBSERVATION, canonical, digest, new_metadata
 from envs.kinematics import SURROGATE, VehicleState, commands
 from envs.observation import decode, observe
 

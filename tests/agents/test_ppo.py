@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from agents import ppo
-from agents.networks import Actor, Critic
-from agents.ppo import Batch, Learner, LearnerState, PpoSettings
+from agents.learning import ppo
+from agents.learning.networks import Actor, Critic
+from agents.learning.ppo import Batch, Learner, LearnerState, PpoSettings
 
 compiled_advantages = jax.jit(ppo.advantages)
 

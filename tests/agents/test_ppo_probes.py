@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents import ppo
-from agents.networks import Actor, Critic
+from agents.learning import ppo
+from agents.learning.networks import Actor, Critic
 from rlcas_jax.collect import Environment, Step, collect
 
 COUNT, STEPS, UPDATES = 32, 16, 150

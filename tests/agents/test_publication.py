@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents import planner
-from agents.inference import Policy
-from agents.plan import WAYPOINTS, Kind, Status
-from agents.planner import plan
-from agents.publication import audit
-from agents.request import Options
+from agents.planner import planner
+from agents.planner.answer import WAYPOINTS, Kind, Status
+from agents.planner.audit import audit
+from agents.planner.planner import plan
+from agents.planner.request import Options
+from agents.policy.inference import Policy
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint, Waypoint
 

@@ -6,14 +6,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents import survivors
-from agents.escape_manoeuvre import Manoeuvre, steps
-from agents.escape_search import search
-from agents.outer_polygon import beside, outside
-from agents.reachable_bound import DELTA, DIRECTIONS, EPSILON, Funnel, farthest, narrowed, relaxed, root, support
-from agents.resolvability import Method, Replay, Verdict, classify, replay
-from agents.survivors import Cells, States, last_time
-from agents.unresolvable import STEP, STRIDE, Ahead, contained, look_ahead, split
+from agents.manoeuvres.escape_manoeuvre import Manoeuvre, steps
+from agents.manoeuvres.escape_search import search
+from agents.resolvability import reachable_set as survivors
+from agents.resolvability.classify import Method, Replay, Verdict, classify, replay
+from agents.resolvability.outer_polygon import beside, outside
+from agents.resolvability.proof import STEP, STRIDE, Ahead, contained, look_ahead, split
+from agents.resolvability.reachable_bound import (
+    DELTA,
+    DIRECTIONS,
+    EPSILON,
+    Funnel,
+    farthest,
+    narrowed,
+    relaxed,
+    root,
+    support,
+)
+from agents.resolvability.reachable_set import Cells, States, last_time
 from envs.encounters import Encounter, Scenario, scenario
 from envs.intruder import Intent
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, advance

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.tracker import Tracks, begin, follow
+from agents.assurance.tracker import Tracks, begin, follow
 from envs.angles import wrap
 from envs.kinematics import SURROGATE, VehicleState, advance, velocity
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.traffic import Requirement, Traffic, predicted, required
-from agents.validator import CHECKS, validate
+from agents.planner.traffic import Requirement, Traffic, predicted, required
+from agents.planner.validator import CHECKS, validate
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState, advance
 from envs.waypoints import Knots, at, legs
 from tests.strategies import random_states

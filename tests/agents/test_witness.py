@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from agents.escape_search import search
-from agents.resolvability import Method, classify, least_cost, replay
-from agents.witness import SECOND
+from agents.manoeuvres.escape_search import search
+from agents.resolvability.classify import Method, classify, least_cost, replay
+from agents.resolvability.witness import SECOND
 from envs.encounters import Encounter, scenario
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES

@@ -5,10 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from agents import features
-from agents.configuration import ConfigError, load
-from benchmarks import gemm, measure, sb3_task, training
-from envs.gymnasium_vector import DeconflictionVectorEnv
+from agents.config.load import ConfigError, load
+from agents.policy import features
+from benchmarks import gemm, measure, training
+from benchmarks.learning import sb3 as sb3_task
+from envs.gym.gymnasium_vector import DeconflictionVectorEnv
 from rlcas_jax.config import TrainConfig
 from tests.benchmarks.tiny import TINY
 

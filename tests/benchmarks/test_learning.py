@@ -21,14 +21,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from agents import features
-from agents.configuration import ConfigError, dump, load
-from benchmarks import gemm, learning, learning_run, learning_sides, training
-from benchmarks.learning_curves import WINDOW, Flown, Point, Times, Windows, ratio, reached, score_at, t_mean
-from benchmarks.learning_run import Log
-from benchmarks.learning_settings import PEERS_BEST, changed, settings
-from benchmarks.learning_task import TrainingFlight, check
-from benchmarks.learning_trials import Trial, best, described
+from agents.config.load import ConfigError, dump, load
+from agents.policy import features
+from benchmarks import gemm, training
+from benchmarks.learning import run as learning
+from benchmarks.learning import sides as learning_sides
+from benchmarks.learning import training as learning_run
+from benchmarks.learning.curves import WINDOW, Flown, Point, Times, Windows, ratio, reached, score_at, t_mean
+from benchmarks.learning.settings import PEERS_BEST, changed, settings
+from benchmarks.learning.task import TrainingFlight, check
+from benchmarks.learning.training import Log
+from benchmarks.learning.trials import Trial, best, described
 from envs import surrogate
 from rlcas_jax import task
 from rlcas_jax.config import TrainConfig

@@ -10,20 +10,21 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from agents.inference import Policy
-from agents.plan import Excluded
-from agents.planner import plan_many
-from agents.request import Altitude, Intruder, Options, Request
-from benchmarks import attack, published, safety
-from benchmarks.adversary import drawn
-from benchmarks.attack import Batch, Tally, tasks
-from benchmarks.reflight import refly
-from benchmarks.resimulation import CHECKS, Route, resimulate
+from agents.planner.answer import Excluded
+from agents.planner.planner import plan_many
+from agents.planner.request import Altitude, Intruder, Options, Request
+from agents.policy.inference import Policy
+from benchmarks.safety import attack, published
+from benchmarks.safety import run as safety
+from benchmarks.safety.adversary import drawn
+from benchmarks.safety.attack import Batch, Tally, tasks
+from benchmarks.safety.reflight import refly
+from benchmarks.safety.resimulation import CHECKS, Route, resimulate
 from envs.encounters import scenario
 from envs.starts import numbered
 from envs.trees import take
 from envs.waypoints import Knots, at, legs
-from eval.plan_flight import request_of
+from eval.flights.plan_flight import request_of
 
 OPTIONS = Options(thorough=False)
 

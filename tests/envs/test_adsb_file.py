@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from envs.adsb_file import read_adsb
-from envs.replay import replay
-from envs.track_units import KNOT
-from envs.tracks import Repairs, TrackError, at_times
+from envs.formats.adsb_file import read_adsb
+from envs.traffic.replay import replay
+from envs.traffic.track_units import KNOT
+from envs.traffic.tracks import Repairs, TrackError, at_times
 from tests.recorded import recorded
 
 

@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from envs.draws import uniforms
-from envs.encounter_file import COLUMNS, MOST_INTRUDERS, read, write
 from envs.encounters import SCENARIOS, Encounter, EncounterError, sample
+from envs.formats.encounter_file import COLUMNS, MOST_INTRUDERS, read, write
 from envs.intruder import Intent
 from envs.kinematics import Limits, VehicleState
 from envs.perception import Sensor

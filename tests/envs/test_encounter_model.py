@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from envs import draws, intruder
-from envs.encounter_model import EncounterModel, Variable, read_model, write_model
-from envs.encounter_model_sampler import DURATION, dimensions, flown, sample_model
 from envs.encounters import EncounterError
 from envs.kinematics import VehicleState
-from envs.model_traffic import ModelTraffic, encounters_with
-from envs.replay import off_arcs
-from envs.track_units import KNOT
+from envs.traffic.encounter_model import EncounterModel, Variable, read_model, write_model
+from envs.traffic.encounter_model_sampler import DURATION, dimensions, flown, sample_model
+from envs.traffic.model_traffic import ModelTraffic, encounters_with
+from envs.traffic.replay import off_arcs
+from envs.traffic.track_units import KNOT
 from tests.recorded import recorded
 
 SMALL = """\

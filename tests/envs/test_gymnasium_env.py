@@ -16,14 +16,14 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from envs import encounters, flight, starts, surrogate
 from envs.encounters import SCENARIOS, Encounter, EncounterError
-from envs.gymnasium_env import ENV_ID, DeconflictionEnv
-from envs.gymnasium_vector import DeconflictionVectorEnv
+from envs.gym.gymnasium_env import ENV_ID, DeconflictionEnv
+from envs.gym.gymnasium_vector import DeconflictionVectorEnv
 from envs.intruder import Intent
 from envs.kinematics import SURROGATE, VehicleState
 from envs.outcome import RULES
 from envs.perception import Sensor
 from envs.trees import take
-from eval import simulate
+from eval.flights import simulate
 
 INFO_KEYS = {"separation", "min_separation", "goal_distance", "time", "outcome", "encounter"}
 STRAIGHT = np.zeros(2, np.float32)
@@ -61,7 +61,7 @@ def vector(count: int, **options) -> DeconflictionVectorEnv:
 @pytest.mark.parametrize("render_mode", [None, "rgb_array"])
 @pytest.mark.parametrize("scenario", ["circle", "noisy", "multi"])
 def test_the_environment_passes_gymnasiums_own_check(render_mode, scenario):
-    env = gymnasium.make(f"envs.gymnasium_env:{ENV_ID}", scenario=scenario, render_mode=render_mode)
+    env = gymnasium.make(f"envs.gym.gymnasium_env:{ENV_ID}", scenario=scenario, render_mode=render_mode)
     # Every declared mode, "human" too, is checked where there is a display: test_rendering.py.
     check_env(env.unwrapped, skip_render_check=True)
     if render_mode:
@@ -72,7 +72,7 @@ def test_the_environment_passes_gymnasiums_own_check(render_mode, scenario):
 
 def test_the_single_environment_needs_neither_jax_nor_matplotlib():
     code = (
-        f"import sys, gymnasium; env = gymnasium.make('envs.gymnasium_env:{ENV_ID}'); env.reset(seed=0); "
+        f"import sys, gymnasium; env = gymnasium.make('envs.gym.gymnasium_env:{ENV_ID}'); env.reset(seed=0); "
         "env.step(env.action_space.sample()); assert not {'jax', 'matplotlib'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from envs.formats.lincoln_file import published_miss, read_lincoln, tracks_of
 from envs.kinematics import SURROGATE
-from envs.lincoln_file import published_miss, read_lincoln, tracks_of
-from envs.replay import replay
-from envs.tracks import TrackError
+from envs.traffic.replay import replay
+from envs.traffic.tracks import TrackError
 from tests.recorded import recorded
 
 FOOT = 0.3048

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from gymnasium import error
 
-from envs.gymnasium_env import ENV_ID
-from envs.rendering import GOAL, INTRUDER, OWNSHIP, VIOLATION, Drawing, Scene, frame, view
+from envs.gym.gymnasium_env import ENV_ID
+from envs.gym.rendering import GOAL, INTRUDER, OWNSHIP, VIOLATION, Drawing, Scene, frame, view
 
 SIZE = 512
 
@@ -132,7 +132,7 @@ def test_human_mode_without_a_display_says_what_to_do(backend):
     code = f"""
 import gymnasium
 try:
-    gymnasium.make("envs.gymnasium_env:{ENV_ID}", render_mode="human").reset(seed=0)
+    gymnasium.make("envs.gym.gymnasium_env:{ENV_ID}", render_mode="human").reset(seed=0)
 except gymnasium.error.UnsupportedMode as problem:
     print(problem)
 """
@@ -147,7 +147,7 @@ HUMAN = f"""
 import gymnasium, numpy as np
 from gymnasium.utils.env_checker import check_env
 from PIL import ImageGrab
-env = gymnasium.make("envs.gymnasium_env:{ENV_ID}", render_mode="human").unwrapped
+env = gymnasium.make("envs.gym.gymnasium_env:{ENV_ID}", render_mode="human").unwrapped
 check_env(env)
 env.metadata["render_fps"] = 1000
 env.close()

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from envs.local_frame import local
-from envs.track_files import read_daidalus
-from envs.track_units import FAMILIES, KNOT, si
-from envs.tracks import Repairs, TrackError, at_times
+from envs.formats.local_frame import local
+from envs.formats.track_files import read_daidalus
+from envs.traffic.track_units import FAMILIES, KNOT, si
+from envs.traffic.tracks import Repairs, TrackError, at_times
 from tests.recorded import recorded
 
 LOCAL = """\

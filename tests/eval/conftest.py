@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from agents import policy_file
-from agents.inference import Policy
-from agents.policy_file import PolicyFile
-from agents.policy_schema import new_metadata
+from agents.policy import file as policy_file
+from agents.policy.file import PolicyFile
+from agents.policy.inference import Policy
+from agents.policy.schema import new_metadata
 from envs.kinematics import SURROGATE
 
 # Places in the feature set "cpa".
@@ -47,7 +47,7 @@ def hand_made() -> PolicyFile:
 
 def completed(actor: dict[str, np.ndarray], hidden: tuple[int, ...]) -> PolicyFile:
     """Return the policy file of an actor, its parity vectors computed here in float64."""
-    from agents.inference import _forward, _layers
+    from agents.policy.inference import _forward, _layers
 
     observations = np.random.default_rng(0).uniform(-1.0, 1.0, (16, 8)).astype(np.float32)
     metadata = new_metadata(hidden, "cpa", SURROGATE, {}, steps=0, score=None, versions={}, notes="made by hand")

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from envs import encounter_file
 from envs.encounters import SCENARIOS
+from envs.formats import encounter_file
 from envs.starts import numbered
-from eval import monte_carlo, report
+from eval.monte_carlo import run as monte_carlo
+from eval.report import run as report
 
 __all__ = ["HOSTILE", "TRACKS", "report_page", "report_run"]
 

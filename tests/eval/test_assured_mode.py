@@ -7,17 +7,18 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from agents.inference import Policy
-from agents.request import Options
+from agents.planner.request import Options
+from agents.policy.inference import Policy
 from envs.encounters import Encounter, scenario
 from envs.kinematics import C208_PUBLISHED
 from envs.outcome import RULES
 from envs.starts import numbered
 from envs.trees import take
-from eval import monte_carlo
-from eval.assured import Assured, fly_assured
-from eval.planned import Setting, fly_once, planned
-from eval.simulate import OUTCOMES
+from eval.config import Setting
+from eval.flights.assured_mode import Assured, fly_assured
+from eval.flights.plan_mode import fly_once, planned
+from eval.flights.simulate import OUTCOMES
+from eval.monte_carlo import run as monte_carlo
 
 REACHED = OUTCOMES.index("reached")
 SETTING = Setting(Options(), C208_PUBLISHED)

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.configuration import ConfigError, run_cli
-from agents.resolvability import Verdict
+from agents.config.load import ConfigError, run_cli
+from agents.resolvability.classify import Verdict
 from envs.kinematics import SURROGATE, Limits
 from envs.outcome import RULES
-from eval import boundary
-from eval.boundary_slices import Answers, Slice, compare, encounters_at, judge, values_at
-from eval.extremal_flights import best_separation
-from eval.reachability_grid import Solution, edge_value, make_grid, solve, value_at
+from eval.boundary import run as boundary
+from eval.boundary.extremal import best_separation
+from eval.boundary.grid import Solution, edge_value, make_grid, solve, value_at
+from eval.boundary.slices import Answers, Slice, compare, encounters_at, judge, values_at
 
 SEPARATION = RULES.separation
 TURNS_ONLY = Limits(50.0, 50.0, -0.5, 0.5, math.radians(3.0))

@@ -5,16 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.configuration import ConfigError
-from agents.inference import Policy
+from agents.config.load import ConfigError
+from agents.policy.inference import Policy
 from envs.encounters import SCENARIOS
 from envs.outcome import RULES
 from envs.starts import numbered
 from envs.trees import take
-from eval import monte_carlo
 from eval.branches import main
 from eval.branching import MOMENTS, WHILE, branched
-from eval.simulate import fly
+from eval.flights.simulate import fly
+from eval.monte_carlo import run as monte_carlo
 from tests.eval.report_runs import report_run
 
 __all__ = ["report_run"]

@@ -19,12 +19,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from agents.configuration import ConfigError
-from agents.policy_file import PolicyFileError
-from agents.versions import versions
+from agents.config.load import ConfigError
+from agents.policy.file import PolicyFileError
+from agents.policy.versions import versions
 from envs.encounters import SCENARIOS
 from envs.outcome import RULES
-from eval import hifi, monte_carlo
+from eval.hifi import run as hifi
+from eval.monte_carlo import run as monte_carlo
 
 pytest.importorskip("distributed", reason="the extra cluster is not installed")
 
@@ -247,10 +248,10 @@ def test_strangers_are_no_schedulers(cluster: Processes, tmp_path: Path) -> None
 
 def test_a_worker_that_joins_later_is_held_to_the_run_too(policy_path: Path) -> None:
     """What it is sent is checked there before it flies: versions and the policy's digest."""
-    from agents.inference import Policy
-    from eval.chunks import Evaluation, Pilot, columns
-    from eval.cluster_kit import Flier, fly, packed, unpacked
-    from eval.workers import WorkerError
+    from agents.policy.inference import Policy
+    from eval.flights.chunks import Evaluation, Pilot, columns
+    from eval.runner.cluster_kit import Flier, fly, packed, unpacked
+    from eval.runner.workers import WorkerError
 
     policy = Policy.load(policy_path)
     evaluation = Evaluation(policy_path, SCENARIOS["circle"], None, 0, RULES, policy.limits)
@@ -376,10 +377,10 @@ def columns(crew, first, count):
 def test_a_chunk_that_workers_die_of_is_named_once_all_others_are_flown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from agents.inference import Policy
-    from eval.cluster import connected
-    from eval.cluster_kit import DECISIVE, Flier
-    from eval.workers import Chunk, WorkerError
+    from agents.policy.inference import Policy
+    from eval.runner.cluster import connected
+    from eval.runner.cluster_kit import DECISIVE, Flier
+    from eval.runner.workers import Chunk, WorkerError
 
     (tmp_path / "poison.py").write_text(POISON, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)

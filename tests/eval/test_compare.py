@@ -12,23 +12,26 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from agents import policy_file
-from agents.baselines import BASELINES
-from agents.configuration import ConfigError
-from agents.nnet import NnetError
-from envs import encounter_file
+from agents.baselines.acas_nnet import NnetError
+from agents.baselines.baselines import BASELINES
+from agents.config.load import ConfigError
+from agents.policy import file as policy_file
 from envs.encounters import EncounterError, scenario
+from envs.formats import encounter_file
 from envs.intruder import Recording
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 from envs.starts import numbered
-from envs.tracks import TrackError
-from eval import chunks, compare, compare_setup, contest, simulate
-from eval.chunks import Evaluation, Pilot
-from eval.contest import Contest, baseline_entry, policy_entries
-from eval.paired import mcnemar_exact, pairs, tango
-from eval.simulate import OnStates
-from eval.witness_flight import Foresight
+from envs.traffic.tracks import TrackError
+from eval.compare import deciders as contest
+from eval.compare import run as compare
+from eval.compare import setup as compare_setup
+from eval.compare.deciders import Contest, baseline_entry, policy_entries
+from eval.flights import chunks, simulate
+from eval.flights.chunks import Evaluation, Pilot
+from eval.flights.optimal import Foresight
+from eval.flights.simulate import OnStates
+from eval.stats.paired import mcnemar_exact, pairs, tango
 from tests.recorded import recorded
 
 

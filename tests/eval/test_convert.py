@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.configuration import ConfigError
-from envs import encounter_file
+from agents.config.load import ConfigError
 from envs.encounters import EncounterError, scenario
-from envs.lincoln_file import read_lincoln, tracks_of
+from envs.formats import encounter_file
+from envs.formats.lincoln_file import read_lincoln, tracks_of
+from envs.formats.track_files import read_daidalus
 from envs.starts import numbered
-from envs.track_files import read_daidalus
 from envs.trees import take
 from eval import convert
 from tests.recorded import recorded

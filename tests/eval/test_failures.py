@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.configuration import ConfigError
-from eval import monte_carlo
-from eval.failure_groups import HOW, failures, grouped, representatives
-from eval.failures import main
+from agents.config.load import ConfigError
+from eval.failures.groups import HOW, failures, grouped, representatives
+from eval.failures.run import main
+from eval.monte_carlo import run as monte_carlo
 from tests.eval.report_runs import COUNT, report_run
 
 __all__ = ["report_run"]

@@ -11,10 +11,10 @@ from envs.encounters import SCENARIOS
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 from envs.starts import numbered
-from envs.track_units import FOOT, NAUTICAL_MILE
-from eval.metrics import costs, losses, ratio, relative
-from eval.simulate import direct, fly
-from eval.volumes import (
+from envs.traffic.track_units import FOOT, NAUTICAL_MILE
+from eval.flights.simulate import direct, fly
+from eval.metrics.field import costs, losses, ratio, relative
+from eval.metrics.volumes import (
     ALERTS,
     VOLUMES,
     Relative,

@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from agents.inference import Policy
+from agents.policy.inference import Policy
 from envs.encounters import SCENARIOS
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
-from eval.chunks import Evaluation, Pilot, columns, trajectories
-from eval.figures import draw_all, initial_conditions, separation_histogram
-from eval.flight_sheet import PANELS, chosen
-from eval.kinds import kinds_of
-from eval.simulate import OUTCOMES
+from eval.flights.chunks import Evaluation, Pilot, columns, trajectories
+from eval.flights.simulate import OUTCOMES
+from eval.plots.encounters import draw_all, initial_conditions, separation_histogram
+from eval.plots.flight_sheet import PANELS, chosen
+from eval.plots.style import kinds_of
 
 
 def table_of(counts: dict[str, int]) -> dict[str, np.ndarray]:
@@ -93,7 +93,7 @@ def test_the_sheet_flies_what_the_table_says(name: str, policy: Policy, policy_p
 
 def test_figures_repeat_byte_for_byte(tmp_path: Path, policy: Policy, policy_path: Path) -> None:
     from eval.config import MonteCarloConfig
-    from eval.outputs import RunFolder
+    from eval.runner.outputs import RunFolder
 
     evaluation = Evaluation(policy_path, SCENARIOS["circle"], None, 3, RULES, SURROGATE)
     table = columns(Pilot(evaluation, policy), 0, 4)

@@ -14,11 +14,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.configuration import ConfigError
-from eval import hifi, hifi_gap, hifi_paper
-from eval.hifi_gap import gap, upper_bound
-from eval.hifi_rows import HIFI_OUTCOMES
-from eval.statistics import clopper_pearson
+from agents.config.load import ConfigError
+from eval.hifi import gap as hifi_gap
+from eval.hifi import paper as hifi_paper
+from eval.hifi import run as hifi
+from eval.hifi.gap import gap, upper_bound
+from eval.hifi.rows import HIFI_OUTCOMES
+from eval.stats.intervals import clopper_pearson
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = ("--condition", "mixed", "--flights", "3", "--seed", "3")

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.configuration import load
+from agents.config.load import load
 from envs.c208.air_mass import NO_WIND, over_ground
 from envs.c208.conditions import Conditions
 from envs.c208.guidance import Path as Track
@@ -20,17 +20,17 @@ from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.outcome import RULES
 from envs.starts import numbered
 from envs.waypoints import Knots, Legs, at, legs
-from eval import hifi_flights
-from eval.hifi import campaign_of
-from eval.hifi_conditions import Drawn
-from eval.hifi_config import HifiConfig
-from eval.hifi_errors import against
-from eval.hifi_flight import Flight, Guided, Traffic
-from eval.hifi_flight import fly as follow
-from eval.hifi_flights import Campaign, Crew, Flown, flown
-from eval.hifi_pilots import Follower
-from eval.hifi_rows import row_of
-from eval.hifi_vehicle import Navigation, begin, lookahead_of
+from eval.hifi import flights as hifi_flights
+from eval.hifi.conditions import Drawn
+from eval.hifi.config import HifiConfig
+from eval.hifi.errors import against
+from eval.hifi.flight import Flight, Guided, Traffic
+from eval.hifi.flight import fly as follow
+from eval.hifi.flights import Campaign, Crew, Flown, flown
+from eval.hifi.pilots import Follower
+from eval.hifi.rows import row_of
+from eval.hifi.run import campaign_of
+from eval.hifi.vehicle import Navigation, begin, lookahead_of
 
 KNOTS = Knots(
     np.array([0.0, 1400.0, 2700.0, 3900.0]),

@@ -10,21 +10,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.configuration import load
-from agents.inference import Policy
-from agents.request import Options
-from agents.traffic import Traffic as Known
+from agents.config.load import load
+from agents.planner.request import Options
+from agents.planner.traffic import Traffic as Known
+from agents.policy.inference import Policy
 from envs.c208.air_mass import NO_WIND, over_ground, through_air
 from envs.kinematics import SURROGATE, VehicleState
 from envs.trees import take
 from envs.waypoints import at, legs
-from eval.hifi import campaign_of
-from eval.hifi_conditions import CONDITIONS, drawn
-from eval.hifi_config import HifiConfig
-from eval.hifi_flights import Campaign, Crew, Scene, flown, scene_of
-from eval.hifi_rows import row_of
-from eval.hifi_vehicle import Navigation
-from eval.hifi_wind import Made, Route, airspeeds, made_good, plan_for, unflyable
+from eval.hifi.conditions import CONDITIONS, drawn
+from eval.hifi.config import HifiConfig
+from eval.hifi.flights import Campaign, Crew, Scene, flown, scene_of
+from eval.hifi.rows import row_of
+from eval.hifi.run import campaign_of
+from eval.hifi.vehicle import Navigation
+from eval.hifi.wind import Made, Route, airspeeds, made_good, plan_for, unflyable
 
 FORWARD = Route(np.array([0.0, 10_000.0, 50_000.0]), np.zeros(3))
 

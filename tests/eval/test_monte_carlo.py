@@ -13,13 +13,13 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from agents.configuration import ConfigError, run_cli
-from envs import encounter_file
+from agents.config.load import ConfigError, run_cli
 from envs.encounters import SCENARIOS
+from envs.formats import encounter_file
 from envs.starts import numbered
 from envs.trees import take
-from eval import monte_carlo
-from eval.statistics import clopper_pearson
+from eval.monte_carlo import run as monte_carlo
+from eval.stats.intervals import clopper_pearson
 
 ROOT = Path(__file__).resolve().parents[2]
 FIGURES = ("initial_conditions", "min_separation", "trajectories")
@@ -358,7 +358,7 @@ def test_keys_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_shipped_configuration_is_the_defaults() -> None:
-    from agents.configuration import dump, load
+    from agents.config.load import dump, load
     from eval.config import MonteCarloConfig
 
     assert dump(load(MonteCarloConfig, ROOT / "configs" / "monte_carlo.yaml")) == dump(load(MonteCarloConfig))

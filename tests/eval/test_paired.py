@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, multinomial
 
-from eval.paired import Pairs, mcnemar_exact, pairs, tango
+from eval.stats.paired import Pairs, mcnemar_exact, pairs, tango
 
 # Each cell counts (both, first only, second only, neither).
 # M. W. Fagerland, S. Lydersen, P. Laake, Statistics in Medicine 33 (2014) 2850, airway hyper-responsiveness of 21

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.configuration import run_cli
-from agents.inference import Policy
-from agents.policy_file import PolicyFileError
+from agents.config.load import run_cli
+from agents.policy.file import PolicyFileError
+from agents.policy.inference import Policy
 from envs.kinematics import SURROGATE, VehicleState
 from envs.observation import observe
 from envs.outcome import RULES
-from eval import policy_map
-from eval.advisory import Advisory, Scene, advise, name_of, relative_velocity, shares
-from eval.policy_quality import (
+from eval.policy_map import run as policy_map
+from eval.policy_map.advisory import Advisory, Scene, advise, name_of, relative_velocity, shares
+from eval.policy_map.quality import (
     CONFLICT_RADIUS,
     FARTHEST,
     NEAREST,

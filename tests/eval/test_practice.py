@@ -5,21 +5,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.configuration import ConfigError
-from agents.resolvability import Verdict, classify
-from envs import encounter_file
+from agents.config.load import ConfigError
+from agents.resolvability.classify import Verdict, classify
 from envs.encounters import SCENARIOS
+from envs.formats import encounter_file
 from envs.kinematics import SURROGATE, advance, commands
 from envs.observation import observe
 from envs.outcome import RULES
 from envs.starts import numbered
 from envs.trees import take
-from eval import monte_carlo
-from eval.failure_groups import failures
+from eval.failures.groups import failures
+from eval.flights.simulate import OUTCOMES, direct, fly
+from eval.monte_carlo import run as monte_carlo
 from eval.practice import _write_examples, main
 from eval.practice_flights import along, examples, moments, resolving
-from eval.report_run import read_run
-from eval.simulate import OUTCOMES, direct, fly
+from eval.report.folder import read_run
 from tests.eval.report_runs import report_run
 
 __all__ = ["report_run"]

@@ -7,16 +7,16 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from agents.configuration import ConfigError, load
+from agents.config.load import ConfigError, load
 from envs.encounters import scenario
 from envs.kinematics import SURROGATE
 from envs.sobol import REPLICATES, quasi_numbered
 from envs.starts import numbered
-from eval import monte_carlo
 from eval.config import MonteCarloConfig
-from eval.hifi_config import HifiConfig
-from eval.replicated import replicated
-from eval.sources import drawn, read_source
+from eval.flights.sources import drawn, read_source
+from eval.hifi.config import HifiConfig
+from eval.metrics.replicated import replicated
+from eval.monte_carlo import run as monte_carlo
 
 
 def test_random_draws_are_what_they_were() -> None:

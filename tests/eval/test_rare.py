@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from agents.configuration import ConfigError, run_cli
+from agents.config.load import ConfigError, run_cli
 from envs.draws import uniforms
 from envs.encounters import sample, scenario
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 from envs.relative import straight_cpa
 from envs.trees import column
-from eval import monte_carlo, rare
-from eval.chunks import Evaluation, Pilot
-from eval.rare_flights import FlightProblem
-from eval.rare_splitting import Draws, Plan, SplittingError, pilot, repetition
+from eval.flights.chunks import Evaluation, Pilot
+from eval.monte_carlo import run as monte_carlo
+from eval.rare import run as rare
+from eval.rare.problem import FlightProblem
+from eval.rare.splitting import Draws, Plan, SplittingError, pilot, repetition
 
 CIRCLE = scenario("circle")
 SMALL = ["--particles", "60", "--repetitions", "3", "--moves", "1", "--share", "0.3"]

@@ -3,10 +3,10 @@ from pathlib import Path
 
 import pytest
 
-from agents.configuration import ConfigError
-from agents.configuration_keys import keys
+from agents.config.keys import keys
+from agents.config.load import ConfigError
 from eval.config import MonteCarloConfig
-from eval.hifi_config import HifiConfig
+from eval.hifi.config import HifiConfig
 from eval.reference import PAGE, main, page
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from eval.replicated import ratio_interval, replicated
-from eval.statistics import clopper_pearson
+from eval.metrics.replicated import ratio_interval, replicated
+from eval.stats.intervals import clopper_pearson
 
 
 def table_of(success: np.ndarray) -> dict[str, np.ndarray]:

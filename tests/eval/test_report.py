@@ -18,14 +18,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.configuration import ConfigError
-from eval import report
-from eval.kinds import MARKERS
-from eval.report_choice import NEAREST, OTHERS, POINTS, choose, points
-from eval.report_data import flight_data, json_text, page_data
-from eval.report_flights import Replayed, Witness, evaluation_of, fly_again
-from eval.report_headline import headline
-from eval.report_run import read_run
+from agents.config.load import ConfigError
+from eval.plots.style import MARKERS
+from eval.report import run as report
+from eval.report.choice import NEAREST, OTHERS, POINTS, choose, points
+from eval.report.data import flight_data, json_text, page_data
+from eval.report.flights import Replayed, Witness, evaluation_of, fly_again
+from eval.report.folder import read_run
+from eval.report.headline import headline
 from tests.eval.report_runs import TRACKS, report_page, report_run
 
 __all__ = ["report_page", "report_run"]

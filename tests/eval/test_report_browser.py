@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eval.report_choice import choose
-from eval.report_data import page_data
-from eval.report_page import page
-from eval.report_run import read_run
+from eval.report.choice import choose
+from eval.report.data import page_data
+from eval.report.folder import read_run
+from eval.report.page import page
 from tests.eval.report_runs import HOSTILE, TRACKS, report_page, report_run
 
 __all__ = ["report_page", "report_run"]

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.configuration import run_cli
-from eval import sensitivity
-from eval.sensitivity_bins import QUANTITIES, Quantity, Run, binned, mapped, rates, read_run
-from eval.sensitivity_sweep import PARAMETERS, Sweep, swept
-from eval.statistics import clopper_pearson
+from agents.config.load import run_cli
+from eval.sensitivity import run as sensitivity
+from eval.sensitivity.bins import QUANTITIES, Quantity, Run, binned, mapped, rates, read_run
+from eval.sensitivity.sweep import PARAMETERS, Sweep, swept
+from eval.stats.intervals import clopper_pearson
 
 COUNT = 400
 

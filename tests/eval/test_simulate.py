@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents.inference import Policy
+from agents.policy.inference import Policy
 from envs import surrogate
 from envs.encounters import SCENARIOS, Encounter
 from envs.intruder import Intent
@@ -15,9 +15,9 @@ from envs.kinematics import SURROGATE, VehicleState
 from envs.outcome import RULES
 from envs.perception import Sensor
 from envs.starts import numbered
-from eval import simulate
-from eval.conditions import conditions
-from eval.simulate import OUTCOMES, sensor_noise
+from eval.flights import simulate
+from eval.flights.conditions import conditions
+from eval.flights.simulate import OUTCOMES, sensor_noise
 
 VIOLATION, REACHED, TIMEOUT = range(3)
 

@@ -9,16 +9,19 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from agents.configuration import ConfigError
-from agents.resolvability import Method, Verdict
+from agents.config.load import ConfigError
+from agents.resolvability.classify import Method, Verdict
 from envs.encounters import EncounterError
 from envs.intruder import Recording
 from envs.kinematics import SURROGATE, VehicleState
 from envs.outcome import RULES
-from envs.replay import encounters_of
-from envs.tracks import TrackError
-from eval import compare, hindsight, monte_carlo, report
-from eval.weighted import summarise_weighted
+from envs.traffic.replay import encounters_of
+from envs.traffic.tracks import TrackError
+from eval.compare import run as compare
+from eval.flights import verdicts as hindsight
+from eval.metrics.weighted import summarise_weighted
+from eval.monte_carlo import run as monte_carlo
+from eval.report import run as report
 from tests.envs.test_encounter_model import SMALL
 from tests.envs.test_lincoln_file import ONE
 from tests.recorded import recorded
@@ -278,7 +281,7 @@ def test_exit_code_2_and_no_traceback(tmp_path: Path) -> None:
 
 
 def test_the_true_aircraft_flies_no_recorded_tracks(tmp_path: Path) -> None:
-    from eval import hifi
+    from eval.hifi import run as hifi
 
     with pytest.raises(ConfigError, match="cannot be flown here; expected a sampled scenario or file:PATH"):
         hifi.main(["--scenario", "tracks:one.daa", "--out", str(tmp_path / "run")])

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from eval.statistics import clopper_pearson, mean_interval, rate, risk_ratio
+from eval.stats.intervals import clopper_pearson, mean_interval, rate, risk_ratio
 
 
 @pytest.mark.parametrize(

@@ -8,21 +8,23 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from agents.baselines import BASELINES
-from agents.configuration import ConfigError
-from agents.escape_manoeuvre import steps, tracks
-from agents.resolvability import Witnesses, least_cost, replay
+from agents.baselines.baselines import BASELINES
+from agents.config.load import ConfigError
+from agents.manoeuvres.escape_manoeuvre import steps, tracks
+from agents.resolvability.classify import Witnesses, least_cost, replay
 from envs.encounters import Encounter, scenario
 from envs.intruder import Recording
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 from envs.starts import joined, numbered
 from envs.trees import take
-from eval import compare, contest, simulate
-from eval.chunks import Evaluation
-from eval.contest import REFERENCE, WITNESS, Contest, Entry, baseline_entry
-from eval.simulate import OUTCOMES, OnStates
-from eval.witness_flight import Foresight, ended, fly_witnesses, followed
+from eval.compare import deciders as contest
+from eval.compare import run as compare
+from eval.compare.deciders import REFERENCE, WITNESS, Contest, Entry, baseline_entry
+from eval.flights import simulate
+from eval.flights.chunks import Evaluation
+from eval.flights.optimal import Foresight, ended, fly_witnesses, followed
+from eval.flights.simulate import OUTCOMES, OnStates
 from tests.recorded import recorded
 
 SHORT = {"radius": (3_000.0, 3_600.0)}

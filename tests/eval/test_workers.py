@@ -11,8 +11,8 @@ import pytest
 from envs.encounters import SCENARIOS, EncounterError
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
-from eval.chunks import Evaluation
-from eval.workers import Chunk, WorkerError, fly_chunks
+from eval.flights.chunks import Evaluation
+from eval.runner.workers import Chunk, WorkerError, fly_chunks
 
 CHUNKS = [Chunk(0, 4), Chunk(4, 4), Chunk(8, 4), Chunk(12, 4)]
 

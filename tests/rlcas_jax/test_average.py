@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents import policy_file
-from agents.configuration import ConfigError
-from agents.export import to_policy_file
-from agents.inference import Policy
-from agents.networks import Actor
-from agents.policy_file import PolicyFile, PolicyFileError
+from agents.config.load import ConfigError
+from agents.learning.export import to_policy_file
+from agents.learning.networks import Actor
+from agents.policy import file as policy_file
+from agents.policy.file import PolicyFile, PolicyFileError
+from agents.policy.inference import Policy
 from envs.kinematics import SURROGATE
 from envs.observation import SIZE
 from rlcas_jax import checkpoint

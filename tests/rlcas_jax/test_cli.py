@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from agents.configuration import ConfigError, load
-from agents.configuration_keys import keys
+from agents.config.keys import keys
+from agents.config.load import ConfigError, load
 from rlcas_jax.cli import parse, prepare
 from rlcas_jax.config import TrainConfig
 

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.configuration import ConfigError, dump, load
-from agents.configuration_keys import keys
-from agents.features import FEATURE_SETS
+from agents.config.keys import keys
+from agents.config.load import ConfigError, dump, load
+from agents.policy.features import FEATURE_SETS
 from envs.encounters import SCENARIOS
 from envs.kinematics import C208_PUBLISHED, SURROGATE
 from envs.outcome import RULES

@@ -14,9 +14,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents import export, policy_file
-from agents.configuration import ConfigError, load
-from agents.networks import Actor
+from agents.config.load import ConfigError, load
+from agents.learning import export
+from agents.learning.networks import Actor
+from agents.policy import file as policy_file
 from envs.kinematics import SURROGATE
 from rlcas_jax.dagger import main, parse
 from rlcas_jax.dagger_config import DaggerConfig, DaggerRun

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.configuration import ConfigError, load
+from agents.config.load import ConfigError, load
 from rlcas_jax import metrics
 from rlcas_jax.cli import Processes, parse
 from rlcas_jax.config import TrainConfig

@@ -7,7 +7,7 @@ import jax
 import pytest
 from pydantic import BaseModel
 
-from agents.configuration import load
+from agents.config.load import load
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.task import build
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.configuration import ConfigError, load
-from agents.ppo import deviation, met_by
+from agents.config.load import ConfigError, load
+from agents.learning.ppo import deviation, met_by
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.examples import exemplary
 from rlcas_jax.task import Task, build

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.configuration import ConfigError
+from agents.config.load import ConfigError
 from rlcas_jax.figures import FIGURES, main, stretches, training_figures
 from rlcas_jax.metrics import METRICS, Writer
 

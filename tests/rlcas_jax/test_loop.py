@@ -12,8 +12,8 @@ import jax
 import numpy as np
 import pytest
 
-from agents.configuration import load
-from agents.inference import Policy
+from agents.config.load import load
+from agents.policy.inference import Policy
 from rlcas_jax import checkpoint, metrics
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.finish import table

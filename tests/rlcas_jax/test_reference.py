@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from agents.configuration import ConfigError
-from agents.configuration_keys import keys
+from agents.config.keys import keys
+from agents.config.load import ConfigError
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.metrics import METRICS
 from rlcas_jax.reference import main, pages

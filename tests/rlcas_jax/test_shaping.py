@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.foresight import separations
+from agents.policy.escape_features import separations
 from envs import observation, surrogate
 from envs.encounters import padded, sample, scenario
 from envs.kinematics import SURROGATE, VehicleState

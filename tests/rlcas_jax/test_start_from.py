@@ -6,8 +6,9 @@ import jax
 import numpy as np
 import pytest
 
-from agents import export, policy_file
-from agents.configuration import ConfigError, load
+from agents.config.load import ConfigError, load
+from agents.learning import export
+from agents.policy import file as policy_file
 from rlcas_jax import checkpoint, metrics
 from rlcas_jax.cli import Job
 from rlcas_jax.config import TrainConfig

@@ -6,16 +6,16 @@ import jax
 import numpy as np
 import pytest
 
-from agents.configuration import ConfigError, load
-from agents.resolvability import Verdict, classify, replay
-from envs import encounter_file
+from agents.config.load import ConfigError, load
+from agents.resolvability.classify import Verdict, classify, replay
 from envs.encounters import SCENARIOS, Encounter
+from envs.formats import encounter_file
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 from envs.starts import cast, numbered
 from envs.trees import take
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.escapes import best
+from rlcas_jax.escape_margin import best
 from rlcas_jax.starts import Own, displaced, draw, edges, intricate, practised
 from rlcas_jax.train import main
 

@@ -17,12 +17,13 @@ from typing import Any
 import pytest
 from pyarrow import parquet
 
-from agents.configuration import ConfigError, dump, load
-from rlcas_jax import finish, loop, metrics, sweep
+from agents.config.load import ConfigError, dump, load
+from rlcas_jax import finish, loop, metrics
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.sweep_cli import parse
-from rlcas_jax.sweep_figures import sweep_figures
-from rlcas_jax.sweep_study import JOURNAL
+from rlcas_jax.sweep import run as sweep
+from rlcas_jax.sweep.cli import parse
+from rlcas_jax.sweep.figures import sweep_figures
+from rlcas_jax.sweep.study import JOURNAL
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = """\
@@ -85,7 +86,7 @@ def drawing(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.fixture
 def quick(drawing: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Besides, draw no figures."""
-    monkeypatch.setattr("rlcas_jax.sweep_figures.sweep_figures", lambda *_: [])
+    monkeypatch.setattr("rlcas_jax.sweep.figures.sweep_figures", lambda *_: [])
 
 
 def arguments(folder: Path, out: str = "out", space: str = SPACE, trials: int = 6, more: str = "") -> list[str]:

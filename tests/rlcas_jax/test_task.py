@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents.configuration import load
+from agents.config.load import load
 from envs import encounters, surrogate
 from envs.encounters import Encounter, scenario
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES, Outcome
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.escapes import best
+from rlcas_jax.escape_margin import best
 from rlcas_jax.starts import asked
 from rlcas_jax.task import Task, TrainState, _coloured, build, fly
 

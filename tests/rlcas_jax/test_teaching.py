@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from agents import export, policy_file
-from agents.configuration import ConfigError
-from agents.features import FEATURE_SETS, begins, features, size
-from agents.networks import Actor, derived
-from agents.ppo import met_by
+from agents.config.load import ConfigError
+from agents.learning import export
+from agents.learning.networks import Actor, derived
+from agents.learning.ppo import met_by
+from agents.policy import file as policy_file
+from agents.policy.features import FEATURE_SETS, begins, features, size
 from envs import surrogate
 from envs.angles import wrap
 from envs.kinematics import SURROGATE, VehicleState, advance, commands
@@ -24,7 +25,7 @@ from envs.relative import leg_separation
 from rlcas_jax import metrics
 from rlcas_jax.beginning import actor_with, policy_at
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.escapes import best, each
+from rlcas_jax.escape_margin import best, each
 from rlcas_jax.homeward import arrival_of, late, soonest
 from rlcas_jax.loop import Run, run
 from rlcas_jax.progress import Reporter

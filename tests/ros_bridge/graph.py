@@ -30,9 +30,9 @@ from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rlcas_msgs.msg import AircraftState, GeoReference, TrafficAlert, Trajectory, Waypoint  # noqa: E402
 
-from ros_bridge import qos  # noqa: E402
-from ros_bridge.domains import free_domain  # noqa: E402
-from ros_bridge.messages import time_message  # noqa: E402
+from ros_bridge.transport import qos  # noqa: E402
+from ros_bridge.transport.domains import free_domain  # noqa: E402
+from ros_bridge.transport.messages import time_message  # noqa: E402
 from tests.ros_bridge.scenes import FRAME  # noqa: E402
 from tests.ros_bridge.scenes import aircraft as plain_aircraft  # noqa: E402
 from tests.ros_bridge.scenes import route_points as plain_points  # noqa: E402

@@ -4,7 +4,7 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
-from ros_bridge.geodesy import LocalFrame
+from ros_bridge.core.geodesy import LocalFrame
 
 __all__ = [
     "FRAME",

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from agents.request import Altitude
-from ros_bridge import conversions
-from ros_bridge.adapters import adsb_vehicle, inspva, nav_sat_fix
-from ros_bridge.fields import FieldError
+from agents.planner.request import Altitude
+from ros_bridge.core import conversions
+from ros_bridge.core.adapters import adsb_vehicle, inspva, nav_sat_fix
+from ros_bridge.core.fields import FieldError
 from tests.ros_bridge.scenes import NOW, SECOND, aircraft, alert, geo_reference, point, published, stamp
 
 rubbish = st.sampled_from([math.nan, math.inf, -math.inf, 1e300, -1e300])

@@ -2,7 +2,7 @@
 
 import math
 
-from ros_bridge.flight_log import FlightLog, kept, table
+from ros_bridge.sim.flight_log import FlightLog, kept, table
 
 
 def flown(**more) -> FlightLog:

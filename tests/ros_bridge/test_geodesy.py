@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 pyproj = pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from ros_bridge.geodesy import LocalFrame, carried, distance  # noqa: E402
+from ros_bridge.core.geodesy import LocalFrame, carried, distance  # noqa: E402
 
 GEOD = pyproj.Geod(ellps="WGS84")
 ORIGINS = [(0.0, 0.0), (47.0, 8.0), (47.0, 179.99), (-33.0, -179.99), (89.0, 20.0), (90.0, 0.0), (-90.0, 135.0)]

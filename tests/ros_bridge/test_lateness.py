@@ -7,13 +7,13 @@ import pytest
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from agents.inference import Policy
-from agents.plan import Plan
-from agents.planner import plan
-from ros_bridge import hearing
-from ros_bridge.lateness import by_then
-from ros_bridge.picture import Picture, Settings, Task, task
-from ros_bridge.tracks import Rules
+from agents.planner.answer import Plan
+from agents.planner.planner import plan
+from agents.policy.inference import Policy
+from ros_bridge.core import updates as hearing
+from ros_bridge.core.lateness import by_then
+from ros_bridge.core.situation import Picture, Settings, Task, task
+from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import NOW, SECOND, aircraft, geo_reference, published, route_points
 
 

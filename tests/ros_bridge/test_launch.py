@@ -18,12 +18,12 @@ pytest.importorskip("rclpy", reason=MISSING)
 
 import yaml
 
-from agents.configuration import load
-from agents.request import Options
-from agents.thresholds import Thresholds
+from agents.assurance.thresholds import Thresholds
+from agents.config.load import load
+from agents.planner.request import Options
 from envs.kinematics import SURROGATE, within
-from eval.hifi_config import HifiConfig
-from ros_bridge import parameters
+from eval.hifi.config import HifiConfig
+from ros_bridge.transport import parameters
 
 PACKAGE = Path(parameters.__file__).parent
 LAUNCH = sorted((PACKAGE / "launch").glob("*.launch.py"))
@@ -57,9 +57,9 @@ def stand_ins(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         module = types.ModuleType(name)
         vars(module).update(content)
         monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.delitem(sys.modules, "ros_bridge.launching", raising=False)
+    monkeypatch.delitem(sys.modules, "ros_bridge.transport.launching", raising=False)
     yield
-    sys.modules.pop("ros_bridge.launching", None)
+    sys.modules.pop("ros_bridge.transport.launching", None)
 
 
 @pytest.mark.parametrize("file", LAUNCH, ids=lambda file: file.name)

@@ -18,9 +18,9 @@ from rlcas_msgs.msg import AssuranceStatus, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 
 from envs.waypoints import Legs, at, knots, legs
-from ros_bridge import qos
-from ros_bridge.answers import flown
-from ros_bridge.monitor_messages import published_of
+from ros_bridge.core.replies import flown
+from ros_bridge.transport import qos
+from ros_bridge.transport.monitor_messages import published_of
 from tests.ros_bridge.scenes import FRAME
 
 WATCHER = "/rlcas_monitor"

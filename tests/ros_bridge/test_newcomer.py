@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from ros_bridge.newcomer import PORTS, PROFILE, SAID, apart, introduce, port
+from ros_bridge.transport.discovery import PORTS, PROFILE, SAID, apart, introduce, port
 from tests.ros_bridge.graph import MISSING, Process, domain
 
 rclpy = pytest.importorskip("rclpy", reason=MISSING)
 
 PROGRAM = """
 import rclpy
-from ros_bridge.newcomer import apart
+from ros_bridge.transport.discovery import apart
 rclpy.init()
 with apart(3):
     node = rclpy.create_node("newcomer")

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from ros_bridge.orders import Orders
+from ros_bridge.sim.guidance import Orders
 from tests.ros_bridge.graph import MISSING, NODE, World
 from tests.ros_bridge.inside import beside
 
@@ -18,15 +18,15 @@ from geometry_msgs.msg import Twist
 from rlcas_msgs.msg import AssuranceStatus, Trajectory, Waypoint
 
 from envs.waypoints import Waypoint as LocalWaypoint
-from ros_bridge import qos
-from ros_bridge.answers import backup_points, start_point
-from ros_bridge.messages import header, identity, point_message
-from ros_bridge.pilot import Pilot
+from ros_bridge.core.replies import backup_points, start_point
+from ros_bridge.nodes.pilot import Pilot
+from ros_bridge.transport import qos
+from ros_bridge.transport.messages import header, identity, point_message
 from tests.ros_bridge.scenes import FRAME
 
 
 def test_the_codes_are_those_of_the_messages():
-    from ros_bridge import orders
+    from ros_bridge.sim import guidance as orders
 
     assert orders.STATUS_WITHDRAWN == Trajectory.STATUS_WITHDRAWN
     assert (orders.FLY_PLAN, orders.FLY_BACKUP) == (AssuranceStatus.FLY_PLAN, AssuranceStatus.FLY_BACKUP)

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from agents.inference import Policy
-from agents.planner import plan
-from ros_bridge import hearing
-from ros_bridge.answers import flown, plan_points, start_point
-from ros_bridge.geodesy import LocalFrame
-from ros_bridge.picture import Code, Picture, Refusal, Settings, task
-from ros_bridge.tracks import Rules
+from agents.planner.planner import plan
+from agents.policy.inference import Policy
+from ros_bridge.core import updates as hearing
+from ros_bridge.core.geodesy import LocalFrame
+from ros_bridge.core.replies import flown, plan_points, start_point
+from ros_bridge.core.situation import Code, Picture, Refusal, Settings, task
+from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, aircraft, alert, geo_reference, point, published, route_points
 
 RULES = Rules()

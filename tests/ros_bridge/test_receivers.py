@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from envs.kinematics import VehicleState
-from ros_bridge.receivers import Quality, Receiver
+from ros_bridge.sim.receivers import Quality, Receiver
 
 STEP = 0.1
 

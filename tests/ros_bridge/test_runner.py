@@ -24,10 +24,10 @@ from rlcas_msgs.srv import GenerateTrajectory
 from rosgraph_msgs.msg import Clock
 from visualization_msgs.msg import MarkerArray
 
-from ros_bridge import qos
-from ros_bridge.conversions import trajectory
-from ros_bridge.messages import identity, time_message, uuid_of
-from ros_bridge.picture import Code
+from ros_bridge.core.conversions import trajectory
+from ros_bridge.core.situation import Code
+from ros_bridge.transport import qos
+from ros_bridge.transport.messages import identity, time_message, uuid_of
 
 SERVICE = f"{NODE}/generate_trajectory"
 
@@ -300,7 +300,7 @@ def test_bad_arguments_end_with_one_line_and_code_2(arguments: list[str], says: 
 
 
 def test_messages_hold_what_the_conversions_expect():
-    from ros_bridge import conversions as read
+    from ros_bridge.core import conversions as read
 
     bits = [name for name in dir(AircraftState) if name.startswith("VALID_")]
     assert sorted(getattr(AircraftState, name) for name in bits) == [1 << n for n in range(8)]

@@ -15,8 +15,8 @@ pytest.importorskip("rclpy", reason=MISSING)
 from rclpy.parameter import Parameter
 from rlcas_msgs.srv import GenerateTrajectory
 
-from ros_bridge import planning
-from ros_bridge.picture import Code
+from ros_bridge.core.situation import Code
+from ros_bridge.nodes import runner as planning
 
 Request = GenerateTrajectory.Request
 

@@ -7,14 +7,14 @@ import sys
 import numpy as np
 import pytest
 
-from agents.inference import Policy
-from agents.planner import plan
+from agents.planner.planner import plan
+from agents.policy.inference import Policy
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
 from envs.relative import straight_cpa
 from envs.starts import numbered
 from envs.waypoints import RoutePoint, knots, legs
-from ros_bridge.simulation import VEHICLES, Air, SimulationError, vehicle
+from ros_bridge.sim.world import VEHICLES, Air, SimulationError, vehicle
 
 NEEDS_JSBSIM = pytest.mark.skipif(importlib.util.find_spec("jsbsim") is None, reason="JSBSim is not installed")
 
@@ -79,7 +79,7 @@ def test_a_vehicle_that_cannot_fly_so_is_refused():
 
 def test_jsbsim_is_loaded_for_who_needs_it_alone():
     code = (
-        "import sys; from envs.kinematics import VehicleState; from ros_bridge.simulation import vehicle; "
+        "import sys; from envs.kinematics import VehicleState; from ros_bridge.sim.world import vehicle; "
         "vehicle('kinematic', VehicleState(0.0, 0.0, 0.0, 70.0)); "
         "print('jsbsim' in sys.modules, 'rclpy' in sys.modules)"
     )

@@ -13,15 +13,15 @@ from tests.ros_bridge.scenes import FRAME, NOW
 
 pytest.importorskip("rclpy", reason=MISSING)
 
-from agents.request import Altitude
+from agents.planner.request import Altitude
 from envs.encounters import scenario
 from envs.starts import numbered
-from ros_bridge import conversions
-from ros_bridge.flight_log import kept
-from ros_bridge.messages import aircraft_message
-from ros_bridge.simulation import Air
-from ros_bridge.simulator import Simulator, main, route_of
-from ros_bridge.tracks import Report
+from ros_bridge.core import conversions
+from ros_bridge.core.tracks import Report
+from ros_bridge.nodes.simulator import Simulator, main, route_of
+from ros_bridge.sim.flight_log import kept
+from ros_bridge.sim.world import Air
+from ros_bridge.transport.messages import aircraft_message
 
 SPEEDS = st.floats(-120.0, 120.0)
 MAYBE = st.floats(0.1, 50.0) | st.just(0.0)

@@ -12,8 +12,8 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 
 from envs import kinematics
 from envs.kinematics import SURROGATE, VehicleState
-from ros_bridge.conversions import aircraft as read
-from ros_bridge.tracks import NOBODY, Rules, Track, Verdict, forgotten, refused, taken
+from ros_bridge.core.conversions import aircraft as read
+from ros_bridge.core.tracks import NOBODY, Rules, Track, Verdict, forgotten, refused, taken
 from tests.ros_bridge.scenes import NOW, SECOND, aircraft
 
 RULES = Rules()

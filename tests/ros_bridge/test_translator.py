@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from ros_bridge import adapters
-from ros_bridge.fields import FieldError
+from ros_bridge.core import adapters
+from ros_bridge.core.fields import FieldError
 from tests.ros_bridge.graph import MISSING, NODE
 from tests.ros_bridge.inside import beside
 from tests.ros_bridge.scenes import NOW, SECOND, stamp
@@ -22,9 +22,9 @@ from geometry_msgs.msg import TwistStamped
 from rlcas_msgs.msg import AircraftState
 from sensor_msgs.msg import NavSatFix
 
-from ros_bridge import qos
-from ros_bridge.messages import time_message
-from ros_bridge.translator import Translator, main, paired
+from ros_bridge.nodes.translator import Translator, main, paired
+from ros_bridge.transport import qos
+from ros_bridge.transport.messages import time_message
 
 TRANSLATOR = "/rlcas_translator"
 

@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from agents.inference import Policy
-from agents.monitor_state import Flown, State
-from agents.planner import plan
-from agents.request import Altitude
-from ros_bridge import hearing
-from ros_bridge.answers import plan_points, start_point
-from ros_bridge.picture import Picture, Settings, task
-from ros_bridge.tracks import Rules
-from ros_bridge.watching import NOTHING, Published, Watching, activated, answered, apart, fly, stepped, withdrawn
+from agents.assurance.state import Flown, State
+from agents.planner.planner import plan
+from agents.planner.request import Altitude
+from agents.policy.inference import Policy
+from ros_bridge.core import updates as hearing
+from ros_bridge.core.assurance import NOTHING, Published, Watching, activated, answered, apart, fly, stepped, withdrawn
+from ros_bridge.core.replies import plan_points, start_point
+from ros_bridge.core.situation import Picture, Settings, task
+from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import NOW, SECOND, aircraft
 from tests.ros_bridge.test_picture import heard
 

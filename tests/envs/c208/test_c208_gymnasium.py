@@ -9,7 +9,7 @@ from gymnasium.utils.env_checker import check_env
 from envs.c208.conditions import Conditions
 from envs.c208.gymnasium_env import ENV_ID
 from envs.encounters import EncounterError
-from envs.gymnasium_env import DeconflictionEnv
+from envs.gym.gymnasium_env import DeconflictionEnv
 from envs.outcome import RULES
 
 STRAIGHT = np.zeros(2, np.float32)

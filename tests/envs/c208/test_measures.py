@@ -10,7 +10,7 @@ from benchmarks.c208 import judged, plans_of, within_power
 from envs.c208.conditions import CALM, Conditions
 from envs.c208.guidance import Path as Track
 from envs.follower import PERIOD
-from eval import c208_figures
+from eval.hifi import c208_figures
 
 
 def test_errors_across_along_and_in_time_are_told_apart() -> None:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from agents.configuration import load
-from agents.configuration_world import VehicleConfig
+from agents.config.load import load
+from agents.config.world import VehicleConfig
 from envs.c208 import validate
 from envs.c208.facts import POINTS
 from envs.c208.point_mass import PointMassVehicle

@@ -1,0 +1,27 @@
+"""The run-time monitor: watches the plan that is flown, asks for new ones and has a validated backup at hand."""
+
+from agents.assurance.monitor import (
+    Decision,
+    Inputs,
+    Monitor,
+    State,
+    Thresholds,
+    activate,
+    answer,
+    deactivate,
+    start,
+    step,
+)
+
+__all__ = [
+    "Decision",
+    "Inputs",
+    "Monitor",
+    "State",
+    "Thresholds",
+    "activate",
+    "answer",
+    "deactivate",
+    "start",
+    "step",
+]

@@ -1,0 +1,138 @@
+"""How a flight conforms to its plan, and its intruders to what the plan expected of them."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.assurance.inputs import Memory
+from agents.assurance.lookahead import outlook
+from agents.assurance.state import Monitor, State
+from agents.assurance.thresholds import BLIND, WANTING, Cause, Thresholds
+from agents.planner.traffic import Traffic, predicted, required
+from envs.kinematics import VehicleState, velocity
+from envs.relative import distance
+from envs.tracking import deviation
+
+__all__ = ["RESOLUTION", "Measured", "floor", "has", "judged", "watched"]
+
+RESOLUTION = 0.006
+"""By how much the outlook's lower bound may lie below the truth, m."""
+
+_REPORTS = Cause.INTRUDER_MISSING | Cause.INTRUDER_OUT_OF_ORDER
+"""What is wanting for a reason that lies not in the plan."""
+
+
+class Measured(NamedTuple):
+    """Errors and outlook; fields ``[N]``, as in :class:`agents.assurance.state.Decision`."""
+
+    cross_track: Any
+    along_track: Any
+    time_error: Any
+    intruder_position: Any
+    intruder_velocity: Any
+    separation: Any
+    loss: Any
+
+
+def has(causes: Any, any_of: Cause) -> Any:
+    """Return where any of some causes holds, bool ``[N]``."""
+    return (causes & int(any_of)) != 0
+
+
+def floor(owed: Any, thresholds: Thresholds) -> Any:
+    """Return the predicted separation below which a plan that owes so much is no longer good, m."""
+    return np.maximum(thresholds.requirement.separation, owed - thresholds.separation_band)
+
+
+def watched(monitor: Monitor) -> Any:
+    """Return which rows fly a plan, bool ``[N]``."""
+    return (monitor.state != State.IDLE) & ~monitor.on_backup
+
+
+def judged(
+    monitor: Monitor, memory: Memory, own: VehicleState, traffic: Traffic, causes: Any, thresholds: Thresholds
+) -> tuple[Any, Any, Measured]:
+    """Measure the present second against the plan.
+
+    A cause begins beyond its threshold and ends below a share of it.
+
+    Args:
+        monitor: of the second before, ``[N]``.
+        memory: of the present second.
+        own: present states, ``[N]``.
+        traffic: the intruders now, ``[N, K]``.
+        causes: that are known already, ``[N]``.
+        thresholds: of the monitor.
+
+    Returns:
+        The leaky sums ``[N, 3]``, all causes ``[N]``, and what was measured.
+    """
+    on = watched(monitor)
+    since = memory.time - monitor.started
+    off = deviation(monitor.plan.legs, own, since)
+    errors = np.abs(np.stack([off.cross_track, off.along_track, off.time], axis=-1))
+    limits = np.array([thresholds.cross_track, thresholds.along_track, thresholds.time_error])
+    elapsed = memory.time - monitor.memory.time
+    seen = (~has(causes, BLIND) & np.isfinite(elapsed))[:, None]
+    known = np.where(np.isfinite(elapsed), elapsed, 0.0)[:, None]
+    sums = monitor.sums * np.exp(-known / thresholds.memory) + np.where(seen, errors * known, 0.0)
+    sums = np.where(on[:, None], sums, 0.0)
+
+    def latched(value: Any, limit: Any, cause: Cause) -> Any:
+        beyond = value > np.where(has(monitor.causes, cause), thresholds.leave * limit, limit)
+        return np.where(on & beyond, int(cause), 0)
+
+    for column, cause in enumerate((Cause.CROSS_TRACK, Cause.ALONG_TRACK, Cause.TIME_ERROR)):
+        causes = causes | latched(errors[:, column], limits[column], cause)
+    lasting = np.max(sums / (thresholds.sustained * thresholds.memory * limits), axis=-1)
+    causes = causes | latched(lasting, 1.0, Cause.ACCUMULATED)
+    causes = causes | latched(thresholds.plan_ending - (monitor.plan.time[:, -1] - since), 0.0, Cause.PLAN_ENDING)
+
+    offset = np.hypot(off.cross_track, off.along_track)
+    separation, loss, close = _outlook(monitor, own, traffic, since, offset, thresholds)
+    causes = causes | np.where(on & close, int(Cause.SEPARATION), 0)
+    position, speed = _unexpected(monitor, traffic, since)
+    share = np.maximum(position / thresholds.intruder_position, speed / thresholds.intruder_velocity)
+    share = np.max(np.where(separation < thresholds.concern, share, 0.0), axis=-1, initial=0.0)
+    causes = causes | latched(share, 1.0, Cause.INTRUDER_DEVIATION)
+    causes = np.where(on, causes, causes & ~int(WANTING & ~_REPORTS)).astype(np.int32)
+    far, fast = np.max(position, axis=-1, initial=0.0), np.max(speed, axis=-1, initial=0.0)
+    least = np.min(separation, axis=-1, initial=np.inf) - offset
+    return sums, causes, Measured(off.cross_track, off.along_track, off.time, far, fast, least, loss)
+
+
+def _outlook(
+    monitor: Monitor, own: VehicleState, traffic: Traffic, since: Any, offset: Any, thresholds: Thresholds
+) -> tuple[Any, Any, Any]:
+    """Return the rest's separations ``[N, K]``, when they are lost and whether they are too small, ``[N]``.
+
+    The present distance of the ownship from its plan may last: it is taken off. The rest may not fall below what
+    the plan owed, nor, less that distance, below the separation itself.
+    """
+    requirement = thresholds.requirement
+    away = distance(traffic.state.x - own.x[:, None], traffic.state.y - own.y[:, None], np)
+    owed = np.minimum(np.where(monitor.expected.mask, monitor.owed, np.inf), required(traffic, away, requirement))
+    least, off = floor(owed, thresholds), offset[:, None]
+    had = has(monitor.causes, Cause.SEPARATION)[:, None]
+    edge = np.where(had, least + thresholds.separation_band, least - RESOLUTION)
+    edge = np.maximum(edge, requirement.separation - RESOLUTION + off)
+    # A plan that is not flown needs no closer look.
+    level = np.where(watched(monitor)[:, None], edge, -np.inf)
+    ahead = outlook(monitor.plan, since, traffic, level, requirement.sigmas)
+    close = ((ahead.separation < edge) & traffic.mask).any(axis=-1)
+    return ahead.separation, np.min(ahead.loss, axis=-1, initial=np.inf), close
+
+
+def _unexpected(monitor: Monitor, traffic: Traffic, since: Any) -> tuple[Any, Any]:
+    """Return how far the intruders are from what the plan expected, m and m/s, ``[N, K]``; inf for new ones."""
+    expected = monitor.expected
+    there = predicted(expected, since[:, None])
+    there = there._replace(speed=expected.state.speed)
+    position = distance(traffic.state.x - there.x, traffic.state.y - there.y, np)
+    (vx, vy), (to_vx, to_vy) = velocity(traffic.state, np), velocity(there, np)
+    speed = distance(vx - to_vx, vy - to_vy, np)
+
+    def known(error: Any) -> Any:
+        return np.where(traffic.mask, np.where(expected.mask, error, np.inf), 0.0)
+
+    return known(position), known(speed)

@@ -1,0 +1,187 @@
+"""What the monitor is told each second, what it may believe of it, and what it remembers.
+
+A report that is not finite, out of range, too old, out of order or from the future changes nothing but the causes;
+the last good one stays and ages.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.assurance.thresholds import Cause, Thresholds
+from agents.planner.traffic import Traffic
+from envs.angles import wrap
+from envs.kinematics import VehicleState, velocity
+
+__all__ = ["Inputs", "Memory", "blank", "inputs", "present", "taken"]
+
+_AHEAD = 0.5  # s by which a report may seem to come from the future
+_SAME = 1e-6  # s by which the time of one report differs between two tellings of it: rounding of now less age
+_FASTEST, _FARTHEST, _LONGEST = 400.0, 1e6, 1e12  # m/s, m, s
+_BASELINE = (0.2, 5.0)  # s between two reports that a turn rate may be read from
+_SIGNIFICANT = 3.0  # sigmas that an estimated turn must differ from straight flight
+
+
+class Inputs(NamedTuple):
+    """What is told; fields ``[N]``, of intruders ``[N, K]``; what is missing is nan."""
+
+    time: Any
+    """Now, on the monitor's clock, s."""
+    own: VehicleState
+    """As last reported."""
+    own_age: Any
+    """Of that report, s."""
+    intruders: VehicleState
+    """As last reported, each in a place of its own as long as it exists, ``[N, K]``."""
+    age: Any
+    """Of those reports, s, ``[N, K]``."""
+    mask: Any
+    """Which intruders exist, bool, ``[N, K]``; one that is taken away here is forgotten."""
+    position_std: Any
+    """One sigma per axis, m, ``[N, K]``."""
+    velocity_std: Any
+    """One sigma per axis, m/s, ``[N, K]``."""
+
+
+class Memory(NamedTuple):
+    """The last good reports; fields ``[N]``, of intruders ``[N, K]``."""
+
+    time: Any
+    """Of the last step, s; -inf before the first."""
+    own: VehicleState
+    own_time: Any
+    """Time of the own report, s; -inf before the first."""
+    intruders: VehicleState
+    """``[N, K]``."""
+    seen: Any
+    """Times of the intruders' reports, s, ``[N, K]``; -inf before the first."""
+    turn_rate: Any
+    """From the last two reports, rad/s, ``[N, K]``."""
+    position_std: Any
+    velocity_std: Any
+
+
+def inputs(time: Any, own: VehicleState, intruders: VehicleState, mask: Any = None, **more: Any) -> Inputs:
+    """Return inputs whose ages and standard deviations are 0 where they are not given.
+
+    Args:
+        time: s, ``[N]`` or a scalar.
+        own: ``[N]``.
+        intruders: ``[N, K]``.
+        mask: which of them exist, ``[N, K]``; None: all.
+        **more: other fields of :class:`Inputs`.
+    """
+    each, pairs = np.shape(own.x), np.shape(intruders.x)
+    given = {
+        "own_age": np.zeros(each),
+        "age": np.zeros(pairs),
+        "position_std": np.zeros(pairs),
+        "velocity_std": np.zeros(pairs),
+    } | more
+    exists = np.ones(pairs, dtype=bool) if mask is None else mask
+    return Inputs(np.broadcast_to(np.asarray(time, float), each), own, intruders=intruders, mask=exists, **given)
+
+
+def blank(count: int, intruders: int) -> Memory:
+    """Return the memory of who has been told nothing yet."""
+    never, pairs = np.full(count, -np.inf), (count, intruders)
+    return Memory(
+        never,
+        VehicleState(np.zeros(count), np.zeros(count), np.zeros(count), np.full(count, 75.0)),
+        never.copy(),
+        VehicleState(*(np.zeros(pairs) for _ in range(4))),
+        np.full(pairs, -np.inf),
+        *(np.zeros(pairs) for _ in range(3)),
+    )
+
+
+def taken(memory: Memory, told: Inputs, thresholds: Thresholds) -> tuple[Memory, VehicleState, Traffic, Any]:
+    """Take in what is told.
+
+    Returns:
+        The memory, the own states now, the intruders now (known ones, dead-reckoned), and the causes, int32 ``[N]``.
+    """
+    clock = (np.abs(told.time) <= _LONGEST) & (told.time > memory.time)
+    now = np.where(clock, told.time, np.where(np.isfinite(memory.time), memory.time, 0.0))
+    causes = np.where(clock, 0, int(Cause.CLOCK)).astype(np.int32)
+
+    sane = _sane(told.own, told.own_age)
+    reported = now - np.where(sane, told.own_age, 0.0)
+    ordered = (told.own_age >= -_AHEAD) & (reported >= memory.own_time - _SAME)
+    causes |= _bit(~sane, Cause.OWN_MISSING) | _bit(sane & ~ordered, Cause.OWN_OUT_OF_ORDER)
+    good = sane & ordered & clock
+    own = _chosen(good, told.own, memory.own)
+    own_time = np.where(good, np.fmax(reported, memory.own_time), memory.own_time)
+    causes |= _bit(now - own_time > thresholds.own_age, Cause.OWN_STALE)
+
+    sane = _sane(told.intruders, told.age) & _spread(told.position_std) & _spread(told.velocity_std)
+    reported = now[:, None] - np.where(sane, told.age, 0.0)
+    known = np.where(told.mask, memory.seen, -np.inf)
+    ordered = (told.age >= -_AHEAD) & (reported >= known - _SAME)
+    good = sane & ordered & clock[:, None] & told.mask
+    causes |= _bit((~sane & told.mask).any(axis=-1), Cause.INTRUDER_MISSING)
+    causes |= _bit((sane & ~ordered & told.mask).any(axis=-1), Cause.INTRUDER_OUT_OF_ORDER)
+    turn_rate = _turn_rate(memory, told, reported - known, good, thresholds)
+    intruders = _chosen(good, told.intruders, memory.intruders)
+    seen = np.where(good, np.fmax(reported, known), known)
+    stale = ~(now[:, None] - seen <= thresholds.intruder_age) & told.mask
+    causes |= _bit(stale.any(axis=-1), Cause.INTRUDER_STALE)
+    position_std = np.where(good, told.position_std, memory.position_std)
+    velocity_std = np.where(good, told.velocity_std, memory.velocity_std)
+    memory = Memory(now, own, own_time, intruders, seen, turn_rate, position_std, velocity_std)
+    return memory, *present(memory, told.mask, thresholds), causes
+
+
+def present(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleState, Traffic]:
+    """Return everybody now, dead-reckoned from the last good reports."""
+    own_age = np.where(np.isfinite(memory.own_time), memory.time - memory.own_time, 0.0)
+    known = np.isfinite(memory.seen)
+    age = np.where(known, memory.time[:, None] - memory.seen, 0.0)
+    spread = np.hypot(memory.position_std, memory.velocity_std * age)
+    zero = np.zeros(age.shape)
+    turn_time = np.maximum(np.where(memory.turn_rate == 0.0, zero, thresholds.turn_time - age), 0.0)
+    traffic = Traffic(
+        _carried(memory.intruders, age), mask & known, memory.turn_rate, turn_time, spread, memory.velocity_std
+    )
+    return _carried(memory.own, own_age), traffic
+
+
+def _turn_rate(memory: Memory, told: Inputs, elapsed: Any, good: Any, thresholds: Thresholds) -> Any:
+    """Return the turn rates that the last two reports show, rad/s, ``[N, K]``; 0 where noise could be all of it."""
+    comparable = good & (elapsed >= _BASELINE[0]) & (elapsed <= _BASELINE[1])
+    seconds = np.where(comparable, elapsed, 1.0)
+    rate = wrap(np.where(comparable, told.intruders.heading - memory.intruders.heading, 0.0), np) / seconds
+    speed = np.maximum(np.where(comparable, told.intruders.speed, 1.0), 1.0)
+    std = np.hypot(np.where(comparable, told.velocity_std, 0.0), memory.velocity_std) / (speed * seconds)
+    size = np.abs(rate)
+    # What seems to turn faster than an aircraft can has jumped; nothing follows from that.
+    turning = (size >= np.maximum(thresholds.turn_rate_min, _SIGNIFICANT * std)) & (size <= thresholds.turn_rate_max)
+    rate = np.where(turning, rate, 0.0)
+    # The same report heard again says nothing new; one after a gap begins anew.
+    again = ~good | (elapsed < _BASELINE[0])
+    return np.where(told.mask, np.where(comparable, rate, np.where(again, memory.turn_rate, 0.0)), 0.0)
+
+
+def _sane(state: VehicleState, age: Any) -> Any:
+    """Return whether states are finite and in range; nan fails every comparison."""
+    place = (np.abs(state.x) <= _FARTHEST) & (np.abs(state.y) <= _FARTHEST)
+    motion = (np.abs(state.heading) <= 2.0 * math.pi) & (state.speed >= 0.0) & (state.speed <= _FASTEST)
+    return place & motion & (np.abs(age) <= _LONGEST)
+
+
+def _spread(std: Any) -> Any:
+    return (std >= 0.0) & (std <= 10_000.0)
+
+
+def _chosen(good: Any, new: VehicleState, old: VehicleState) -> VehicleState:
+    return VehicleState(*(np.where(good, a, b) for a, b in zip(new, old, strict=True)))
+
+
+def _carried(state: VehicleState, seconds: Any) -> VehicleState:
+    vx, vy = velocity(state, np)
+    return state._replace(x=state.x + vx * seconds, y=state.y + vy * seconds, heading=wrap(state.heading, np))
+
+
+def _bit(where: Any, cause: Cause) -> Any:
+    return np.where(where, int(cause), 0).astype(np.int32)

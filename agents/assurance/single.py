@@ -1,0 +1,271 @@
+"""The run-time monitor of one aircraft: :mod:`agents.assurance` with N = 1, in plain words.
+
+Intruders go by name and keep their place as long as they exist. One that is not reported any more is missing, which
+is a reason; it is forgotten only where the caller says that it is gone.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from agents.assurance import monitor as assurance
+from agents.assurance.inputs import Inputs
+from agents.assurance.state import Decision, Flown, Monitor, State
+from agents.assurance.thresholds import Cause, Thresholds
+from agents.planner.answer import Plan
+from agents.planner.request import Intruder
+from agents.planner.traffic import Traffic
+from envs.kinematics import VehicleState
+from envs.trees import mapped, take
+from envs.waypoints import Knots, Waypoint, knots
+
+__all__ = ["Ask", "Verdict", "Watch", "Why", "activate", "answer", "begin", "deactivate", "reasons", "step"]
+
+_MISSING = VehicleState(float("nan"), float("nan"), float("nan"), float("nan"))
+
+_SAYS = {
+    Cause.OWN_MISSING: ("own", "is missing, not finite or out of range"),
+    Cause.OWN_STALE: ("own.age", "is more than {own_age:g} s"),
+    Cause.OWN_OUT_OF_ORDER: ("own.age", "puts the state before the last one, or into the future"),
+    Cause.CLOCK: ("time", "did not increase, or is no number"),
+    Cause.INTRUDER_MISSING: ("intruders", "lack a report that is finite and in range; the last good one is used"),
+    Cause.INTRUDER_STALE: ("intruders", "have a last good report older than {intruder_age:g} s, or none"),
+    Cause.INTRUDER_OUT_OF_ORDER: ("intruders", "have a report from before the last one, or from the future"),
+    Cause.CROSS_TRACK: ("cross_track", "is {now.cross_track:.1f} m, allowed {cross_track:g} m"),
+    Cause.ALONG_TRACK: ("along_track", "is {now.along_track:.1f} m, allowed {along_track:g} m"),
+    Cause.TIME_ERROR: ("time_error", "is {now.time_error:.2f} s, allowed {time_error:g} s"),
+    Cause.ACCUMULATED: ("sums", "of small errors against the plan have lasted too long"),
+    Cause.INTRUDER_DEVIATION: (
+        "intruders",
+        "are {now.intruder_position:.0f} m and {now.intruder_velocity:.1f} m/s off their predictions",
+    ),
+    Cause.SEPARATION: ("separation", "of the rest of the plan is {now.separation:.1f} m as the intruders fly now"),
+    Cause.PLAN_ENDING: ("plan", "ends in less than {plan_ending:g} s"),
+    Cause.NO_ANSWER: ("planner", "has not answered within {answer_time:g} s"),
+    Cause.REFUSED: ("planner", "has found no plan that may be flown"),
+    Cause.BACKUP_UNSAFE: ("backup", "does not keep the required separation; it is the one of greatest clearance"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Why:
+    """One reason."""
+
+    cause: Cause
+    field: str
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """A request for a plan, to be given to :func:`agents.planner.plan` and back to :func:`answer`."""
+
+    number: int
+    own: VehicleState
+    intruders: tuple[Intruder, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What the monitor says of one second."""
+
+    state: State
+    fly: Flown
+    ask: Ask | None
+    """The plan that is wanted now; None: none."""
+    reasons: tuple[Why, ...]
+    backup: tuple[Waypoint, ...]
+    """The backup at hand, its times from when it was refreshed; none before the first own state."""
+    measured: Decision
+    """The numbers, ``[1]``."""
+
+
+@dataclass(frozen=True)
+class Watch:
+    """A monitor of one aircraft, never changed in place."""
+
+    monitor: Monitor
+    names: tuple[str, ...]
+    """Of the intruders, by place."""
+    thresholds: Thresholds
+    ask: Ask | None = None
+    """The last request."""
+
+
+def begin(thresholds: Thresholds | None = None) -> Watch:
+    """Return a monitor that watches nothing."""
+    return Watch(assurance.start(1, 0), (), thresholds or Thresholds())
+
+
+def activate(watch: Watch, plan: Plan, own: VehicleState, intruders: Mapping[str, Intruder], time: float) -> Watch:
+    """Begin to watch a plan; one that is not SAFE is not flown, the backup is.
+
+    Args:
+        watch: the monitor.
+        plan: of :func:`agents.planner.plan`.
+        own: state that it was asked with.
+        intruders: that it was asked with, by name.
+        time: of the request on the monitor's clock, s.
+    """
+    watch = _placed(watch, (*watch.names, *(name for name in intruders if name not in watch.names)))
+    reports = [intruders.get(name) for name in watch.names]
+    traffic = _traffic(reports)
+    monitor = assurance.activate(
+        watch.monitor, np.array([0]), _knots(own, plan), np.array([plan.safe]), time, traffic, watch.thresholds
+    )
+    return replace(watch, monitor=monitor)
+
+
+def deactivate(watch: Watch) -> Watch:
+    """Stop watching."""
+    return replace(watch, monitor=assurance.deactivate(watch.monitor, np.array([0])))
+
+
+def step(
+    watch: Watch,
+    time: float,
+    own: VehicleState | None,
+    intruders: Mapping[str, Intruder],
+    *,
+    own_age: float = 0.0,
+    gone: Sequence[str] = (),
+) -> tuple[Watch, Verdict]:
+    """Judge one second.
+
+    Args:
+        watch: the monitor.
+        time: now, s.
+        own: last reported state; None: missing.
+        intruders: last reports by name.
+        own_age: of the own state, s.
+        gone: names of intruders that do not count any more.
+    """
+    names = (*(name for name in watch.names if name not in gone), *(n for n in intruders if n not in watch.names))
+    watch = _placed(watch, names)
+    reports = [intruders.get(name) for name in names]
+    states = [_MISSING if report is None else report.state for report in reports]
+    ages = [0.0 if report is None else report.age for report in reports]
+    spreads = [(0.0, 0.0) if report is None else (report.position_std, report.velocity_std) for report in reports]
+    told = Inputs(
+        np.array([time], dtype=float),
+        VehicleState(*(np.array([value], dtype=float) for value in (own or _MISSING))),
+        np.array([own_age], dtype=float),
+        _row(states),
+        np.array([ages], dtype=float),
+        np.ones((1, len(names)), dtype=bool),
+        np.array([[spread[0] for spread in spreads]], dtype=float),
+        np.array([[spread[1] for spread in spreads]], dtype=float),
+    )
+    monitor, decision = assurance.step(watch.monitor, told, watch.thresholds)
+    asked = _ask(decision) if decision.replan[0] else None
+    backup = _waypoints(monitor) if np.isfinite(monitor.backup.started[0]) else ()
+    watch = replace(watch, monitor=monitor, ask=asked or watch.ask)
+    fly, state = Flown(int(decision.fly[0])), State(int(decision.state[0]))
+    return watch, Verdict(state, fly, asked, reasons(decision, watch.thresholds), backup, decision)
+
+
+def answer(watch: Watch, number: int, plan: Plan) -> tuple[Watch, bool]:
+    """Hand in what the planner answered to a request; return also whether the plan is flown now."""
+    if watch.ask is None or number != watch.ask.number:
+        return watch, False
+    given = _knots(watch.ask.own, plan)
+    monitor, taken_up = assurance.answer(
+        watch.monitor, np.array([0]), np.array([number]), given, np.array([plan.safe]), watch.thresholds
+    )
+    return replace(watch, monitor=monitor), bool(taken_up[0])
+
+
+def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
+    """Return the monitor with places for these intruders; who had one takes along what is remembered."""
+    if names == watch.names:
+        return watch
+    order = [watch.names.index(name) if name in watch.names else -1 for name in names]
+    old, new = watch.monitor, assurance.start(1, len(names))
+    places, known = np.array(order, dtype=int), np.array(order, dtype=int) >= 0
+
+    def moved(fresh: np.ndarray, had: np.ndarray) -> np.ndarray:
+        result = np.array(fresh)
+        result[:, known] = had[:, places[known]]
+        return result
+
+    told = {
+        name: mapped(moved, getattr(new.memory, name), getattr(old.memory, name))
+        for name in ("intruders", "seen", "turn_rate", "position_std", "velocity_std")
+    }
+    rest = {
+        name: mapped(moved, getattr(new, name), getattr(old, name))
+        if isinstance(getattr(new, name), tuple)
+        else moved(getattr(new, name), getattr(old, name))
+        for name in ("expected", "owed", "asked", "asked_owed")
+    }
+    return replace(watch, monitor=old._replace(memory=old.memory._replace(**told), **rest), names=names)
+
+
+def _ask(decision: Decision) -> Ask:
+    traffic, own = take(decision.traffic, 0), VehicleState(*(float(field[0]) for field in decision.own))
+    known = tuple(
+        Intruder(
+            VehicleState(*(float(field[k]) for field in traffic.state)),
+            turn_rate=float(traffic.turn_rate[k]),
+            turn_time=float(traffic.turn_time[k]),
+            position_std=float(traffic.position_std[k]),
+            velocity_std=float(traffic.velocity_std[k]),
+        )
+        for k in np.flatnonzero(traffic.mask)
+    )
+    return Ask(int(decision.number[0]), own, known)
+
+
+def reasons(decision: Decision, thresholds: Thresholds) -> tuple[Why, ...]:
+    """Return the causes of one second in words."""
+    values = {name: float(field[0]) for name, field in zip(Decision._fields[-7:], decision[-7:], strict=True)}
+    now = _Numbers(**values)
+    return tuple(
+        Why(cause, field, f"{field} {says.format(now=now, **vars(thresholds))}")
+        for cause, (field, says) in _SAYS.items()
+        if int(decision.causes[0]) & int(cause)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Numbers:
+    cross_track: float
+    along_track: float
+    time_error: float
+    intruder_position: float
+    intruder_velocity: float
+    separation: float
+    loss: float
+
+
+def _knots(own: VehicleState, plan: Plan) -> Knots:
+    """Return a plan's knots, ``[1, 21]``; nan where it has no trajectory."""
+    if not plan.waypoints:
+        return Knots(*(np.full((1, assurance.PLAN_KNOTS), np.nan) for _ in range(5)))
+    return Knots(*(field[None] for field in knots(own, plan.waypoints)))
+
+
+def _waypoints(monitor: Monitor) -> tuple[Waypoint, ...]:
+    rows = np.stack([field[0] for field in monitor.backup.knots], axis=-1)[1:].tolist()
+    return tuple(Waypoint(index, *row) for index, row in enumerate(rows))
+
+
+def _traffic(reports: Sequence[Intruder | None]) -> Traffic:
+    """Return intruders as the planner was told of them, ``[1, K]``; absent where there is no report."""
+    told = [report or Intruder(VehicleState(0.0, 0.0, 0.0, 0.0)) for report in reports]
+    state = _row([report.state for report in told])
+    age = np.array([[report.age for report in told]], dtype=float)
+    state = state._replace(
+        x=state.x + state.speed * np.cos(state.heading) * age, y=state.y + state.speed * np.sin(state.heading) * age
+    )
+    mask = np.array([[report is not None for report in reports]], dtype=bool)
+    names = ("turn_rate", "turn_time", "position_std", "velocity_std")
+    rest = (np.array([[getattr(report, name) for report in told]], dtype=float) for name in names)
+    turn_rate, turn_time, position_std, velocity_std = rest
+    return Traffic(state, mask, turn_rate, turn_time, np.hypot(position_std, velocity_std * age), velocity_std)
+
+
+def _row(states: Sequence[VehicleState]) -> VehicleState:
+    table = np.array([list(state) for state in states], dtype=float).reshape(len(states), 4)
+    return VehicleState(table[None, :, 0], table[None, :, 1], table[None, :, 2], table[None, :, 3])

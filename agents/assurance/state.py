@@ -1,0 +1,149 @@
+"""What a run-time monitor remembers and decides; see :mod:`agents.assurance`."""
+
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.assurance.backup import KNOTS, Backup
+from agents.assurance.inputs import Memory, blank
+from agents.assurance.lookahead import Course, course
+from agents.planner.traffic import Traffic
+from envs.kinematics import VehicleState
+from envs.waypoints import Knots, Legs, legs
+
+__all__ = ["PLAN_KNOTS", "Decision", "Flown", "Monitor", "State", "placeholder", "start"]
+
+PLAN_KNOTS = 21
+"""Of a plan: the request and 20 waypoints."""
+
+
+class State(IntEnum):
+    """Of a monitor."""
+
+    IDLE = 0
+    """There is no plan to watch."""
+    MONITORING = 1
+    """The plan is flown, and nothing is wrong."""
+    REPLAN_REQUESTED = 2
+    """The plan is flown, and a new one is wanted."""
+    DENIED = 3
+    """No plan may be trusted for lack of inputs, or none could be had while the present one is still safe."""
+    BACKUP = 4
+    """The backup is flown until there is a safe plan."""
+
+
+class Flown(IntEnum):
+    """What the aircraft flies."""
+
+    NOTHING = 0
+    PLAN = 1
+    BACKUP = 2
+
+
+class Monitor(NamedTuple):
+    """Everything a monitor remembers; fields ``[N, ...]``, so that :func:`envs.trees.take` picks rows."""
+
+    state: Any
+    """Code of :class:`State`, int8."""
+    on_backup: Any
+    """Whether the backup is flown, bool; kept while nothing can be seen."""
+    causes: Any
+    """Bits of :class:`agents.assurance.thresholds.Cause`, int32."""
+    memory: Memory
+    plan: Course
+    """The active plan; a placeholder where there is none."""
+    started: Any
+    """When the active plan was asked for, s."""
+    revision: Any
+    """Number of the request that the active plan answers; 0 for the one activated with, -1 without a plan."""
+    expected: Traffic
+    """The intruders that the active plan was made with, ``[N, K]``."""
+    owed: Any
+    """Separations that the active plan was required to keep, m, ``[N, K]``."""
+    sums: Any
+    """Leaky sums of cross-track (m s), along-track (m s) and time error (s s), ``[N, 3]``."""
+    requested: Any
+    """Number of the last request."""
+    requested_at: Any
+    """When it went out, s; -inf before the first."""
+    answered: Any
+    """Number of the last request that was answered."""
+    asked: Traffic
+    """The intruders it was asked with, ``[N, K]``."""
+    asked_owed: Any
+    """Separations that its answer must keep, m, ``[N, K]``."""
+    backup: Backup
+    backup_legs: Legs
+    """``[N, KNOTS - 1]``."""
+
+
+class Decision(NamedTuple):
+    """What the monitor wants and why; fields ``[N]``."""
+
+    state: Any
+    """Code of :class:`State`, int8."""
+    fly: Any
+    """Code of :class:`Flown`, int8."""
+    replan: Any
+    """Whether a plan is asked for now, bool: from ``own``, against ``traffic``, as request ``number``."""
+    number: Any
+    causes: Any
+    """Bits of :class:`agents.assurance.thresholds.Cause`, int32."""
+    own: VehicleState
+    """Present states, dead-reckoned."""
+    traffic: Traffic
+    """The intruders now, dead-reckoned, with the turns that their reports show, ``[N, K]``."""
+    cross_track: Any
+    """Error against the plan, m, positive to its left."""
+    along_track: Any
+    """m, positive ahead."""
+    time_error: Any
+    """s, positive when late."""
+    intruder_position: Any
+    """Largest deviation of an intruder from its prediction, m."""
+    intruder_velocity: Any
+    """m/s."""
+    separation: Any
+    """Predicted separation of the rest of the plan, less the own distance from it, m; a lower bound."""
+    loss: Any
+    """When that rest falls below what is required, s from now; inf where it does not."""
+
+
+def start(count: int, intruders: int) -> Monitor:
+    """Return monitors that watch nothing, ``[count]`` with room for so many intruders each."""
+    no, zero, none = np.zeros(count, dtype=bool), np.zeros(count), np.full(count, -1)
+    nobody = Traffic(
+        VehicleState(*(np.zeros((count, intruders)) for _ in range(4))),
+        np.zeros((count, intruders), dtype=bool),
+        *(np.zeros((count, intruders)) for _ in range(4)),
+    )
+    straight = placeholder(count, PLAN_KNOTS, 20.0)
+    short = placeholder(count, KNOTS, 10.0)
+    backup = Backup(zero, zero + 75.0, short, zero + np.nan, zero - np.inf, no, no.copy())
+    return Monitor(
+        state=np.zeros(count, dtype=np.int8),
+        on_backup=no.copy(),
+        causes=np.zeros(count, dtype=np.int32),
+        memory=blank(count, intruders),
+        plan=course(straight, legs(straight)),
+        started=zero.copy(),
+        revision=none,
+        expected=nobody,
+        owed=np.full((count, intruders), np.inf),
+        sums=np.zeros((count, 3)),
+        requested=np.zeros(count, dtype=np.int64),
+        requested_at=zero - np.inf,
+        answered=np.zeros(count, dtype=np.int64),
+        asked=nobody,
+        asked_owed=np.full((count, intruders), np.inf),
+        backup=backup,
+        backup_legs=legs(short),
+    )
+
+
+def placeholder(count: int, points: int, spacing: float) -> Knots:
+    """Return knots that keep arrays whole where there is no plan: straight east, ``[count, points]``."""
+    time = np.broadcast_to(np.arange(points) * spacing, (count, points)).copy()
+    zero = np.zeros_like(time)
+    return Knots(75.0 * time, zero, zero.copy(), zero + 75.0, time)

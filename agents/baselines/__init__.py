@@ -1,0 +1,5 @@
+"""Deciders of others to compare with."""
+
+from agents.baselines.baselines import BASELINES, Baseline, Direct, PotentialField, RightHand
+
+__all__ = ["BASELINES", "Baseline", "Direct", "PotentialField", "RightHand"]

@@ -1,0 +1,253 @@
+"""Deciders to compare with: what an aircraft does without a resolver, by the rules of the air, or by geometry.
+
+All see the same as a policy does, all intruders at once instead of the most critical one, decide once a second and
+return actions of the same contract. They steer to the goal while nothing is in the way; what they do otherwise makes
+the difference. ``speed`` of the two that resolve says whether they may change it: most published resolvers hold it.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from agents.manoeuvres.direct_to_goal import Task, clear
+from envs.angles import wrap
+from envs.kinematics import SURROGATE, Limits, VehicleState, velocity
+
+__all__ = [
+    "BASELINES",
+    "Baseline",
+    "Direct",
+    "PotentialField",
+    "RightHand",
+    "Sight",
+    "homeward",
+    "steered",
+    "way_back",
+]
+
+_GAIN = 0.5  # 1/s, from the error of the heading to the turn rate
+_EVER, _PAST = 1e5, 1.05
+_MARGIN = 100.0
+"""Metres beyond the required separation that the resolvers aim at: they decide once a second, for straight flight."""
+
+
+class Sight(NamedTuple):
+    """What a decider sees of encounters in progress; own fields ``[M]``, those of intruders ``[M, K]``."""
+
+    own: VehicleState
+    intruders: VehicleState
+    """As reported, not as they are."""
+    mask: np.ndarray
+    """Which of the K intruders exist, bool."""
+    goal_x: np.ndarray
+    goal_y: np.ndarray
+    left: float
+    """Time that is left to reach the goal, s."""
+
+
+class Baseline(Protocol):
+    """A decider on states; it may remember a whole number of each encounter, 0 at the start."""
+
+    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return actions ``[M, 2]`` in [-1, 1] and what to remember, int8 ``[M]``."""
+        ...
+
+
+def homeward(sight: Sight, limits: Limits, goal_radius: float) -> np.ndarray:
+    """Return the course to be steered to the goal, rad in [-pi, pi), ``[M]``.
+
+    A goal inside the turning circle can never be met by turning to it: the ownship flies straight on until it is
+    outside, and turns then.
+    """
+    own = sight.own
+    dx, dy = sight.goal_x - own.x, sight.goal_y - own.y
+    bearing = wrap(np.arctan2(dy, dx) - own.heading, np)
+    radius = own.speed / limits.yaw_rate_max
+    side = np.where(bearing >= 0.0, 1.0, -1.0)
+    # Distance of the goal from the centre of the circle to its side.
+    apart = np.hypot(dx + side * radius * np.sin(own.heading), dy - side * radius * np.cos(own.heading))
+    unreachable = apart < radius - 0.9 * goal_radius
+    return wrap(own.heading + np.where(unreachable, 0.0, bearing), np)
+
+
+def way_back(sight: Sight, limits: Limits, goal_radius: float, keep: float) -> np.ndarray:
+    """Return whether the ownship may go back to its route, bool ``[M]``.
+
+    It may where one turn onto the goal and straight flight to it keep clear of all intruders, and, as is usual among
+    published resolvers, where all of them are past their closest point of approach and far enough.
+
+    Args:
+        sight: of the encounters.
+        limits: of the ownship.
+        goal_radius: m.
+        keep: distance to keep from intruders, m.
+    """
+    own = VehicleState(*(field[:, None] for field in sight.own))
+    goal = sight.goal_x[:, None], sight.goal_y[:, None]
+    # Late or not: whether there is time is no question of being clear.
+    task = Task(limits, goal_radius, _EVER, 0.95 * limits.yaw_rate_max)
+    free = np.all(clear(own, goal, sight.intruders, keep, 0.0, task, np) | ~sight.mask, axis=-1)
+    past = _conflicts(sight, sight.own.heading, keep, math.inf)
+    opening = (past.time == 0.0) & (past.distance > _PAST * keep)
+    return free | np.all(opening | ~sight.mask, axis=-1)
+
+
+def steered(own: VehicleState, course: Any, limits: Limits) -> np.ndarray:
+    """Return the steering, a share of the largest turn rate in [-1, 1], that brings the heading to a course."""
+    return np.clip(_GAIN * wrap(course - own.heading, np) / limits.yaw_rate_max, -1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Direct:
+    """Resolve nothing: along the route to the goal at constant speed."""
+
+    limits: Limits = SURROGATE
+    goal_radius: float = 500.0
+
+    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return actions ``[M, 2]`` and the memory, which is not used."""
+        return _actions(steered(sight.own, homeward(sight, self.limits, self.goal_radius), self.limits)), memory
+
+
+class _Conflict(NamedTuple):
+    """A prediction on straight courses; fields ``[M, K]``."""
+
+    there: np.ndarray
+    """Whether the protected distance is lost within the look-ahead."""
+    x: np.ndarray
+    """Intruder from the ownship at the closest point of approach, m."""
+    y: np.ndarray
+    time: np.ndarray
+    """Until then, s."""
+    distance: np.ndarray
+    """At present, m."""
+    miss: np.ndarray
+    """At the closest point of approach, m."""
+
+
+def _conflicts(sight: Sight, course: np.ndarray, protected: float, lookahead: float) -> _Conflict:
+    """Predict what comes of flying on at the present speed on a course, ``[M]``."""
+    own = VehicleState(*(field[:, None] for field in sight.own._replace(heading=course)))
+    x, y = sight.intruders.x - own.x, sight.intruders.y - own.y
+    (own_vx, own_vy), (vx, vy) = velocity(own, np), velocity(sight.intruders, np)
+    vx, vy = vx - own_vx, vy - own_vy
+    square = np.maximum(vx * vx + vy * vy, 1e-6)
+    time = np.maximum(-(x * vx + y * vy) / square, 0.0)
+    cpa_x, cpa_y = x + vx * time, y + vy * time
+    distance, miss = np.hypot(x, y), np.hypot(cpa_x, cpa_y)
+    # The protected distance is lost half a chord before the closest point.
+    entry = time - np.sqrt(np.maximum(protected * protected - miss * miss, 0.0) / square)
+    closing = x * vx + y * vy < 0.0
+    there = sight.mask & closing & (miss < protected) & (entry <= lookahead)
+    return _Conflict(there, cpa_x, cpa_y, time, distance, miss)
+
+
+@dataclass(frozen=True)
+class RightHand:
+    """The rules of the air: give way to the right, keep the right of way, else straight, then turn.
+
+    An intruder that approaches head-on, from the right, or is being overtaken is given way to by a turn to the right
+    as sharp as the limits allow (ICAO Annex 2, 3.2.2; 14 CFR 91.113). To one that must give way the ownship stands on;
+    since this one does not, it turns right too where the loss is ``patience`` seconds away. When neither the present
+    course nor the one to the goal is in conflict, it goes there.
+    """
+
+    limits: Limits = SURROGATE
+    goal_radius: float = 500.0
+    separation: float = 1_000.0
+    lookahead: float = 120.0
+    patience: float = 60.0
+
+    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return actions ``[M, 2]`` and the memory, which is not used."""
+        own, protected = sight.own, self.separation + _MARGIN
+        straight = _conflicts(sight, own.heading, protected, self.lookahead)
+        bearing = _bearing(sight)
+        # Head-on, from the right or overtaken is ours to avoid; 110 degrees from ahead is where overtaking begins.
+        from_left = (bearing > math.radians(15.0)) & (bearing < math.radians(110.0))
+        last = _conflicts(sight, own.heading, protected, self.patience)
+        ours = np.any(straight.there & ~from_left | last.there & from_left, axis=-1)
+        home = homeward(sight, self.limits, self.goal_radius)
+        free = way_back(sight, self.limits, self.goal_radius, protected)
+        steering = np.where(free, steered(own, home, self.limits), np.where(ours, -1.0, 0.0))
+        return _actions(steering), memory
+
+
+@dataclass(frozen=True)
+class PotentialField:
+    """The modified voltage potential (MVP): the least change of velocity that clears the closest point of approach.
+
+    Each intruder in conflict pushes the predicted position at the closest point of approach out of its protected
+    zone along the shortest way, within the time left until then, so that the new course touches the zone; several
+    pushes add up. Source: J. M. Hoekstra, R. N. H. W. van Gent, R. C. J. Ruigrok, "Designing for safety: the 'free
+    flight' air traffic management concept", Reliability Engineering and System Safety 75 (2002) 215; the tangent's
+    correction as in M. Ribeiro, J. Ellerbroek, J. Hoekstra, Aerospace 7 (2020) 79. Exactly head-on both sides are as
+    good, and it goes right. When the course to the goal is free of conflicts, it goes there.
+    """
+
+    limits: Limits = SURROGATE
+    goal_radius: float = 500.0
+    separation: float = 1_000.0
+    lookahead: float = 120.0
+    speed: bool = False
+    """Whether the speed is changed too; otherwise only the course of the new velocity is taken."""
+
+    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return actions ``[M, 2]`` and the memory, which is not used."""
+        own, protected = sight.own, self.separation + _MARGIN
+        conflict = _conflicts(sight, own.heading, protected, self.lookahead)
+        push_x, push_y = self._push(sight, conflict, protected)
+        own_vx, own_vy = velocity(own, np)
+        wanted_x, wanted_y = own_vx - push_x, own_vy - push_y
+        resolving = conflict.there.any(axis=-1)
+
+        free = way_back(sight, self.limits, self.goal_radius, protected)
+        course = np.where(resolving, np.arctan2(wanted_y, wanted_x), own.heading)
+        course = np.where(free, homeward(sight, self.limits, self.goal_radius), course)
+        throttle = np.zeros(len(course))
+        if self.speed:
+            needed = np.hypot(sight.goal_x - own.x, sight.goal_y - own.y) / max(sight.left, 1.0)
+            hurry = np.maximum(1.05 * needed - own.speed, 0.0)
+            change = np.where(resolving & ~free, np.hypot(wanted_x, wanted_y) - own.speed, hurry)
+            most = np.where(change >= 0.0, self.limits.acceleration_max, -self.limits.acceleration_min)
+            throttle = np.clip(change / most, -1.0, 1.0)
+        return np.stack([throttle, steered(own, course, self.limits)], axis=-1), memory
+
+    def _push(self, sight: Sight, conflict: _Conflict, protected: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the sum over all intruders of the push towards them, to be taken off the velocity, m/s, ``[M]``."""
+        miss = np.maximum(conflict.miss, 1e-9)
+        # Within 10 m of a hit the shortest way out is noise: to the right of the line of sight, the zone to the left.
+        x, y = sight.intruders.x - sight.own.x[:, None], sight.intruders.y - sight.own.y[:, None]
+        apart = np.maximum(conflict.distance, 1e-9)
+        hit = conflict.miss < 10.0
+        unit_x, unit_y = np.where(hit, -y / apart, conflict.x / miss), np.where(hit, x / apart, conflict.y / miss)
+        # Pushed straight out of the circle the course would still cut it: the tangent lies a little farther out.
+        outside = conflict.distance > protected
+        ratio = np.clip(protected / apart, 0.0, 1.0), np.clip(conflict.miss / apart, 0.0, 1.0)
+        tangent = np.where(outside, np.cos(np.arcsin(ratio[0]) - np.arcsin(ratio[1])), 1.0)
+        size = (protected / np.maximum(tangent, 0.1) - conflict.miss) / np.maximum(conflict.time, 1.0)
+        size = np.where(conflict.there, size, 0.0)
+        return np.sum(size * unit_x, axis=-1), np.sum(size * unit_y, axis=-1)
+
+
+BASELINES: dict[str, Callable[[Limits, float, float], Baseline]] = {
+    "none": lambda limits, radius, separation: Direct(limits, radius),
+    "rules": RightHand,
+    "mvp": PotentialField,
+    "mvp_speed": lambda limits, radius, separation: PotentialField(limits, radius, separation, speed=True),
+}
+"""The baselines by name: limits of the ownship, radius of the goal (m) and required separation (m) make one."""
+
+
+def _bearing(sight: Sight) -> np.ndarray:
+    """Return the intruders' bearings from the own heading, rad, left positive, ``[M, K]``."""
+    own = VehicleState(*(field[:, None] for field in sight.own))
+    return wrap(np.arctan2(sight.intruders.y - own.y, sight.intruders.x - own.x) - own.heading, np)
+
+
+def _actions(steering: np.ndarray) -> np.ndarray:
+    """Return actions that hold the speed, ``[M, 2]``."""
+    return np.stack([np.zeros_like(steering), steering], axis=-1)

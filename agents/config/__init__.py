@@ -1,0 +1,16 @@
+"""Configurations: YAML, overrides and checks, and a command line that refuses in one sentence."""
+
+from agents.config.load import ConfigError, Parser, Strict, dump, load, run_cli
+from agents.config.world import RulesConfig, ScenarioConfig, VehicleConfig
+
+__all__ = [
+    "ConfigError",
+    "Parser",
+    "RulesConfig",
+    "ScenarioConfig",
+    "Strict",
+    "VehicleConfig",
+    "dump",
+    "load",
+    "run_cli",
+]

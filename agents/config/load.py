@@ -1,0 +1,216 @@
+"""Strict configuration: YAML and ``--set`` overrides in, a frozen model or one clear sentence out.
+
+Every application of the toolkit reads its settings through this module. It needs pydantic and PyYAML and is no
+part of the flight path.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic.fields import FieldInfo
+
+from agents.config.keys import expected, field_at, nearest, nested_model, shown
+from agents.config.yaml import YamlError, coerced, read, write
+
+__all__ = ["ConfigError", "Parser", "Strict", "dump", "load", "run_cli"]
+
+Model = TypeVar("Model", bound="Strict")
+
+
+class ConfigError(ValueError):
+    """Bad input of a user; the message is one sentence that names key, value and what was expected."""
+
+
+class Strict(BaseModel):
+    """Base of all configuration models: frozen, no unknown keys, no silent conversions.
+
+    Only three conversions happen, none of which loses anything: a whole number where a number is expected, a
+    number without a fraction (``1e7``) where a whole number is expected, and a list where a tuple is expected.
+    The docstring under a field is its text in ``--help`` and in the documentation. A model's own checks raise
+    :class:`ConfigError` with a sentence that begins with the name of the key that it is about.
+    """
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        strict=True,
+        allow_inf_nan=False,
+        validate_default=True,
+        use_attribute_docstrings=True,
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _convert(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        fields = cls.model_fields
+        return {k: coerced(v, fields[k].annotation) if k in fields else v for k, v in data.items()}
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser that raises :class:`ConfigError` where argparse would print its usage and exit."""
+
+    def __init__(self, **settings: Any) -> None:
+        settings.setdefault("allow_abbrev", False)
+        settings.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
+        super().__init__(**settings)
+
+    def error(self, message: str) -> NoReturn:
+        """Raise instead of exiting."""
+        raise ConfigError(f"{message} (see {self.prog} --help)")
+
+
+def load(model: type[Model], path: Path | None = None, overrides: Sequence[str] = ()) -> Model:
+    """Read a configuration.
+
+    Args:
+        model: its model; a validator finds the file's folder as ``info.context["folder"]`` (the working
+            directory without a file).
+        path: YAML file with what differs from the defaults; None for the defaults.
+        overrides: ``KEY=VALUE`` each, KEY dotted (``ppo.learning_rate``, ``scenarios.0.weight``), VALUE in YAML;
+            later ones win.
+
+    Raises:
+        ConfigError: the file cannot be read, or a key or a value is not valid.
+    """
+    try:
+        values = {} if path is None else read(path)
+    except YamlError as problem:
+        raise ConfigError(str(problem)) from None
+    named = [_override(model, values, text) for text in overrides]
+    try:
+        return model.model_validate(values, context={"folder": Path() if path is None else path.parent})
+    except ValidationError as problem:
+        raise ConfigError(_sentence(model, problem, path, named)) from None
+
+
+def dump(model: BaseModel) -> str:
+    """Return a configuration as YAML text with every key; :func:`load` of it gives an equal model."""
+    return write(model.model_dump())
+
+
+def run_cli(main: Callable[[], int | None], *user_errors: type[Exception]) -> NoReturn:
+    """Run a program's main function and exit with its status.
+
+    Args:
+        main: returns the exit status; None counts as 0.
+        user_errors: exceptions that, as :class:`ConfigError` always does, mean bad input: their message goes to
+            stderr as one line and the exit status is 2. Everything else is a defect and keeps its traceback.
+    """
+    try:
+        status = main() or 0
+    except (ConfigError, *user_errors) as problem:
+        print("error:", " ".join(str(problem).split()), file=sys.stderr)
+        status = 2
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        status = 130
+    except BrokenPipeError:
+        # Whoever read the output has had enough (``| head``); what is still buffered must not complain at the exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = 0
+    sys.exit(status)
+
+
+def _override(model: type[BaseModel], values: dict[str, Any], text: str) -> list[str]:
+    """Write one ``KEY=VALUE`` into the values and return its path of keys."""
+    dotted, sign, written = text.partition("=")
+    path = [part.strip() for part in dotted.split(".")]
+    if not sign or not all(path):
+        raise ConfigError(f"--set {text}: expected KEY=VALUE, such as --set {_example(model)}")
+    node: Any = values
+    for depth, step in enumerate(path):
+        if isinstance(node, dict):
+            if depth < len(path) - 1 and node.get(step) is None:
+                node[step] = _start(field_at(model, path[: depth + 1]))
+            place: Any = step
+        elif isinstance(node, list):
+            if not step.isdecimal() or int(step) >= len(node):
+                raise ConfigError(f"--set {text}: {step!r} is no item of a list of {len(node)}; expected 0, 1, ...")
+            place = int(step)
+        else:
+            raise ConfigError(f"--set {text}: {'.'.join(path[:depth])} is {node!r} and has no key {step!r}")
+        if depth < len(path) - 1:
+            node = node[place]
+            continue
+        field = field_at(model, path)
+        try:
+            # A text is taken as it stands, though YAML might see a number in it.
+            node[place] = written if isinstance(field, FieldInfo) and field.annotation is str else read(written)
+        except YamlError as problem:
+            raise ConfigError(f"--set {dotted}: {problem}") from None
+    return path
+
+
+def _start(field: FieldInfo | type[BaseModel] | None) -> Any:
+    """Return what an override changes a part of, where the file says nothing: the default."""
+    if not isinstance(field, FieldInfo) or field.is_required():
+        return {}
+    default = field.get_default(call_default_factory=True)
+    items = default if isinstance(default, (list, tuple)) else [default]
+    plain = [item.model_dump(exclude_unset=True) if isinstance(item, BaseModel) else item for item in items]
+    return plain if isinstance(default, (list, tuple)) else plain[0] if plain[0] is not None else {}
+
+
+def _example(model: type[BaseModel]) -> str:
+    name, field = next(iter(model.model_fields.items()))
+    return f"{name}={field.get_default(call_default_factory=True)}"
+
+
+def _sentence(model: type[BaseModel], problem: ValidationError, path: Path | None, named: list[list[str]]) -> str:
+    """Say in one sentence what is wrong; an unknown key first, because other problems often follow from it."""
+    found = problem.errors(include_url=False)
+    # A list with a bad item is reported a second time, as too short by that item.
+    found = [one for one in found if not any(_under(one["loc"], other["loc"]) for other in found if other is not one)]
+    first, *others = sorted(found, key=lambda error: error["type"] != "extra_forbidden")
+    location = [str(part) for part in first["loc"]]
+    by_override = any(_under(location, keys) or _under(keys, location) for keys in named)
+    # A check of the whole that fails may be due to the file or to an override.
+    source = ("--set: " if location else "") if by_override else "" if path is None else f"{path}: "
+    return f"{source}{_complaint(model, first)}" + (f" (and {len(others)} more)" if others else "")
+
+
+def _under(path: Sequence[Any], other: Sequence[Any]) -> bool:
+    """Return whether the other path goes on from this one or is equal."""
+    return list(other[: len(path)]) == list(path)
+
+
+def _complaint(model: type[BaseModel], error: Any) -> str:
+    kind, location, value = error["type"], error["loc"], error["input"]
+    key = ".".join(str(part) for part in location)
+    if kind == "value_error":
+        message = str(error["ctx"]["error"])
+        about_key = message.partition(" ")[0] in _model_at(model, location).model_fields
+        return message if not key else f"{key}.{message}" if about_key else f"{key}: {message}"
+    if kind == "extra_forbidden":
+        names = list(_model_at(model, location[:-1]).model_fields)
+        close = nearest(str(location[-1]), names)
+        hint = f"did you mean {'.'.join(map(str, (*location[:-1], close)))}?" if close else f"expected {_either(names)}"
+        return f"{key} is unknown (its value is {shown(value)}); {hint}"
+    field = field_at(model, location)
+    wanted = expected(field) if isinstance(field, FieldInfo) else "a group of keys"
+    if kind == "missing":
+        return f"{key} is missing; expected {wanted}"
+    if isinstance(location[-1], int) and isinstance(field, FieldInfo):
+        wanted = f"{'.'.join(map(str, location[:-1]))} to be {wanted}"
+    mistyped = kind == "literal_error" and isinstance(value, str)
+    close = nearest(value, wanted.removeprefix("one of ").split(", ")) if mistyped else None
+    return f"{key} is {shown(value)}; expected {wanted}" + (f"; did you mean {close}?" if close else "")
+
+
+def _model_at(model: type[BaseModel], location: Sequence[str | int]) -> type[BaseModel]:
+    """Return the model whose keys stand at a location."""
+    holder = field_at(model, location)
+    if isinstance(holder, FieldInfo):
+        holder = nested_model(holder)
+    return holder or model
+
+
+def _either(names: Sequence[str]) -> str:
+    return f"one of {', '.join(names)}" if len(names) > 1 else ", ".join(names)

@@ -1,0 +1,173 @@
+"""The parts of a configuration that describe the world: the task, the vehicle's limits and the scenarios.
+
+Training and evaluation share them, so that a vehicle file or a changed scenario means the same in both. Angles
+are in degrees here, as the keys say, and radians in what the models return.
+"""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationInfo, field_validator, model_serializer, model_validator
+
+from agents.config.keys import nearest
+from agents.config.load import ConfigError, Strict, load
+from envs.encounters import SCENARIOS, Scenario
+from envs.kinematics import SURROGATE, Limits
+from envs.outcome import RULES, Rules
+
+__all__ = ["RulesConfig", "ScenarioConfig", "VehicleConfig"]
+
+
+class RulesConfig(Strict):
+    """The task; the time step is 1 s."""
+
+    t_max: float = Field(default=RULES.t_max, ge=1.0, le=3600.0, multiple_of=1.0)
+    """Time after which the goal counts as missed, s."""
+    separation: float = Field(default=RULES.separation, gt=0.0)
+    """Distance to an intruder below which an encounter is lost, m."""
+    goal_radius: float = Field(default=RULES.goal_radius, gt=0.0)
+    """Distance from the goal at which it counts as reached, m."""
+    reward_violation: float = RULES.reward_violation
+    """Score of a lost separation."""
+    reward_goal: float = RULES.reward_goal
+    """Score of a goal reached."""
+    reward_timeout: float = RULES.reward_timeout
+    """Score of a goal missed."""
+
+    def rules(self) -> Rules:
+        """Return the task's numbers as the world's functions take them."""
+        return Rules(**{name: getattr(self, name) for name in RulesConfig.model_fields})
+
+
+class VehicleConfig(Strict):
+    """Limits of the ownship, inline or as the path of a YAML file with these keys.
+
+    A path is looked for beside the configuration file first and then in the working directory.
+    """
+
+    speed_min_mps: float = Field(default=SURROGATE.speed_min, ge=0.0, le=400.0)
+    """Lowest speed, m/s."""
+    speed_max_mps: float = Field(default=SURROGATE.speed_max, gt=0.0, le=400.0)
+    """Highest speed, m/s."""
+    acceleration_min_mps2: float = Field(default=SURROGATE.acceleration_min, ge=-20.0, lt=0.0)
+    """Strongest deceleration, m/s^2, negative."""
+    acceleration_max_mps2: float = Field(default=SURROGATE.acceleration_max, gt=0.0, le=20.0)
+    """Strongest acceleration, m/s^2."""
+    yaw_rate_max_deg_s: float = Field(default=round(math.degrees(SURROGATE.yaw_rate_max), 9), gt=0.0, le=57.0)
+    """Largest turn rate to either side, deg/s."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_file(cls, data: Any, info: ValidationInfo) -> Any:
+        if not isinstance(data, (str, Path)):
+            return data
+        beside = Path((info.context or {}).get("folder", "")) / data
+        path = beside if beside.exists() else Path(data)
+        # The values, not the path: a run's own configuration must not depend on another file.
+        return load(cls, path).model_dump()
+
+    @model_validator(mode="after")
+    def _check(self) -> "VehicleConfig":
+        if self.speed_min_mps >= self.speed_max_mps:
+            raise ConfigError(
+                f"speed_min_mps is {self.speed_min_mps}; expected less than speed_max_mps, {self.speed_max_mps}"
+            )
+        return self
+
+    def limits(self) -> Limits:
+        """Return the limits as the world's functions take them."""
+        return Limits(
+            self.speed_min_mps,
+            self.speed_max_mps,
+            self.acceleration_min_mps2,
+            self.acceleration_max_mps2,
+            math.radians(self.yaw_rate_max_deg_s),
+        )
+
+
+_Range = tuple[float, float]
+_DEGREES = {"course_difference_deg", "turn_rate_deg_s", "heading_change_deg"}
+
+
+class ScenarioConfig(Strict):
+    """A scenario of :data:`envs.encounters.SCENARIOS` with its share of the encounters, some of its numbers changed.
+
+    A number that is null is as the scenario has it.
+    """
+
+    name: str = Field(default="circle", json_schema_extra={"expected": f"one of {', '.join(SCENARIOS)}"})
+    """The scenario that the numbers below change."""
+    weight: float = Field(default=1.0, gt=0.0)
+    """Share of the encounters, relative to the other scenarios' weights."""
+    radius: _Range | None = None
+    """Range of the ownship's distance from the conflict point, m; the goal lies as far behind it."""
+    own_speed: _Range | None = None
+    """Range of the ownship's initial speed, m/s."""
+    intruder_speed: _Range | None = None
+    """Range of the intruders' speed, m/s."""
+    course_difference_deg: _Range | None = None
+    """Range of the intruder's course less the ownship's, degrees clockwise: +90 comes from the left."""
+    displacement: float | None = Field(default=None, ge=0.0)
+    """Every start is moved by up to this in x and in y, m."""
+    min_initial_separation: float | None = Field(default=None, ge=0.0)
+    """Starts closer than this are redrawn, m; 0 keeps them all."""
+    conflicts_closer_than: float | None = Field(default=None, gt=0.0)
+    """Only starts whose straight courses pass closer than this are kept, m; a large number keeps them all."""
+    intruders: tuple[int, int] | None = None
+    """Fewest and most intruders, 1 to 8."""
+    turn_rate_deg_s: float | None = Field(default=None, ge=0.0, le=57.0)
+    """Largest rate of the intruder's one turn, deg/s; 0: it flies straight on."""
+    heading_change_deg: float | None = Field(default=None, ge=0.0, le=180.0)
+    """Largest heading change of that turn, degrees."""
+    position_std: float | None = Field(default=None, ge=0.0)
+    """Noise of reported positions, one sigma per axis, m."""
+    velocity_std: float | None = Field(default=None, ge=0.0)
+    """Noise of reported velocities, one sigma per axis, m/s."""
+    latency: _Range | None = None
+    """Range of the age of the reports, s, within 0 to 2."""
+    attempts: int | None = Field(default=None, ge=1, le=1000)
+    """How many draws an encounter has to meet the conditions, where encounters are numbered; training instead fills
+    its pool with starts that do."""
+
+    @field_validator("name")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        if name not in SCENARIOS:
+            close = nearest(name, SCENARIOS)
+            hint = f"; did you mean {close}?" if close else ""
+            raise ConfigError(f"{name!r} is unknown; expected one of {', '.join(SCENARIOS)}{hint}")
+        return name
+
+    @model_validator(mode="after")
+    def _check(self) -> "ScenarioConfig":
+        bounds = {
+            "radius": (100.0, 100_000.0),
+            "own_speed": (1.0, 400.0),
+            "intruder_speed": (0.0, 150.0),
+            "course_difference_deg": (-360.0, 360.0),
+            "intruders": (1, 8),
+            "latency": (0.0, 2.0),
+        }
+        for key, (low, high) in bounds.items():
+            pair = getattr(self, key)
+            if pair is not None and not low <= pair[0] <= pair[1] <= high:
+                raise ConfigError(f"{key} is [{pair[0]}, {pair[1]}]; expected [low, high] within {low} to {high}")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_null(self, handler: Any) -> dict[str, Any]:
+        return {key: value for key, value in handler(self).items() if value is not None}
+
+    def scenario(self) -> Scenario:
+        """Return the scenario with its numbers changed."""
+        changes: dict[str, Any] = {}
+        for key, value in self.model_dump(exclude={"name", "weight"}).items():
+            name = key.removesuffix("_s").removesuffix("_deg") if key in _DEGREES else key
+            changes[name] = _radians(value) if key in _DEGREES else value
+        return replace(SCENARIOS[self.name], **changes)
+
+
+def _radians(value: float | tuple[float, float]) -> float | tuple[float, ...]:
+    return tuple(math.radians(v) for v in value) if isinstance(value, tuple) else math.radians(value)

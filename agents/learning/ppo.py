@@ -1,0 +1,388 @@
+"""Proximal policy optimisation (Schulman et al. 2017): advantages, losses and the update, apart from any loop.
+
+Time runs along the first axis of a rollout, encounters along the second: ``[T, N]``.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple, cast
+
+import jax
+import jax.numpy as jnp
+import optax
+from jax.flatten_util import ravel_pytree
+
+from agents.learning.networks import Actor, Critic, Derived
+
+__all__ = [
+    "Batch",
+    "Examples",
+    "Learner",
+    "LearnerState",
+    "PpoSettings",
+    "Taught",
+    "Teacher",
+    "advantages",
+    "deviation",
+    "explained_variance",
+    "gaussian_log_prob",
+    "initial_state",
+    "learner",
+    "losses",
+    "met_by",
+    "normalized",
+    "roughness",
+    "update",
+]
+
+_LOG_SQRT_TWO_PI = 0.9189385332046727
+
+
+@dataclass(frozen=True)
+class PpoSettings:
+    """Numbers of the algorithm that are fixed when it is compiled."""
+
+    epochs: int = 4
+    minibatches: int = 32
+    segment: int = 16
+    """Steps that stay together when a rollout is shuffled; sorting single samples is slow on a CPU."""
+    clip: float = 0.2
+    entropy: float = 0.0
+    value: float = 0.5
+    max_grad_norm: float = 0.5
+    adam_epsilon: float = 1e-5
+    normalize_advantage: bool = True
+    smoothness: tuple[float, float] = (0.0, 0.0)
+    """Weights of the change of either command from one step to the next (:func:`roughness`)."""
+
+
+class Learner(NamedTuple):
+    """The networks and the optimiser: functions only."""
+
+    actor: Actor
+    critic: Critic
+    optimizer: optax.GradientTransformation
+    axis: str | None = None
+    """Name of the devices' axis inside ``shard_map``; None on one device."""
+    teacher: "Teacher | None" = None
+    """What the actor is kept to; None: to nothing."""
+
+    def policy(self, variables: Any, observation: jax.Array | Derived) -> tuple[jax.Array, jax.Array]:
+        """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
+        applied: Any = self.actor.apply(variables, observation)
+        return applied
+
+    def value(self, variables: Any, observation: jax.Array | Derived) -> jax.Array:
+        """Return the value of observations ``[..., 8]``, ``[...]``."""
+        applied: Any = self.critic.apply(variables, observation)
+        return applied
+
+
+class LearnerState(NamedTuple):
+    """What learning changes."""
+
+    actor: Any
+    critic: Any
+    optimizer: Any
+
+
+class Batch(NamedTuple):
+    """Samples for the losses; leading axes are free."""
+
+    observation: jax.Array | Derived
+    """``[..., 8]``, or what the networks derive from it."""
+    action: jax.Array
+    """As drawn, before it is clipped to the limits, ``[..., 2]``."""
+    log_prob: jax.Array
+    """Of that action under the policy that drew it, ``[...]``."""
+    advantage: jax.Array
+    target: jax.Array
+    """Return that the critic is fitted to, ``[...]``."""
+    calm: jax.Array
+    """Weight of the change from this step's action to the next one's, 0 at an episode's last step, ``[...]``."""
+    taught: "Taught | None" = None
+    """What a teacher does at the observation; None: there is no teacher."""
+
+
+class Taught(NamedTuple):
+    """Within what a teacher wants the actions, ``[..., 2]`` each; infinite where anything beyond will do."""
+
+    low: jax.Array
+    high: jax.Array
+    weight: jax.Array
+    """Of the squared distance from there in the loss."""
+
+
+Teacher = Callable[[Derived, jax.Array, jax.Array, Callable[[jax.Array], jax.Array]], Taught]
+"""(What is seen ``[...]``, how far the policy is to be held ``[...]``, its mean actions ``[..., 2]``, the policy:
+observations ``[N, 8]`` -> mean actions ``[N, 2]``) -> what the actor is kept to."""
+
+
+class Examples(NamedTuple):
+    """What somebody else does, to be imitated."""
+
+    observation: jax.Array
+    """``[M, 8]``."""
+    action: jax.Array
+    """``[M, 2]``, within [-1, 1]."""
+
+
+def learner(actor: Actor, critic: Critic, settings: PpoSettings) -> Learner:
+    """Return networks with Adam and clipping; the learning rate is applied by :func:`update`.
+
+    The gradient of each network is clipped by its own norm: a critic that errs widely shall not shorten the actor's
+    step.
+    """
+    optimizer = optax.chain(
+        _clip_apart(settings.max_grad_norm),
+        optax.scale_by_adam(eps=settings.adam_epsilon),
+    )
+    return Learner(actor, critic, optimizer)
+
+
+def _clip_apart(norm: float) -> optax.GradientTransformation:
+    """Return the scaling of each of several gradients, apart from the others, down to a global norm."""
+    clip = optax.clip_by_global_norm(norm)
+
+    def apart(updates: Any, state: Any, params: Any = None) -> tuple[Any, Any]:
+        return tuple(clip.update(gradient, state)[0] for gradient in updates), state
+
+    return optax.GradientTransformation(clip.init, apart)
+
+
+def initial_state(parts: Learner, key: jax.Array, observation_size: int) -> LearnerState:
+    """Initialise parameters and optimiser from a key."""
+    actor_key, critic_key = jax.random.split(key)
+    blank = jnp.zeros((1, observation_size))
+    actor, critic = parts.actor.init(actor_key, blank), parts.critic.init(critic_key, blank)
+    return LearnerState(actor, critic, parts.optimizer.init((actor, critic)))
+
+
+def gaussian_log_prob(action: jax.Array, mean: jax.Array, log_std: jax.Array) -> jax.Array:
+    """Return the log density of a diagonal Gaussian, summed over the last axis."""
+    z = (action - mean) * jnp.exp(-log_std)
+    return jnp.sum(-0.5 * z * z - log_std - _LOG_SQRT_TWO_PI, axis=-1)
+
+
+def gaussian_entropy(log_std: jax.Array) -> jax.Array:
+    """Return the entropy of a diagonal Gaussian, summed over the last axis, nats."""
+    return jnp.sum(log_std + 0.5 + _LOG_SQRT_TWO_PI, axis=-1)
+
+
+def advantages(
+    reward_t: jax.Array,
+    value_t: jax.Array,
+    value_tp1: jax.Array,
+    terminated_t: jax.Array,
+    truncated_t: jax.Array,
+    discount: float,
+    gae_lambda: float,
+) -> jax.Array:
+    """Return generalised advantage estimates, ``[T, N]`` (Schulman et al. 2016).
+
+    Args:
+        reward_t: of each step, ``[T, N]``.
+        value_t: of the observation before the step, ``[T, N]``.
+        value_tp1: of the observation after the step and before any reset, ``[T, N]``.
+        terminated_t: the step ended the episode for good: nothing is worth anything after it, ``[T, N]``.
+        truncated_t: the step was the episode's last for a reason outside the task: its value goes on, ``[T, N]``.
+        discount: per step.
+        gae_lambda: decay of the estimate; cut at either kind of end.
+    """
+    goes_on = 1.0 - terminated_t
+    delta_t = reward_t + discount * value_tp1 * goes_on - value_t
+    decay_t = discount * gae_lambda * goes_on * (1.0 - truncated_t)
+
+    def backward(carry: jax.Array, now: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        delta, decay = now
+        estimate = delta + decay * carry
+        return estimate, estimate
+
+    _, estimates = jax.lax.scan(backward, jnp.zeros_like(delta_t[0]), (delta_t, decay_t), reverse=True)
+    return estimates
+
+
+def met_by(action: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Return the bounds of what does the same as actions: full deflection is met by anything beyond."""
+    return jnp.where(action <= -1.0, -jnp.inf, action), jnp.where(action >= 1.0, jnp.inf, action)
+
+
+def deviation(mean: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
+    """Return the squared distance of a policy's mean actions from an interval, all of them ``[..., 2]``."""
+    return jnp.square(mean - jax.lax.stop_gradient(jnp.clip(mean, low, high)))
+
+
+def roughness(mean: jax.Array, calm: jax.Array) -> jax.Array:
+    """Return how much either command of a policy changes from one step to the next, ``[2]``.
+
+    Its sum over a flight is the commands' total variation, which a turn that lasts longer and is gentler makes smaller
+    (Mysore et al. 2021 regularise policies by a difference of this kind).
+
+    Args:
+        mean: actions of whole segments of time, ``[S, L, 2]``; what is beyond [-1, 1] is not flown.
+        calm: weight of the change to the next step, 0 where that is of another episode, ``[S, L]``.
+    """
+    flown = jnp.clip(mean, -1.0, 1.0)
+    changed = jnp.abs(flown[:, 1:] - flown[:, :-1])
+    return jnp.mean(changed * calm[:, :-1, None], axis=(0, 1))
+
+
+def normalized(advantage: jax.Array, axis: str | None = None) -> jax.Array:
+    """Return the advantages of minibatches ``[B, M]``, each with mean 0 and standard deviation 1 over its samples.
+
+    Args:
+        advantage: of the samples that each minibatch has on this device.
+        axis: of the devices that have the others, which then hear of all minibatches in one message; None: there are
+            none.
+    """
+    mean, std = _moments(advantage, axis)
+    return (advantage - mean[:, None]) / (std[:, None] + 1e-8)
+
+
+def losses(
+    parameters: tuple[Any, Any],
+    batch: Batch,
+    parts: Learner,
+    settings: PpoSettings,
+    shown: tuple[Examples, jax.Array] | None = None,
+) -> tuple[jax.Array, dict]:
+    """Return the scalar loss of a minibatch and its parts (means over the samples of this device).
+
+    Args:
+        parameters: of actor and critic.
+        batch: samples, their advantages normalised if they shall be; for smoothness, whole segments one after another.
+        parts: networks.
+        settings: of the algorithm.
+        shown: examples to be imitated besides, and the weight of that.
+    """
+    actor_variables, critic_variables = parameters
+    mean, log_std = parts.policy(actor_variables, batch.observation)
+    value = parts.value(critic_variables, batch.observation)
+
+    log_prob = gaussian_log_prob(batch.action, mean, log_std)
+    log_ratio = log_prob - batch.log_prob
+    ratio = jnp.exp(log_ratio)
+    clipped = jnp.clip(ratio, 1.0 - settings.clip, 1.0 + settings.clip)
+    policy_loss = -jnp.mean(jnp.minimum(ratio * batch.advantage, clipped * batch.advantage))
+    value_loss = 0.5 * jnp.mean(jnp.square(value - batch.target))
+    entropy = gaussian_entropy(log_std)
+    loss = policy_loss + settings.value * value_loss - settings.entropy * entropy
+    figures = {}
+    if shown is not None:
+        examples, weight = shown
+        done, _ = parts.policy(actor_variables, examples.observation)
+        figures["imitation_loss"] = jnp.mean(deviation(done, *met_by(examples.action)))
+        loss = loss + weight * figures["imitation_loss"]
+    if batch.taught is not None:
+        apart = deviation(mean, batch.taught.low, batch.taught.high)
+        figures["teaching_loss"] = jnp.mean(jnp.sum(batch.taught.weight * apart, axis=-1))
+        loss = loss + figures["teaching_loss"]
+    if any(settings.smoothness):
+        segments = (-1, settings.segment)
+        rough = roughness(mean.reshape(*segments, 2), batch.calm.reshape(segments))
+        loss = loss + rough @ jnp.array(settings.smoothness)
+        figures |= {"roughness_acceleration": rough[0], "roughness_yaw_rate": rough[1]}
+    return loss, figures | {
+        "loss": loss,
+        "policy_loss": policy_loss,
+        "value_loss": value_loss,
+        "entropy": entropy,
+        "neg_log_prob": -jnp.mean(log_prob),
+        "approx_kl": jnp.mean(ratio - 1.0 - log_ratio),
+        "clip_fraction": jnp.mean(jnp.abs(ratio - 1.0) > settings.clip),
+    }
+
+
+def update(
+    state: LearnerState,
+    rollout: Batch,
+    key: jax.Array,
+    learning_rate: jax.Array,
+    parts: Learner,
+    settings: PpoSettings,
+    shown: tuple[Examples, jax.Array] | None = None,
+    actor_rate: jax.Array | None = None,
+) -> tuple[LearnerState, dict]:
+    """Improve the networks by some epochs over a rollout.
+
+    On several devices each shuffles and cuts up the encounters that it has flown; gradients and the advantages'
+    statistics are taken over all of them, so that every device makes the same step.
+
+    Args:
+        state: parameters and optimiser.
+        rollout: ``[N, T, ...]``, encounters first, so that a segment of time is contiguous.
+        key: of the shuffles.
+        learning_rate: of this update.
+        parts: networks and optimiser.
+        settings: ``segment`` must divide T, and ``minibatches`` the number of segments.
+        shown: examples ``[M]``, of which each minibatch imitates some besides, and the weight of that.
+        actor_rate: learning rate of the actor, if it is another.
+
+    Returns:
+        The new state and the mean of each part of the loss over the last epoch, with the gradient's norm.
+    """
+    actor_rate = learning_rate if actor_rate is None else actor_rate
+    encounters, steps = rollout.log_prob.shape
+    segments = encounters * steps // settings.segment
+    per_minibatch = segments // settings.minibatches
+    rows = jax.tree.map(lambda a: a.reshape(segments, settings.segment, *a.shape[2:]), rollout)
+
+    def minibatch(carry: LearnerState, now: tuple[jax.Array, jax.Array]) -> tuple[LearnerState, dict]:
+        chosen, advantage = now
+        batch = jax.tree.map(lambda a: a[chosen].reshape(-1, *a.shape[2:]), rows)._replace(advantage=advantage)
+        some = None if shown is None else (_some(shown[0], batch, chosen), shown[1])
+        gradient_of = jax.grad(partial(losses, parts=parts, settings=settings, shown=some), has_aux=True)
+        gradient, parts_of_loss = gradient_of((carry.actor, carry.critic), batch)
+        if parts.axis is not None:
+            gradient, parts_of_loss = _mean_of_devices((gradient, parts_of_loss), parts.axis)
+        direction, optimizer = parts.optimizer.update(gradient, carry.optimizer)
+        of_actor, of_critic = cast(tuple[Any, Any], direction)
+        actor = jax.tree.map(lambda p, d: p - actor_rate * d, carry.actor, of_actor)
+        critic = jax.tree.map(lambda p, d: p - learning_rate * d, carry.critic, of_critic)
+        parts_of_loss["grad_norm"] = optax.tree.norm(gradient)
+        return LearnerState(actor, critic, optimizer), parts_of_loss
+
+    def epoch(carry: LearnerState, epoch_key: jax.Array) -> tuple[LearnerState, dict]:
+        order = jax.random.permutation(epoch_key, segments).reshape(settings.minibatches, per_minibatch)
+        advantage = rows.advantage[order].reshape(settings.minibatches, -1)
+        if settings.normalize_advantage:
+            advantage = normalized(advantage, parts.axis)
+        return jax.lax.scan(minibatch, carry, (order, advantage))
+
+    if parts.axis is not None:
+        key = jax.random.fold_in(key, jax.lax.axis_index(parts.axis))
+    state, logged = jax.lax.scan(epoch, state, jax.random.split(key, settings.epochs))
+    return state, {name: jnp.mean(values[-1]) for name, values in logged.items()}
+
+
+def _some(examples: Examples, batch: Batch, chosen: jax.Array) -> Examples:
+    """Return an eighth as many examples as a minibatch has samples, drawn by the shuffle that made it."""
+    key = jax.random.fold_in(jax.random.fold_in(jax.random.key(0), chosen[0]), chosen[1])
+    count = max(1, batch.log_prob.shape[0] // 8)
+    number = jax.random.randint(key, (count,), 0, examples.action.shape[0])
+    return jax.tree.map(lambda field: field[number], examples)
+
+
+def explained_variance(value: jax.Array, target: jax.Array, axis: str | None = None) -> jax.Array:
+    """Return the share of the returns' variance that the critic explains, 1 at best; over all devices of an axis."""
+    if axis is None:
+        return 1.0 - jnp.var(target - value) / (jnp.var(target) + 1e-8)
+    (_, left), (_, whole) = _moments((target - value).ravel(), axis), _moments(target.ravel(), axis)
+    return 1.0 - jnp.square(left) / (jnp.square(whole) + 1e-8)
+
+
+def _mean_of_devices(tree: Any, axis: str) -> Any:
+    """Return the mean of a tree over the devices of an axis, by one message instead of one a leaf."""
+    flat, restored = ravel_pytree(tree)
+    return restored(jax.lax.pmean(flat, axis))
+
+
+def _moments(values: jax.Array, axis: str | None) -> tuple[jax.Array, jax.Array]:
+    """Return mean and standard deviation along the last axis, of all devices' values where there is an axis of them."""
+    here = values.mean(axis=-1)
+    if axis is None:
+        return here, values.std(axis=-1)
+    # One message: the variance over all is that within the devices and that of their means.
+    mean, square, within = jax.lax.pmean(jnp.stack([here, jnp.square(here), values.var(axis=-1)]), axis)
+    return mean, jnp.sqrt(within + jnp.maximum(square - jnp.square(mean), 0.0))

@@ -1,0 +1,269 @@
+"""Search for an escape: coarse to fine through the family, then a local refinement of the nearest misses.
+
+The search is clairvoyant: it flies against the true motion of the intruders, so that what it finds bounds from
+above what any decider without foresight can achieve.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.manoeuvres.escape_manoeuvre import REGARDLESS, Manoeuvre, fly, steps, takeoff, tracks
+from envs.draws import normals, uniforms
+from envs.encounters import Encounter
+from envs.kinematics import Limits, VehicleState
+from envs.outcome import Rules, judge
+from envs.relative import distance, leg_separation
+from envs.trees import column, take
+
+__all__ = [
+    "CHILDREN",
+    "COARSE",
+    "ELITES",
+    "SPREAD",
+    "STAGES",
+    "Flown",
+    "Found",
+    "concatenated",
+    "fly_out",
+    "parts",
+    "refine",
+    "search",
+    "within_range",
+]
+
+BLOCK = 16_384
+"""Escapes flown at once against up to 8 intruders (fewer against more): some 100 MB."""
+
+MOST = 512
+"""Encounters whose intruders, up to 8 each, are flown at once: some 80 MB."""
+
+ELITES, CHILDREN, ROUNDS = 8, 64, 16
+"""Of the refinement: escapes kept, offspring a round, rounds."""
+
+SPREAD = Manoeuvre(np.radians(12.0), 0.7, 6.0, np.radians(25.0), 0.7, 12.0, 60.0, 0.5)
+"""One sigma of a first-round offspring's change."""
+
+
+class Flown(NamedTuple):
+    """How escapes ended; fields ``[M]``."""
+
+    arrival: Any
+    """Time at which the goal was reached, s; nan if it was not."""
+    separation: Any
+    """Smallest distance to any intruder until then, m."""
+    path: Any
+    """Length flown until the circle around the goal was entered, m; nan if it was not."""
+
+
+class Found(NamedTuple):
+    """The best escape of each encounter; fields ``[N]``, nan where none is known to work."""
+
+    manoeuvre: Manoeuvre
+    arrival: Any
+    """s."""
+    separation: Any
+    """Smallest distance to any intruder, m."""
+    path: Any
+    """Length flown, m."""
+
+
+def _grid(turns_deg: Any, throttles: Any = (0.0,), delays: Any = (0.0,), slacks: Any = (30.0,)) -> Manoeuvre:
+    """Return all combinations of turns, throttles, delayed starts (s) and slacks (m), ``[M]``."""
+    mesh = np.meshgrid(np.radians(turns_deg), throttles, delays, slacks, indexing="ij")
+    turn, throttle, delay, slack = (axis.ravel().astype(float) for axis in mesh)
+    zero = np.zeros_like(turn)
+    # A delayed start is an empty first part.
+    return Manoeuvre(zero, zero, delay, turn, throttle, zero, slack, zero)
+
+
+def concatenated(*parts: Manoeuvre) -> Manoeuvre:
+    """Return families one after the other, ``[M]``."""
+    return Manoeuvre(*(np.concatenate(field) for field in zip(*parts, strict=True)))
+
+
+def _both_sides(turns_deg: Any) -> Any:
+    return np.concatenate([np.asarray(turns_deg), -np.asarray(turns_deg)])
+
+
+_PLAIN = _grid([0.0], slacks=[REGARDLESS])
+_THROTTLES = (-1.0, 0.0, 1.0)
+COARSE = _grid(np.arange(-180.0, 180.1, 15.0), _THROTTLES)
+
+
+def _staying_away(turns_deg: Any, resumes: Any) -> Manoeuvre:
+    """Return turns that do not come back before a time, s: with one throttle, or slow and then fast, ``[M]``."""
+    slow_then_fast = (-1.0, 1.0)
+    throttles = ((-1.0, -1.0), (0.0, 0.0), (1.0, 1.0), slow_then_fast)
+    mesh = np.meshgrid(np.radians(turns_deg), np.arange(len(throttles)), resumes, indexing="ij")
+    turn, pair, resume = (axis.ravel() for axis in mesh)
+    first, then = np.array(throttles)[pair.astype(int)].T
+    zero = np.zeros_like(turn)
+    return Manoeuvre(turn, first, zero + 15.0, zero, then, resume, zero, np.maximum(then, 0.0))
+
+
+STAGES: tuple[Manoeuvre, ...] = (
+    concatenated(_PLAIN, _grid(_both_sides([20.0, 45.0, 75.0, 110.0]))),
+    COARSE,
+    _grid(np.arange(-172.5, 172.6, 15.0), _THROTTLES),
+    _grid(np.arange(-150.0, 150.1, 15.0), _THROTTLES, delays=[5.0, 10.0, 20.0, 40.0], slacks=[0.0, 200.0]),
+    _staying_away(np.arange(-180.0, 180.1, 15.0), [20.0, 30.0]),
+)
+"""What is flown, coarse to fine: each stage only for the encounters that those before it left unsolved."""
+
+
+def fly_out(
+    encounter: Encounter,
+    traffic: VehicleState,
+    which: Any,
+    manoeuvre: Manoeuvre,
+    rules: Rules,
+    limits: Limits,
+    *,
+    scoring: bool = False,
+    first: bool = True,
+) -> Flown:
+    """Fly escapes to their ends, ``[M]``.
+
+    Args:
+        encounter: ``[N]``.
+        traffic: its intruders' states ``[T + 1, N, K]``.
+        which: number of the encounter that each escape belongs to, ``[M]``.
+        manoeuvre: the escapes, ``[M]``.
+        rules: of the task.
+        limits: of the ownship.
+        scoring: go on after a violation, to learn by how much it was missed. Otherwise an escape is dropped at
+            its violation.
+        first: without scoring, drop all of an encounter's escapes as soon as one of them has reached the goal.
+    """
+    arrival, path = np.full((2, which.size), np.nan)
+    closest = np.full(which.size, np.inf)
+    rows = np.arange(which.size)
+    solved = np.zeros(np.shape(encounter.goal_x), dtype=bool)
+    goal, mask = take((encounter.goal_x, encounter.goal_y), which), encounter.mask[which]
+    flight, now = takeoff(take(encounter.own, which), manoeuvre), take(traffic, (0, which))
+    length = np.zeros(which.size)
+    was_off = distance(goal[0] - flight.own.x, goal[1] - flight.own.y, np)
+    for index in range(steps(rules)):
+        after = take(traffic, (index + 1, which))
+        moved = fly(flight, manoeuvre, index * rules.dt, goal, now, mask, rules, limits)
+        apart = leg_separation(column(flight.own), column(moved.own), now, after, rules.dt, np)
+        separation = np.min(np.where(mask, apart, np.inf), axis=-1)
+        to_goal = distance(goal[0] - moved.own.x, goal[1] - moved.own.y, np)
+        flown = (0.5 * rules.dt) * (flight.own.speed + moved.own.speed)
+        flight, now, time = moved, after, (index + 1) * rules.dt
+        closest[rows] = np.minimum(closest[rows], separation)
+        judged = judge(np.inf if scoring else separation, to_goal, time, rules, np)
+        arrival[rows[judged.reached]] = time
+        # Of the last step only what lies outside the goal's circle counts, or the length would come in steps of 75 m.
+        outside = np.clip((was_off - rules.goal_radius) / np.maximum(was_off - to_goal, 1e-9), 0.0, 1.0)
+        path[rows[judged.reached]] = (length + outside * flown)[judged.reached]
+        length, was_off = length + flown, to_goal
+        going_on = ~judged.ended(np)
+        if first and not scoring:
+            solved[which[judged.reached]] = True
+            going_on &= ~solved[which]
+        if not going_on.all():
+            rows, which, goal, mask = rows[going_on], which[going_on], take(goal, going_on), mask[going_on]
+            flight, now, manoeuvre = take(flight, going_on), take(now, going_on), take(manoeuvre, going_on)
+            length, was_off = length[going_on], was_off[going_on]
+            if rows.size == 0:
+                break
+    return Flown(arrival, closest, path)
+
+
+def search(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
+    """Look for an escape of every encounter ``[N]``: the first to reach the goal of the first stage that has one."""
+    count = np.shape(encounter.goal_x)[0]
+    found = _nothing(count)
+    for stage in STAGES:
+        left = np.flatnonzero(np.isnan(found.arrival))
+        for part in parts(left, stage.turn.size, encounter):
+            chosen = take(encounter, part)
+            which = np.repeat(np.arange(part.size), stage.turn.size)
+            family = Manoeuvre(*(np.tile(field, part.size) for field in stage))
+            flown = fly_out(chosen, tracks(chosen, steps(rules), rules), which, family, rules, limits)
+            _keep_best(found, part, which, family, flown)
+    left = np.flatnonzero(np.isnan(found.arrival))
+    for part in parts(left, max(CHILDREN, COARSE.turn.size), encounter):
+        refined = refine(take(encounter, part), rules, limits)
+        for old, new in zip(_leaves(found), _leaves(refined), strict=True):
+            old[part] = new
+    return found
+
+
+def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
+    """Improve the nearest misses of the coarse family by random changes until they keep the separation, ``[N]``."""
+    count = np.shape(encounter.goal_x)[0]
+    traffic = tracks(encounter, steps(rules), rules)
+    found = _nothing(count)
+    # Offspring of one round are the same changes for every encounter, so that results do not depend on the batch.
+    changes = normals(0, 0, ROUNDS, (len(SPREAD), CHILDREN))
+    parents = (uniforms(0, 0, ROUNDS, (CHILDREN,), stream=1) * ELITES).astype(int)
+    elites: Any = None
+    for index in range(ROUNDS + 1):
+        left = np.flatnonzero(np.isnan(found.arrival))
+        if left.size == 0:
+            break
+        if elites is None:
+            tried = np.broadcast_to(np.stack(COARSE)[:, None], (len(SPREAD), count, COARSE.turn.size))
+            elites = np.zeros((len(SPREAD), count, 0)), np.zeros((count, 0))
+        else:
+            spread = np.array(SPREAD)[:, None] * changes[index - 1] * 0.8 ** (index - 1)
+            tried = within_range(elites[0][:, left][..., parents[index - 1]] + spread[:, None])
+        family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
+        which = np.repeat(left, tried.shape[-1])
+        flown = fly_out(encounter, traffic, which, family, rules, limits, scoring=True)
+        works = ~np.isnan(flown.arrival) & (flown.separation >= rules.separation)
+        arrival = np.where(works, flown.arrival, np.nan)
+        _keep_best(found, np.arange(count), which, family, flown._replace(arrival=arrival))
+
+        # Who misses the goal comes after all who reach it.
+        score = np.where(np.isnan(flown.arrival), flown.separation - 1e6, flown.separation).reshape(left.size, -1)
+        pool = np.concatenate([elites[0][:, left], tried], axis=-1)
+        scores = np.concatenate([elites[1][left], score], axis=-1)
+        best = np.argsort(-scores, axis=-1, kind="stable")[:, :ELITES]
+        kept = np.zeros((len(SPREAD), count, ELITES)), np.zeros((count, ELITES))
+        kept[0][:, left] = np.take_along_axis(pool, best[None], axis=-1)
+        kept[1][left] = np.take_along_axis(scores, best, axis=-1)
+        elites = kept
+    return found
+
+
+def within_range(values: Any) -> Any:
+    """Return parameters ``[8, ...]`` that are manoeuvres again."""
+    changed = Manoeuvre(*values)
+    return np.stack(
+        changed._replace(
+            throttle=np.clip(changed.throttle, -1.0, 1.0),
+            switch=np.maximum(changed.switch, 0.0),
+            throttle_after=np.clip(changed.throttle_after, -1.0, 1.0),
+            resume=np.maximum(changed.resume, 0.0),
+            throttle_home=np.clip(changed.throttle_home, -1.0, 1.0),
+        )
+    )
+
+
+def _keep_best(found: Found, part: Any, which: Any, family: Manoeuvre, flown: Flown) -> None:
+    """Write, per encounter, the earliest arrival of what was flown (the widest of those) into what is found."""
+    arrived = np.flatnonzero(~np.isnan(flown.arrival))
+    arrived = arrived[np.lexsort((-flown.separation[arrived], flown.arrival[arrived]))]
+    owners, first = np.unique(which[arrived], return_index=True)
+    chosen = arrived[first]
+    for old, new in zip(_leaves(found), (*family, *flown), strict=True):
+        old[part[owners]] = new[chosen]
+
+
+def _nothing(count: int) -> Found:
+    return Found(Manoeuvre(*np.full((len(SPREAD), count), np.nan)), *np.full((3, count), np.nan))
+
+
+def _leaves(found: Found) -> tuple[Any, ...]:
+    return (*found.manoeuvre, *found[1:])
+
+
+def parts(indices: Any, each: int, encounter: Encounter) -> list[Any]:
+    """Split indices of encounters into parts that fit into memory, with so many escapes each."""
+    crowd = max(encounter.mask.shape[-1] / 8, 1.0)
+    size = max(int(min(BLOCK / each, MOST) / crowd), 1)
+    return [indices[first : first + size] for first in range(0, indices.size, size)]

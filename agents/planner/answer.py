@@ -1,0 +1,129 @@
+"""A plan: what the planner answers, safe or not, and why."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from envs.waypoints import Waypoint
+
+__all__ = ["WAYPOINTS", "Excluded", "Kind", "Plan", "Reason", "RequestError", "Source", "Status"]
+
+WAYPOINTS = 20
+"""Of a plan: 19, one every 20 s, and a point of the route."""
+
+
+class Status(Enum):
+    """Whether a plan may be flown."""
+
+    SAFE = "safe"
+    UNRESOLVED = "unresolved"
+
+
+class Source(Enum):
+    """Who made the plan."""
+
+    POLICY = "policy"
+    FALLBACK = "fallback"
+    NONE = "none"
+    """There is no trajectory at all."""
+
+
+class Kind(Enum):
+    """What is wrong with a plan or a request."""
+
+    NOT_FINITE = "not_finite"
+    """A waypoint is not a number."""
+    COUNT = "count"
+    """There are not 20 waypoints."""
+    TIMES = "times"
+    """Times do not increase."""
+    INDICES = "indices"
+    """Indices are not unique, or one of the 19 is the route's."""
+    OFF_ROUTE = "off_route"
+    """The last waypoint is not a point of the route."""
+    LEG = "leg"
+    """No curve joins two waypoints."""
+    SPEED = "speed"
+    ACCELERATION = "acceleration"
+    TURN_RATE = "turn_rate"
+    SEPARATION = "separation"
+    """The plan comes closer to an intruder than required."""
+    NO_REJOIN = "no_rejoin"
+    """The route was not rejoined in time."""
+    GOAL_BEHIND = "goal_behind"
+    """No point of the route lies ahead."""
+    GOAL_TOO_FAR = "goal_too_far"
+    """No point of the route can be reached in time."""
+    ROUTE_TOO_SHORT = "route_too_short"
+    """The route ends before the plan does, and may not be extended."""
+    START_IN_VIOLATION = "start_in_violation"
+    """An intruder is closer than the separation at the request already."""
+
+
+class RequestError(ValueError):
+    """A request that cannot be planned for; the message says what, where and what was expected.
+
+    Attributes:
+        field: what is wrong, such as ``own.speed`` or ``intruders[1].x``.
+    """
+
+    field: str
+
+    def __init__(self, field: str, problem: str) -> None:
+        super().__init__(f"{field} {problem}")
+        self.field = field
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """One thing that is wrong, with its first time and place where there is one."""
+
+    kind: Kind
+    field: str
+    """What it is about: ``waypoints[3]``, ``intruders[0]``, ``route``."""
+    message: str
+    time: float | None = None
+    """s after the request."""
+    x: float | None = None
+    """East, m."""
+    y: float | None = None
+    """North, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Excluded:
+    """An intruder that the plan takes no account of."""
+
+    number: int
+    """Its place in the request."""
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """The answer to a request."""
+
+    status: Status
+    """SAFE only if the validator found nothing wrong."""
+    source: Source
+    reasons: tuple[Reason, ...]
+    """Why the plan is not safe; empty for a safe one."""
+    min_separation: float
+    """Smallest distance to any intruder on the whole plan, m; inf without intruders, nan without a trajectory."""
+    time_of_min_separation: float
+    """s after the request; nan where there is none."""
+    goal_index: int | None
+    """Index of the route's point at which the route is rejoined."""
+    rejoin_time: float
+    """When that is, s after the request; nan without a trajectory."""
+    excluded: tuple[Excluded, ...]
+    waypoints: tuple[Waypoint, ...]
+    """20, the last of them a point of the route; none where no trajectory could be made."""
+    cost: float = float("nan")
+    """Extra path, time and reversals as metres (:mod:`agents.planner.fallback`)."""
+    advisory: str | None = None
+    """What a person should know besides, such as that the policy's own plan was not safe."""
+
+    @property
+    def safe(self) -> bool:
+        """Whether it may be flown."""
+        return self.status is Status.SAFE

@@ -1,0 +1,75 @@
+"""What is published, checked once more: 20 waypoints under indices of their own, the last one a point of the route.
+
+The validator judges knots; this looks at the waypoints that leave the house, and at the route as it was asked for. It
+shares nothing with those who wrote them.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+from agents.planner.answer import WAYPOINTS, Kind, Reason
+from envs.waypoints import RoutePoint, Waypoint
+
+__all__ = ["ON_ROUTE", "audit"]
+
+ON_ROUTE = 1e-3
+"""By how much the last waypoint may stand beside its point of the route, m."""
+
+
+def audit(waypoints: Sequence[Waypoint], route: Sequence[RoutePoint], *, extended: bool = False) -> list[Reason]:
+    """Return what is wrong with waypoints as they are published.
+
+    Args:
+        waypoints: in the order in which they are flown.
+        route: as it was asked for.
+        extended: whether the plan may end beyond the route, on the straight line of its last leg.
+    """
+    found = []
+    if len(waypoints) != WAYPOINTS:
+        found.append(_reason(Kind.COUNT, "waypoints", f"are {len(waypoints)}, expected {WAYPOINTS}"))
+    for number, point in enumerate(waypoints):
+        if not all(map(math.isfinite, (point.x, point.y, point.heading, point.speed, point.time))):
+            found.append(_reason(Kind.NOT_FINITE, f"waypoints[{number}]", "is not finite"))
+    taken = Counter(point.index for point in waypoints)
+    taken.update(point.index for point in route)
+    ends_route = bool(waypoints) and waypoints[-1].index in {point.index for point in route}
+    for number, point in enumerate(waypoints):
+        last = number == len(waypoints) - 1
+        if taken[point.index] > (2 if last and ends_route else 1):
+            what = f"has index {point.index}, which another waypoint or a point of the route has too"
+            found.append(_reason(Kind.INDICES, f"waypoints[{number}]", what, point))
+    if waypoints:
+        found += _last(waypoints[-1], len(waypoints) - 1, route, extended)
+    return found
+
+
+def _last(point: Waypoint, number: int, route: Sequence[RoutePoint], extended: bool) -> list[Reason]:
+    """Return whether the plan's last waypoint is off the route."""
+    name = f"waypoints[{number}]"
+    same = next((candidate for candidate in route if candidate.index == point.index), None)
+    if same is not None:
+        off = math.hypot(point.x - same.x, point.y - same.y)
+        wanted = f"the route's point {same.index}"
+    elif extended and len(route) > 1:
+        before, end = route[-2], route[-1]
+        dx, dy = end.x - before.x, end.y - before.y
+        length = math.hypot(dx, dy)
+        if length <= 0.0:
+            return [_reason(Kind.OFF_ROUTE, name, "cannot be on a route whose last leg has no length", point)]
+        along = ((point.x - end.x) * dx + (point.y - end.y) * dy) / length
+        # Behind the route's end the nearest point of the line's extension is that end.
+        along = max(along, 0.0)
+        off = math.hypot(point.x - end.x - along * dx / length, point.y - end.y - along * dy / length)
+        wanted = "the line on which the route goes on"
+    else:
+        return [_reason(Kind.OFF_ROUTE, name, f"has index {point.index}, which no point of the route has", point)]
+    if off <= ON_ROUTE:
+        return []
+    return [_reason(Kind.OFF_ROUTE, name, f"is {off:.3f} m off {wanted}", point)]
+
+
+def _reason(kind: Kind, name: str, what: str, point: Waypoint | None = None) -> Reason:
+    if point is None:
+        return Reason(kind, name, f"{name} {what}")
+    return Reason(kind, name, f"{name} {what}", point.time, point.x, point.y)

@@ -1,0 +1,163 @@
+"""The fallback: a family of extremal manoeuvres, searched for the safe plan of least cost.
+
+The manoeuvres are those of :mod:`agents.manoeuvres.escape_manoeuvre` (turn left or right by any amount, then straight;
+accelerate, hold, decelerate; begin later; rejoin by the shortest turn as soon as the way is clear), flown against the
+predicted intruders (:mod:`agents.planner.fallback_flight`). Those that stay clear on the way are ranked by cost, and
+the first few completed and validated like any other plan. They stay within the surrogate's limits at first; where that
+yields nothing, within those that the legs may have, and with more of them; at the end the nearest misses are refined by
+random changes, each judged by the validator itself.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from agents.manoeuvres.escape_manoeuvre import Manoeuvre
+from agents.manoeuvres.escape_search import CHILDREN, COARSE, ELITES, SPREAD, STAGES, concatenated, within_range
+from agents.planner.candidates import REVERSAL_WEIGHT, TIME_WEIGHT, Proposals, better, nothing, propose, put
+from agents.planner.fallback_flight import SMOOTHING, fly_out
+from agents.planner.request import Options, Request, bold
+from envs.draws import normals, uniforms
+from envs.trees import take
+
+__all__ = ["refine", "search"]
+
+_BLOCK = 16_384  # manoeuvres in the air at once
+_CHEAPEST, _CLEAREST = 4, 2  # plans of a stage that are validated
+_HOPELESS = -40.0  # m of clearance below which no smoothing helps
+_ROUNDS = 12
+_WITHIN = 200.0  # m of clearance that small changes can bring
+_SOON = 150.0  # s by which the manoeuvres of the quick stages turn back
+_ENOUGH = 12  # manoeuvres of a request that end well
+_PATIENCE, _PROGRESS = 3, 0.2  # rounds of the refinement, and the part of what is missing that they must bring
+
+
+def search(request: Request, goal: Any, options: Options) -> Proposals:
+    """Return the best plan that the family's stages hold, ``[N]``.
+
+    Args:
+        request: ``[N]``.
+        goal: number of the route's point to rejoin at, ``[N]``.
+        options: how plans shall be.
+    """
+    best = nothing(goal.size)
+    last = replace(options, manoeuvre=bold(options))
+    stages = [(_FIRST, options, _SOON), (_SEEDS, last, _SOON)]
+    stages += [(STAGES[3], last, np.inf)] if options.thorough else []
+    for stage, asked, longest in stages:
+        left = np.flatnonzero(~best.safe)
+        for part in _parts(left, stage.turn.size):
+            _improve(best, part, request, goal, stage, asked, longest)
+    return best
+
+
+def refine(request: Request, goal: Any, options: Options) -> Proposals:
+    """Return the best plan of a random refinement of the nearest misses, ``[N]``."""
+    best, options = nothing(goal.size), replace(options, manoeuvre=bold(options))
+    changes = normals(0, 0, _ROUNDS, (len(SPREAD), CHILDREN))
+    parents = (uniforms(0, 0, _ROUNDS, (CHILDREN,), stream=1) * ELITES).astype(int)
+    history = np.full((goal.size, _ROUNDS + 1), -np.inf)
+    for part in _parts(np.arange(goal.size), _SEEDS.turn.size):
+        left, pool, scores = part, np.zeros((len(SPREAD), part.size, 0)), np.zeros((part.size, 0))
+        for index in range(_ROUNDS + 1):
+            if index == 0:
+                tried = np.broadcast_to(np.stack(_SEEDS)[:, None], (len(SPREAD), left.size, _SEEDS.turn.size))
+            else:
+                spread = np.array(SPREAD)[:, None] * changes[index - 1] * 0.8 ** (index - 1)
+                tried = within_range(pool[..., parents[index - 1]] + spread[:, None])
+            # What begins was validated by the stages before as far as it was promising.
+            score = _tried(best, left, request, goal, tried, options, judge=index > 0)
+            pool = np.concatenate([pool, tried], axis=-1)
+            scores = np.concatenate([scores, score], axis=-1)
+            order = _elites(pool[0], scores)
+            pool = np.take_along_axis(pool, order[None], axis=-1)
+            scores = np.take_along_axis(scores, order, axis=-1)
+            history[left, index] = scores.max(axis=-1)
+            going_on = ~best.safe[left] & (history[left, index] >= -_WITHIN)
+            if index >= _PATIENCE:
+                gained = history[left, index] - history[left, index - _PATIENCE]
+                going_on &= gained >= _PROGRESS * -history[left, index - _PATIENCE]
+            left, pool, scores = left[going_on], pool[:, going_on], scores[going_on]
+            if left.size == 0:
+                break
+    return best
+
+
+def _elites(turn: Any, scores: Any) -> Any:
+    """Return the numbers of the best manoeuvres, half of them to the left and half to the right, ``[n, ELITES]``.
+
+    Otherwise all of them soon turn to the side that looks better at first.
+    """
+    each = ELITES // 2
+    sides = (np.where(side, scores, scores - 1e9) for side in (turn >= 0.0, turn < 0.0))
+    return np.concatenate([np.argsort(-side, axis=-1, kind="stable")[:, :each] for side in sides], axis=-1)
+
+
+def _tried(best: Proposals, left: Any, request: Request, goal: Any, tried: Any, options: Options, judge: bool) -> Any:
+    """Fly manoeuvres ``[8, n, M]``, complete and validate them; return how near each is to a safe plan, ``[n, M]``.
+
+    Without ``judge`` they are only flown, and ranked by the clearance on the way.
+    """
+    each = tried.shape[-1]
+    request, goal, which = take(request, left), goal[left], np.repeat(np.arange(left.size), each)
+    family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
+    flown = fly_out(request, goal, which, family, options, -np.inf, tried.size)
+    if not judge:
+        fault = np.where(np.isfinite(flown.rollout.time), 0.0, 1e6)
+        return (np.minimum(flown.clearance, 1e4) - fault).reshape(left.size, each)
+    plans = propose(take(request, which), flown.rollout, goal[which], options)
+    _keep(best, left[which], plans)
+    # Who misses the goal or a limit comes after all who do not.
+    fault = np.where(plans.legal, 0.0, np.where(np.isfinite(plans.clearance), 1e5, 1e6))
+    clearance = np.where(np.isfinite(plans.clearance), plans.clearance, flown.clearance)
+    return (np.minimum(clearance, 1e4) - fault).reshape(left.size, each)
+
+
+def _improve(
+    best: Proposals, part: Any, request: Request, goal: Any, stage: Manoeuvre, options: Options, longest: float = np.inf
+) -> None:
+    """Try a stage of the family on some requests."""
+    each = stage.turn.size
+    request, goal, which = take(request, part), goal[part], np.repeat(np.arange(part.size), each)
+    family = Manoeuvre(*(np.tile(field, part.size) for field in stage))
+    flown = fly_out(request, goal, which, family, options, _HOPELESS, _ENOUGH, longest)
+    rollout = flown.rollout
+    arrived = np.isfinite(rollout.time) & (flown.clearance >= _HOPELESS)
+    # The same cost as of plans, but for what is equal for all manoeuvres of a request.
+    to_x, to_y = (field[which, goal[which]] for field in (request.route_x, request.route_y))
+    home = np.hypot(to_x - rollout.end.x, to_y - rollout.end.y)
+    time = rollout.time + home / rollout.end.speed
+    cost = rollout.path + home + TIME_WEIGHT * time * request.own.speed[which] + REVERSAL_WEIGHT * rollout.reversals
+    cost = np.where(arrived, cost + 20.0 * np.maximum(SMOOTHING - flown.clearance, 0.0), np.inf).reshape(-1, each)
+    spare = np.where(arrived, flown.clearance, -np.inf).reshape(-1, each)
+    picked = np.zeros(cost.shape, dtype=bool)
+    np.put_along_axis(picked, np.argsort(cost, axis=-1, kind="stable")[:, :_CHEAPEST], True, axis=-1)
+    np.put_along_axis(picked, np.argsort(-spare, axis=-1, kind="stable")[:, :_CLEAREST], True, axis=-1)
+    rows = np.flatnonzero(picked.ravel() & arrived)
+    if rows.size:
+        owners = which[rows]
+        plans = propose(take(request, owners), take(rollout, rows), goal[owners], options)
+        _keep(best, part[owners], plans)
+
+
+def _keep(best: Proposals, owners: Any, plans: Proposals) -> None:
+    """Write, per request, the best of the plans into the best so far."""
+    key = np.where(plans.safe, plans.cost, np.where(plans.legal, 1e6, 2e6) - np.clip(plans.clearance, -1e5, 1e5) * 0.1)
+    order = np.lexsort((key, ~plans.safe, owners))
+    owner, first = np.unique(owners[order], return_index=True)
+    chosen = take(plans, order[first])
+    gain = better(chosen, take(best, owner))
+    put(best, owner[gain], take(chosen, gain))
+
+
+_FIRST = concatenated(*STAGES[:2])
+
+
+_SEEDS = concatenated(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
+"""Also manoeuvres that do not turn back before the intruder has passed."""
+
+
+def _parts(rows: Any, each: int) -> list[Any]:
+    size = max(_BLOCK // each, 1)
+    return [rows[first : first + size] for first in range(0, rows.size, size)]

@@ -1,0 +1,209 @@
+"""Manoeuvres of the fallback in the air: many at once, until the direct way to the goal is clear.
+
+They fly several strides at once in a few calls on arrays, because a call costs more than the strides that somebody
+who ends among them is flown for nothing.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.manoeuvres.direct_to_goal import clear
+from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly_away, takeoff
+from agents.planner.candidates import task_of
+from agents.planner.request import Options, Request, keeping
+from agents.planner.rollout import Rollout
+from agents.planner.traffic import predicted, uncertainty
+from envs.angles import wrap
+from envs.kinematics import Limits, VehicleState
+from envs.relative import leg_separation
+from envs.trees import take
+
+__all__ = ["SMOOTHING", "STRIDE", "Flown", "fly_out"]
+
+STRIDE = 5.0
+"""Time step of the search, s."""
+
+SMOOTHING = 25.0
+"""What legs may take from the flown clearance, m; less than that makes a manoeuvre doubtful."""
+
+_PER_SPACING = 4  # strides between knots
+_AT_ONCE = 6  # strides flown at once at first
+_PAIRS = 8_192  # strides times manoeuvres times intruders at once: more do not stay in a core's cache
+
+
+class Flown(NamedTuple):
+    """Manoeuvres flown until the way back is clear; fields ``[M]``."""
+
+    rollout: Rollout
+    clearance: Any
+    """Smallest distance to any intruder less the required one, until then, m; an estimate."""
+
+
+def fly_out(
+    request: Request,
+    goal: Any,
+    which: Any,
+    manoeuvre: Manoeuvre,
+    options: Options,
+    least: float,
+    enough: int,
+    longest: float = np.inf,
+) -> Flown:
+    """Fly manoeuvres until the direct way to the goal is clear, ``[M]``.
+
+    Args:
+        request: ``[N]``.
+        goal: number of the route's point that each leads to, ``[N]``.
+        which: number of the request of each manoeuvre, ``[M]``.
+        manoeuvre: ``[M]``.
+        options: how plans shall be.
+        least: clearance, m, below which a manoeuvre is given up.
+        longest: latest time at which a manoeuvre may turn back, s.
+        enough: once so many of a request's manoeuvres have ended well, the others are given up.
+    """
+    task = task_of(options)
+    last = int(min(task.until, longest) / STRIDE)
+    number = np.arange(goal.size)
+    goal_x, goal_y = request.route_x[number, goal], request.route_y[number, goal]
+    scene = _scene(request, options, last)
+    landed = _Landed(which.size, last)
+    rows, of, arrivals, first = np.arange(which.size), which, np.zeros(goal.size, dtype=int), 0
+    flight, closest = takeoff(take(request.own, of), manoeuvre), np.full(which.size, np.inf)
+    while rows.size and first <= last:
+        count = min(_at_once(rows.size * scene.owed.shape[-1], first), last + 1 - first)
+        # Whoever ends in one of these strides is flown to the last of them for nothing; calls cost more than that.
+        strides = np.arange(first, first + count)
+        flown, flight = fly_away(flight, manoeuvre, first, count, STRIDE, task.limits)
+        spare = scene.spare(flown, first, of)
+        # At the beginning of each stride, and after the last.
+        nearest = np.minimum.accumulate(np.concatenate([closest[None], spare]), axis=0)
+        closest, nearest = nearest[-1], nearest[:-1]
+        hopeful = nearest >= least
+        homing = hopeful & (strides[:, None] * STRIDE >= manoeuvre.resume)
+        at, asking = np.nonzero(homing)
+        own = VehicleState(*(field[at, asking][:, None] for field in flown))
+        there, owner = strides[at], of[asking]
+        seen = VehicleState(*(field[there, owner] for field in scene.others))
+        keep = scene.owed[owner] + manoeuvre.slack[asking, None]
+        to = goal_x[owner, None], goal_y[owner, None]
+        homing[at, asking] = np.all(clear(own, to, seen, keep, there[:, None] * STRIDE, task, np), axis=-1)
+
+        end, ended = _first(homing | ~hopeful)
+        each = np.arange(rows.size)
+        home = ended & homing[end, each] & (nearest[end, each] >= max(least, SMOOTHING))
+        # Whoever is under way for longer than so many others costs more than they.
+        well = np.zeros((count, goal.size), dtype=int)
+        np.add.at(well, (end[home], of[home]), 1)
+        well = arrivals + np.cumsum(well, axis=0)
+        full, enough_there = _first(well >= enough)
+        arrivals = well[-1]
+        over = np.minimum(np.where(ended, end, count), np.where(enough_there, full, count)[of])
+        on = over == count
+        over = np.minimum(over, count - 1)
+        done = ~on & homing[over, each]
+        landed.note(rows, strides, flown, over, done, nearest[over, each])
+        if not on.all():
+            rows, of, manoeuvre, flight, closest = take((rows, of, manoeuvre, flight, closest), on)
+        first += count
+    return Flown(landed.rollout(task.limits), landed.clearance)
+
+
+def _at_once(pairs: int, first: int) -> int:
+    """Return how many strides to fly at once: as many as were flown before, because most ways home are clear soon."""
+    return max(min(max(first, _AT_ONCE), _PAIRS // max(pairs, 1)), 1)
+
+
+def _first(happens: Any) -> tuple[Any, Any]:
+    """Return in which row something ``[S, M]`` happens first, 0 where it does not, and whether it does, ``[M]``."""
+    return np.argmax(happens, axis=0), happens.any(axis=0)
+
+
+class _Scene(NamedTuple):
+    """The intruders of requests at each stride."""
+
+    others: VehicleState
+    """``[S, N, K]``."""
+    owed: Any
+    """Distance to keep from each at first, m, ``[N, K]``; -inf of who is not there."""
+    growth: Any
+    """What uncertainty adds to it by the end of each stride, m, ``[S - 1, N, K]``; None: nothing."""
+
+    def spare(self, flown: VehicleState, first: int, of: Any) -> Any:
+        """Return the least distance less the owed one in each stride, ``[S, M]``, inf without intruders.
+
+        Args:
+            flown: states before and after them, ``[S + 1, M]``.
+            first: number of the first.
+            of: number of the request of each manoeuvre, ``[M]``.
+        """
+        count = len(flown.x) - 1
+        # The intruders of a single request are seen by all of its manoeuvres.
+        of = slice(None) if len(self.owed) == 1 else of
+        own = VehicleState(*(field[..., None] for field in flown))
+        seen = VehicleState(*(field[first : first + count + 1, of] for field in self.others))
+        before, after = slice(-1), slice(1, None)
+        spare = leg_separation(take(own, before), take(own, after), take(seen, before), take(seen, after), STRIDE, np)
+        spare = spare - self.owed[of]
+        if self.growth is not None:
+            spare = spare - self.growth[first : first + count, of]
+        return np.min(spare, axis=-1, initial=np.inf)
+
+
+def _scene(request: Request, options: Options, last: int) -> _Scene:
+    """Return the intruders of requests ``[N]`` up to the end of a stride."""
+    traffic = request.traffic
+    times = np.arange(last + 2)[:, None, None] * STRIDE
+    growth = None
+    if traffic.position_std.any() or traffic.velocity_std.any():
+        growth = options.requirement.sigmas * (uncertainty(traffic, times[1:]) - traffic.position_std)
+    return _Scene(predicted(traffic, times), np.where(traffic.mask, keeping(request, options), -np.inf), growth)
+
+
+class _Landed:
+    """Where manoeuvres have been and ended."""
+
+    def __init__(self, count: int, last: int) -> None:
+        self._states = VehicleState(*(np.full((last + 1, count), np.nan) for _ in range(4)))
+        self._end, self._done = np.full(count, last), np.zeros(count, dtype=bool)
+        self.clearance = np.full(count, np.inf)
+
+    def note(self, rows: Any, strides: Any, flown: VehicleState, over: Any, done: Any, nearest: Any) -> None:
+        """Note some strides of the manoeuvres in the air.
+
+        Args:
+            rows: their numbers, ``[M]``.
+            strides: numbers, ``[S]``.
+            flown: states at the beginning of each stride, and more, ``[S + 1, M]``.
+            over: the last of these strides in which each is in the air, ``[M]``.
+            done: whether it turned back there, ``[M]``.
+            nearest: its clearance by then, ``[M]``.
+        """
+        for field, value in zip(self._states, flown, strict=True):
+            field[strides[0] : strides[-1] + 1, rows] = value[:-1]
+        self._end[rows], self._done[rows], self.clearance[rows] = strides[over], done, nearest
+
+    def rollout(self, limits: Limits) -> Rollout:
+        """Return the manoeuvres; all of them are direct."""
+        strides = np.arange(len(self._states.x))[:, None]
+        rows = np.flatnonzero(self._done)
+        end, none = self._end[rows], np.zeros((1, rows.size))
+        turned = wrap(np.diff(self._states.heading[:, rows], axis=0), np)
+        turning = (np.abs(turned) > 0.1 * limits.yaw_rate_max * STRIDE) & (strides[1:] <= end)
+        sign = np.concatenate([none, np.where(turning, np.sign(turned), 0.0)])
+        side = np.take_along_axis(sign, np.maximum.accumulate(np.where(sign != 0.0, strides, 0), axis=0), axis=0)
+        reversals = np.sum(sign[1:] * side[:-1] < 0.0, axis=0)
+        speed = self._states.speed[:, rows]
+        path = np.concatenate([none, np.cumsum(0.5 * STRIDE * (speed[:-1] + speed[1:]), axis=0)])
+        path = path[end, np.arange(rows.size)]
+        ends = (field[end, rows] for field in self._states)
+        *ends, time, path, side, reversals = map(self._of_done, (*ends, end * STRIDE, path, side[-1], reversals))
+        some, flown = slice(None, None, _PER_SPACING), strides <= self._end
+        knots = VehicleState(*(np.where(flown[some], field[some], np.nan).T for field in self._states))
+        return Rollout(knots, VehicleState(*ends), time, self._done, path, side, reversals)
+
+    def _of_done(self, values: Any) -> Any:
+        """Return values of the manoeuvres that turned back among those of all, nan for the others."""
+        whole = np.full(self._done.size, np.nan)
+        whole[self._done] = values
+        return whole

@@ -1,0 +1,215 @@
+"""The policy flown ahead in the surrogate: from the request until the way back to the route is clear, or it is back.
+
+The same functions of the core twice: over plain floats for one request, where arrays of one element would cost ten
+times their arithmetic, and over arrays for many. Intruders fly as predicted (:mod:`agents.planner.traffic`); the policy
+sees the most critical of them, once a second. Every few seconds the direct way to the goal is looked at; once it is
+clear, the policy has done its work (:mod:`agents.manoeuvres.direct_to_goal`).
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.manoeuvres.direct_to_goal import EVERY, Task, clear
+from agents.planner.traffic import Traffic, predicted
+from agents.policy.inference import Policy
+from envs.angles import sincos, wrap
+from envs.backend import FLOATS
+from envs.kinematics import VehicleState, advance, commands
+from envs.observation import CRITICAL_RADIUS, criticality, most_critical, observe
+from envs.relative import distance
+from envs.trees import take
+
+__all__ = ["SPACING", "STEP", "Rollout", "roll", "roll_one"]
+
+STEP = 1.0
+"""Between decisions, s."""
+
+SPACING = 20
+"""Steps between waypoints."""
+
+_BEHIND = 20_000.0  # m
+
+
+class Rollout(NamedTuple):
+    """Where manoeuvres lead; fields ``[N]``, those of knots ``[N, S]``."""
+
+    knots: VehicleState
+    """Every 20 s, the first at the request, ``[N, S]``; nan after the end."""
+    end: VehicleState
+    """State at which the way back is clear, or the goal within the radius; nan where neither happened in time."""
+    time: Any
+    """When that is, s; nan where it was not."""
+    direct: Any
+    """Whether the goal still lies ahead, on the direct way, bool."""
+    path: Any
+    """Length flown until the end, m."""
+    side: Any
+    """Of the last turn: 1 left, -1 right, 0 none."""
+    reversals: Any
+    """How often the turn changed side."""
+
+
+def roll(own: VehicleState, traffic: Traffic, goal: tuple[Any, Any], keep: Any, policy: Policy, task: Task) -> Rollout:
+    """Roll many requests.
+
+    Args:
+        own: ``[N]``.
+        traffic: ``[N, K]``.
+        goal: its position, m, ``[N]`` each.
+        keep: distance to keep from the intruders on the direct way, m, ``[N, K]``.
+        policy: decides.
+        task: limits and end.
+    """
+    limits = task.limits
+    count = np.size(own.x)
+    steps = int(task.until / STEP)
+    result = _empty(count, steps)
+    state = VehicleState(*(np.array(field, dtype=float) for field in own))
+    rows, goal_x, goal_y = np.arange(count), np.asarray(goal[0], float), np.asarray(goal[1], float)
+    path, side, reversals = np.zeros(count), np.zeros(count), np.zeros(count)
+    nobody = not traffic.mask.any(axis=-1).all()
+    for step in range(steps + 1):
+        if step % SPACING == 0:
+            for field, value in zip(result.knots, state, strict=True):
+                field[rows, step // SPACING] = value
+        seen = predicted(traffic, step * STEP)
+        arrived = distance(goal_x - state.x, goal_y - state.y, np) <= task.radius
+        ended = arrived
+        if task.direct and step % EVERY == 0:
+            ended = ended | _all_clear(state, (goal_x, goal_y), seen, traffic.mask, keep, step * STEP, task)
+        if ended.any():
+            done = rows[ended]
+            for field, value in zip(result.end, state, strict=True):
+                field[done] = value[ended]
+            result.time[done], result.direct[done] = step * STEP, ~arrived[ended]
+            result.path[done], result.side[done], result.reversals[done] = path[ended], side[ended], reversals[ended]
+            rows, goal_x, goal_y, traffic, seen, keep, state, path, side, reversals = take(
+                (rows, goal_x, goal_y, traffic, seen, keep, state, path, side, reversals), ~ended
+            )
+        if rows.size == 0 or step == steps:
+            break
+        if nobody:
+            seen = _or_nobody(seen, traffic.mask, state)
+        chosen = most_critical(state, seen, traffic.mask, CRITICAL_RADIUS, np)
+        action = policy.rowwise(observe(state, chosen, goal_x, goal_y, np).astype(np.float32)).astype(float)
+        acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
+        moved = advance(state, acceleration, yaw_rate, STEP, limits, np)
+        path += 0.5 * STEP * (state.speed + moved.speed)
+        turning = np.where(np.abs(yaw_rate) >= 0.1 * limits.yaw_rate_max, np.sign(yaw_rate), side)
+        reversals += turning * side < 0.0
+        side, state = turning, moved
+    return result
+
+
+def roll_one(
+    own: VehicleState, traffic: Traffic, goal: tuple[float, float], keep: Any, policy: Policy, task: Task
+) -> Rollout:
+    """Roll one request in plain floats: :func:`roll` of one row, fields ``[1]`` and ``[1, S]``.
+
+    Args:
+        own: plain floats.
+        traffic: ``[1, K]``.
+        goal: its position, m.
+        keep: distance to keep from the intruders on the direct way, m, ``[1, K]``.
+        policy: decides.
+        task: limits and end.
+    """
+    limits, steps = task.limits, int(task.until / STEP)
+    result = _empty(1, steps)
+    present = np.flatnonzero(traffic.mask[0])
+    flown = _tracks(traffic, present, steps)
+    alone = flown[0] if len(flown) == 1 else None
+    owed = keep[0, present].tolist()
+    state = VehicleState(*(float(field) for field in own))
+    goal_x, goal_y = goal
+    path, side, reversals = 0.0, 0.0, 0
+    square = task.radius * task.radius
+    threshold = 0.1 * limits.yaw_rate_max
+    decide = policy.decide
+    knots = []
+    for step in range(steps + 1):
+        if step % SPACING == 0:
+            knots.append(state)
+        dx, dy = goal_x - state.x, goal_y - state.y
+        arrived = dx * dx + dy * dy <= square
+        if arrived or (
+            task.direct
+            and step % EVERY == 0
+            and all(
+                clear(state, goal, track[step], far, step * STEP, task, FLOATS)
+                for track, far in zip(flown, owed, strict=True)
+            )
+            and (flown or clear(state, goal, _nobody(state, FLOATS), 0.0, step * STEP, task, FLOATS))
+        ):
+            for field, value in zip(result.end, state, strict=True):
+                field[0] = value
+            result.time[0], result.direct[0] = step * STEP, not arrived
+            result.path[0], result.side[0], result.reversals[0] = path, side, reversals
+            break
+        if step == steps:
+            break
+        other = alone[step] if alone is not None else _most_critical(state, [track[step] for track in flown])
+        action = decide(observe(state, other, goal_x, goal_y, FLOATS))
+        acceleration, yaw_rate = commands(action, limits, FLOATS)
+        moved = advance(state, acceleration, yaw_rate, STEP, limits, FLOATS)
+        path += 0.5 * STEP * (state.speed + moved.speed)
+        if abs(yaw_rate) >= threshold:
+            reversals += yaw_rate * side < 0.0
+            side = 1.0 if yaw_rate > 0.0 else -1.0
+        state = moved
+    for number, field in enumerate(result.knots):
+        field[0, : len(knots)] = [knot[number] for knot in knots]
+    return result
+
+
+def _tracks(traffic: Traffic, present: Any, steps: int) -> list[list[VehicleState]]:
+    """Return the predicted states of one request's intruders by second, in plain floats."""
+    one = Traffic(
+        VehicleState(*(field[0, present] for field in traffic.state)), *(field[0, present] for field in traffic[1:])
+    )
+    seen = predicted(one, np.arange(steps + 1)[:, None] * STEP)
+    each = (zip(*(field[:, k].tolist() for field in seen), strict=True) for k in range(present.size))
+    return [list(map(VehicleState._make, track)) for track in each]
+
+
+def _all_clear(
+    state: VehicleState, goal: tuple[Any, Any], seen: VehicleState, mask: Any, keep: Any, time: float, task: Task
+) -> Any:
+    """Return whether the direct way is clear of all intruders, ``[N]``."""
+    if mask.shape[-1] == 0:
+        return clear(state, goal, _nobody(state, np), 0.0, time, task, np)
+    own = VehicleState(*(field[:, None] for field in state))
+    to = (goal[0][:, None], goal[1][:, None])
+    # Nobody is in the way of a request without intruders, but its goal may be inside the turning circle.
+    owed = np.where(mask, keep, -np.inf)
+    return np.all(clear(own, to, seen, owed, time, task, np), axis=-1)
+
+
+def _empty(count: int, steps: int) -> Rollout:
+    knots = VehicleState(*(np.full((count, steps // SPACING + 1), np.nan) for _ in range(4)))
+    end = VehicleState(*(np.full(count, np.nan) for _ in range(4)))
+    time, path, side, reversals = (np.full(count, np.nan) for _ in range(4))
+    return Rollout(knots, end, time, np.zeros(count, dtype=bool), path, side, reversals)
+
+
+def _nobody(own: VehicleState, xp: Any) -> VehicleState:
+    """Return an intruder that matters to nobody: as far behind as an observation can say, flying away."""
+    sine, cosine = sincos(own.heading, xp)
+    away = wrap(own.heading + math.pi, xp)
+    return VehicleState(own.x - _BEHIND * cosine, own.y - _BEHIND * sine, away, own.speed * 0.0 + 50.0)
+
+
+def _or_nobody(seen: VehicleState, mask: Any, own: VehicleState) -> VehicleState:
+    """Return the intruders ``[N, K]``, those of requests without any replaced."""
+    empty = ~mask.any(axis=-1, keepdims=True)
+    behind = _nobody(own, np)
+    return VehicleState(*(np.where(empty, alone[:, None], field) for field, alone in zip(seen, behind, strict=True)))
+
+
+def _most_critical(own: VehicleState, others: list[VehicleState]) -> VehicleState:
+    """Return the most urgent of several intruders; one that matters to nobody if there are none."""
+    if not others:
+        return _nobody(own, FLOATS)
+    return min(others, key=lambda other: criticality(own, other, CRITICAL_RADIUS, FLOATS))

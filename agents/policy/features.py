@@ -1,0 +1,179 @@
+"""Inputs that the network derives from the observation inside its own forward pass.
+
+Eight raw numbers hide what a conflict is about: whether, when and on which side the aircraft will pass. The
+block computes it from the observation alone, in the ownship's frame (rotation-invariant), for any backend.
+"""
+
+import math
+from typing import Any
+
+from agents.policy.escape_features import ADVICE, COUNT, PRESSED, advice, pressed, separations
+from envs.kinematics import SURROGATE
+from envs.observation import DISTANCE_HALF, Decoded, decode
+
+__all__ = ["FEATURE_SETS", "KEPT_UNIT", "MIRRORED", "begins", "features", "side", "size"]
+
+FEATURE_SETS = ("none", "cpa", "mirror", "foresight", "advised", "pressed")
+"""``none``: the bare observation (the paper's set-up); ``cpa``: geometry and closest point of approach; ``mirror``: the
+same with every scene seen so that the intruder is left of the line to the goal: an exactly symmetric policy;
+``foresight``: that, and what simple manoeuvres would lead to; ``advised``: and which of them leads best;
+``pressed``: and which one alone, where metres decide. Each of the last three begins with the one before."""
+
+MIRRORED = ("mirror", "foresight", "advised", "pressed")
+"""The sets that see a scene and its mirror image alike, each beginning with the one before; the yaw rate then
+wants the factor of :func:`side`."""
+
+KEPT_UNIT = 30.0
+"""Of what manoeuvres keep beyond 1000 m, before it is squashed, m."""
+
+_SIZES = {"none": 8, "cpa": 22, "mirror": 22, "foresight": 22 + COUNT + 2}
+_SIZES["advised"] = _SIZES["foresight"] + ADVICE
+_SIZES["pressed"] = _SIZES["advised"] + PRESSED
+_INTRUDER, _GOAL = 4, 6  # bearings in the observation, left positive
+
+
+def size(feature_set: str) -> int:
+    """Return the number of inputs of the first layer.
+
+    Raises:
+        ValueError: the set is unknown.
+    """
+    if feature_set not in _SIZES:
+        raise ValueError(f"feature set {feature_set!r} is unknown; expected one of {', '.join(FEATURE_SETS)}")
+    return _SIZES[feature_set]
+
+
+def begins(feature_set: str, shorter: str) -> bool:
+    """Return whether the inputs of a feature set begin with those of another one, in the same order."""
+    if feature_set == shorter:
+        return True
+    both = feature_set in MIRRORED and shorter in MIRRORED
+    return both and MIRRORED.index(shorter) < MIRRORED.index(feature_set)
+
+
+def side(observation: list[Any], feature_set: str, xp: Any) -> Any:
+    """Return the factor of the network's yaw rate, ``[...]`` or 1.0: -1 where the scene is seen mirrored.
+
+    The scene is mirrored where the intruder is to the right of the line to the goal. That line moves with the positions
+    alone; by the intruder's bearing, which a turn changes at once, a policy came to flutter where it flies at an
+    intruder's tail.
+
+    Args:
+        observation: the eight components of the contract, ``[...]`` each.
+        feature_set: one of :data:`FEATURE_SETS`.
+        xp: array namespace.
+    """
+    if feature_set not in MIRRORED:
+        return 1.0
+    # The sine of the angle from the goal to the intruder has the sign of the angle within half a turn, and the other
+    # one beyond. Not a choice between constants, which numpy would widen to float64; -0.0 counts as left.
+    angle = observation[_INTRUDER] - observation[_GOAL] + 1e-30
+    return xp.copysign(1.0, angle) * xp.copysign(1.0, 1.0 - xp.abs(angle))
+
+
+def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
+    """Return the inputs of the network's first layer.
+
+    Args:
+        observation: the eight components of the contract, ``[...]`` each.
+        feature_set: one of :data:`FEATURE_SETS`.
+        xp: array namespace.
+
+    Returns:
+        :func:`size` components ``[...]``, all within about [-3, 3].
+    """
+    size(feature_set)
+    if feature_set == "none":
+        return list(observation)
+    hand = side(observation, feature_set, xp)
+    geometry = decode(observation, xp)
+    x, y = geometry.intruder_x, geometry.intruder_y
+    far = observation[5] + 1.0
+    goal_far = observation[7] + 1.0
+    guard = 1e-3
+    goal_range = goal_far * DISTANCE_HALF + guard
+    goal_cosine, goal_sine = geometry.goal_x / goal_range, geometry.goal_y / goal_range
+    intruder_range = far * DISTANCE_HALF + guard
+
+    vx, vy = geometry.intruder_vx - geometry.own_speed, geometry.intruder_vy
+    ahead = _passing(x, y, vx, vy, xp)
+    # The same question for the course that leads straight to the goal: is it time to turn back?
+    homeward = _passing(
+        x,
+        y,
+        geometry.intruder_vx - geometry.own_speed * goal_cosine,
+        geometry.intruder_vy - geometry.own_speed * goal_sine,
+        xp,
+    )
+    if feature_set in MIRRORED:
+        ahead, homeward = (_mirrored(passing, hand) for passing in (ahead, homeward))
+        goal_sine = goal_sine * hand
+    foreseen: list[Any] = []
+    if begins(feature_set, "foresight"):
+        foreseen = _foreseen(geometry, observation[_GOAL], hand, feature_set, xp)
+    return [
+        observation[0],
+        observation[2],
+        geometry.intruder_vx * 0.01,
+        geometry.intruder_vy * 0.01 * hand,
+        x / intruder_range,
+        y / intruder_range * hand,
+        observation[5],
+        _soft((intruder_range - 1_000.0) * (1.0 / 1_000.0), xp),
+        goal_cosine,
+        goal_sine,
+        observation[7],
+        _soft(goal_range * (1.0 / 1_000.0), xp),
+        vx * 0.01,
+        (x * vx + y * vy) / (intruder_range * 100.0),
+        *ahead,
+        *homeward,
+        *foreseen,
+    ]
+
+
+def _foreseen(geometry: Decoded, goal_bearing: Any, hand: Any, feature_set: str, xp: Any) -> list[Any]:
+    """Describe what simple manoeuvres keep, how far the goal is from the turning circles, and the best manoeuvre."""
+    seen = geometry._replace(intruder_y=geometry.intruder_y * hand, intruder_vy=geometry.intruder_vy * hand)
+    homeward = goal_bearing * (math.pi * hand)
+    kept = [_soft((separation - 1_000.0) * (1.0 / KEPT_UNIT), xp) for separation in separations(seen, homeward, xp)]
+    radius = geometry.own_speed * (1.0 / SURROGATE.yaw_rate_max)
+    goal_x, goal_y = geometry.goal_x, geometry.goal_y * hand
+    circles = [xp.sqrt(goal_x * goal_x + y * y + 1.0) - radius for y in (goal_y - radius, goal_y + radius)]
+    return [
+        *kept,
+        *(_soft(outside * (1.0 / 500.0), xp) for outside in circles),
+        *(advice(kept, homeward, xp) if begins(feature_set, "advised") else ()),
+        *(pressed(kept, homeward, xp) if begins(feature_set, "pressed") else ()),
+    ]
+
+
+def _passing(x: Any, y: Any, vx: Any, vy: Any, xp: Any) -> tuple[Any, Any, Any, Any]:
+    """Describe how an aircraft at (x, y) with relative velocity (vx, vy) passes on a straight course.
+
+    Returns the time to the closest approach, the signed miss distance at two scales (left positive) and how deep
+    the 1000 m disc is entered ahead. Relative speeds below some 5 m/s are softened: there the quotients would
+    amplify the rounding of float32 beyond what backends can agree on.
+    """
+    square = vx * vx + vy * vy + 25.0
+    time = -(x * vx + y * vy) / square
+    miss = (x * vy - y * vx) / xp.sqrt(square)
+    ahead = xp.clip(time, 0.0, 300.0)
+    closest_x, closest_y = x + vx * ahead, y + vy * ahead
+    closest = xp.sqrt(closest_x * closest_x + closest_y * closest_y + 1.0)
+    return (
+        _soft(time * (1.0 / 60.0), xp),
+        _soft(miss * (1.0 / 1_000.0), xp),
+        xp.clip(miss * (1.0 / 5_000.0), -1.0, 1.0),
+        xp.clip(1.5 - closest * (1.0 / 1_000.0), -1.0, 1.5),
+    )
+
+
+def _mirrored(passing: tuple[Any, Any, Any, Any], hand: Any) -> tuple[Any, Any, Any, Any]:
+    time, miss, far_miss, depth = passing
+    return time, miss * hand, far_miss * hand, depth
+
+
+def _soft(value: Any, xp: Any) -> Any:
+    """Squash to (-1, 1) with most resolution around 0."""
+    return value / (1.0 + xp.abs(value))

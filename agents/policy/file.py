@@ -1,0 +1,248 @@
+"""Reading and writing of a policy: one safetensors file with tensors, JSON metadata and a digest over both.
+
+The format and the reasons stand in docs/policy-file.md and docs/decisions/0003-policy-file.md. Nothing of a file
+is ever executed, and all of it is checked before any of it is used.
+"""
+
+import json
+import os
+import stat
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import load, save
+
+from agents.policy.schema import (
+    PARITY_ACTION,
+    PARITY_OBSERVATION,
+    PolicyFileError,
+    canonical,
+    check_metadata,
+    check_values,
+    digest,
+    tensor_shapes,
+)
+from envs.kinematics import Limits
+
+__all__ = ["MAX_BYTES", "PolicyFile", "PolicyFileError", "claims", "parse", "read", "serialise", "write"]
+
+MAX_BYTES = 64 * 1024 * 1024
+"""Larger files are refused unread; the default architecture takes 0.3 MB."""
+
+_KEY = "rlcas_policy"
+_HEADER_AT = 8
+"""A safetensors file begins with the length of its header, eight bytes little-endian."""
+
+
+@dataclass(frozen=True)
+class PolicyFile:
+    """Content of a policy file."""
+
+    actor: Mapping[str, np.ndarray]
+    """Float32 tensors by name without ``actor/``: ``hidden_0/kernel`` [in, out], ``hidden_0/bias`` [out], ...,
+    ``head/kernel``, ``head/bias``, and ``log_std`` [2] (exploration noise of training; flying ignores it)."""
+    parity_observation: np.ndarray
+    """Observations, float32 ``[P, 8]``, and"""
+    parity_action: np.ndarray
+    """the actions ``[P, 2]`` that the training framework computes for them."""
+    metadata: Mapping[str, Any]
+    """As :func:`agents.policy.schema.new_metadata` makes it, without the digest."""
+
+    @property
+    def tensors(self) -> dict[str, np.ndarray]:
+        """All tensors by their names in the file."""
+        named = {f"actor/{name}": tensor for name, tensor in self.actor.items()}
+        return named | {PARITY_OBSERVATION: self.parity_observation, PARITY_ACTION: self.parity_action}
+
+    @cached_property
+    def sha256(self) -> str:
+        """The digest over tensors and metadata, hex."""
+        return digest(self.tensors, self.metadata)
+
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        """Widths of the hidden layers."""
+        return tuple(self.metadata["architecture"]["hidden"])
+
+    @property
+    def feature_set(self) -> str:
+        """The inputs that the network derives, one of :data:`agents.policy.features.FEATURE_SETS`."""
+        return self.metadata["architecture"]["feature_set"]
+
+    @property
+    def limits(self) -> Limits:
+        """Of the vehicle that the policy was trained for."""
+        return Limits(**self.metadata["limits"])
+
+
+def read(path: str | os.PathLike[str]) -> PolicyFile:
+    """Read and check a policy file.
+
+    Raises:
+        PolicyFileError: the file is missing, unreadable, too large or refused by :func:`parse`.
+    """
+    source = os.fspath(path)
+    try:
+        status = Path(source).stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise PolicyFileError(f"{source}: a directory, expected a policy file (.safetensors)")
+        if not stat.S_ISREG(status.st_mode):
+            raise PolicyFileError(f"{source}: not a regular file, expected a policy file (.safetensors)")
+        if status.st_size > MAX_BYTES:
+            raise PolicyFileError(f"{source}: {status.st_size} bytes, expected at most {MAX_BYTES}")
+        data = Path(source).read_bytes()
+    except FileNotFoundError as error:
+        raise PolicyFileError(f"{source}: no such policy file") from error
+    except OSError as error:
+        raise PolicyFileError(f"{source}: cannot be read: {error.strerror}") from error
+    return parse(data, source)
+
+
+def claims(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file says of itself that it is a policy, damaged or not; False where it cannot be read."""
+    try:
+        with safe_open(path, "np") as tensors:
+            return _KEY in (tensors.metadata() or {})
+    except (OSError, SafetensorError):
+        return False
+
+
+def parse(data: bytes, source: str) -> PolicyFile:
+    """Check the bytes of a policy file and return its content; arrays are read-only.
+
+    The parity vectors are returned, not evaluated: that takes the network (:class:`agents.inference.Policy`).
+
+    Args:
+        data: the whole file.
+        source: name of the file for messages.
+
+    Raises:
+        PolicyFileError: the bytes are no policy file of this schema, or are damaged, inconsistent or not finite.
+    """
+    header = _header(data, source)
+    metadata = _metadata(header.pop("__metadata__", None), source)
+    claimed = metadata.pop("sha256", None)
+    check_metadata(metadata, source)
+    _check_entries(header, tensor_shapes(metadata), source)
+    try:
+        tensors = load(data)
+    except SafetensorError as error:
+        raise PolicyFileError(f"{source}: not a valid safetensors file: {error}") from error
+    actual = digest(tensors, metadata)
+    if claimed != actual:
+        raise PolicyFileError(f"{source}: the content has SHA-256 {actual}, expected {claimed!r}: edited or damaged")
+    check_values(tensors, source)
+    for tensor in tensors.values():
+        tensor.flags.writeable = False
+    observation, action = tensors.pop(PARITY_OBSERVATION), tensors.pop(PARITY_ACTION)
+    actor = {name.removeprefix("actor/"): tensor for name, tensor in tensors.items()}
+    return PolicyFile(actor, observation, action, metadata)
+
+
+def serialise(policy: PolicyFile) -> bytes:
+    """Return the bytes of a policy file; equal content gives equal bytes under one version of safetensors.
+
+    Raises:
+        PolicyFileError: the content is not what :func:`parse` accepts.
+    """
+    tensors = {name: np.ascontiguousarray(tensor) for name, tensor in policy.tensors.items()}
+    try:
+        document = canonical({**policy.metadata, "sha256": digest(tensors, policy.metadata)})
+        data = save(tensors, metadata={_KEY: document})
+    except (SafetensorError, TypeError, ValueError) as error:
+        raise PolicyFileError(f"new policy: cannot be written: {error}") from error
+    if len(data) > MAX_BYTES:
+        raise PolicyFileError(f"new policy: {len(data)} bytes, expected at most {MAX_BYTES}")
+    parse(data, "new policy")
+    return data
+
+
+def write(path: str | os.PathLike[str], policy: PolicyFile) -> None:
+    """Write a policy file atomically: readers see the old file or the whole new one, even after a power cut.
+
+    Raises:
+        PolicyFileError: the content would be refused on reading, or the file cannot be written.
+    """
+    data = serialise(policy)
+    target = Path(path)
+    temporary: str | None = None
+    try:
+        # In the same directory, because a rename is atomic only within one file system.
+        descriptor, temporary = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent)
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).chmod(0o644)  # mkstemp's files are the owner's only
+        Path(temporary).replace(target)
+        temporary = None
+    except OSError as error:
+        raise PolicyFileError(f"{target}: cannot be written: {error.strerror}") from error
+    finally:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+
+
+def _header(data: bytes, source: str) -> dict[str, Any]:
+    """Return the JSON header of a safetensors file: tensors' entries and ``__metadata__``."""
+    if not data:
+        raise PolicyFileError(f"{source}: the file is empty")
+    if data.startswith((b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05", b"PK\x03\x04")):
+        raise PolicyFileError(f"{source}: looks like a pickle or an archive, expected a safetensors file")
+    length = int.from_bytes(data[:_HEADER_AT], "little")
+    if len(data) < _HEADER_AT + length:
+        expected = f"at least {_HEADER_AT + length}"
+        raise PolicyFileError(f"{source}: {len(data)} bytes, expected {expected}: truncated, or no safetensors file")
+    try:
+        text = data[_HEADER_AT : _HEADER_AT + length].decode()
+        header = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise PolicyFileError(f"{source}: the header is not JSON, expected a safetensors file: {error}") from error
+    if not isinstance(header, dict):
+        raise PolicyFileError(f"{source}: the header is not an object, expected a safetensors file")
+    # The digest covers what the header means. Holding its text to one spelling makes every byte count.
+    if text.rstrip(" ") != json.dumps(header, separators=(",", ":"), ensure_ascii=False):
+        raise PolicyFileError(f"{source}: the header is not in canonical form: edited or damaged")
+    return header
+
+
+def _metadata(entry: Any, source: str) -> dict[str, Any]:
+    """Return the document under the one metadata key."""
+    if not isinstance(entry, dict) or list(entry) != [_KEY] or not isinstance(entry[_KEY], str):
+        raise PolicyFileError(f"{source}: no policy metadata, expected the one key {_KEY!r} in the header")
+    try:
+        document = json.loads(entry[_KEY])
+        same = canonical(document) == entry[_KEY]
+    except (ValueError, RecursionError) as error:
+        raise PolicyFileError(f"{source}: metadata is not canonical JSON: {error}") from error
+    if not isinstance(document, dict) or not same:
+        raise PolicyFileError(f"{source}: metadata is not one object of canonical JSON: edited or damaged")
+    return document
+
+
+def _check_entries(header: Mapping[str, Any], shapes: Mapping[str, tuple[int | None, ...]], source: str) -> None:
+    """Raise unless the header lists exactly the tensors of the architecture, in float32 and of its shapes."""
+    if missing := sorted(shapes.keys() - header.keys()):
+        raise PolicyFileError(f"{source}: tensor {missing[0]} is missing; the architecture needs {', '.join(shapes)}")
+    if unexpected := sorted(header.keys() - shapes.keys()):
+        raise PolicyFileError(f"{source}: tensor {unexpected[0]!r} is unexpected; expected only {', '.join(shapes)}")
+    counts: set[int] = set()
+    for name, expected in shapes.items():
+        entry = header[name]
+        entry = entry if isinstance(entry, dict) else {}
+        if entry.get("dtype") != "F32":
+            raise PolicyFileError(f"{source}: tensor {name} has dtype {entry.get('dtype')!r}, expected 'F32'")
+        shape, wanted = entry.get("shape"), ["P" if length is None else length for length in expected]
+        if not isinstance(shape, list) or len(shape) != len(wanted) or any(type(length) is not int for length in shape):
+            raise PolicyFileError(f"{source}: tensor {name} has shape {shape!r}, expected {wanted}")
+        if any(want not in ("P", have) for have, want in zip(shape, wanted, strict=True)):
+            raise PolicyFileError(f"{source}: tensor {name} has shape {shape}, expected {wanted}")
+        counts |= {have for have, want in zip(shape, wanted, strict=True) if want == "P"}
+    if len(counts) != 1 or counts == {0}:
+        raise PolicyFileError(f"{source}: parity tensors hold {sorted(counts)} vectors, expected one number above 0")

@@ -1,0 +1,244 @@
+"""The policy in flight: a forward pass in numpy that needs nothing of the training framework.
+
+A batch goes through matrix products in one precision; a single observation takes a path of its own, because
+array overhead would cost ten times its arithmetic (the planner rolls hundreds of steps, one after the other).
+"""
+
+import os
+from collections.abc import Callable, Mapping
+from importlib import resources
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
+
+from agents.policy.features import features, side
+from agents.policy.file import PolicyFile, PolicyFileError, parse, read
+from envs.backend import FLOATS
+from envs.kinematics import Limits
+from envs.observation import NAMES, SIZE
+
+__all__ = ["PARITY_TOLERANCE", "TOLERANCE", "Policy"]
+
+PARITY_TOLERANCE = 2e-5
+"""Largest difference of an action from the training framework's, both evaluated in double precision."""
+
+_ROUNDING_TOLERANCE = 1e-3  # for the precision and paths that fly: a trained network amplifies float32's rounding
+
+TOLERANCE = 1e-5
+"""By how much a component may leave [-1, 1]; it is clipped. More is an error of the caller."""
+
+_SHIPPED = "data/policy.safetensors"
+_BOUND = 1.0 + TOLERANCE
+_BLOCK = 256  # rows at a time, whose activations stay in cache; changes no bit
+
+
+class Policy:
+    """A deterministic policy: observations ``[..., 8]`` to actions ``[..., 2]``, both in [-1, 1].
+
+    Calls share no state, so that one policy serves many threads. How many threads a matrix product takes is the
+    BLAS library's affair (``OPENBLAS_NUM_THREADS``, ``threadpoolctl``); one is fastest for these sizes.
+
+    Attributes:
+        sha256: digest of the policy file.
+        metadata: of the policy file (docs/policy-file.md).
+        limits: of the vehicle that the policy was trained for.
+        dtype: in which the network is evaluated.
+    """
+
+    sha256: str
+    metadata: Mapping[str, Any]
+    limits: Limits
+    dtype: np.dtype[Any]
+
+    def __init__(self, content: PolicyFile, dtype: DTypeLike = np.float32, *, source: str = "policy") -> None:
+        """Build the network and compare it with the file's parity vectors.
+
+        Args:
+            content: of a policy file.
+            dtype: float32 or float64.
+            source: name of the file for messages.
+
+        Raises:
+            PolicyFileError: the network does not give the actions that the training framework gave.
+            ValueError: the dtype is another.
+        """
+        self.dtype = np.dtype(dtype)
+        if self.dtype.name not in ("float32", "float64"):
+            raise ValueError(f"dtype is {self.dtype}, expected float32 or float64")
+        self.sha256 = content.sha256
+        self.metadata = content.metadata
+        self.limits = content.limits
+        self._feature_set = content.feature_set
+        self._layers = _layers(content, self.dtype)
+        # In float64 so that a difference is one of meaning, never of rounding.
+        exact = _forward(content.parity_observation.astype(np.float64), _layers(content, np.float64), self._feature_set)
+        _check_parity(exact, content, PARITY_TOLERANCE, "in float64", source)
+        _check_parity(self(content.parity_observation), content, _ROUNDING_TOLERANCE, f"in {self.dtype}", source)
+        single = np.array([self.decide(row) for row in content.parity_observation.tolist()])
+        _check_parity(single, content, _ROUNDING_TOLERANCE, f"in {self.dtype}, one by one", source)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str] | None = None, dtype: DTypeLike = np.float32) -> "Policy":
+        """Load a policy file, by default the one that ships with the package.
+
+        Raises:
+            PolicyFileError: the file is missing or refused; the message says what is wrong and where.
+        """
+        if path is not None:
+            return cls(read(path), dtype, source=os.fspath(path))
+        source = f"agents/{_SHIPPED}"
+        try:
+            data = resources.files("agents").joinpath(_SHIPPED).read_bytes()
+        except OSError as error:
+            raise PolicyFileError(f"{source}: this installation ships no policy; give the path of one") from error
+        return cls(parse(data, source), dtype, source=source)
+
+    def __call__(self, observation: ArrayLike) -> np.ndarray:
+        """Return the actions ``[..., 2]`` for observations ``[..., 8]``, in the policy's dtype.
+
+        A row may differ by rounding (about 1e-6) between batches of different size: see :meth:`rowwise`.
+
+        Raises:
+            ValueError: the last axis is not 8, or a component is not a number, not finite or outside [-1, 1] by
+                more than :data:`TOLERANCE`. The check takes one pass for the minimum and one for the maximum.
+        """
+        array = np.asarray(observation)
+        if array.shape == (SIZE,) and array.dtype.kind == "f":
+            return np.array(self.decide(array.tolist()), self.dtype)
+        array = self._checked(array)
+        if array.size == 0:
+            return np.empty((*array.shape[:-1], 2), self.dtype)
+        actions = _forward(array.reshape(-1, SIZE), self._layers, self._feature_set)
+        return actions.reshape(*array.shape[:-1], 2)
+
+    def decide(self, observation: list[float]) -> tuple[float, float]:
+        """Return the action for one observation as plain floats: the fast path of a step-by-step rollout.
+
+        Args:
+            observation: eight plain floats.
+
+        Raises:
+            ValueError: as for a call.
+        """
+        try:
+            for value in observation:
+                # A comparison with NaN is false, too.
+                if not -1.0 <= value <= 1.0:
+                    break
+            else:
+                if len(observation) == SIZE:
+                    return self._single(observation)
+        except TypeError:
+            pass  # told below, by the check that knows the components' names
+        array = self._checked(observation)
+        if array.ndim != 1:
+            raise ValueError(f"observation has shape {array.shape}, expected ({SIZE},)")
+        return self._single(array.tolist())
+
+    def rowwise(self, observation: ArrayLike) -> np.ndarray:
+        """Return the actions ``[N, 2]`` for observations ``[N, 8]``, each row independent of all others.
+
+        BLAS rounds a row by the size of its batch and, with some of its kernels, by its place in it. Here every
+        row is a product of its own, a vector with the kernel, so that it gives the same bits whatever N and wherever
+        it stands, at half the speed of a call on many. This holds for one machine, one version of numpy and one number
+        of BLAS threads; keep that number fixed (1 is best).
+
+        Raises:
+            ValueError: as for a call, or the observations are not ``[N, 8]``.
+        """
+        array = self._checked(observation)
+        if array.ndim != 2:
+            raise ValueError(f"observations have shape {array.shape}, expected [N, {SIZE}]")
+        actions = np.empty((len(array), 2), self.dtype)
+        for first in range(0, len(array), _BLOCK):
+            block = slice(first, first + _BLOCK)
+            actions[block] = _forward(array[block], self._layers, self._feature_set, _each_row)
+        return actions
+
+    def _checked(self, observation: Any) -> np.ndarray:
+        """Return the observations as an array in [-1, 1] of the policy's dtype, or raise ``ValueError``."""
+        array = np.asarray(observation)
+        if array.dtype.kind not in "fiu":
+            raise ValueError(f"observation has dtype {array.dtype}, expected real numbers")
+        if array.ndim == 0 or array.shape[-1] != SIZE:
+            raise ValueError(f"observation has shape {array.shape}, expected a last axis of {SIZE}")
+        if array.size == 0:
+            return array.astype(self.dtype)
+        low, high = array.min(), array.max()
+        # NaN passes through both and fails here.
+        if not (low >= -_BOUND and high <= _BOUND):
+            _refuse(array)
+        if low < -1.0 or high > 1.0:
+            array = array.clip(-1.0, 1.0)
+        return array.astype(self.dtype, copy=False)
+
+    def _single(self, values: list[float]) -> tuple[float, float]:
+        """Evaluate eight floats in [-1, 1]: features in double precision, then products with a vector."""
+        x = np.array(features(values, self._feature_set, FLOATS), self.dtype)
+        *hidden, (kernel, bias) = self._layers
+        for hidden_kernel, hidden_bias in hidden:
+            x = x.dot(hidden_kernel)  # the method: a tenth faster than the function for so little work
+            x += hidden_bias
+            np.tanh(x, x)
+        throttle, steering = (x.dot(kernel) + bias).tolist()
+        steering *= side(values, self._feature_set, FLOATS)
+        return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
+
+
+_Layers = list[tuple[np.ndarray, np.ndarray]]
+
+
+def _layers(content: PolicyFile, dtype: DTypeLike) -> _Layers:
+    """Return kernel ``[in, out]`` and bias ``[out]`` of the hidden layers and the head."""
+
+    def layer(name: str) -> tuple[np.ndarray, np.ndarray]:
+        return content.actor[f"{name}/kernel"].astype(dtype), content.actor[f"{name}/bias"].astype(dtype)
+
+    return [*(layer(f"hidden_{i}") for i in range(len(content.hidden))), layer("head")]
+
+
+def _forward(
+    observation: np.ndarray,
+    layers: _Layers,
+    feature_set: str,
+    product: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.matmul,
+) -> np.ndarray:
+    """Return the actions ``[N, 2]`` for observations ``[N, 8]``, in the precision of both."""
+    # Components become contiguous rows: elementwise work on strided columns is twice as slow.
+    components = list(np.ascontiguousarray(observation.T))
+    x = np.stack(features(components, feature_set, np)).T
+    *hidden, (kernel, bias) = layers
+    for hidden_kernel, hidden_bias in hidden:
+        x = product(x, hidden_kernel)
+        x += hidden_bias
+        np.tanh(x, out=x)
+    x = product(x, kernel) + bias
+    x[:, 1] *= side(components, feature_set, np)
+    return np.clip(x, -1.0, 1.0)
+
+
+def _each_row(x: np.ndarray, kernel: np.ndarray) -> np.ndarray:
+    """Return ``x @ kernel`` ``[N, out]`` of N vector products: numpy hands each to BLAS alone."""
+    return np.matmul(np.ascontiguousarray(x)[:, np.newaxis, :], kernel)[:, 0, :]
+
+
+def _refuse(array: np.ndarray) -> NoReturn:
+    """Raise ``ValueError`` for the first component that is not finite or outside [-1, 1]."""
+    bad = ~((array >= -_BOUND) & (array <= _BOUND))
+    *row, component = np.argwhere(bad)[0].tolist()
+    where = f" of row {row}" if row else ""
+    value = array[(*row, component)]
+    raise ValueError(f"observation component {NAMES[component]!r}{where} is {value}, expected a value in [-1, 1]")
+
+
+def _check_parity(actions: np.ndarray, content: PolicyFile, tolerance: float, how: str, source: str) -> None:
+    """Raise unless the actions ``[P, 2]`` are the file's, within the tolerance."""
+    difference = np.abs(actions - content.parity_action).max(axis=-1)
+    # Inverted, so that NaN is refused.
+    if not difference.max() <= tolerance:
+        worst = int(difference.argmax())
+        raise PolicyFileError(
+            f"{source}: the network {how} gives action {actions[worst].tolist()} for parity vector {worst}, expected "
+            f"{content.parity_action[worst].tolist()} within {tolerance}"
+        )

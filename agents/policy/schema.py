@@ -1,0 +1,253 @@
+"""What a policy file must say: its metadata, its tensors, and the checks on both (docs/policy-file.md).
+
+The observation and action contracts are written into every file, so that a policy that was trained against
+another meaning of the eight numbers is refused instead of flown.
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from agents.policy.features import FEATURE_SETS, size
+from envs.kinematics import Limits
+from envs.observation import NAMES, SIZE
+
+__all__ = [
+    "ACTION",
+    "OBSERVATION",
+    "PARITY_ACTION",
+    "PARITY_OBSERVATION",
+    "SCHEMA",
+    "PolicyFileError",
+    "canonical",
+    "check_metadata",
+    "check_values",
+    "digest",
+    "new_metadata",
+    "tensor_shapes",
+]
+
+
+class PolicyFileError(ValueError):
+    """A policy file that cannot be used; the message says which file, what is wrong, where, what was expected."""
+
+
+SCHEMA = {"name": "rlcas-policy", "version": 1}
+
+OBSERVATION = {
+    "names": list(NAMES),
+    # component = clip((quantity - middle) / half_range, -1, 1)
+    "middle": [75.0, 0.0, 75.0, 0.0, 0.0, 10_000.0, 0.0, 10_000.0],
+    "half_range": [25.0, math.pi, 75.0, math.pi, math.pi, 10_000.0, math.pi, 10_000.0],
+    "unit": ["m/s", "rad", "m/s", "rad", "rad", "m", "rad", "m"],
+    "convention": "headings counter-clockwise from east; bearings from own heading, left positive; clipped to [-1, 1]",
+}
+ACTION = {
+    "names": ["acceleration", "yaw_rate"],
+    "convention": "fractions of the vehicle limits in [-1, 1]; positive yaw rate is counter-clockwise",
+}
+
+PARITY_OBSERVATION, PARITY_ACTION = "parity/observation", "parity/action"
+
+_MAX_LAYERS, _MAX_WIDTH = 8, 4096
+# Every field of the metadata and its type; a nested dict is an object with exactly these fields.
+_FIELDS: dict[str, Any] = {
+    "schema": {"name": str, "version": int},
+    "observation": dict,
+    "action": dict,
+    "limits": dict.fromkeys(Limits._fields, float),
+    "architecture": {"hidden": list, "activation": str, "feature_set": str, "output": str},
+    "training": {"config": dict, "config_sha256": str, "steps": int, "score": (float, type(None))},
+    "versions": dict,
+    "notes": str,
+}
+
+
+def canonical(document: Any) -> str:
+    """Return the one JSON text of a document: sorted keys, no white space, ASCII, no NaN or infinity.
+
+    Raises:
+        ValueError, TypeError: the document holds something that JSON has no word for.
+    """
+    return json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+
+
+def new_metadata(
+    hidden: tuple[int, ...],
+    feature_set: str,
+    limits: Limits,
+    config: Mapping[str, Any],
+    *,
+    steps: int,
+    score: float | None,
+    versions: Mapping[str, str],
+    notes: str = "",
+) -> dict[str, Any]:
+    """Return the metadata of a policy under the present contracts.
+
+    Args:
+        hidden: widths of the hidden layers.
+        feature_set: one of :data:`agents.policy.features.FEATURE_SETS`.
+        limits: of the vehicle that the policy was trained for; floats, SI.
+        config: the resolved training configuration, of JSON types.
+        steps: environment steps of training.
+        score: mean sparse reward per encounter, None if it was not evaluated.
+        versions: of the software that made the policy.
+        notes: free text.
+
+    Raises:
+        PolicyFileError: something of it is of a type, or a value, that a policy file cannot hold.
+    """
+    try:
+        config = json.loads(canonical(config))
+        document = {
+            "schema": dict(SCHEMA),
+            "observation": OBSERVATION,
+            "action": ACTION,
+            "limits": {name: float(value) for name, value in limits._asdict().items()},
+            "architecture": {
+                "hidden": [int(width) for width in hidden],
+                "activation": "tanh",
+                "feature_set": feature_set,
+                "output": "clip",
+            },
+            "training": {
+                "config": config,
+                "config_sha256": _sha256(canonical(config)),
+                "steps": int(steps),
+                "score": None if score is None else float(score),
+            },
+            "versions": dict(versions),
+            "notes": notes,
+        }
+        document = json.loads(canonical(document))
+    except (TypeError, ValueError) as error:
+        raise PolicyFileError(f"new policy: metadata cannot be written as JSON: {error}") from error
+    check_metadata(document, "new policy")
+    return document
+
+
+def check_metadata(document: Any, source: str) -> None:
+    """Raise :class:`PolicyFileError` unless the metadata has the schema's fields, types and values."""
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if schema != SCHEMA:
+        raise PolicyFileError(f"{source}: metadata.schema is {_brief(schema)}, expected {SCHEMA}")
+    _check_fields(document, _FIELDS, "metadata", source)
+    for name, contract in (("observation", OBSERVATION), ("action", ACTION)):
+        for key in sorted(contract.keys() | document[name].keys()):
+            _expect(document[name].get(key), contract.get(key), f"metadata.{name}.{key}", source)
+
+    architecture = document["architecture"]
+    _expect(architecture["activation"], "tanh", "metadata.architecture.activation", source)
+    _expect(architecture["output"], "clip", "metadata.architecture.output", source)
+    hidden, where = architecture["hidden"], f"{source}: metadata.architecture"
+    if not 1 <= len(hidden) <= _MAX_LAYERS or not all(_is(w, int) and 1 <= w <= _MAX_WIDTH for w in hidden):
+        limits = f"1 to {_MAX_LAYERS} widths of 1 to {_MAX_WIDTH}"
+        raise PolicyFileError(f"{where}.hidden is {_brief(hidden)}, expected {limits}")
+    if architecture["feature_set"] not in FEATURE_SETS:
+        known = ", ".join(FEATURE_SETS)
+        raise PolicyFileError(f"{where}.feature_set is {_brief(architecture['feature_set'])}, expected one of {known}")
+
+    limits = Limits(**document["limits"])
+    if not (
+        0.0 <= limits.speed_min < limits.speed_max
+        and limits.acceleration_min < 0.0 < limits.acceleration_max
+        and limits.yaw_rate_max > 0.0
+    ):
+        raise PolicyFileError(f"{source}: metadata.limits are {_brief(document['limits'])}, which no vehicle has")
+
+    training = document["training"]
+    expected = _sha256(canonical(training["config"]))
+    _expect(training["config_sha256"], expected, "metadata.training.config_sha256", source)
+    if training["steps"] < 0:
+        raise PolicyFileError(f"{source}: metadata.training.steps is {training['steps']}, expected 0 or more")
+    for name, version in document["versions"].items():
+        if not isinstance(version, str):
+            raise PolicyFileError(f"{source}: metadata.versions.{name} is {_brief(version)}, expected a string")
+
+
+def tensor_shapes(document: Mapping[str, Any]) -> dict[str, tuple[int | None, ...]]:
+    """Return the shape of every tensor that belongs to (checked) metadata; None is the number of parity vectors."""
+    architecture = document["architecture"]
+    shapes: dict[str, tuple[int | None, ...]] = {}
+    inputs = size(architecture["feature_set"])
+    outputs = len(ACTION["names"])
+    names = [f"hidden_{i}" for i in range(len(architecture["hidden"]))]
+    for name, width in zip([*names, "head"], [*architecture["hidden"], outputs], strict=True):
+        shapes[f"actor/{name}/kernel"] = (inputs, width)
+        shapes[f"actor/{name}/bias"] = (width,)
+        inputs = width
+    return shapes | {
+        "actor/log_std": (outputs,),
+        PARITY_OBSERVATION: (None, SIZE),
+        PARITY_ACTION: (None, outputs),
+    }
+
+
+def check_values(tensors: Mapping[str, np.ndarray], source: str) -> None:
+    """Raise :class:`PolicyFileError` unless all tensors are finite and the parity vectors lie in [-1, 1]."""
+    for name, tensor in tensors.items():
+        if not np.isfinite(tensor).all():
+            index = np.argwhere(~np.isfinite(tensor))[0].tolist()
+            raise PolicyFileError(f"{source}: tensor {name} is not finite at {index}")
+    for name in (PARITY_OBSERVATION, PARITY_ACTION):
+        if np.abs(tensors[name]).max() > 1.0:
+            raise PolicyFileError(f"{source}: tensor {name} leaves [-1, 1]")
+
+
+def digest(tensors: Mapping[str, np.ndarray], document: Mapping[str, Any]) -> str:
+    """Return the SHA-256 (hex) over all tensors and the metadata.
+
+    Hashed are, for each tensor in the order of its name, the canonical JSON of ``[name, dtype, shape]``, a line
+    feed and its bytes (little-endian, C order); then the canonical JSON of the metadata without ``sha256``.
+    """
+    total = hashlib.sha256()
+    for name in sorted(tensors):
+        tensor = np.ascontiguousarray(tensors[name])
+        tensor = tensor.astype(tensor.dtype.newbyteorder("<"), copy=False)
+        total.update(canonical([name, tensor.dtype.name, list(tensor.shape)]).encode() + b"\n")
+        total.update(tensor.tobytes())
+    total.update(canonical({key: value for key, value in document.items() if key != "sha256"}).encode())
+    return total.hexdigest()
+
+
+def _check_fields(value: Mapping[str, Any], fields: Mapping[str, Any], path: str, source: str) -> None:
+    """Raise unless an object has exactly these fields, of these types."""
+    missing, unexpected = sorted(fields.keys() - value.keys()), sorted(value.keys() - fields.keys())
+    if missing or unexpected:
+        what = f"lacks {', '.join(missing)}" if missing else f"has unexpected {_brief(', '.join(unexpected))}"
+        raise PolicyFileError(f"{source}: {path} {what}; expected the fields {', '.join(fields)}")
+    for name, expected in fields.items():
+        kind = dict if isinstance(expected, dict) else expected
+        if not _is(value[name], kind):
+            raise PolicyFileError(f"{source}: {path}.{name} is {_brief(value[name])}, expected {_words(kind)}")
+        if isinstance(expected, dict):
+            _check_fields(value[name], expected, f"{path}.{name}", source)
+
+
+def _is(value: Any, kind: Any) -> bool:
+    """Tell whether a JSON value is of a kind; true and false are not numbers here."""
+    return isinstance(value, kind) and not isinstance(value, bool)
+
+
+def _expect(value: Any, expected: Any, where: str, source: str) -> None:
+    if value != expected:
+        raise PolicyFileError(f"{source}: {where} is {_brief(value)}, expected {_brief(expected)}")
+
+
+def _words(kind: Any) -> str:
+    names = {dict: "an object", list: "a list", str: "a string", int: "an integer", float: "a number with a point"}
+    return "a number with a point, or null" if isinstance(kind, tuple) else names[kind]
+
+
+def _brief(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 160 else text[:160] + "..."
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,239 @@
+"""The causal bound: what an oracle achieves that sees the present exactly and knows nothing of the future.
+
+Every second it sees positions, headings and speeds of all, and the turn of the second before; intents are hidden from
+it. It flies escapes (:mod:`agents.manoeuvres.escape_manoeuvre`) in its mind against several futures of the intruders
+and follows the one that keeps most distance in them. What it solves, a decider without foresight can solve: a lower
+bound of what such deciders can achieve, as the clairvoyant search's is an upper one.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.manoeuvres.escape_manoeuvre import REGARDLESS, Flight, Manoeuvre, fly, steps, takeoff, tracks
+from agents.manoeuvres.escape_search import COARSE, STAGES, concatenated, fly_out, parts, search
+from envs.angles import wrap
+from envs.encounters import Encounter
+from envs.intruder import IntruderState, start, step
+from envs.kinematics import Limits, VehicleState
+from envs.outcome import Rules, judge
+from envs.relative import distance, leg_separation
+from envs.starts import cast, joined
+from envs.trees import column, take
+
+__all__ = ["ENOUGH", "OUTCOMES", "Causal", "Foresight", "causal"]
+
+OUTCOMES = ("violation", "reached", "timeout")
+"""Names of the outcome codes 0, 1, 2."""
+
+ENOUGH = 1_500.0
+"""A distance, m, beyond which more is not worth a detour."""
+
+_EVERY = 10
+"""Seconds between searches for a better plan while the intruders fly as expected."""
+
+_DEAR = 1.0
+"""Metres of distance that a second of flight must be worth."""
+
+_WEIGHTS, _STEEP = (0.5, 0.25, 0.25), 4.0
+"""Of the futures, the straight courses first; what a metre below the separation costs more than one above it."""
+
+_STRIDE = 2.0
+"""Time step of flights in the mind, s."""
+
+_LOST = -1e4
+"""Worth of a plan, m, below which it fails."""
+
+_TOGETHER = 1_024
+"""Encounters flown together."""
+
+_FAMILY = concatenated(STAGES[0], COARSE)
+
+
+class Foresight(NamedTuple):
+    """What the oracle holds possible; angles in rad."""
+
+    turn: float = np.radians(90.0)
+    """Heading change of an intruder that might begin to turn now, or go on turning."""
+    rate: float = np.radians(3.0)
+    """Its turn rate, rad/s."""
+    observed: bool = True
+    """Whether an intruder that has turned during the last second is expected to go on at that rate."""
+
+
+class Causal(NamedTuple):
+    """How the oracle fared; fields ``[N]``."""
+
+    outcome: Any
+    """Code, an index into :data:`OUTCOMES`, int8."""
+    separation: Any
+    """Smallest distance to any intruder, m."""
+    arrival: Any
+    """Time at which the goal was reached, s; nan if it was not."""
+    path: Any
+    """Length flown until the end, m."""
+    own: VehicleState
+    """The ownship's flight, ``[T + 1, N]``, a state a step; nan after the end."""
+
+    @property
+    def solved(self) -> Any:
+        """Whether the goal was reached without a violation, bool ``[N]``."""
+        return self.outcome == OUTCOMES.index("reached")
+
+
+class _Air(NamedTuple):
+    """Encounters in progress, ``[M]``."""
+
+    number: Any
+    encounter: Encounter
+    """As it began: goal, mask and the intents, which move the intruders and are shown to nobody."""
+    own: VehicleState
+    intruders: IntruderState
+    rate: Any
+    """Turn rate of the intruders in the second before, rad/s, ``[M, K]``."""
+    plan: Manoeuvre
+    """As from now."""
+
+
+def causal(encounters: Encounter, rules: Rules, limits: Limits, foresight: Foresight | None = None) -> Causal:
+    """Let the oracle fly the encounters.
+
+    Args:
+        encounters: ``[N]``, numpy.
+        rules: of the task; floats.
+        limits: of the ownship; floats.
+        foresight: what it holds possible; None for the default.
+
+    Raises:
+        ValueError: ``encounters`` has no leading axis.
+    """
+    if np.ndim(encounters.goal_x) != 1:
+        raise ValueError(f"encounters must have one leading axis [N], got shape {np.shape(encounters.goal_x)}")
+    chosen = cast(encounters, np.float64)
+    count = np.shape(chosen.goal_x)[0]
+    inf, nan = np.full(count, np.inf), np.full(count, np.nan)
+    record = VehicleState(*np.full((len(VehicleState._fields), steps(rules) + 1, count), np.nan))
+    result = Causal(np.full(count, 2, np.int8), inf, nan, np.zeros(count), record)
+    for part in np.split(np.arange(count), range(_TOGETHER, count, _TOGETHER)):
+        _fly(take(chosen, part), part, foresight or Foresight(), rules, limits, result)
+    return result
+
+
+def _fly(encounter: Encounter, part: Any, foresight: Foresight, rules: Rules, limits: Limits, result: Causal) -> None:
+    """Fly a part of the encounters to their ends and write them into the result."""
+    nothing = Manoeuvre(*np.zeros((len(Manoeuvre._fields), part.size)))
+    air = _Air(part, encounter, encounter.own, start(encounter.intruders, np), 0.0 * encounter.intruders.x, nothing)
+    _record(result.own, 0, air)
+    for index in range(steps(rules)):
+        elapsed = index * rules.dt
+        left = rules._replace(t_max=rules.t_max - elapsed)
+        air = air._replace(plan=_planned(air, index, foresight, left, limits))
+        goal, mask, now = (air.encounter.goal_x, air.encounter.goal_y), air.encounter.mask, air.intruders.vehicle
+        before = takeoff(air.own, air.plan)
+        flight = fly(before, air.plan, 0.0, goal, now, mask, left, limits)
+        traffic = step(air.intruders, air.encounter.intent, elapsed, rules.dt, np)
+        apart = leg_separation(column(air.own), column(flight.own), now, traffic.vehicle, rules.dt, np)
+        separation = np.min(np.where(mask, apart, np.inf), axis=-1)
+        to_goal = distance(goal[0] - flight.own.x, goal[1] - flight.own.y, np)
+        ended = judge(separation, to_goal, elapsed + rules.dt, rules, np)
+        result.separation[air.number] = np.minimum(result.separation[air.number], separation)
+        result.path[air.number] += (0.5 * rules.dt) * (air.own.speed + flight.own.speed)
+        result.outcome[air.number[ended.violation]] = 0
+        result.outcome[air.number[ended.reached]] = 1
+        result.arrival[air.number[ended.reached]] = elapsed + rules.dt
+        rate = wrap(traffic.vehicle.heading - now.heading, np) / rules.dt
+        plan = _rest(air.plan, flight, rules.dt)
+        air = air._replace(own=flight.own, intruders=traffic, rate=rate, plan=plan)
+        _record(result.own, index + 1, air)
+        air = take(air, ~ended.ended(np))
+        if air.number.size == 0:
+            break
+
+
+def _record(record: VehicleState, index: int, air: _Air) -> None:
+    for field, now in zip(record, air.own, strict=True):
+        field[index, air.number] = now
+
+
+def _planned(air: _Air, index: int, foresight: Foresight, rules: Rules, limits: Limits) -> Manoeuvre:
+    """Return the plans to follow from now on: the old ones, unless they do not do and better ones are found."""
+    plan = np.stack(air.plan)
+    surprised = np.any((np.abs(air.rate) > 1e-6) & air.encounter.mask, axis=-1)
+    rows = np.flatnonzero(surprised | (index % _EVERY == 0))
+    coarse = rules._replace(dt=_STRIDE)
+
+    def futures(rows: Any) -> list[Encounter]:
+        own, intruders = take((air.own, air.intruders.vehicle), rows)
+        return _futures(take(air.encounter, rows)._replace(own=own, intruders=intruders), air.rate[rows], foresight)
+
+    def value(rows: Any, tried: Any) -> Any:
+        return _value(futures(rows), tried, coarse, limits)
+
+    if index > 0 and rows.size:
+        rows = rows[value(rows, plan[:, rows, None])[:, 0] < ENOUGH - _DEAR * rules.t_max]
+    family = np.stack(_FAMILY)
+    for part in parts(rows, 3 * family.shape[-1], air.encounter):
+        tried = np.broadcast_to(family[:, None], (family.shape[0], part.size, family.shape[-1]))
+        # The old plan comes first, so that it is kept where nothing is better.
+        tried = tried if index == 0 else np.concatenate([plan[:, part, None], tried], axis=-1)
+        worth = value(part, tried)
+        best = np.argmax(worth, axis=-1)
+        plan[:, part] = np.take_along_axis(tried, best[None, :, None], axis=-1)[:, :, 0]
+        # Where no plan keeps clear of the straight courses, a thorough search may find one that just does.
+        lost = part[np.max(worth, axis=-1) < _LOST]
+        if lost.size:
+            found = search(futures(lost)[0], rules, limits)
+            works = ~np.isnan(found.arrival)
+            plan[:, lost[works]] = np.stack(found.manoeuvre)[:, works]
+    return Manoeuvre(*plan)
+
+
+def _futures(present: Encounter, rate: Any, foresight: Foresight) -> list[Encounter]:
+    """Return the encounter as it may go on: intruders on straight courses first, ``[M]`` each."""
+    turning = (np.abs(rate) > 1e-6) & foresight.observed
+    zero = np.zeros_like(rate)
+
+    def turned(change: Any, turn_rate: Any) -> Encounter:
+        intent = present.intent._replace(onset=zero, heading_change=zero + change, turn_rate=zero + turn_rate)
+        return present._replace(intent=intent)
+
+    side = foresight.turn
+    one = turned(np.where(turning, np.sign(rate) * side, side), np.where(turning, np.abs(rate), foresight.rate))
+    other = turned(
+        np.where(turning, np.sign(rate) * 0.5 * side, -side), np.where(turning, np.abs(rate), foresight.rate)
+    )
+    return [turned(0.0, foresight.rate), one, other]
+
+
+def _value(futures: list[Encounter], tried: Any, rules: Rules, limits: Limits) -> Any:
+    """Return what plans ``[8, M, C]`` are worth in the futures of their encounters, m, ``[M, C]``.
+
+    It is the mean of the smallest distances, those below the separation weighing more, less a little for the time.
+    A plan that does not keep the separation on the straight courses, or does not arrive, comes after all that do.
+    """
+    shape = (len(futures), *tried.shape[1:])
+    together = futures[0]
+    for future in futures[1:]:
+        together = joined(together, future)
+    which = np.repeat(np.arange(shape[0] * shape[1]), shape[2])
+    family = Manoeuvre(*(np.tile(np.ascontiguousarray(field).ravel(), shape[0]) for field in tried))
+    flown = fly_out(together, tracks(together, steps(rules), rules), which, family, rules, limits, scoring=True)
+    arrival, separation = (field.reshape(shape) for field in flown[:2])
+    weights = np.array(_WEIGHTS)[:, None, None]
+    kept = np.minimum(separation, ENOUGH) + _STEEP * np.minimum(separation - rules.separation, 0.0)
+    value = np.sum(weights * kept, axis=0) - _DEAR * arrival[0]
+    lost = np.minimum(separation[0], ENOUGH) + 2.0 * _LOST + _LOST * np.isnan(arrival[0])
+    return np.where((separation[0] < rules.separation) | np.isnan(arrival[0]), lost, value)
+
+
+def _rest(plan: Manoeuvre, flight: Flight, dt: float) -> Manoeuvre:
+    """Return what is left of plans after their first step."""
+    done = flight.switched
+    return plan._replace(
+        turn=flight.to_turn,
+        throttle=np.where(done, plan.throttle_after, plan.throttle),
+        switch=np.maximum(plan.switch - dt, 0.0),
+        turn_after=np.where(done, 0.0, plan.turn_after),
+        resume=np.where(flight.homing, 0.0, np.maximum(plan.resume - dt, 0.0)),
+        slack=np.where(flight.homing, REGARDLESS, plan.slack),
+    )

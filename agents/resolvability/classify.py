@@ -1,0 +1,211 @@
+"""Whether an encounter can be resolved at all: by an escape to show, not by a proof, or not known.
+
+An encounter is resolvable if some control history within the limits keeps the separation until it reaches the goal
+within ``rules.t_max`` (the definition of policy mode). Success of a decider is judged against all encounters that are
+not *proven* unresolvable, so that a weak search here can never flatter it.
+
+``classify`` stops at the first escape that works. :func:`agents.resolvability.witness.least_cost` looks for the
+shortest, and :func:`agents.resolvability.causal_bound.causal` says what can be achieved without knowing the intruders'
+intents; both are slower.
+"""
+
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly, steps, takeoff, tracks
+from agents.manoeuvres.escape_search import search
+from agents.resolvability.causal_bound import Causal, causal
+from agents.resolvability.proof import contained, look_ahead, split
+from agents.resolvability.witness import Witnesses, least_cost
+from envs.encounters import Encounter
+from envs.kinematics import Limits, VehicleState
+from envs.outcome import Rules, judge
+from envs.relative import distance, leg_separation
+from envs.starts import cast
+from envs.trees import take
+
+__all__ = [
+    "Causal",
+    "Method",
+    "Replay",
+    "Resolvability",
+    "Verdict",
+    "Witnesses",
+    "causal",
+    "classify",
+    "least_cost",
+    "replay",
+]
+
+_CHUNK = 1_024
+"""Encounters with up to 8 intruders classified together (fewer with more), to bound memory."""
+
+
+class Verdict(IntEnum):
+    """What is known of an encounter."""
+
+    UNDECIDED = 0
+    RESOLVABLE = 1
+    UNRESOLVABLE = 2
+
+
+class Method(IntEnum):
+    """What decided it."""
+
+    NONE = 0
+    SOLVED_ELSEWHERE = 1
+    """The caller said so."""
+    SEARCH = 2
+    """A witness was found."""
+    START = 3
+    """Proof: it starts in violation."""
+    CONTAINMENT = 4
+    """Proof: one intruder's disc contains everything that can be reached at one time."""
+    SPLITTING = 5
+    """Proof: the same for each of several sets of control histories."""
+    GOAL = 6
+    """Proof: the goal is out of reach in time."""
+
+
+class Resolvability(NamedTuple):
+    """Verdicts; fields ``[N]``."""
+
+    verdict: Any
+    """:class:`Verdict`, int8."""
+    method: Any
+    """:class:`Method`, int8."""
+    witness: Manoeuvre
+    """Parameters of an escape that works; nan where none was searched for or found."""
+    arrival: Any
+    """Time at which the witness reaches the goal, s; nan without one."""
+    separation: Any
+    """Smallest distance of the witness to any intruder, m; nan without one."""
+    proof_time: Any
+    """Time by which any control history has failed, s; nan without a proof."""
+
+
+class Replay(NamedTuple):
+    """The flight of a witness, T steps."""
+
+    time: Any
+    """s, ``[T + 1]``."""
+    own: VehicleState
+    """``[T + 1]``."""
+    intruders: VehicleState
+    """``[T + 1, K]``."""
+    separation: Any
+    """Smallest distance to any intruder during each step, m, ``[T]``."""
+
+
+def classify(
+    encounters: Encounter, rules: Rules, limits: Limits, solved: Any = None, *, reserve: float = 0.0
+) -> Resolvability:
+    """Decide which encounters are resolvable.
+
+    Args:
+        encounters: ``[N]``, numpy.
+        rules: of the task; floats.
+        limits: of the ownship; floats.
+        solved: bool ``[N]``; those that any other method has solved are resolvable without a search.
+        reserve: by how much more a proof needs the separation to be missed, m, as where it is not known to that how
+            the intruders fly between the seconds.
+
+    Raises:
+        ValueError: ``encounters`` has no leading axis, or ``solved`` is not one bool for each of them.
+    """
+    if np.ndim(encounters.goal_x) != 1:
+        raise ValueError(f"encounters must have one leading axis [N], got shape {np.shape(encounters.goal_x)}")
+    count = np.shape(encounters.goal_x)[0]
+    known = np.zeros(count, dtype=bool) if solved is None else np.asarray(solved)
+    if known.shape != (count,) or known.dtype != bool:
+        raise ValueError(f"solved must be bool [{count}], got {known.dtype} {list(known.shape)}")
+    result = Resolvability(
+        np.where(known, Verdict.RESOLVABLE, Verdict.UNDECIDED).astype(np.int8),
+        np.where(known, Method.SOLVED_ELSEWHERE, Method.NONE).astype(np.int8),
+        Manoeuvre(*np.full((len(Manoeuvre._fields), count), np.nan)),
+        *np.full((3, count), np.nan),
+    )
+    asked = np.flatnonzero(~known)
+    size = max(_CHUNK * 8 // max(np.shape(encounters.mask)[1], 8), 1)
+    for first in range(0, asked.size, size):
+        _decide(encounters, asked[first : first + size], rules, limits, reserve, result)
+    return result
+
+
+def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limits) -> Replay:
+    """Fly a witness until the encounter ends.
+
+    Args:
+        encounter: one, fields without a leading axis (``take(encounters, 7)``).
+        witness: its escape, likewise.
+        rules: of the task.
+        limits: of the ownship.
+
+    Raises:
+        ValueError: there is no witness (its parameters are nan).
+    """
+    if not np.all(np.isfinite(witness)):
+        raise ValueError("the encounter has no witness: its manoeuvre is not finite")
+    one, manoeuvre = _with_axis(encounter), _with_axis(witness)
+    traffic = tracks(one, steps(rules), rules)
+    flight, goal = takeoff(one.own, manoeuvre), (one.goal_x, one.goal_y)
+    states, separations = [flight.own], []
+    for index in range(steps(rules)):
+        now, after = take(traffic, index), take(traffic, index + 1)
+        flight = fly(flight, manoeuvre, index * rules.dt, goal, now, one.mask, rules, limits)
+        before, own = (VehicleState(*(field[:, None] for field in state)) for state in (states[-1], flight.own))
+        apart = np.where(one.mask, leg_separation(before, own, now, after, rules.dt, np), np.inf)
+        states.append(flight.own)
+        separations.append(float(np.min(apart)))
+        to_goal = distance(goal[0] - flight.own.x, goal[1] - flight.own.y, np)
+        if judge(np.array(separations[-1:]), to_goal, (index + 1) * rules.dt, rules, np).ended(np).all():
+            break
+    flown = np.arange(len(states))
+    own = VehicleState(*(np.concatenate(field) for field in zip(*states, strict=True)))
+    return Replay(flown * rules.dt, own, take(traffic, (flown, 0)), np.array(separations))
+
+
+def _decide(
+    encounters: Encounter, part: Any, rules: Rules, limits: Limits, reserve: float, result: Resolvability
+) -> None:
+    """Write the verdicts of the encounters numbered ``part`` into the result: what is cheap comes first."""
+    missed = rules._replace(separation=rules.separation - reserve)
+    chosen = cast(take(encounters, part), np.float64)
+    ahead = look_ahead(chosen, rules, limits)
+
+    def proven(numbers: Any, times: Any, method: Method) -> None:
+        holds = ~np.isnan(times)
+        rows = part[numbers[holds]]
+        result.verdict[rows], result.method[rows] = Verdict.UNRESOLVABLE, method
+        result.proof_time[rows] = times[holds]
+
+    def undecided() -> Any:
+        return np.flatnonzero(result.verdict[part] == Verdict.UNDECIDED)
+
+    everyone = np.arange(part.size)
+    proven(everyone, np.where(ahead.out_of_reach, steps(rules) * rules.dt, np.nan), Method.GOAL)
+    times = contained(ahead, missed, limits)
+    proven(everyone, times, Method.CONTAINMENT)
+    proven(everyone, np.where(times == 0.0, times, np.nan), Method.START)
+
+    left = undecided()
+    found = search(take(chosen, left), rules, limits)
+    works = ~np.isnan(found.arrival)
+    rows = part[left[works]]
+    result.verdict[rows], result.method[rows] = Verdict.RESOLVABLE, Method.SEARCH
+    for old, new in zip(result.witness, found.manoeuvre, strict=True):
+        old[rows] = new[works]
+    result.arrival[rows], result.separation[rows] = found.arrival[works], found.separation[works]
+
+    left = undecided()
+    proven(left, split(take(ahead, left), missed, limits), Method.SPLITTING)
+
+
+def _with_axis(fields: Any) -> Any:
+    """Return a tree with a leading axis of one, floats in double precision."""
+    if isinstance(fields, tuple):
+        return type(fields)(*(_with_axis(field) for field in fields))
+    field = np.asarray(fields)
+    return (field if field.dtype == bool else field.astype(np.float64))[None]

@@ -1,0 +1,242 @@
+"""Proofs that no control history resolves an encounter.
+
+A violation cannot be avoided if at some time, before the encounter can have ended at the goal, everything that the
+ownship can reach lies inside one intruder's disc. If the whole does not, its parts may, each at its own time and in
+its own intruder's disc: the states that are still clear of all of them are followed
+(:mod:`agents.resolvability.reachable_set`), or the control histories are split in two by their heading or speed at some
+time, again and again.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.manoeuvres.escape_manoeuvre import steps
+from agents.resolvability.reachable_bound import DELTA, DIRECTIONS, Funnel, farthest, narrowed, relaxed, root, support
+from agents.resolvability.reachable_set import Cells, last_time
+from envs.angles import sincos, wrap
+from envs.encounters import Encounter
+from envs.intruder import INTRUDER_LIMITS, start, step
+from envs.kinematics import Limits, advance
+from envs.outcome import Rules
+from envs.relative import distance
+from envs.trees import take
+
+__all__ = ["Ahead", "contained", "look_ahead", "split"]
+
+STEP = 0.05
+"""Of the integration of the supports, s."""
+
+STRIDE = 2
+"""Steps between the times at which containment is tested."""
+
+CELLS = (
+    Cells(turn=math.radians(30.0), speed=12.0, place=1_000.0, tests=80, most=3_000),
+    Cells(turn=math.radians(15.0), speed=8.0, place=1_000.0, tests=60, most=3_000),
+)
+"""How finely survivors are told apart, one after the other until one proves it."""
+
+NODES = 300
+"""Sets of control histories that a proof by halving may look at."""
+
+BLOCK = 25
+"""Funnels looked at together against up to 8 intruders (fewer against more): some 150 MB."""
+
+
+class Ahead(NamedTuple):
+    """What a proof needs of encounters; fields ``[N, ...]``."""
+
+    speed: Any
+    """Initial, m/s, ``[N]``."""
+    start_distance: Any
+    """To the nearest intruder at the start, m, ``[N]``."""
+    x: Any
+    """Intruders in the ownship's initial frame at the test times, m, ``[N, K, T]``; far off where absent."""
+    y: Any
+    goal_x: Any
+    """Goal in the same frame, m, ``[N]``."""
+    goal_y: Any
+    out_of_reach: Any
+    """Whether the goal cannot be reached in time, bool ``[N]``."""
+
+
+def look_ahead(encounter: Encounter, rules: Rules, limits: Limits) -> Ahead:
+    """Fly the intruders of encounters ``[N]`` over the horizon of proofs and ask whether the goal is in reach."""
+    own = encounter.own
+    sine, cosine = sincos(own.heading, np)
+
+    def in_frame(x: Any, y: Any) -> tuple[Any, Any]:
+        """Return positions ``[..., N, K]`` in the ownship's initial frame."""
+        east, north = x - own.x[:, None], y - own.y[:, None]
+        return cosine[:, None] * east + sine[:, None] * north, cosine[:, None] * north - sine[:, None] * east
+
+    times = _test_times(rules, limits)
+    flown = start(encounter.intruders, np)
+    began = distance(*in_frame(flown.vehicle.x, flown.vehicle.y), np)
+    places = []
+    index = 0
+    while len(times):
+        after = step(flown, encounter.intent, index * rules.dt, rules.dt, np)
+        within = times <= (index + 1) * rules.dt + 1e-9
+        seconds = (times[within] - index * rules.dt)[:, None, None]
+        # The controller holds its turn rate over a step.
+        turn_rate = wrap(after.vehicle.heading - flown.vehicle.heading, np) / rules.dt
+        between = advance(flown.vehicle, 0.0 * turn_rate, turn_rate, seconds, INTRUDER_LIMITS, np)
+        places.append(np.stack(in_frame(between.x, between.y)))
+        times, flown, index = times[~within], after, index + 1
+    x, y = np.where(encounter.mask, np.concatenate(places, axis=1), 1e9).transpose(0, 2, 3, 1)
+    start_distance = np.min(np.where(encounter.mask, began, np.inf), axis=-1)
+    goal_x, goal_y = (place[:, 0] for place in in_frame(encounter.goal_x[:, None], encounter.goal_y[:, None]))
+    out_of_reach = _out_of_reach(own.speed, goal_x, goal_y, rules, limits)
+    return Ahead(own.speed, start_distance, x, y, goal_x, goal_y, out_of_reach)
+
+
+def contained(ahead: Ahead, rules: Rules, limits: Limits) -> Any:
+    """Return the time by which every control history has violated the separation, nan where not proven, ``[N]``."""
+    proven = np.full(ahead.speed.shape, np.nan)
+    # The straight flight is among the histories: an intruder that does not meet it contains nothing.
+    straight = distance(ahead.x - (ahead.speed[:, None] * _test_times(rules, limits))[:, None], ahead.y, np)
+    near = np.flatnonzero(np.min(straight, axis=(-1, -2)) <= rules.separation - DELTA)
+    size = _block(ahead)
+    for first in range(0, near.size, size):
+        part = near[first : first + size]
+        chosen = take(ahead, part)
+        funnel = root(chosen.speed, _times(rules, limits), relaxed(limits))
+        proven[part] = _look(funnel, chosen, rules, limits)[0]
+    proven[ahead.start_distance <= rules.separation - DELTA] = 0.0
+    return proven
+
+
+def split(ahead: Ahead, rules: Rules, limits: Limits, nodes: int = NODES) -> Any:
+    """As :func:`contained`, for parts of the control histories, ``[N]``.
+
+    Args:
+        ahead: ``[N]``.
+        rules: of the task.
+        limits: of the ownship.
+        nodes: halves of halves that may be looked at where following the survivors proves nothing.
+    """
+    proven = np.full(ahead.speed.shape, np.nan)
+    for index in range(ahead.speed.size):
+        one = take(ahead, slice(index, index + 1))
+        for cells in CELLS:
+            if np.isnan(proven[index]):
+                proven[index] = _survived(one, cells, rules, limits)
+        if np.isnan(proven[index]):
+            proven[index] = _halved(one, nodes, rules, limits)
+    return proven
+
+
+def _survived(ahead: Ahead, cells: Cells, rules: Rules, limits: Limits) -> float:
+    """Follow what is still clear of all intruders of one encounter; return when nothing is, nan if something stays."""
+    granted, radius = relaxed(limits), rules.separation - DELTA
+    fastest = max(granted.speed_max, ahead.speed[0])
+    reach = radius + fastest * _test_times(rules, limits)
+    near = np.any(distance(ahead.x[0], ahead.y[0], np) <= reach, axis=-1)
+    goal = (ahead.goal_x[0], ahead.goal_y[0], rules.goal_radius + DELTA)
+    discs = (ahead.x[0, near], ahead.y[0, near], radius)
+    return last_time(ahead.speed[0], discs, goal, STRIDE * STEP, cells, granted)
+
+
+def _halved(ahead: Ahead, nodes: int, rules: Rules, limits: Limits) -> float:
+    """Halve the control histories of one encounter until all are contained; return the last time, nan if some stay."""
+    times, size = _times(rules, limits), _block(ahead)
+    funnel = root(ahead.speed, times, relaxed(limits))
+    looked_at, latest = funnel.turn_low.shape[0], 0.0
+    while looked_at <= nodes:
+        blocks = [take(funnel, slice(i, i + size)) for i in range(0, funnel.turn_low.shape[0], size)]
+        looks = [_look(block, ahead, rules, limits) for block in blocks]
+        ended, promising = (np.concatenate(part) for part in zip(*looks, strict=True))
+        latest = max(latest, float(np.max(ended, where=~np.isnan(ended), initial=0.0)))
+        open_still = np.isnan(ended)
+        if not open_still.any():
+            return latest
+        funnel = _halves(take(funnel, open_still), promising[open_still], times, limits)
+        looked_at += funnel.turn_low.shape[0]
+    return np.nan
+
+
+def _look(funnel: Funnel, ahead: Ahead, rules: Rules, limits: Limits) -> tuple[Any, Any]:
+    """Look for a time at which an intruder's disc contains funnels, ``[N]``.
+
+    Returns:
+        The first such time (nan if there is none), and the time at which the least part of the reachable width
+        would have to go for containment.
+    """
+    supports = support(funnel, DIRECTIONS, STEP, relaxed(limits), stride=STRIDE)
+    times = _test_times(rules, limits)
+    excess = np.min(farthest(supports, ahead.x, ahead.y), axis=-2) - (rules.separation - DELTA)
+    excess = np.where(_under_way(supports, ahead, rules, limits), excess, np.inf)
+    contains = excess <= 0.0
+    ended = np.where(contains.any(axis=-1), times[np.argmax(contains, axis=-1)], np.nan)
+    width = np.max(supports + np.roll(supports, DIRECTIONS.size // 2, axis=-2), axis=-2)
+    return ended, times[np.argmin(excess / width, axis=-1)]
+
+
+def _halves(funnel: Funnel, promising: Any, times: Any, limits: Limits) -> Funnel:
+    """Split funnels where it narrows most what can be reached until the promising times, ``[N]`` -> ``[2 N]``."""
+    rows = np.arange(promising.size)
+    until = times <= promising[:, None]
+    none = np.full(promising.size, np.nan)
+    least: Any = np.full(promising.size, np.inf)
+    chosen: Any = (funnel, funnel)
+    for fraction in (0.3, 0.6, 0.9):
+        at = np.clip(np.rint(fraction * promising / STEP).astype(int), 1, times.size - 1)
+        turn = 0.5 * (funnel.turn_low + funnel.turn_high)[rows, at]
+        speed = 0.5 * (funnel.speed_low + funnel.speed_high)[rows, at]
+        for cut in ((turn, none), (none, speed)):
+            halves = narrowed(funnel, times, times[at], *cut, relaxed(limits))
+            width = np.maximum(*(np.sum(_width(half) * until, axis=-1) for half in halves))
+            better = width < least
+            least = np.where(better, width, least)
+            chosen = tuple(
+                Funnel(*(np.where(better[:, None], new, old) for new, old in zip(half, best, strict=True)))
+                for half, best in zip(halves, chosen, strict=True)
+            )
+    return Funnel(*(np.concatenate(pair) for pair in zip(*chosen, strict=True)))
+
+
+def _width(funnel: Funnel) -> Any:
+    """Return how fast the reachable set widens, m/s, ``[N, T]``: a guide for splitting, no bound."""
+    turn = np.minimum(funnel.turn_high - funnel.turn_low, 3.0)
+    return 0.5 * (funnel.speed_low + funnel.speed_high) * turn + funnel.speed_high - funnel.speed_low
+
+
+def _under_way(supports: Any, ahead: Ahead, rules: Rules, limits: Limits) -> Any:
+    """Return whether no history of the funnels can have ended at the goal by the test times, ``[N, T]``.
+
+    What cannot be within the goal's radius and one interval's flight of it now has not been at it since the last test.
+    """
+    flight = np.maximum(relaxed(limits).speed_max, ahead.speed) * STRIDE * STEP
+    goal = np.cos(DIRECTIONS) * ahead.goal_x[:, None] + np.sin(DIRECTIONS) * ahead.goal_y[:, None]
+    short_of = goal - (rules.goal_radius + DELTA + flight)[:, None]
+    return np.logical_and.accumulate(np.any(supports < short_of[..., None], axis=-2), axis=-1)
+
+
+def _out_of_reach(speed: Any, goal_x: Any, goal_y: Any, rules: Rules, limits: Limits) -> Any:
+    """Return whether the outer set at the end does not touch the goal's disc in some direction, bool ``[N]``."""
+    coarse = STRIDE * STEP
+    times = coarse * np.arange(int(np.ceil(steps(rules) * rules.dt / coarse)) + 1)
+    direction = np.arctan2(goal_y, goal_x)[:, None]
+    funnel = root(speed, times, relaxed(limits))
+    reach = support(funnel, direction, coarse, relaxed(limits), growing=True)[:, 0]
+    # The support is convex in time, since its integrand grows: it is largest at one of the ends.
+    return np.maximum(reach[:, -1], 0.0) < distance(goal_x, goal_y, np) - (rules.goal_radius + DELTA)
+
+
+def _block(ahead: Ahead) -> int:
+    return max(BLOCK * 8 // max(ahead.x.shape[1], 8), 1)
+
+
+def _times(rules: Rules, limits: Limits) -> Any:
+    """Return the times of the funnels, s: half as long again as it takes to move aside by the separation."""
+    radius = limits.speed_min / limits.yaw_rate_max
+    turning = np.arccos(max(1.0 - rules.separation / radius, 0.0)) / limits.yaw_rate_max
+    aside = turning + max(rules.separation - radius, 0.0) / limits.speed_min
+    cells = STRIDE * int(min(1.5 * aside, steps(rules) * rules.dt) / (STRIDE * STEP))
+    return STEP * np.arange(cells + 1)
+
+
+def _test_times(rules: Rules, limits: Limits) -> Any:
+    return _times(rules, limits)[STRIDE::STRIDE]

@@ -1,0 +1,178 @@
+"""The least-cost witness: the shortest flight known that resolves an encounter.
+
+All escapes of the search that work, not only the first to arrive, and a family that stays near the direct route are
+flown; the shortest of them breed a local refinement, a differential evolution whose draws are fixed. What comes out is
+an escape like any other and is replayed by :func:`agents.resolvability.replay`.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.manoeuvres.escape_manoeuvre import Manoeuvre, steps, tracks
+from agents.manoeuvres.escape_search import SPREAD, STAGES, Flown, fly_out, parts, search, within_range
+from envs.draws import normals, uniforms
+from envs.encounters import Encounter
+from envs.kinematics import Limits, VehicleState
+from envs.outcome import Rules
+from envs.relative import bearing
+from envs.starts import cast
+from envs.trees import take
+
+__all__ = ["ROUNDS", "SECOND", "Witnesses", "least_cost"]
+
+SECOND = 1e-3
+"""Cost of a second of flight, m: of flights of the same length the earlier arrival is the better."""
+
+_MARGIN = 1e-6
+"""Required beyond the separation, m, so that a replay whose sums round otherwise keeps it too."""
+
+ROUNDS = 40
+"""Of the refinement."""
+
+_ELITES, _CHILDREN, _DECAY = 12, 48, 0.9
+"""Of the refinement: flights kept, offspring a round, factor a round on the spread of the changes."""
+
+_THROTTLES = (-1.0, 0.0, 1.0)
+_NEAR_DEG = (0.0, 4.0, -4.0, 9.0, -9.0, 16.0, -16.0, 30.0, -30.0)
+
+
+class Witnesses(NamedTuple):
+    """The cheapest flights known; fields ``[N]``, nan where none is known."""
+
+    manoeuvre: Manoeuvre
+    """Parameters, to be replayed."""
+    arrival: Any
+    """Time at which the goal is reached, s."""
+    separation: Any
+    """Smallest distance to any intruder until then, m."""
+    path: Any
+    """Length flown until the circle around the goal is entered, m."""
+
+
+def least_cost(
+    encounters: Encounter, rules: Rules, limits: Limits, start: Manoeuvre | None = None, rounds: int = ROUNDS
+) -> Witnesses:
+    """Look for the shortest flights that keep the separation until they reach the goal in time.
+
+    The cost is the path's length up to the goal's circle plus :data:`SECOND` for each second until the arrival.
+    The result of one encounter depends on no other.
+
+    Args:
+        encounters: ``[N]``, numpy.
+        rules: of the task; floats.
+        limits: of the ownship; floats.
+        start: escapes known already, ``[N]``, such as the witnesses of ``classify``; nan where none is.
+        rounds: of the refinement; fewer are faster and cost some optimality.
+
+    Raises:
+        ValueError: ``encounters`` has no leading axis.
+    """
+    if np.ndim(encounters.goal_x) != 1:
+        raise ValueError(f"encounters must have one leading axis [N], got shape {np.shape(encounters.goal_x)}")
+    chosen = cast(encounters, np.float64)
+    count = np.shape(chosen.goal_x)[0]
+    known = np.full((len(SPREAD), count), np.nan) if start is None else np.stack(start).astype(np.float64)
+    result = Witnesses(Manoeuvre(*np.full((len(SPREAD), count), np.nan)), *np.full((3, count), np.nan))
+    for part in parts(np.arange(count), sum(stage.turn.size for stage in STAGES), chosen):
+        best = _cheapest(take(chosen, part), known[:, part], rounds, rules, limits)
+        for old, new in zip(_leaves(result), _leaves(best), strict=True):
+            old[part] = new
+    return result
+
+
+def _cheapest(encounter: Encounter, known: Any, rounds: int, rules: Rules, limits: Limits) -> Witnesses:
+    """Return the witnesses of a part of the encounters, ``[N]``; ``known`` is ``[8, N]``."""
+    count = np.shape(encounter.goal_x)[0]
+    traffic = tracks(encounter, steps(rules), rules)
+    everyone = np.arange(count)
+    families = np.concatenate([np.stack(stage) for stage in STAGES], axis=-1)
+    families = np.broadcast_to(families[:, None], (len(SPREAD), count, families.shape[-1]))
+    pool = np.concatenate([families, _direct(encounter, rules), known[:, :, None]], axis=-1)
+    pool, flown = _best(pool, _fly(encounter, traffic, everyone, pool, rules, limits), _ELITES)
+
+    # What no family solves may be solved by the search's refinement towards a larger separation.
+    left = np.flatnonzero(np.isnan(flown.arrival[:, 0]))
+    if left.size:
+        rescued = np.stack(search(take(encounter, left), rules, limits).manoeuvre)[:, :, None]
+        pool[:, left, :1] = rescued
+        again = _fly(encounter, traffic, left, rescued, rules, limits)
+        for old, new in zip(flown, again, strict=True):
+            old[left, :1] = new
+
+    # Offspring of one round are the same changes for every encounter, so that results do not depend on the batch.
+    changes = normals(1, 0, rounds, (len(SPREAD), _CHILDREN))
+    draws = uniforms(1, 0, rounds, (5, _CHILDREN), stream=1)
+    for index in range(rounds):
+        working = np.sum(~np.isnan(flown.arrival), axis=-1)
+        alive = np.flatnonzero(working)
+        if alive.size == 0:
+            break
+        tried = _offspring(pool[:, alive], working[alive], changes[index] * _DECAY**index, draws[index])
+        outcome = _fly(encounter, traffic, alive, tried, rules, limits)
+        both = Flown(*(np.concatenate([a[alive], b], axis=-1) for a, b in zip(flown, outcome, strict=True)))
+        kept, kept_flown = _best(np.concatenate([pool[:, alive], tried], axis=-1), both, _ELITES)
+        pool[:, alive] = kept
+        for old, new in zip(flown, kept_flown, strict=True):
+            old[alive] = new
+    works = ~np.isnan(flown.arrival[:, 0])
+    best = np.where(works, pool[:, :, 0], np.nan)
+    arrival, separation, path = (np.where(works, field[:, 0], np.nan) for field in flown)
+    return Witnesses(Manoeuvre(*best), arrival, separation, path)
+
+
+def _direct(encounter: Encounter, rules: Rules) -> Any:
+    """Return flights near the direct route, which let the intruder pass by their speed: ``[8, N, F]``."""
+    to_goal = bearing(encounter.own, encounter.goal_x, encounter.goal_y, np)
+    mesh = np.meshgrid(np.radians(_NEAR_DEG), _THROTTLES, _THROTTLES, indexing="ij")
+    aside, throttle, home = (axis.ravel() for axis in mesh)
+    zero = np.zeros((to_goal.size, aside.size))
+    never = zero + rules.t_max
+    turn = to_goal[:, None] + aside
+    return np.stack([turn, zero + throttle, never, zero, zero + throttle, zero, zero, zero + home])
+
+
+def _offspring(pool: Any, working: Any, changes: Any, draws: Any) -> Any:
+    """Return variants of the flights that work, ``[8, N, C]``.
+
+    Args:
+        pool: flights, best first, ``[8, N, E]``.
+        working: how many of them work, ``[N]``.
+        changes: normal draws, scaled, ``[8, C]``.
+        draws: uniform draws, ``[5, C]``.
+    """
+    last = np.maximum(working - 1, 0)[:, None]
+
+    def some(draw: Any) -> Any:
+        return np.take_along_axis(pool, np.minimum((draw * (last + 1)).astype(int), last)[None], axis=-1)
+
+    # The better parent is the likelier; half of the offspring vary along the differences between the flights kept.
+    parent, one, other = some(draws[0] ** 2), some(draws[1]), some(draws[2])
+    along = np.where(draws[3] < 0.5, draws[4], 0.0) * (one - other)
+    noise = np.array(SPREAD)[:, None] * changes * np.where(draws[3] < 0.5, 0.2, 1.0)
+    return within_range(parent + along + noise[:, None])
+
+
+def _fly(encounter: Encounter, traffic: VehicleState, rows: Any, tried: Any, rules: Rules, limits: Limits) -> Flown:
+    """Fly candidates ``[8, R, C]`` of the encounters numbered ``rows``; fields ``[R, C]``, nan arrival if they fail."""
+    size = tried.shape[-1]
+    flat = np.ascontiguousarray(tried.reshape(tried.shape[0], -1))
+    which = np.repeat(rows, size)
+    able = np.flatnonzero(np.isfinite(flat).all(axis=0))
+    stricter = rules._replace(separation=rules.separation + _MARGIN)
+    flown = fly_out(encounter, traffic, which[able], Manoeuvre(*flat[:, able]), stricter, limits, first=False)
+    result = Flown(*np.full((3, which.size), np.nan))
+    for old, new in zip(result, flown, strict=True):
+        old[able] = new
+    return Flown(*(field.reshape(-1, size) for field in result))
+
+
+def _best(pool: Any, flown: Flown, most: int) -> tuple[Any, Flown]:
+    """Return the cheapest flights ``[8, N, most]`` that work, cheapest first, then those that do not."""
+    cost = np.where(np.isnan(flown.arrival), np.inf, flown.path + SECOND * flown.arrival)
+    best = np.argsort(cost, axis=-1, kind="stable")[:, :most]
+    return np.take_along_axis(pool, best[None], axis=-1), Flown(*(np.take_along_axis(f, best, axis=-1) for f in flown))
+
+
+def _leaves(witnesses: Witnesses) -> tuple[Any, ...]:
+    return (*witnesses.manoeuvre, *witnesses[1:])

@@ -1,0 +1,1 @@
+"""Learning curves beside the peers': ``python -m benchmarks.learning``."""

@@ -1,0 +1,110 @@
+"""The figure of the comparison: score against environment steps and against wall time."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from benchmarks.learning.curves import CONFIDENCE, Axis, Point, t_mean
+from rlcas_jax.figures import STYLE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["draw"]
+
+
+class _Look(NamedTuple):
+    label: str
+    color: str
+    line: str
+
+
+# Apart for every kind of colour vision, and by their lines where there is no colour.
+_LOOKS = {
+    "ours": _Look("this toolkit", "#0072b2", "-"),
+    "sb3": _Look("Stable-Baselines3 PPO", "#d55e00", "--"),
+    "sbx": _Look("SBX PPO", "#00795a", "-."),
+}
+_GREY = "#767676"
+_PLACES = 200
+
+
+def draw(curves: Mapping[str, Sequence[Sequence[Point]]], scores: Sequence[float], path: Path) -> list[Path]:
+    """Draw the learners' curves as PNG and SVG and return the files.
+
+    Args:
+        curves: of each learner's seeds.
+        scores: that are marked.
+        path: of the files, without suffix.
+    """
+    with rc_context(STYLE):
+        figure = Figure(figsize=(9.6, 4.2), layout="constrained")
+        left, right = figure.subplots(1, 2, sharey=True)
+        _panel(left, curves, scores, "steps")
+        _panel(right, curves, scores, "wall_s")
+        left.set(title="For equal environment steps", xlabel="environment steps, millions", ylabel="training score")
+        right.set(title="For equal wall time", xlabel="wall time of training, s")
+        seeds = max(len(runs) for runs in curves.values())
+        note = "one seed" if seeds == 1 else f"mean and {CONFIDENCE:.0%} t interval of {seeds} seeds, each a thin line"
+        handles, labels = left.get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(handles), title=note, title_fontsize=8.0)
+        files = [path.with_suffix(".png"), path.with_suffix(".svg")]
+        figure.savefig(files[0], dpi=150)
+        figure.savefig(files[1], metadata={"Date": None})
+    return files
+
+
+def _panel(axes: "Axes", curves: Mapping[str, Sequence[Sequence[Point]]], scores: Sequence[float], along: Axis) -> None:
+    scale = 1e-6 if along == "steps" else 1.0
+    end = 0.0
+    for learner, runs in curves.items():
+        look = _LOOKS[learner]
+        drawn = [_arrays(run, along) for run in runs]
+        drawn = [(scale * where, score) for where, score in drawn if len(where)]
+        if not drawn:
+            continue
+        end = max(end, *(where[-1] for where, _ in drawn))
+        if len(drawn) > 1:
+            for where, score in drawn:
+                axes.plot(where, score, color=look.color, linewidth=0.6, alpha=0.45)
+        # The mean goes as far as every seed.
+        first, last = max(where[0] for where, _ in drawn), min(where[-1] for where, _ in drawn)
+        places = np.linspace(first, last, _PLACES) if last > first else np.array([first])
+        along_places = np.array([np.interp(places, where, score) for where, score in drawn])
+        means = [t_mean(list(column)) for column in along_places.T]
+        marker = "o" if len(places) == 1 else None
+        axes.plot(
+            places,
+            [m.value for m in means],
+            look.line,
+            color=look.color,
+            linewidth=1.8,
+            marker=marker,
+            label=look.label,
+        )
+        if len(drawn) > 1:
+            low, high = [m.low for m in means], [m.high for m in means]
+            axes.fill_between(places, low, high, color=look.color, alpha=0.15, linewidth=0.0)
+    for score in scores:
+        axes.axhline(score, color=_GREY, linewidth=1.0, linestyle=(0, (4, 3)))
+        axes.annotate(
+            f"+{score:.0f}",
+            (0.0, score),  # at the left end, where the curves are still far below
+            xycoords=("axes fraction", "data"),
+            xytext=(3, 1),
+            textcoords="offset points",
+            ha="left",
+            va="bottom",
+            color=_GREY,
+            fontsize=8.0,
+        )
+    axes.set(xlim=(0.0, 1.02 * end or 1.0), ylim=(-105.0, 105.0))
+
+
+def _arrays(run: Sequence[Point], along: Axis) -> tuple[np.ndarray, np.ndarray]:
+    known = [point for point in run if np.isfinite(point.score)]
+    return np.array([getattr(point, along) for point in known], float), np.array([point.score for point in known])

@@ -1,0 +1,362 @@
+"""Learning curves beside the peers': ``python -m benchmarks.learning [--quick] [--out DIR]``.
+
+Our PPO, Stable-Baselines3's and SBX's learn the same task on the same machine: the same encounters, inputs, shaping,
+networks and schedule of the learning rate. First each tries the same settings for the same wall time and keeps the one
+with the best score, or with ``--trial-target`` the one that comes to a score soonest; then each trains all seeds for
+the same number of steps, in turns, each in a process of its own and one at a time. Read off: the time to a training
+score, scores after equal steps and after equal wall time, with intervals over the seeds. The same command goes on
+where it was stopped.
+"""
+
+import json
+import math
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from agents.config.load import ConfigError, Parser, dump, load
+from benchmarks.learning import figure as learning_figure
+from benchmarks.learning import sb3 as sb3_task
+from benchmarks.learning import training as learning_run
+from benchmarks.learning.curves import Axis, Point, Times, ratio, reached, score_at, t_mean
+from benchmarks.learning.settings import changed, settings
+from benchmarks.learning.sides import LEARNERS, PACKAGES, available
+from benchmarks.learning.task import check
+from benchmarks.learning.training import Log
+from benchmarks.learning.trials import Trial, best, described
+from benchmarks.measure import machine, report
+from eval.stats.intervals import Interval
+from rlcas_jax.config import SEED_END, TrainConfig
+
+__all__ = ["SCORES", "TARGETS", "Extent", "RunError", "main", "summary"]
+
+SCORES = (75.0, 85.0)
+"""Training scores whose time is taken; the paper's training ends at the first."""
+TARGETS = {"sb3": 5.0, "sbx": 2.0}
+"""How many times sooner than each peer we want to be there."""
+
+_TRIAL_SEED = 1_000_003
+"""Added to the seed for the trials, so that no setting is chosen by the seeds that are compared."""
+FAILED = 1
+
+
+class RunError(RuntimeError):
+    """A training that did not come to its end; the message says which."""
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How much is measured."""
+
+    steps: int = 5_000_000
+    """Environment steps of a training."""
+    seeds: int = 3
+    budget_s: float = 600.0
+    """Most time of a training, s; starting is not counted."""
+    trials: int = 4
+    """Settings that every learner tries; with 0 all learn as the configuration says."""
+    trial_s: float = 40.0
+    """Most time of a trial, s."""
+    trial_seeds: int = 1
+    """Trainings of a trial."""
+    trial_target: float | None = None
+    """Training score that trials are to reach soon, and end at; None: they are judged by the score at their end."""
+
+
+QUICK = Extent(steps=400_000, seeds=2, budget_s=30.0, trials=2, trial_s=6.0)
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """What was trained."""
+
+    trials: dict[str, list[Trial]]
+    """Of each learner."""
+    chosen: dict[str, dict[str, float]]
+    seeds: dict[str, list[Log]]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure, draw and print; return 0, or 1 where a training failed."""
+    options, extent, config = _parsed(argv)
+    learners = _present(options.learner)
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise ConfigError(f"--out {options.out}: {problem.strerror}; expected a directory to write to") from None
+    try:
+        runs = _trained(config, extent, learners, options.out)
+    except RunError as problem:
+        print(f"error: {problem}", file=sys.stderr)
+        return FAILED
+    figures = summary(runs.seeds) | {
+        "configuration": config.name,
+        "hidden": list(config.network.hidden),
+        "steps": extent.steps,
+        "budget_s": extent.budget_s,
+        "trial_s": extent.trial_s,
+        "trial_seeds": extent.trial_seeds,
+        "trial_target": extent.trial_target,
+        "settings": runs.chosen,
+        "trials": {
+            name: [described(trial, extent.trial_target) for trial in tried] for name, tried in runs.trials.items()
+        },
+    }
+    curves = {name: [log.curve for log in logs] for name, logs in runs.seeds.items()}
+    files = learning_figure.draw(curves, SCORES, options.out / "learning")
+    _write_curves(runs, options.out / "curves.parquet")
+    (options.out / "summary.json").write_text(json.dumps(figures | {"machine": machine()}, indent=2) + "\n")
+    print(_table(figures))
+    print(f"written: {', '.join(map(str, files))}, {options.out / 'curves.parquet'}, {options.out / 'summary.json'}")
+    report(figures, tuple(dict.fromkeys(package for name in learners for package in PACKAGES[name])))
+    return 0
+
+
+def summary(seeds: Mapping[str, Sequence[Log]]) -> dict[str, Any]:
+    """Return what the trainings of all seeds say, for JSON: null where nothing can be said.
+
+    Args:
+        seeds: runs of each learner.
+    """
+    # A seed that diverged has no score at the end; that it is missing there is said beside it.
+    lasting = {name: [log.curve for log in logs if log.ended != "diverged"] for name, logs in seeds.items()}
+    curves = {name: [log.curve for log in logs] for name, logs in seeds.items()}
+    ends: dict[Axis, float] = {
+        axis: min((getattr(curve[-1], axis) for runs in lasting.values() for curve in runs if curve), default=0.0)
+        for axis in ("steps", "wall_s")
+    }
+    times = {name: {score: _times(runs, score) for score in SCORES} for name, runs in curves.items()}
+    found: dict[str, Any] = {"equal_steps": ends["steps"], "equal_wall_s": ends["wall_s"], "learners": {}}
+    for name, runs in curves.items():
+        whole = [curve for curve in runs if curve]
+        figures: dict[str, Any] = {
+            "seeds": len(runs),
+            "ended": [log.ended for log in seeds[name]],
+            "startup_s": _plain(t_mean([log.startup_s for log in seeds[name]])),
+            "steps_per_s": _plain(t_mean([curve[-1].steps / curve[-1].wall_s for curve in whole])),
+        }
+        for axis, place in ends.items():
+            scores = [score_at(curve, place, axis) for curve in lasting[name]]
+            known = [score for score in scores if math.isfinite(score)]
+            figures[f"score_after_equal_{axis}"] = _plain(t_mean(known)) | {"seeds": len(known)}
+        for score in SCORES:
+            figures[f"time_to_{score:.0f}_s"] = _time_figures(times[name][score])
+        found["learners"][name] = figures
+    found["ratios"] = {
+        name: {f"time_to_{score:.0f}": _ratio(of[score], times["ours"][score], TARGETS[name]) for score in SCORES}
+        for name, of in times.items()
+        if name != "ours" and "ours" in times
+    }
+    return found
+
+
+def _times(runs: Sequence[Sequence[Point]], score: float) -> Times:
+    whole = [curve for curve in runs if curve]
+    return Times(tuple(reached(curve, score, "wall_s") for curve in whole), tuple(curve[-1].wall_s for curve in whole))
+
+
+def _time_figures(times: Times) -> dict[str, Any]:
+    known = sum(time is not None for time in times.seeds)
+    longer = {} if times.complete or not times.seeds else {"at_least": times.at_least()}
+    return _plain(times.mean()) | longer | {"reached": known, "seeds": list(times.seeds)}
+
+
+def _ratio(theirs: Times, ours: Times, target: float) -> dict[str, Any]:
+    found = ratio(theirs, ours)
+    figures = _plain(found) | {"target": target}
+    if math.isfinite(found.low):
+        # As with every target here: what is sure of it, not what is likely.
+        return figures | {"met": found.low >= target}
+    bound = theirs.at_least() / ours.mean().value if ours.complete and theirs.seeds and not theirs.complete else None
+    return figures | ({} if bound is None else {"at_least": bound}) | {"met": None}
+
+
+def _plain(interval: Interval) -> dict[str, float | None]:
+    return {key: value if math.isfinite(value) else None for key, value in interval._asdict().items()}
+
+
+def _parsed(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
+    parser = Parser(prog="python -m benchmarks.learning", description=__doc__)
+    add = parser.add_argument
+    add("--config", type=Path, default=Path("configs/quick.yaml"), help="of the training (default configs/quick.yaml)")
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of it; may be given many times")
+    add("--learner", action="append", choices=LEARNERS, help="who learns; may be given several times (default: all)")
+    add("--steps", type=int, help="environment steps of a training (default 5000000; 400000 with --quick)")
+    add("--seeds", type=int, help="trainings of each learner (default 3; 2 with --quick)")
+    add("--budget", type=float, metavar="SECONDS", help="most time of a training, s (default 600; 30 with --quick)")
+    add("--trials", type=int, help="settings that every learner tries first; 0: none (default 4; 2 with --quick)")
+    add("--trial-seconds", type=float, help="most time of each of them, s (default 40; 6 with --quick)")
+    add("--trial-seeds", type=int, help="trainings of each of them (default 1)")
+    add(
+        "--trial-target",
+        type=float,
+        metavar="SCORE",
+        help="choose the setting that comes to this training score soonest (default: the best score at the end)",
+    )
+    add("--quick", action="store_true", help="short trainings: shows that it works, and no learner at its end")
+    add("--out", type=Path, default=Path("runs/learning"), help="directory of the results (default runs/learning)")
+    options = parser.parse_args(argv)
+    given = {
+        "steps": options.steps,
+        "seeds": options.seeds,
+        "budget_s": options.budget,
+        "trials": options.trials,
+        "trial_s": options.trial_seconds,
+        "trial_seeds": options.trial_seeds,
+        "trial_target": options.trial_target,
+    }
+    extent = replace(QUICK if options.quick else Extent(), **{k: v for k, v in given.items() if v is not None})
+    for option, value, least in (
+        ("--steps", extent.steps, 1),
+        ("--seeds", extent.seeds, 1),
+        ("--trials", extent.trials, 0),
+        ("--trial-seeds", extent.trial_seeds, 1),
+    ):
+        if value < least:
+            raise ConfigError(f"{option} is {value}; expected {least} or more")
+    for option, seconds in (("--budget", extent.budget_s), ("--trial-seconds", extent.trial_s)):
+        if not 0.0 < seconds < math.inf:
+            raise ConfigError(f"{option} is {seconds}; expected more than 0 s")
+    if extent.trial_target is not None and not -100.0 < extent.trial_target < 100.0:
+        raise ConfigError(f"--trial-target is {extent.trial_target}; expected a training score between -100 and 100")
+    config = load(TrainConfig, options.config, [*options.set, f"steps={extent.steps}"])
+    check(config)
+    return options, extent, config
+
+
+def _present(wanted: Sequence[str] | None) -> list[str]:
+    """Return who learns; say who is left out because it is not installed, and refuse that where it was asked for."""
+    learners = []
+    for name in dict.fromkeys(wanted or LEARNERS):
+        if available(name):
+            learners.append(name)
+        elif wanted:
+            raise ConfigError(f"--learner {name}: {LEARNERS[name]} is not installed; to have it: {sb3_task.INSTALL}")
+        else:
+            print(f"{LEARNERS[name]} is not installed and is left out; to have it: {sb3_task.INSTALL}")
+    return learners
+
+
+def _trained(config: TrainConfig, extent: Extent, learners: Sequence[str], out: Path) -> _Runs:
+    """Make the trials and trainings that are missing."""
+    tried = settings(config, extent.trials)
+    trials: dict[str, list[Trial]] = {name: [] for name in learners}
+    trial_seeds = [(config.seed + _TRIAL_SEED + number) % SEED_END for number in range(extent.trial_seeds)]
+    # In turns, so that a slow moment of the machine meets every learner alike.
+    for number, setting in enumerate(tried):
+        for name in learners:
+            first = f"{name}-{number}"
+            names = [first, *(f"{first}-seed{more}" for more in range(1, extent.trial_seeds))]
+            logs = tuple(
+                _run(name, changed(config, setting, seed), extent.trial_s, out / "trials" / run, extent.trial_target)
+                for run, seed in zip(names, trial_seeds, strict=True)
+            )
+            trials[name].append(Trial(setting, logs))
+    own = settings(config, 1)[0]
+    chosen = {name: best(trials[name], extent.trial_target) if tried else own for name in learners}
+    for name, setting in chosen.items():
+        print(f"{name} learns with {_words(setting)}", flush=True)
+    seeds: dict[str, list[Log]] = {name: [] for name in learners}
+    for number in range(extent.seeds):
+        for name in learners:
+            seeded = changed(config, chosen[name], (config.seed + number) % SEED_END)
+            seeds[name].append(_run(name, seeded, extent.budget_s, out / "runs" / f"{name}-seed{number}"))
+    return _Runs(trials, chosen, seeds)
+
+
+def _run(learner: str, config: TrainConfig, seconds: float, path: Path, until: float | None = None) -> Log:
+    """Train in a process of its own, no longer than until a score, unless it is done.
+
+    Raises:
+        ConfigError: there is a run of that name that was made otherwise.
+        RunError: the process failed.
+    """
+    text, file, log_file = dump(config), path.with_suffix(".yaml"), path.with_suffix(".jsonl")
+    done = learning_run.read(log_file)
+    if done is not None and done.ended is not None:
+        same_end = (done.header.get("seconds"), done.header.get("until")) == (seconds, until)
+        if not file.exists() or file.read_text(encoding="utf-8") != text or not same_end:
+            raise ConfigError(f"{log_file}: it was made with other options; expected the same ones, or another --out")
+        print(f"{path.name}: done before", flush=True)
+        return done
+    path.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text, encoding="utf-8")
+    print(f"{path.name}: {LEARNERS[learner]}, {_words(settings(config, 1)[0])}", flush=True)
+    _process(learner, file, seconds, log_file, until)
+    log = learning_run.read(log_file)
+    if log is None or log.ended is None:
+        raise RunError(f"{log_file}: the training stopped before its end; the same command goes on")
+    return log
+
+
+def _process(learner: str, config: Path, seconds: float, out: Path, until: float | None) -> None:
+    """Run :mod:`benchmarks.learning.training` in a process of its own, on the CPU as every learner here."""
+    options = ["--learner", learner, "--config", str(config), "--seconds", repr(seconds), "--out", str(out)]
+    if until is not None:
+        options += ["--until", repr(until)]
+    command = [sys.executable, "-m", "benchmarks.learning.training", *options]
+    status = subprocess.run(command, env=os.environ | {"JAX_PLATFORMS": "cpu"}, check=False).returncode
+    if status == 130:
+        raise KeyboardInterrupt
+    if status:
+        raise RunError(f"{out}: the training ended with status {status}; the same command goes on")
+
+
+def _write_curves(runs: _Runs, path: Path) -> None:
+    """Write every point of every curve as one table."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    def rows(phase: str, learner: str, logs: Sequence[Log]) -> list[dict[str, Any]]:
+        return [
+            {"phase": phase, "learner": learner, "number": number} | point._asdict()
+            for number, log in enumerate(logs)
+            for point in log.curve
+        ]
+
+    table = [
+        row
+        for name, tried in runs.trials.items()
+        for row in rows("trial", name, [log for trial in tried for log in trial.logs])
+    ]
+    table += [row for name, logs in runs.seeds.items() for row in rows("seed", name, logs)]
+    kinds = {"phase": pa.string(), "learner": pa.string(), "number": pa.int64(), "steps": pa.int64()}
+    kinds |= {"wall_s": pa.float64(), "score": pa.float64(), "episodes": pa.int64()}
+    pq.write_table(pa.Table.from_pylist(table, schema=pa.schema(list(kinds.items()))), path)
+
+
+def _table(figures: Mapping[str, Any]) -> str:
+    """Return the figures as lines for a terminal."""
+    lines = [f"{'':6} {'steps/s':>9} " + "".join(f"{f'time to +{score:.0f}, s':>28}" for score in SCORES)]
+    for name, own in figures["learners"].items():
+        rate = own["steps_per_s"]["value"]
+        cells = "".join(f"{_cell(own[f'time_to_{score:.0f}_s']):>28}" for score in SCORES)
+        lines.append(f"{name:6} {'-' if rate is None else format(rate, ',.0f'):>9} {cells}")
+    for name, own in figures["ratios"].items():
+        cells = "".join(f"{_cell(own[f'time_to_{score:.0f}']):>28}" for score in SCORES)
+        lines.append(f"{f'{name} / ours':16} {cells}   (wanted: {TARGETS[name]:g})")
+    for axis, where in (("steps", f"{figures['equal_steps']:,} steps"), ("wall_s", f"{figures['equal_wall_s']:.0f} s")):
+        scores = ", ".join(
+            f"{name} {_cell(own[f'score_after_equal_{axis}'])}" for name, own in figures["learners"].items()
+        )
+        lines.append(f"score after {where}: {scores}")
+    for name, own in figures["learners"].items():
+        if lost := own["ended"].count("diverged"):
+            lines.append(f"{name}: {lost} of {own['seeds']} seeds diverged")
+    return "\n".join(lines)
+
+
+def _cell(figure: Mapping[str, Any]) -> str:
+    if figure["value"] is None:
+        return f"more than {figure['at_least']:.2f}" if figure.get("at_least") is not None else "-"
+    if figure["low"] is None:
+        return f"{figure['value']:.2f}"
+    return f"{figure['value']:.2f} [{figure['low']:.2f}, {figure['high']:.2f}]"
+
+
+def _words(setting: Mapping[str, float]) -> str:
+    return ", ".join(f"{key} {value:g}" for key, value in setting.items())

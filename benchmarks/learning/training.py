@@ -1,0 +1,144 @@
+"""One training of the comparison, in a process of its own: ``python -m benchmarks.learning.training`` (``--help``).
+
+:mod:`benchmarks.learning` starts it. It appends a line to its file for every window and says in the last how it
+ended; a file without that line is of a run that was stopped, which begins anew.
+"""
+
+import json
+import math
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from agents.config.load import ConfigError, Parser, load, run_cli
+from agents.policy.versions import versions
+from benchmarks.learning.curves import WINDOW, Point, Windows
+from benchmarks.learning.sides import LEARNERS, PACKAGES, DivergedError, available, side, updates
+from rlcas_jax.config import TrainConfig
+
+__all__ = ["Log", "main", "read", "train"]
+
+_SAID_EVERY_S = 20.0
+
+
+@dataclass(frozen=True)
+class Log:
+    """What a run's file says."""
+
+    header: dict[str, Any]
+    curve: tuple[Point, ...]
+    startup_s: float
+    """Time to build, compile and warm up, s."""
+    ended: str | None
+    """Why it ended: ``steps``, ``time``, ``score`` or ``diverged``; None where it was stopped or is still going on."""
+
+
+def read(path: Path) -> Log | None:
+    """Return what a run's file says; None where there is none or its first line is not whole.
+
+    Raises:
+        ConfigError: the file is no run's.
+    """
+    if not path.exists():
+        return None
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        rows = [json.loads(line) for line in lines if line.endswith("\n")]
+        if not rows:
+            return None
+        curve = [_point(row) for row in _having(rows, "steps")]
+    except (ValueError, TypeError, KeyError, AttributeError):
+        raise ConfigError(f"{path}: it is no file of a run; remove it, or choose another --out") from None
+    startup = [row["startup_s"] for row in _having(rows, "startup_s")]
+    ends = [row["ended"] for row in _having(rows, "ended")]
+    return Log(rows[0], tuple(curve), startup[0] if startup else math.nan, ends[0] if ends else None)
+
+
+def train(learner: str, config: TrainConfig, seconds: float, path: Path, name: str, until: float | None = None) -> None:
+    """Train until the steps are done, the time is up, a score is reached or the learner diverges, and write it down.
+
+    Args:
+        learner: one of :data:`benchmarks.learning.sides.LEARNERS`.
+        config: of the training, sizes of rollout and batch and the seed included.
+        seconds: most time of the training, s; starting is not counted.
+        path: of the file; what is there is replaced.
+        name: what lines on the terminal begin with.
+        until: score of a window that ends the training; None: none does.
+    """
+    parent = os.getppid()
+    with path.open("w", encoding="utf-8") as file:
+
+        def say(row: dict[str, Any]) -> None:
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+
+        header = {"learner": learner, "seconds": seconds, "until": until, "window": WINDOW}
+        say(header | {"versions": versions(*PACKAGES[learner])})
+        began = time.perf_counter()
+        training = side(learner, config)
+        training.start()
+        say({"startup_s": time.perf_counter() - began})
+        windows, spent, shown, ended, points = Windows(), 0.0, 0.0, "steps", 0
+        total = updates(config)
+        for done in range(1, total + 1):
+            began = time.perf_counter()
+            try:
+                flown = training.update()
+            except DivergedError:
+                ended = "diverged"
+                break
+            took = time.perf_counter() - began
+            spent += took
+            point = windows.add(flown, took)
+            there = until is not None and point is not None and point.score >= until
+            last = done == total or spent >= seconds or there
+            if point is None and last and not points:
+                point = windows.rest()  # a curve has one point at least
+            if point is not None:
+                points += 1
+                say(point._asdict() | {"score": None if math.isnan(point.score) else point.score})
+                if spent - shown >= _SAID_EVERY_S or last:
+                    score = "no episode ended" if math.isnan(point.score) else f"score {point.score:+.1f}"
+                    print(f"  {name}: {point.steps / 1e6:.2f} M steps, {spent:.0f} s, {score}", flush=True)
+                    shown = spent
+            if os.getppid() != parent:
+                return  # nobody is left to read it
+            if last:
+                ended = "score" if there else "steps" if done == total else "time"
+                break
+        say({"ended": ended})
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Train once."""
+    parser = Parser(prog="python -m benchmarks.learning.training", description=__doc__)
+    add = parser.add_argument
+    add("--learner", choices=LEARNERS, required=True, help="who trains")
+    add("--config", type=Path, required=True, help="YAML file of the training")
+    add("--seconds", type=float, default=600.0, help="most time of the training, s; starting is not counted")
+    add("--until", type=float, metavar="SCORE", help="end where a window has this training score (default: none does)")
+    add("--out", type=Path, required=True, help="file of the run; what is there is replaced")
+    options = parser.parse_args(argv)
+    if not options.seconds > 0.0:
+        raise ConfigError(f"--seconds is {options.seconds}; expected more than 0")
+    if not available(options.learner):
+        raise ConfigError(f"--learner {options.learner}: {LEARNERS[options.learner]} is not installed")
+    if not options.out.parent.is_dir():
+        raise ConfigError(f"--out {options.out}: there is no directory {options.out.parent}")
+    config = load(TrainConfig, options.config)
+    train(options.learner, config, options.seconds, options.out, options.out.stem, options.until)
+
+
+def _point(row: dict[str, Any]) -> Point:
+    return Point(row["steps"], row["wall_s"], math.nan if row["score"] is None else row["score"], row["episodes"])
+
+
+def _having(rows: list[dict[str, Any]], key: str) -> list[dict[str, Any]]:
+    return [row for row in rows if key in row]
+
+
+if __name__ == "__main__":
+    run_cli(main)

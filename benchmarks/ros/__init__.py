@@ -1,0 +1,1 @@
+"""The ROS 2 bridge: latency and a long run."""

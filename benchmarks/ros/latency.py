@@ -1,0 +1,291 @@
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+"""Latency of the runner on a real graph: ``python -m benchmarks.ros.latency [--calls 1000]``.
+
+Runner, translator and caller are processes of their own; DDS on loopback. All the time the caller publishes a fix and
+a velocity at 100 Hz, which the translator passes on as the ownship's state at 100 Hz, and the intruder at 20 Hz. Each
+call asks for the plan of another random circle encounter; in turns with it goes the floor, an empty service
+(std_srvs/Trigger) of a fourth process on the same graph. ``end to end`` is from the call to the answer in the caller's
+hands, ``computation`` what the runner says that it took, ``overhead`` the difference. Beside them: the time from the
+start of the runner's process until it says that it is active; the times from a kill and start until it answers at all
+and until a plan is SAFE, with the inputs that its last refusals missed; and its memory. Needs ``make ros``.
+"""
+
+import argparse
+import contextlib
+import os
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks.measure import report
+from benchmarks.ros.graph import ORIGIN, PATIENCE, cores_stolen, placed, resident, scheduled, start, way
+from envs.encounters import scenario
+from envs.kinematics import VehicleState
+from envs.starts import numbered
+from envs.trees import take
+from eval.flights.plan_flight import request_of
+from ros_bridge.transport.domains import free_domain
+
+NODE, TRANSLATOR = "/rlcas_runner", "/rlcas_translator"
+OWN_RATE, TRAFFIC_RATE = 100.0, 20.0  # Hz
+SETTLE = 3.5 / TRAFFIC_RATE  # s: a place far from the one before is believed from the second report on
+RESTARTS = 30
+
+
+def empty_service() -> None:
+    """Serve an empty service until told to stop."""
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+    from std_srvs.srv import Trigger
+
+    rclpy.init()
+    node = rclpy.create_node("empty")
+    node.create_service(Trigger, "~/call", lambda _, response: response)
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(node)
+
+
+class Caller:
+    """Publishes the scene and calls services."""
+
+    def __init__(self) -> None:
+        import rclpy
+        from geometry_msgs.msg import TwistStamped
+        from rclpy.executors import SingleThreadedExecutor
+        from rlcas_msgs.msg import AircraftState, GeoReference
+        from rlcas_msgs.srv import GenerateTrajectory
+        from sensor_msgs.msg import NavSatFix
+        from std_srvs.srv import Trigger
+
+        from ros_bridge.transport import qos
+
+        rclpy.init()
+        self.node = rclpy.create_node("caller")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.fix = self.node.create_publisher(NavSatFix, f"{TRANSLATOR}/input/fix", qos.SENSOR)
+        self.velocity = self.node.create_publisher(TwistStamped, f"{TRANSLATOR}/input/velocity", qos.SENSOR)
+        self.traffic = self.node.create_publisher(AircraftState, f"{NODE}/input/traffic", qos.TRAFFIC)
+        self.origin = self.node.create_publisher(GeoReference, f"{NODE}/input/geo_reference", qos.LATCHED)
+        self.plan = self.node.create_client(GenerateTrajectory, f"{NODE}/generate_trajectory")
+        self.empty = self.node.create_client(Trigger, "/empty/call")
+
+        self.scene: tuple[VehicleState, VehicleState] | None = None
+        self.node.create_timer(1.0 / OWN_RATE, self._say_own)
+        self.node.create_timer(1.0 / TRAFFIC_RATE, self._say_traffic)
+
+    def wait(self) -> None:
+        """Wait until all are there."""
+        for client in (self.plan, self.empty):
+            if not client.wait_for_service(PATIENCE):
+                raise SystemExit(f"{client.srv_name} did not come up within {PATIENCE:g} s")
+        every = (self.fix, self.velocity, self.traffic, self.origin)
+        self.spin(lambda: all(one.get_subscription_count() > 0 for one in every), "runner and translator to subscribe")
+
+    def spin(self, until: Callable[[], bool], what: str) -> None:
+        """Publish and listen until something holds."""
+        end = time.monotonic() + PATIENCE
+        while not until():
+            if time.monotonic() > end:
+                raise SystemExit(f"waited {PATIENCE:g} s for {what}")
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def show(self, own: VehicleState, other: VehicleState) -> None:
+        """Publish another scene from now on, and wait until it is believed."""
+        from rlcas_msgs.msg import GeoReference
+
+        self.origin.publish(GeoReference(latitude=ORIGIN[0], longitude=ORIGIN[1]))
+        self.scene = own, other
+        end = time.monotonic() + SETTLE
+        self.spin(lambda: time.monotonic() > end, "the scene")
+
+    def _say_own(self) -> None:
+        from geometry_msgs.msg import TwistStamped
+        from sensor_msgs.msg import NavSatFix, NavSatStatus
+
+        if self.scene is None:
+            return
+        at, east, north = placed(self.scene[0])
+        now = self.node.get_clock().now().to_msg()
+        twist = TwistStamped()
+        twist.header.stamp = now
+        twist.twist.linear.x, twist.twist.linear.y = east, north
+        self.velocity.publish(twist)
+        fix = NavSatFix(status=NavSatStatus(status=0), latitude=at[0], longitude=at[1], altitude=2_500.0)
+        fix.header.stamp = now
+        self.fix.publish(fix)
+
+    def _say_traffic(self) -> None:
+        from rlcas_msgs.msg import AircraftState
+
+        if self.scene is None:
+            return
+        at, east, north = placed(self.scene[1])
+        message = AircraftState(id="other", valid=5, latitude=at[0], longitude=at[1])
+        message.header.stamp = self.node.get_clock().now().to_msg()
+        message.velocity.x, message.velocity.y = east, north
+        self.traffic.publish(message)
+
+    def call(self, client: Any, request: Any) -> tuple[float, Any]:
+        """Return the time from call to answer, s, and the answer."""
+        began = time.perf_counter()
+        future = client.call_async(request)
+        end = began + PATIENCE
+        while not future.done():
+            self.executor.spin_once(timeout_sec=1.0)
+            if time.perf_counter() > end:
+                raise SystemExit(f"{client.srv_name} did not answer within {PATIENCE:g} s")
+        return time.perf_counter() - began, future.result()
+
+
+def measured(caller: Caller, first: int, calls: int) -> dict[str, list[float]]:
+    """Return end-to-end and computing times by kind of plan, and times of the empty service in turns, s."""
+    from rlcas_msgs.msg import Trajectory
+    from rlcas_msgs.srv import GenerateTrajectory
+    from std_srvs.srv import Trigger
+
+    request = request_of(numbered(scenario("circle"), 0, first, calls))
+    kinds = {Trajectory.SOURCE_POLICY: "policy", Trajectory.SOURCE_FALLBACK: "fallback"}
+    times: dict[str, list[float]] = {"empty": []}
+    for number in range(calls):
+        row = take(request, number)
+        own = VehicleState(*(float(field) for field in row.own))
+        other = VehicleState(*(float(field[0]) for field in row.traffic.state))
+        caller.show(own, other)
+        floor, _ = caller.call(caller.empty, Trigger.Request())
+        asked = GenerateTrajectory.Request(reason=3, route=way(row.route_x.tolist(), row.route_y.tolist()))
+        took, answer = caller.call(caller.plan, asked)
+        if answer.status not in (answer.STATUS_SAFE, answer.STATUS_UNRESOLVED):
+            raise SystemExit(f"encounter {first + number}: status {answer.status}: {answer.message}")
+        safe = answer.status == answer.STATUS_SAFE
+        kind = kinds[answer.trajectory.source] if safe else "unresolved"
+        times["empty"].append(floor)
+        for name, value in (("end_to_end", took), ("computation", answer.computation_time)):
+            times.setdefault(f"{kind}_{name}", []).append(value)
+        times.setdefault("overhead", []).append(took - answer.computation_time)
+    return times
+
+
+def restarted(caller: Caller, runner: "subprocess.Popen[bytes]", figures: dict[str, Any]) -> "subprocess.Popen[bytes]":
+    """Kill the runner and start it again, several times; return the last one."""
+    from rlcas_msgs.srv import GenerateTrajectory
+
+    answered, first, missed = [], [], Counter[str]()
+    request = take(request_of(numbered(scenario("circle"), 0, 0, 1)), 0)
+    route = way(request.route_x.tolist(), request.route_y.tolist())
+    for _ in range(RESTARTS):
+        runner.kill()
+        runner.wait()
+        began = time.perf_counter()
+        runner = start("ros_bridge.runner")
+        asked, answers = [], []
+        while not any(answer.status == answer.STATUS_SAFE for answer in answers):
+            # Calls to the killed one are never answered; DDS holds it for present for a while.
+            asked.append(caller.plan.call_async(GenerateTrajectory.Request(reason=3, route=route)))
+            end = time.perf_counter() + 0.02
+            while time.perf_counter() < end:
+                caller.executor.spin_once(timeout_sec=0.005)
+            answers = [answer for future in asked if (answer := future.result()) is not None]
+            if answers and len(answered) == len(first):
+                answered.append(time.perf_counter() - began)
+            if time.perf_counter() - began > PATIENCE:
+                raise SystemExit(f"the runner did not answer within {PATIENCE:g} s of its start")
+        first.append(time.perf_counter() - began)
+        missed[next((answer.field for answer in reversed(answers) if answer.field), "nothing")] += 1
+        for future in asked:
+            caller.plan.remove_pending_request(future)
+    for name, times in (("answer", answered), ("safe_plan", first)):
+        figures |= {f"killed_to_{name}_median_s": float(np.median(times)), f"killed_to_{name}_max_s": max(times)}
+    figures["last_missed_before_the_plan"] = dict(missed)
+    return runner
+
+
+class Start(NamedTuple):
+    """How a runner's process came to be active; seconds."""
+
+    wall: float
+    """From its start until it says so."""
+    worked: float
+    """What it had of the cores, all threads; nan where the system does not tell."""
+    waited: float
+    """What its threads were ready and had no core for, summed."""
+    stolen: float
+    """What the machine's own host took from all cores meanwhile."""
+
+
+def activated() -> Start:
+    """Start a runner, and end it as soon as it says that it is active."""
+    stolen, began = cores_stolen(), time.perf_counter()
+    command = [sys.executable, "-m", "ros_bridge.runner"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as runner:
+        assert runner.stdout is not None
+        for line in runner.stdout:
+            if line.rstrip().endswith("active"):
+                took = time.perf_counter() - began
+                started = Start(took, *scheduled(runner), cores_stolen() - stolen)
+                runner.terminate()
+                return started
+    raise SystemExit("the runner ended before it was active")
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--calls", type=int, default=1000, help="calls of each kind (default 1000)")
+    parser.add_argument("--serve-empty", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.serve_empty:
+        empty_service()
+        return
+    with free_domain() as domain:
+        os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        figures = flown(options.calls)
+    for name, value in figures.items():
+        print(f"{name:28} {value:.4g}" if isinstance(value, float) else f"{name:28} {value}")
+    report(figures, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
+
+
+def flown(calls: int) -> dict[str, Any]:
+    """Return the figures of a graph that is started and stopped for them."""
+    own = ("-p", "own_source:=nav_sat_fix", "-p", "own_id:=own")
+    servers = [
+        start("ros_bridge.runner"),
+        start("ros_bridge.translator", "--ros-args", *own),
+        start("benchmarks.ros.latency", "--serve-empty"),
+    ]
+    try:
+        caller = Caller()
+        caller.wait()
+        measured(caller, calls, 20)
+        times = measured(caller, 0, calls)
+        figures: dict[str, Any] = {"benchmark": "ros_latency", "calls": calls}
+        for kind, values in sorted(times.items()):
+            figures[f"{kind}_count"] = len(values)
+            for mark, share in (("median", 50.0), ("p90", 90.0), ("p99", 99.0), ("max", 100.0)):
+                figures[f"{kind}_{mark}_ms"] = 1e3 * float(np.percentile(values, share))
+        figures["runner_resident_mib"] = resident(servers[0])
+        ready = [activated() for _ in range(RESTARTS)]
+        wall = [one.wall for one in ready]
+        figures |= {"start_to_active_median_s": float(np.median(wall)), "start_to_active_max_s": max(wall)}
+        figures["starts_to_active_s"] = [round(one, 3) for one in sorted(wall)]
+        figures["slowest_start_s"] = max(ready)._asdict()
+        servers[0] = restarted(caller, servers[0], figures)
+        began = time.perf_counter()
+        servers[0].terminate()
+        figures["exit_code_of_sigterm"] = servers[0].wait(PATIENCE)
+        figures["sigterm_to_exit_s"] = time.perf_counter() - began
+    finally:
+        for server in servers:
+            server.terminate()
+        for server in servers:
+            server.wait(PATIENCE)
+    return figures
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,261 @@
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+"""An hour of traffic and 10000 requests: ``python -m benchmarks.ros.soak [--requests 10000] [--hours 1]``.
+
+Runner and monitor are processes of their own on simulated time. The ownship flies a circle of 20 km (10 reports a
+second), twenty others cross the area on straight lines (a report a second each); one that has crossed is replaced by
+another with a new name. Requests come evenly over the time; the plans are published and watched by the monitor, whose
+own requests come on top, but never flown. The last line is one JSON object; the exit code is 1 if a request got no
+answer, an answer was a fault of the runner's, or memory or times of the answers grew from the first tenth (after it has
+warmed up) to the last: by more than 5 MiB, or half. Needs ``make ros``.
+"""
+
+import argparse
+import math
+import os
+import sys
+import time
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from benchmarks.measure import report
+from benchmarks.ros.graph import ORIGIN, PATIENCE, placed, resident, start, way
+from envs.angles import wrap
+from envs.kinematics import VehicleState
+from ros_bridge.transport.domains import free_domain
+
+RUNNER, MONITOR = "/rlcas_runner", "/rlcas_monitor"
+TICK = 0.1  # s
+SPEED, RADIUS = 80.0, 20_000.0  # of the ownship, m/s; of its circle, m
+OTHERS, REACH = 20, 30_000.0  # how many, and how far from the centre they appear and vanish, m
+AHEAD = 5_000.0  # between the points of the route, m
+GROWTH_MIB, GROWTH = 5.0, 1.5
+BLOCKS = 10
+
+
+class Sky:
+    """Who flies where; advanced tick by tick."""
+
+    def __init__(self, seed: int) -> None:
+        self._random, self.made = np.random.default_rng(seed), 0
+        self.others: dict[str, VehicleState] = {}
+        for _ in range(OTHERS):
+            name, state = self._new()
+            # They begin anywhere on their way.
+            self.others[name] = ahead(state, float(self._random.uniform(0.0, REACH / state.speed)))
+
+    def step(self) -> None:
+        """Move the others by a tick; who has left is replaced."""
+        for name, state in list(self.others.items()):
+            after = ahead(state, TICK)
+            if math.hypot(after.x, after.y) > 1.001 * REACH:
+                del self.others[name]
+                self.others.update([self._new()])
+            else:
+                self.others[name] = after
+
+    def _new(self) -> tuple[str, VehicleState]:
+        self.made += 1
+        bearing, offset = self._random.uniform(-math.pi, math.pi), self._random.uniform(-0.8, 0.8)
+        course = float(wrap(np.asarray(bearing + math.pi + offset), np))
+        speed = float(self._random.uniform(50.0, 100.0))
+        return f"{self.made:06x}", VehicleState(REACH * math.cos(bearing), REACH * math.sin(bearing), course, speed)
+
+
+def ahead(state: VehicleState, time: float) -> VehicleState:
+    """Return a state after flying straight on."""
+    far = state.speed * time
+    return state._replace(x=state.x + far * math.cos(state.heading), y=state.y + far * math.sin(state.heading))
+
+
+def own_at(time: float) -> VehicleState:
+    """Return the ownship on its circle."""
+    angle = time * SPEED / RADIUS
+    heading = float(wrap(np.asarray(angle + 0.5 * math.pi), np))
+    return VehicleState(RADIUS * math.cos(angle), RADIUS * math.sin(angle), heading, SPEED)
+
+
+class World:
+    """Publishes what there is, and asks."""
+
+    def __init__(self, seed: int) -> None:
+        import rclpy
+        from diagnostic_msgs.msg import DiagnosticArray
+        from rclpy.executors import SingleThreadedExecutor
+        from rlcas_msgs.msg import AircraftState, AssuranceStatus, GeoReference
+        from rlcas_msgs.srv import GenerateTrajectory
+        from rosgraph_msgs.msg import Clock
+
+        from ros_bridge.transport import qos
+
+        rclpy.init()
+        self.node = rclpy.create_node("soak")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        make = self.node.create_publisher
+        self.clock = make(Clock, "/clock", qos.CLOCK)
+        self.own = make(AircraftState, f"{RUNNER}/input/ownship", qos.SENSOR)
+        self.traffic = make(AircraftState, f"{RUNNER}/input/traffic", qos.TRAFFIC)
+        self.origin = make(GeoReference, f"{RUNNER}/input/geo_reference", qos.LATCHED)
+        self.client = self.node.create_client(GenerateTrajectory, f"{RUNNER}/generate_trajectory")
+        self.judgements: Counter[int] = Counter()
+        self.node.create_subscription(AssuranceStatus, f"{MONITOR}/output/status", self._on_status, qos.LATCHED)
+        self.answered = 0
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, qos.EVENTS)
+        self.sky, self.time, self.ticks = Sky(seed), 1.0, 0
+        """Others; simulated time, s; how often it went on."""
+
+    def _on_status(self, message: Any) -> None:
+        self.judgements[message.state] += 1
+
+    def _on_health(self, message: Any) -> None:
+        for status in message.status:
+            counts = [int(value.value) for value in status.values if value.key.startswith("answers ")]
+            if status.name.endswith("rlcas_runner"):
+                self.answered = sum(counts)
+
+    def wait(self) -> None:
+        """Wait until runner and monitor listen."""
+        end = time.monotonic() + PATIENCE
+        every = (self.own, self.traffic, self.origin, self.clock)
+        while not self.client.service_is_ready() or any(one.get_subscription_count() < 2 for one in every):
+            if time.monotonic() > end:
+                raise SystemExit(f"runner and monitor did not come up within {PATIENCE:g} s")
+            self.executor.spin_once(timeout_sec=0.02)
+        from rlcas_msgs.msg import GeoReference
+
+        self.origin.publish(GeoReference(latitude=ORIGIN[0], longitude=ORIGIN[1]))
+
+    def tick(self) -> None:
+        """Move everything on by a tick and say it."""
+        from builtin_interfaces.msg import Time
+        from rosgraph_msgs.msg import Clock
+
+        self.ticks += 1
+        self.time += TICK
+        self.sky.step()
+        nanoseconds = round(self.time * 1e9)
+        now = Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+        self.clock.publish(Clock(clock=now))
+        self._say(self.own, "own", own_at(self.time), now)
+        for number, (name, state) in enumerate(self.sky.others.items()):
+            if (self.ticks + number) % 10 == 0:
+                self._say(self.traffic, name, state, now)
+        self.executor.spin_once(timeout_sec=0.0)
+
+    def _say(self, publisher: Any, name: str, state: VehicleState, now: Any) -> None:
+        from rlcas_msgs.msg import AircraftState
+
+        at, east, north = placed(state)
+        message = AircraftState(id=name, valid=5, latitude=at[0], longitude=at[1])
+        message.header.stamp = now
+        message.velocity.x, message.velocity.y = east, north
+        publisher.publish(message)
+
+    def ask(self) -> tuple[float, int]:
+        """Return how long the answer took, s, and its status; nan and -1 where there was none."""
+        from rlcas_msgs.srv import GenerateTrajectory
+
+        angle = (self.time * SPEED + AHEAD * np.arange(1, 10)) / RADIUS
+        route = way((RADIUS * np.cos(angle)).tolist(), (RADIUS * np.sin(angle)).tolist())
+        # As the monitor asks: without the slow stages of the search.
+        began = time.perf_counter()
+        future = self.client.call_async(GenerateTrajectory.Request(reason=2, route=route))
+        while not future.done():
+            self.executor.spin_once(timeout_sec=0.05)
+            if time.perf_counter() - began > PATIENCE:
+                self.client.remove_pending_request(future)
+                return math.nan, -1
+        answer = future.result()
+        assert answer is not None
+        return time.perf_counter() - began, answer.status
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--requests", type=int, default=10_000, help="how many (default 10000)")
+    parser.add_argument("--hours", type=float, default=1.0, help="of simulated time (default 1)")
+    parser.add_argument("--rate", type=float, default=10.0, help="times real time, at most (default 10)")
+    parser.add_argument("--seed", type=int, default=0, help="of the traffic (default 0)")
+    options = parser.parse_args()
+    for name, least in (("requests", 100), ("hours", 0.02), ("rate", 0.1)):
+        if not getattr(options, name) >= least:
+            parser.error(f"--{name} is {getattr(options, name)}, expected {least} or more")
+    with free_domain() as domain:
+        os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        figures, good = soaked(options)
+    for name, value in figures.items():
+        print(f"{name:28} {value:.4g}" if isinstance(value, float) else f"{name:28} {value}")
+    report(figures, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
+    return 0 if good else 1
+
+
+def soaked(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
+    """Fly and ask; return the figures, and whether nothing grew or was lost."""
+    # Who has left the area is stale, and requests are refused, until it is forgotten.
+    given = ("--ros-args", "--log-level", "fatal", "-p", "use_sim_time:=true", "-p", "forget_after:=8.0")
+    nodes = [start("ros_bridge.runner", *given), start("ros_bridge.monitor", *given)]
+    ticks = round(options.hours * 3600.0 / TICK)
+    due = np.linspace(50, ticks, options.requests, endpoint=False).astype(int).tolist()
+    took, statuses, memory = [], Counter[str](), []
+    try:
+        world = World(options.seed)
+        world.wait()
+        began, asked = time.perf_counter(), 0
+        for tick in range(ticks):
+            world.tick()
+            while asked < len(due) and due[asked] <= tick:
+                seconds, status = world.ask()
+                asked += 1
+                took.append(seconds)
+                statuses[str(status)] += 1
+            if tick % max(ticks // 200, 1) == 0:
+                memory.append([resident(node) for node in nodes])
+            if tick % max(ticks // 20, 1) == 0:
+                print(f"{100.0 * tick / ticks:.0f} %, {asked} requests", file=sys.stderr, flush=True)
+            rest = (tick + 1) * TICK / options.rate - (time.perf_counter() - began)
+            if rest > 0.0:
+                world.executor.spin_once(timeout_sec=rest)
+        wall = time.perf_counter() - began
+        for _ in range(30):  # until the runner has told its counts once more
+            world.tick()
+            time.sleep(0.01)
+            world.executor.spin_once(timeout_sec=0.05)
+        alive = all(node.poll() is None for node in nodes)
+    finally:
+        for node in nodes:
+            node.terminate()
+        codes = [node.wait(PATIENCE) for node in nodes]
+    times = np.array_split(np.array(took), BLOCKS)
+    kept = np.array_split(np.array(memory), BLOCKS)
+    first, last = kept[1].mean(axis=0), kept[-1].mean(axis=0)
+    medians = [1e3 * float(np.median(block)) for block in times]
+    figures: dict[str, Any] = {
+        "benchmark": "ros_soak",
+        "requests": len(took),
+        "statuses": dict(statuses),
+        "answers_of_the_runner": world.answered,
+        "judgements": sum(world.judgements.values()),
+        "simulated_s": ticks * TICK,
+        "wall_s": wall,
+        "aircraft": world.sky.made,
+        "median_ms_first": medians[0],
+        "median_ms_last": medians[-1],
+        "p99_ms_first": 1e3 * float(np.quantile(times[0], 0.99)),
+        "p99_ms_last": 1e3 * float(np.quantile(times[-1], 0.99)),
+        "runner_mib_second": float(first[0]),
+        "runner_mib_last": float(last[0]),
+        "monitor_mib_second": float(first[1]),
+        "monitor_mib_last": float(last[1]),
+        "exit_codes": codes,
+    }
+    lost = statuses["-1"] + statuses["255"]
+    grown = float((last - first).max()) > GROWTH_MIB or medians[-1] > GROWTH * medians[0]
+    good = lost == 0 and not grown and alive and codes == [0, 0] and world.answered >= len(took)
+    return figures | {"good": good}, good
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Attacks on SAFE: ``python -m benchmarks.safety``."""

@@ -1,0 +1,244 @@
+"""Batches of adversarial requests, planned, and what their SAFE plans break when they are judged anew.
+
+The batch that a request is planned in follows from its number and the size of the blocks, so that its plan does too:
+evaluated in other company the policy's network rounds differently.
+"""
+
+import warnings
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from agents.planner.answer import WAYPOINTS, RequestError
+from agents.planner.planner import plan_many
+from agents.planner.request import Options, Request
+from agents.policy.inference import Policy
+from benchmarks.safety import published
+from benchmarks.safety.adversary import FAMILIES, VARIANTS, Drawn, drawn
+from benchmarks.safety.reflight import refly
+from benchmarks.safety.resimulation import CHECKS, Route, resimulate
+from envs import draws
+from envs.kinematics import Limits
+from envs.trees import mapped, take
+from envs.waypoints import ARCS, Knots, legs
+
+__all__ = ["HUNDRED", "REFLOWN", "Batch", "Tally", "attack", "judge", "tasks"]
+
+HUNDRED = 100
+"""Consecutive requests that are planned with the same options."""
+
+REFLOWN = 0.05
+"""Share of SAFE plans that the follower flies."""
+
+_SHOWN = 10  # numbers of each check in the last line
+
+
+class Batch(NamedTuple):
+    """Requests of one variant that are planned together, and which of them count."""
+
+    seed: int
+    hundreds: tuple[int, ...]
+    """First numbers of the hundreds."""
+    first: int
+    """Those from this number on ..."""
+    end: int
+    """... and before this one count."""
+    single: bool
+    """Whether they go through ``plan`` one by one."""
+
+
+@dataclass
+class Tally:
+    """What was found so far."""
+
+    requests: Counter[str] = field(default_factory=Counter)
+    """By family."""
+    safe: Counter[str] = field(default_factory=Counter)
+    single: Counter[str] = field(default_factory=Counter)
+    """Answers of ``plan``: safe, unresolved, refused."""
+    counts: Counter[str] = field(default_factory=Counter)
+    """SAFE plans re-flown, and those of them that came closer than 1000 m because they began or were asked to be
+    closer than the follower's error beyond it."""
+    violations: list[dict[str, Any]] = field(default_factory=list)
+    separation: float = np.inf
+    """Smallest of a SAFE plan, m."""
+    flown: float = np.inf
+    """Smallest as flown by the follower, m."""
+    error: float = 0.0
+    """Largest distance of the follower from its plan, m."""
+    use: dict[str, float] = field(default_factory=dict)
+    """Largest share of each limit that a SAFE plan uses."""
+
+    def add(self, other: "Tally") -> None:
+        """Add what was found elsewhere."""
+        for name in ("requests", "safe", "single", "counts"):
+            getattr(self, name).update(getattr(other, name))
+        self.violations += other.violations
+        self.separation = min(self.separation, other.separation)
+        self.flown, self.error = min(self.flown, other.flown), max(self.error, other.error)
+        self.use = {name: max(self.use.get(name, 0.0), value) for name, value in other.use.items()} or self.use
+
+    def blame(self, check: str, number: int, **more: Any) -> None:
+        """Note a violation."""
+        self.violations.append({"check": check, "number": int(number)} | more)
+
+    def figures(self) -> dict[str, Any]:
+        """Return everything as it is printed."""
+        checks: dict[str, list[int]] = {}
+        for one in self.violations:
+            checks.setdefault(one["check"], []).append(one["number"])
+        reflown = self.counts["reflown"]
+        return {
+            "requests": self.requests.total(),
+            "safe": self.safe.total(),
+            "families": {one.name: [self.requests[one.name], self.safe[one.name]] for one in FAMILIES},
+            "through_plan": dict(sorted(self.single.items())),
+            "violations": len(self.violations),
+            "violations_by_check": {
+                name: {"count": len(numbers), "first": sorted(numbers)[:_SHOWN]} for name, numbers in checks.items()
+            },
+            "smallest_spare_separation_m": self.separation - 1000.0 if np.isfinite(self.separation) else None,
+            "largest_limit_use": self.use,
+            "reflown_share": reflown / max(self.safe.total() + self.single["safe"], 1),
+            "reflown": reflown,
+            "reflown_below_1000_m": self.counts["below 1000 m"],
+            "reflown_min_separation_m": self.flown if np.isfinite(self.flown) else None,
+            "reflown_max_error_m": self.error,
+        }
+
+
+def tasks(seed: int, first: int, count: int, single: int, block: int) -> Iterator[Batch]:
+    """Return the batches of requests ``first .. first + count - 1``, the first ``single`` of them one by one too."""
+    for hundred in range(first // HUNDRED * HUNDRED, first + single if single else 0, HUNDRED):
+        yield Batch(seed, (hundred,), first, first + single, True)
+    for begin in range(first // block * block, first + count, block):
+        alike: dict[int, list[int]] = {}
+        for hundred in range(begin, begin + block, HUNDRED):
+            alike.setdefault(_variant(hundred), []).append(hundred)
+        for hundreds in alike.values():
+            if any(first < hundred + HUNDRED and hundred < first + count for hundred in hundreds):
+                yield Batch(seed, tuple(hundreds), first, first + count, False)
+
+
+def attack(batch: Batch, policy: Policy) -> Tally:
+    """Plan a batch and judge what is called SAFE."""
+    with threadpool_limits(1), warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        parts = [drawn(batch.seed, hundred, HUNDRED) for hundred in batch.hundreds]
+        requests = mapped(lambda *fields: np.concatenate(fields), *parts)
+        wanted = (requests.number >= batch.first) & (requests.number < batch.end)
+        options = list(VARIANTS.values())[requests.variant[0]]
+        tally = Tally()
+        if batch.single:
+            _one_by_one(tally, batch.seed, take(requests, wanted), policy, options)
+            return tally
+        for name, count in _families(requests, wanted).items():
+            tally.requests[name] += count
+        try:
+            best = plan_many(requests.request, policy, options).proposals
+        except Exception as problem:
+            tally.blame("exception", requests.number[wanted][0], what=repr(problem))
+            return tally
+        safe = wanted & best.safe
+        tally.safe.update(_families(requests, safe))
+        found, plans = take(requests, safe), take(best, safe)
+        judge(tally, batch.seed, found, plans.knots, plans.last, options)
+        return tally
+
+
+def judge(tally: Tally, seed: int, requests: Drawn, knots: Knots, last: Any, options: Options) -> None:
+    """Judge SAFE plans ``[N]``: re-simulate all, re-fly some."""
+    if len(last) == 0:
+        return
+    request, limits = requests.request, options.limits
+    # Who begins beyond a speed limit may stay there.
+    ceilings = np.maximum(limits.speed_max, request.own.speed)
+    for ceiling in np.unique(ceilings):
+        rows = np.flatnonzero(ceilings == ceiling)
+        part, plans, own_limits = take(request, rows), take(knots, rows), limits._replace(speed_max=float(ceiling))
+        route = Route(part.route_x, part.route_y, part.points, last[rows])
+        verdict = resimulate(
+            plans, part.own, part.traffic, route, options.requirement, own_limits, extend=options.extend_route
+        )
+        for check, row in np.argwhere(verdict.wrong).tolist():
+            _blame(tally, CHECKS[check], requests, rows[row], separation=float(verdict.min_separation[row]))
+        tally.separation = min(tally.separation, float(verdict.min_separation.min()))
+        for name, value in _use(plans, own_limits).items():
+            tally.use[name] = max(tally.use.get(name, 0.0), value)
+        # ... but no vehicle of ours gets back to a speed beyond it that it has left (envs.kinematics.advance).
+        for row in np.flatnonzero(_rising(plans, limits)):
+            _blame(tally, "speed beyond the limit regained", requests, rows[row])
+    chosen = np.array([draws.uniforms(seed, int(number), 1, (1,), 1)[0, 0] for number in requests.number]) < REFLOWN
+    rows = np.flatnonzero(chosen & np.isfinite(np.stack(knots)).all(axis=(0, 2)))
+    if rows.size == 0:
+        return
+    flight = refly(take(knots, rows), take(request, rows), options.requirement, limits)
+    tally.counts.update({"reflown": rows.size, "below 1000 m": int(np.sum(flight.separation < 1000.0))})
+    tally.flown = min(tally.flown, float(flight.separation.min()))
+    tally.error = max(tally.error, float(flight.error.max()))
+    for name, wrong in (("flown separation", flight.too_close), ("flown error", flight.astray)):
+        for row in np.flatnonzero(wrong):
+            value = {"separation": float(flight.separation[row]), "error": float(flight.error[row])}
+            _blame(tally, name, requests, rows[row], **value)
+
+
+def _one_by_one(tally: Tally, seed: int, requests: Drawn, policy: Policy, options: Options) -> None:
+    """Ask ``plan`` for each of some requests ``[N]`` and judge its SAFE answers."""
+    judged: list[tuple[Knots, int, Request]] = []
+    places = []
+    for row, number in enumerate(requests.number):
+        question = published.question(seed, int(number), take(requests.request, row))
+        try:
+            answer = question.asked(policy, options)
+        except RequestError:
+            tally.single["refused"] += 1
+            continue
+        except Exception as problem:
+            _blame(tally, "exception", requests, row, what=repr(problem))
+            continue
+        tally.single[answer.status.value] += 1
+        for check in published.faults(question, answer, options):
+            _blame(tally, check, requests, row)
+        if answer.safe and len(answer.waypoints) == WAYPOINTS:
+            judged.append(published.as_arrays(question, answer))
+            places.append(row)
+    if judged:
+        knots, last, request = mapped(lambda *fields: np.stack(fields), *judged)
+        judge(tally, seed, take(requests, np.array(places))._replace(request=request), knots, last, options)
+
+
+def _families(requests: Drawn, rows: Any) -> Counter[str]:
+    return Counter(FAMILIES[family].name for family in requests.family[rows].tolist())
+
+
+def _variant(number: int) -> int:
+    return int(drawn(0, number, 1).variant[0])
+
+
+def _blame(tally: Tally, check: str, requests: Drawn, row: int, **more: Any) -> None:
+    family, variant = FAMILIES[requests.family[row]].name, list(VARIANTS)[requests.variant[row]]
+    tally.blame(check, requests.number[row], family=family, options=variant, **more)
+
+
+def _rising(knots: Knots, limits: Limits) -> Any:
+    """Return where a plan accelerates to a speed beyond the limit, ``[N]``."""
+    curves = legs(knots)
+    after = curves.speed + curves.acceleration * (curves.duration[..., None] / ARCS)
+    return ((after > limits.speed_max + 1e-3) & (curves.acceleration > 1e-6)).any(axis=(1, 2))
+
+
+def _use(knots: Knots, limits: Limits) -> dict[str, float]:
+    """Return the largest share of each limit that plans use."""
+    curves = legs(knots)
+    values = {
+        "turn_rate": np.abs(curves.yaw_rate) / limits.yaw_rate_max,
+        "acceleration": curves.acceleration / limits.acceleration_max,
+        "deceleration": curves.acceleration / limits.acceleration_min,
+        "speed_max": knots.speed / limits.speed_max,
+        "speed_min": limits.speed_min / np.maximum(knots.speed, 1e-9),
+    }
+    return {name: float(np.max(value, initial=0.0)) for name, value in values.items()}

@@ -1,0 +1,263 @@
+"""A second opinion on plans: their published legs integrated anew, and every intruder's distance sampled.
+
+Nothing of validator, rollout or tail is used, nor their kinematics: the contract of a leg (:func:`envs.waypoints.legs`:
+constant yaw rate and acceleration on each of its arcs) is taken at its word, integrated from its waypoint by Simpson's
+rule on steps of :data:`COARSE` s at most, and must end at the next one. Where the distance to an intruder could be
+too small, by the speeds of both alone, it is sampled every :data:`CLOSE` s at most.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.planner.traffic import Requirement, Traffic
+from envs.kinematics import Limits
+from envs.trees import take
+from envs.waypoints import ARCS, Knots, Legs, legs
+
+__all__ = ["CHECKS", "CLOSE", "COARSE", "TOLERANCE", "Route", "Verdict", "growth", "kept", "resimulate", "travelled"]
+
+COARSE = 0.5
+CLOSE = 0.02
+
+TOLERANCE = 1e-3
+"""Of positions and distances, m."""
+
+CHECKS = ("start", "not finite", "times", "last", "leg", "speed", "acceleration", "turn rate", "required", "separation")
+"""``required``: closer than asked for; ``separation``: closer than 1000 m."""
+
+_EXACT = 1e-6  # tolerance of headings (rad), speeds (m/s) and controls
+_ROWS = 128  # plans at a time
+_FIXED = 19  # waypoints at 20, 40, ... s
+
+
+class Route(NamedTuple):
+    """What the last waypoint is held against; fields ``[N]``, of points ``[N, R]``."""
+
+    x: Any
+    y: Any
+    points: Any
+    last: Any
+    """Number of the point that ends the plan."""
+
+
+class Verdict(NamedTuple):
+    """What was found."""
+
+    wrong: Any
+    """bool, ``[C, N]`` over :data:`CHECKS`."""
+    min_separation: Any
+    """Smallest sampled distance to any intruder, m, ``[N]``; inf without any."""
+
+
+def travelled(heading: Any, speed: Any, rate: Any, lasts: Any, time: Any) -> Any:
+    """Return how far an aircraft gets that turns for a while and then flies straight on, complex m, ``[...]``.
+
+    Args:
+        heading: at the beginning, rad.
+        speed: m/s.
+        rate: of the turn, rad/s, positive to the left.
+        lasts: how long it turns, s.
+        time: s.
+    """
+    turning = np.minimum(time, lasts)
+    angle = 1j * rate * turning
+    small = np.abs(angle) < 1e-9
+    # (e^z - 1) / z is the mean of the unit vector over the turn.
+    mean = np.where(small, 1.0, np.expm1(np.where(small, 1.0, angle)) / np.where(small, 1.0, angle))
+    return speed * np.exp(1j * heading) * (mean * turning + np.exp(angle) * (time - turning))
+
+
+def growth(traffic: Traffic, time: Any, sigmas: float) -> Any:
+    """Return what a growing uncertainty adds to the distance to keep, m; ``time`` broadcasts against ``[..., K]``."""
+    variance = traffic.position_std**2 + (traffic.velocity_std * time) ** 2
+    return sigmas * (np.sqrt(variance) - traffic.position_std)
+
+
+def kept(own: Any, traffic: Traffic, requirement: Requirement) -> Any:
+    """Return the distance to keep at the request, m, ``[N, K]``; ``own``: complex positions ``[N]``."""
+    away = np.abs(traffic.state.x + 1j * traffic.state.y - own[:, None])
+    wanted = 1000.0 + requirement.margin + requirement.sigmas * traffic.position_std
+    return np.where(away < wanted, np.maximum(away, 1000.0), wanted)
+
+
+def resimulate(
+    knots: Knots,
+    own: Any,
+    traffic: Traffic,
+    route: Route,
+    requirement: Requirement,
+    limits: Limits,
+    *,
+    extend: bool = False,
+) -> Verdict:
+    """Judge plans as published.
+
+    Args:
+        knots: the request and its waypoints, ``[N, 21]``.
+        own: state at the request, fields ``[N]``.
+        traffic: ``[N, K]``.
+        route: what the last waypoint is held against.
+        requirement: what distance was asked for, at a separation of 1000 m.
+        limits: of the vehicle.
+        extend: whether the route was allowed to go on in its last direction.
+    """
+    count = len(knots.time)
+    verdict = Verdict(np.zeros((len(CHECKS), count), dtype=bool), np.full(count, np.inf))
+    for first in range(0, count, _ROWS):
+        rows = np.arange(first, min(first + _ROWS, count))
+        part = take((knots, own, traffic, route), rows)
+        finite = np.isfinite(np.stack(part[0])).all(axis=(0, 2)) & (np.diff(part[0].time, axis=1) > 0.0).all(axis=1)
+        verdict.wrong[CHECKS.index("not finite"), rows[~finite]] = True
+        rows, (knots_, own_, traffic_, route_) = rows[finite], take(part, finite)
+        wrong, nearest = _judge(knots_, own_, traffic_, requirement, limits)
+        wrong[CHECKS.index("last")] = _off_route(knots_, route_, extend)
+        verdict.wrong[:, rows], verdict.min_separation[rows] = wrong, nearest
+    return verdict
+
+
+def _off_route(knots: Knots, route: Route, extend: bool) -> Any:
+    """Return where the last waypoint is none of the route's, ``[n]``."""
+    number = np.arange(len(route.last))
+    inside = (route.last >= 0) & (route.last < route.points)
+    place = route.x + 1j * route.y
+    last = knots.x[:, -1] + 1j * knots.y[:, -1]
+    there = np.abs(place[number, np.where(inside, route.last, 0)] - last) <= TOLERANCE
+    end, before = place[number, route.points - 1], place[number, route.points - 2]
+    relative = (last - end) * np.conj((end - before) / np.abs(end - before))
+    beyond = (route.last >= route.points) & (relative.real > 0.0) & (np.abs(relative.imag) <= 0.01) & extend
+    return ~((inside & there) | beyond)
+
+
+def _judge(knots: Knots, own: Any, traffic: Traffic, requirement: Requirement, limits: Limits) -> tuple[Any, Any]:
+    """Return what is wrong, ``[C, n]``, and the smallest distances, ``[n]``, of plans with increasing times."""
+    count = len(knots.time)
+    wrong, nearest = np.zeros((len(CHECKS), count), dtype=bool), np.full(count, np.inf)
+    if count == 0:
+        return wrong, nearest
+
+    def found(name: str, where: Any) -> None:
+        wrong[CHECKS.index(name)] |= where.reshape(count, -1).any(axis=1)
+
+    for mine, given in zip(knots[:2], own[:2], strict=True):
+        found("start", np.abs(mine[:, 0] - given) > TOLERANCE)
+    found("start", np.abs(np.exp(1j * knots.heading[:, 0]) - np.exp(1j * own[2])) > _EXACT)
+    found("start", np.abs(knots.speed[:, 0] - own[3]) > _EXACT)
+    found("times", np.abs(knots.time[:, : _FIXED + 1] - 20.0 * np.arange(_FIXED + 1)) > _EXACT)
+    found("times", knots.time[:, -1:] <= 20.0 * _FIXED)
+    found("last", np.abs(knots.heading) > math.pi + _EXACT)
+    curves = legs(knots)
+    found("turn rate", np.abs(curves.yaw_rate) > limits.yaw_rate_max + _EXACT)
+    found("acceleration", curves.acceleration > limits.acceleration_max + _EXACT)
+    found("acceleration", curves.acceleration < limits.acceleration_min - _EXACT)
+    need = kept(knots.x[:, 0] + 1j * knots.y[:, 0], traffic, requirement)
+    # The last leg, which can take minutes, apart from those of 20 s.
+    for part in (slice(0, _FIXED), slice(_FIXED, None)):
+        one = Legs(*(field[:, part] for field in curves))
+        begin = Knots(*(field[:, :-1][:, part] for field in knots))
+        end = Knots(*(field[:, 1:][:, part] for field in knots))
+        step = math.ceil(np.max(one.duration) / ARCS / COARSE)
+        flight = _integrated(begin, one, step)
+        final = tuple(field[:, :, -1] for field in flight)
+        found("leg", np.abs(final[1] - end.x - 1j * end.y) > TOLERANCE)
+        found("leg", np.abs(np.exp(1j * final[2]) - np.exp(1j * end.heading)) > _EXACT)
+        found("leg", np.abs(final[3] - end.speed) > _EXACT)
+        found("leg", np.abs(final[0] - end.time) > _EXACT)
+        found("speed", (flight[3] < limits.speed_min - _EXACT) | (flight[3] > limits.speed_max + _EXACT))
+        closest, short = _distances(flight, one, step, traffic, need, requirement.sigmas)
+        nearest = np.minimum(nearest, closest)
+        found("required", short < -TOLERANCE)
+        found("separation", closest < 1000.0 - TOLERANCE)
+    return wrong, nearest
+
+
+def _integrated(begin: Knots, curves: Legs, step: int) -> tuple[Any, Any, Any, Any]:
+    """Return times, complex positions, headings and speeds along legs, ``[n, L, ARCS * step + 1]`` each."""
+    h = (curves.duration / (ARCS * step))[..., None]
+    rate, gain = (np.repeat(field, step, axis=-1) for field in (curves.yaw_rate, curves.acceleration))
+    heading = begin.heading[..., None] + _summed(rate * h)
+    speed = begin.speed[..., None] + _summed(gain * h)
+    place = (begin.x + 1j * begin.y)[..., None] + _summed(_moved(heading[..., :-1], speed[..., :-1], rate, gain, h))
+    time = begin.time[..., None] + h * np.arange(ARCS * step + 1)
+    return time, place, heading, speed
+
+
+def _moved(heading: Any, speed: Any, rate: Any, gain: Any, h: Any) -> Any:
+    """Return the displacement over a short time: Simpson's rule on the velocity, complex m."""
+    first = speed * np.exp(1j * heading)
+    middle = (speed + 0.5 * gain * h) * np.exp(1j * (heading + 0.5 * rate * h))
+    last = (speed + gain * h) * np.exp(1j * (heading + rate * h))
+    return h / 6.0 * (first + 4.0 * middle + last)
+
+
+def _summed(parts: Any) -> Any:
+    """Return the sums of none, one, two, ... of the parts along the last axis."""
+    return np.concatenate([np.zeros((*parts.shape[:-1], 1)), np.cumsum(parts, axis=-1)], axis=-1)
+
+
+def _distances(flight: Any, curves: Legs, step: int, traffic: Traffic, need: Any, sigmas: float) -> tuple[Any, Any]:
+    """Return the smallest distance, m, and the smallest of distance less the one to keep, ``[n]`` each."""
+    count, crowd = need.shape
+    nearest, short = np.full(count, np.inf), np.full(count, np.inf)
+    state = traffic.state
+    time, place, heading, speed = flight
+    rate, gain = (np.repeat(field, step, axis=-1) for field in (curves.yaw_rate, curves.acceleration))
+    h = np.broadcast_to((curves.duration / (ARCS * step))[..., None], rate.shape)
+    for k in range(crowd):
+        rows = np.flatnonzero(traffic.mask[:, k])
+        if rows.size == 0:
+            continue
+        other = VehicleColumns(*(field[rows, k][:, None, None] for field in (*state, *traffic[2:])))
+        apart = np.abs(other.place(time[rows]) - place[rows])
+        fast = np.maximum(speed[rows, :, 1:], speed[rows, :, :-1]) + other.speed
+        # Nobody comes nearer between two samples than both fly in that time.
+        floor = 0.5 * (apart[..., 1:] + apart[..., :-1] - fast * h[rows])
+        owed = need[rows, k][:, None, None]
+        later = owed + other.grown(time[rows], sigmas)
+        nearest[rows] = np.minimum(nearest[rows], apart.min(axis=(1, 2)))
+        short[rows] = np.minimum(short[rows], (apart - later).min(axis=(1, 2)))
+        closest = apart.min(axis=(1, 2), keepdims=True)
+        n, leg, part = np.nonzero((floor < later[..., 1:]) | (floor < closest))
+        if n.size == 0:
+            continue
+        row = rows[n]
+        pieces = math.ceil(float(np.max(h)) / CLOSE)
+        seconds = h[row, leg, part][:, None] * np.linspace(0.0, 1.0, pieces + 1)
+        one = VehicleColumns(*(field[n, 0] for field in other))
+        begun, at, psi, v, omega, accel = (
+            field[row, leg, part][:, None] for field in (time, place, heading, speed, rate, gain)
+        )
+        between = at + _moved(psi, v, omega, accel, seconds)
+        when = begun + seconds
+        away = one.place(when) - between
+        # Straight from sample to sample: at 20 m/s^2 that leaves the curve by 1 mm.
+        chord = np.diff(away, axis=1)
+        length = np.maximum(np.abs(chord) ** 2, 1e-12)
+        share = np.clip(-(away[:, :-1] * np.conj(chord)).real / length, 0.0, 1.0)
+        close = np.abs(away[:, :-1] + share * chord)
+        spare = close - need[row, k][:, None] - one.grown(when[:, :-1], sigmas)
+        np.minimum.at(nearest, row, close.min(axis=1))
+        np.minimum.at(short, row, spare.min(axis=1))
+    return nearest, short
+
+
+class VehicleColumns(NamedTuple):
+    """One intruder of each of several plans, ready to broadcast against times."""
+
+    x: Any
+    y: Any
+    heading: Any
+    speed: Any
+    rate: Any
+    lasts: Any
+    position_std: Any
+    velocity_std: Any
+
+    def place(self, time: Any) -> Any:
+        """Return complex positions, m."""
+        return self.x + 1j * self.y + travelled(self.heading, self.speed, self.rate, self.lasts, time)
+
+    def grown(self, time: Any, sigmas: float) -> Any:
+        """Return what the uncertainty adds to the distance to keep, m."""
+        return sigmas * (np.hypot(self.position_std, self.velocity_std * time) - self.position_std)

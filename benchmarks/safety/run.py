@@ -1,0 +1,132 @@
+"""The attack on the word SAFE: ``python -m benchmarks.safety [--requests 1000000] [--single 10000] [--workers N]``.
+
+Numbered requests (:mod:`benchmarks.safety.adversary`) are planned by the batch core, the first of them through
+``agents.planner.plan`` too, and every plan called SAFE is judged by :mod:`benchmarks.safety.resimulation`; 1 in 20 is
+flown by the follower as well. ``--first N --requests 1`` repeats request N: the batch that it is planned in follows
+from its number. The last line is one JSON object; exit status 1 means that a violation was found.
+"""
+
+import argparse
+import json
+import multiprocessing
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+
+from agents.policy.inference import Policy
+from benchmarks.measure import report
+from benchmarks.safety.attack import HUNDRED, Batch, Tally, attack, tasks
+from eval.runner.workers import cores
+
+__all__ = ["BLOCK", "main"]
+
+BLOCK = 6_400
+"""Consecutive requests of which those with the same options are planned side by side."""
+
+_SILENCE_S = 5.0  # between lines of progress
+
+
+_POLICY: list[Policy] = []  # of a worker
+
+
+def _prepare(path: Path | None) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _POLICY[:] = [Policy.load(path)]
+
+
+def _work(batch: Batch) -> Tally:
+    return attack(batch, _POLICY[0])
+
+
+def _results(batches: list[Batch], workers: int, path: Path | None) -> Iterator[Tally]:
+    """Yield the tally of each batch, in any order; interrupts reach only this process."""
+    if workers == 1:
+        policy = Policy.load(path)
+        yield from (attack(batch, policy) for batch in batches)
+        return
+    context = multiprocessing.get_context("spawn")
+    executor = ProcessPoolExecutor(workers, context, _prepare, (path,))
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        futures = [executor.submit(_work, batch) for batch in batches]
+        signal.signal(signal.SIGINT, before)
+        yield from (future.result() for future in as_completed(futures))
+    finally:
+        signal.signal(signal.SIGINT, before)
+        executor.shutdown(cancel_futures=True)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Attack and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--requests", type=int, default=1_000_000, help="requests to the batch core (default 1000000)")
+    parser.add_argument(
+        "--single", type=int, default=10_000, help="how many of them go through plan too (default 10000)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of the requests (default 0)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first request (default 0)")
+    parser.add_argument("--workers", type=int, default=cores(), help="processes (default: one for every core)")
+    parser.add_argument("--block", type=int, default=BLOCK, help=f"requests planned side by side (default {BLOCK})")
+    parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
+    parser.add_argument("--out", type=Path, help="directory for the violations, as JSON lines")
+    options = parser.parse_args(arguments)
+    for name, least in (("requests", 1), ("single", 0), ("seed", 0), ("first", 0), ("workers", 1), ("block", HUNDRED)):
+        if getattr(options, name) < least:
+            parser.error(f"--{name} is {getattr(options, name)}, expected {least} or more")
+    if options.block % HUNDRED:
+        parser.error(f"--block is {options.block}, expected a multiple of {HUNDRED}")
+    single = min(options.single, options.requests)
+    batches = list(tasks(options.seed, options.first, options.requests, single, options.block))
+    path = None
+    if options.out is not None:
+        options.out.mkdir(parents=True, exist_ok=True)
+        path = options.out / "violations.jsonl"
+        path.write_text("", encoding="utf-8")
+    tally, say = Tally(), _progress(options.requests + single)
+    complete = False
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        for one in _results(batches, options.workers, options.policy):
+            tally.add(one)
+            if path is not None and one.violations:
+                with path.open("a", encoding="utf-8") as file:
+                    file.writelines(json.dumps(violation) + "\n" for violation in one.violations)
+            say(tally)
+        complete = True
+    except KeyboardInterrupt:
+        print("interrupted; these are the figures of what was done", file=sys.stderr)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    figures = {"benchmark": "safety", "seed": options.seed, "first": options.first, "complete": complete}
+    figures |= {"block": options.block} | tally.figures()
+    for name, (asked, safe) in figures["families"].items():
+        print(f"{name:20} {asked:9} requests {safe:9} SAFE")
+    report(figures, ("numpy",))
+    return 1 if tally.violations else 0
+
+
+def _progress(total: int) -> Callable[[Tally], None]:
+    """Return what prints a line on standard error now and then."""
+    begun = shown = time.perf_counter()
+
+    def say(tally: Tally) -> None:
+        nonlocal shown
+        now = time.perf_counter()
+        core = tally.requests.total()
+        done = core + tally.single.total()
+        if now - shown < _SILENCE_S and done < total:
+            return
+        shown, rate = now, done / (now - begun)
+        left = (total - done) / max(rate, 1e-9) / 60.0
+        share = 100.0 * tally.safe.total() / max(core, 1)
+        print(
+            f"{done} of {total}, {rate:.0f}/s, {left:.0f} min left, SAFE {share:.1f} %, "
+            f"{len(tally.violations)} violations",
+            file=sys.stderr,
+            flush=True,
+        )
+
+    return say

@@ -1,0 +1,289 @@
+"""Encounters on their way between files: what a file of ours, of Lincoln Laboratory and of DAIDALUS can hold of them.
+
+| | ours (.csv) | Lincoln Laboratory's (.json) | DAIDALUS' (.daa, .xyz) |
+|---|---|---|---|
+| encounters | many | many | one |
+| intruders | many | one | many |
+| their motion | straight, or one turn | events: turn rate and acceleration in time | positions and velocities in time |
+| the ownship's motion | none | as the intruder's | as the intruders' |
+| goal, noise | yes | no | no |
+| altitudes | no | yes | yes |
+
+Numbers are exact where the form has them. Motion is turned into events or into a row a second, and is held against
+what a reader would make of it: an encounter whose motion another form cannot hold within :data:`EXACT` is refused.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from envs import intruder
+from envs.encounters import Encounter, EncounterError
+from envs.formats.lincoln_file import LincolnEncounter, tracks_of
+from envs.intruder import Intent
+from envs.kinematics import VehicleState
+from envs.perception import Sensor
+from envs.traffic.track_units import FOOT
+from envs.traffic.tracks import Track, at_times
+
+__all__ = [
+    "EXACT",
+    "Scene",
+    "daidalus_text",
+    "encounters_of_scenes",
+    "lincoln_objects",
+    "scenes_of",
+    "scenes_of_tracks",
+]
+
+EXACT = 1.0
+"""m."""
+
+_FIELDS = ("time_s", "vrate_fps", "turn_radps", "accel_ftpss")
+_EVENTS = "events_" + "_".join(_FIELDS)
+
+
+class Scene(NamedTuple):
+    """One encounter as it travels."""
+
+    name: str
+    tracks: tuple[Track, ...]
+    """The ownship's first; a row a second."""
+    goal: tuple[float, float] | None
+    """m; None where the form has none."""
+    intents: tuple[tuple[float, float, float], ...] | None
+    """Onset, change and rate of each intruder's turn, SI; None where the form has none."""
+    sensor: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Noise of positions, of velocities, and latency."""
+    altitudes: bool = True
+    """Whether they are known; otherwise those of the tracks are 0."""
+    weight: float = 1.0
+
+    def straight(self, which: int) -> bool:
+        """Return whether an aircraft flies straight on at its first speed, within :data:`EXACT`."""
+        track = self.tracks[which]
+        off = np.hypot(track.x - track.x[0] - track.vx[0] * track.time, track.y - track.y[0] - track.vy[0] * track.time)
+        return bool(off.max() <= EXACT)
+
+
+def scenes_of(encounters: Encounter, names: Sequence[str], seconds: int) -> list[Scene]:
+    """Return encounters of ours ``[N]``, flown for some seconds: the ownship straight on, the intruders their turns."""
+    times = np.arange(seconds + 1.0)
+    flying = intruder.start(encounters.intruders, np)
+    states = [flying.vehicle]
+    for second in range(seconds):
+        flying = intruder.step(flying, encounters.intent, float(second), 1.0, np)
+        states.append(flying.vehicle)
+    flown = VehicleState(*(np.stack(field) for field in zip(*states, strict=True)))
+    scenes = []
+    for i, name in enumerate(names):
+        own = VehicleState(*(float(field[i]) for field in encounters.own))
+        ahead = own.speed * times
+        straight = VehicleState(
+            own.x + ahead * math.cos(own.heading),
+            own.y + ahead * math.sin(own.heading),
+            np.full(seconds + 1, own.heading),
+            np.full(seconds + 1, own.speed),
+        )
+        present = np.flatnonzero(encounters.mask[i])
+        others = [VehicleState(*(field[:, i, k] for field in flown)) for k in present]
+        labels = ["ownship", *(f"intruder{number}" for number in range(1, len(others) + 1))]
+        tracks = tuple(_track(*pair, times) for pair in zip(labels, (straight, *others), strict=True))
+        intents = tuple(tuple(float(field[i, k]) for field in encounters.intent) for k in present)
+        sensor = tuple(float(field[i, 0]) for field in encounters.sensor)
+        goal = float(encounters.goal_x[i]), float(encounters.goal_y[i])
+        turns: Any = intents
+        noise: Any = sensor
+        scenes.append(Scene(name, tracks, goal, turns, noise, altitudes=False))
+    return scenes
+
+
+def scenes_of_tracks(encounters: Sequence[tuple[str, Sequence[Track], float]]) -> list[Scene]:
+    """Return recorded encounters, name, tracks and weight each, with a row a second from the ownship's first on.
+
+    Raises:
+        EncounterError: a track begins later than the ownship's, or none lasts a second.
+    """
+    scenes = []
+    for name, tracks, weight in encounters:
+        begin, end = tracks[0].time[0], min(track.time[-1] for track in tracks)
+        late = next((track for track in tracks if track.time[0] > begin), None)
+        if late is not None or end - begin < 1.0:
+            which = "a track" if late is None else f"the track of {late.name!r}"
+            raise EncounterError(
+                f"encounter {name!r}: {which} does not cover the ownship's first second, expected all to"
+            )
+        times = np.arange(begin, end + 1e-9)
+        rows = [at_times(track, times)._replace(time=times - begin, extra={}) for track in tracks]
+        scenes.append(Scene(name, tuple(rows), None, None, weight=weight))
+    return scenes
+
+
+def encounters_of_scenes(scenes: Sequence[Scene], ahead: float) -> tuple[Encounter, list[str]]:
+    """Return scenes as encounters of ours; where a form has no goal, it lies some seconds ahead.
+
+    Raises:
+        EncounterError: an intruder does more than one turn of ours.
+    """
+    most = max(len(scene.tracks) for scene in scenes) - 1
+    if not most:
+        raise EncounterError(f"encounter {scenes[0].name!r} has no intruder, expected one at least")
+    own, goals, others, turns, mask, noise = [], [], [], [], [], []
+    for scene in scenes:
+        states = [_start(track) for track in scene.tracks]
+        turning = scene.intents or tuple((0.0, 0.0, math.radians(3.0)) for _ in states[1:])
+        x, y, heading, speed = states[0]
+        goals.append(scene.goal or (x + ahead * speed * math.cos(heading), y + ahead * speed * math.sin(heading)))
+        own.append(states[0])
+        count = len(states) - 1
+        if not count:
+            raise EncounterError(f"encounter {scene.name!r} has no intruder, expected one at least")
+        others.append(states[1:] + [states[1]] * (most - count))
+        turns.append(list(turning) + [turning[0]] * (most - count))
+        mask.append(np.arange(most) < count)
+        noise.append(scene.sensor)
+    goal_x, goal_y = np.array(goals).T
+    made = Encounter(
+        VehicleState(*np.array(own).T),
+        goal_x,
+        goal_y,
+        VehicleState(*np.moveaxis(np.array(others), -1, 0)),
+        np.array(mask),
+        Intent(*np.moveaxis(np.array(turns), -1, 0)),
+        Sensor(*np.array(noise).T[:, :, None]),
+    )
+    names = [scene.name for scene in scenes]
+    flown = scenes_of(made, names, max(len(scene.tracks[0].time) for scene in scenes) - 1)
+    for scene, again in zip(scenes, flown, strict=True):
+        for one, other in zip(scene.tracks[1:], again.tracks[1:], strict=True):
+            rows = len(one.time)
+            off = float(np.max(np.hypot(one.x - other.x[:rows], one.y - other.y[:rows])))
+            if off > EXACT:
+                raise EncounterError(
+                    f"encounter {scene.name!r}: {one.name!r} comes {off:.0f} m off a straight flight, expected at most "
+                    f"{EXACT:g} m, because a .csv file holds no other motion"
+                )
+    return made, names
+
+
+def lincoln_objects(scenes: Sequence[Scene], altitude: float | None) -> list[dict[str, Any]]:
+    """Return scenes in the form of Lincoln Laboratory's files.
+
+    Args:
+        scenes: with one intruder each.
+        altitude: of scenes that have none, m.
+
+    Raises:
+        EncounterError: a scene has more intruders, no altitude, or a motion that events cannot hold.
+    """
+    names = [scene.name for scene in scenes]
+    # Names that are whole numbers are kept; where some are not, all come back as places in the file.
+    whole = all(name.isascii() and name.isdecimal() and str(int(name)) == name for name in names)
+    numbers = [int(name) for name in names] if whole else range(1, len(names) + 1)
+    return [_lincoln(number, scene, altitude) for number, scene in zip(numbers, scenes, strict=True)]
+
+
+def _lincoln(number: int, scene: Scene, altitude: float | None) -> dict[str, Any]:
+    if len(scene.tracks) != 2:
+        raise EncounterError(
+            f"encounter {scene.name!r} has {len(scene.tracks) - 1} intruders, expected one, because a .json file of "
+            "Lincoln Laboratory's form holds two aircraft"
+        )
+    heights = _heights(scene, altitude)
+    states = [_lincoln_state(track) for track in scene.tracks]
+    made = {
+        "id": number,
+        "n_ft": [float(track.y[0]) / FOOT for track in scene.tracks],
+        "e_ft": [float(track.x[0]) / FOOT for track in scene.tracks],
+        "h_ft": [float(height[0]) / FOOT for height in heights],
+        "v_ftps": [speed / FOOT for speed, _, _ in states],
+        "heading_rad": [track for _, track, _ in states],
+        "runTime_s": float(scene.tracks[0].time[-1]),
+        _EVENTS: [events.tolist() for _, _, events in states],
+        "meta": {"w": scene.weight},
+    }
+    _check_lincoln(made, scene)
+    return made
+
+
+def _lincoln_state(track: Track) -> tuple[float, float, np.ndarray]:
+    """Return speed along the path, course (clockwise from north) and the events of a track with a row a second."""
+    ground = np.hypot(track.vx, track.vy)
+    course = np.unwrap(np.arctan2(track.vx, track.vy))
+    rate = track.vertical_rate
+    along = np.hypot(ground, rate)
+    rows = np.stack([track.time[:-1], rate[:-1] / FOOT, np.diff(course), np.diff(along) / FOOT], axis=1)
+    # An event holds until the next: rows that command the same again are left out.
+    changes = np.concatenate([[True], np.any(np.abs(np.diff(rows[:, 1:], axis=0)) > 1e-12, axis=1)])
+    return float(along[0]), float(course[0]), rows[changes]
+
+
+def _check_lincoln(made: dict[str, Any], scene: Scene) -> None:
+    """Raise if a reader's flight of the events is not the scene's."""
+    north, east, up, speed = (np.array(made[key]) * FOOT for key in ("n_ft", "e_ft", "h_ft", "v_ftps"))
+    own, other = (np.array(rows) * (1.0, FOOT, 1.0, FOOT) for rows in made[_EVENTS])
+    again = LincolnEncounter(
+        number=made["id"],
+        north=north,
+        east=east,
+        altitude=up,
+        speed=speed,
+        track=np.array(made["heading_rad"]),
+        duration=made["runTime_s"],
+        events=(own, other),
+        miss=math.nan,
+        vertical_miss=math.nan,
+        time=math.nan,
+        weight=scene.weight,
+    )
+    for track, flown in zip(scene.tracks, tracks_of(again), strict=True):
+        known = at_times(flown, np.minimum(track.time, flown.time[-1]))
+        off = float(np.max(np.hypot(known.x - track.x, known.y - track.y)))
+        if off > EXACT:
+            raise EncounterError(
+                f"encounter {scene.name!r}: {track.name!r} comes {off:.1f} m off what its turn rates and accelerations "
+                f"make of it, expected at most {EXACT:g} m, because Lincoln Laboratory's form holds nothing else"
+            )
+
+
+def daidalus_text(scene: Scene, altitude: float | None) -> str:
+    """Return a scene in the form of DAIDALUS' files: local positions and velocities, a row an aircraft and second.
+
+    Raises:
+        EncounterError: altitudes are neither known nor given, or a name cannot stand in a file.
+    """
+    heights = _heights(scene, altitude)
+    labels = [track.name for track in scene.tracks]
+    if len(set(labels)) < len(labels) or any(not label or set(label) & set(" ,#\t") for label in labels):
+        raise EncounterError(
+            f"encounter {scene.name!r}: names of aircraft {labels}, expected different ones without blanks, commas, #"
+        )
+    lines = ["NAME, sx, sy, sz, vx, vy, vz, time", "[none], [m], [m], [m], [m/s], [m/s], [m/s], [s]"]
+    for row, time in enumerate(scene.tracks[0].time):
+        for track, height in zip(scene.tracks, heights, strict=True):
+            values = (track.x[row], track.y[row], height[row], track.vx[row], track.vy[row], track.vertical_rate[row])
+            lines.append(", ".join([track.name, *(repr(float(value)) for value in (*values, time))]))
+    return "\n".join(lines) + "\n"
+
+
+def _heights(scene: Scene, altitude: float | None) -> list[np.ndarray]:
+    if scene.altitudes:
+        return [track.altitude for track in scene.tracks]
+    if altitude is None:
+        raise EncounterError(
+            f"encounter {scene.name!r} has no altitude, expected one for a form that holds them (--altitude-ft)"
+        )
+    return [np.full(len(track.time), altitude) for track in scene.tracks]
+
+
+def _track(name: str, flown: VehicleState, times: np.ndarray) -> Track:
+    zero = np.zeros(len(times))
+    vx, vy = flown.speed * np.cos(flown.heading), flown.speed * np.sin(flown.heading)
+    return Track(name, times, flown.x, flown.y, zero, vx, vy, zero, {})
+
+
+def _start(track: Track) -> list[float]:
+    heading = math.atan2(track.vy[0], track.vx[0])
+    return [float(track.x[0]), float(track.y[0]), heading, float(math.hypot(track.vx[0], track.vy[0]))]

@@ -1,0 +1,1 @@
+"""The surrogate as Gymnasium environments."""

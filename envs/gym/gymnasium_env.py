@@ -1,0 +1,253 @@
+"""The encounter as a Gymnasium environment, ``rlcas/Deconfliction-v0``; importing this module registers it.
+
+The vectorised one is :class:`envs.gym.gymnasium_vector.DeconflictionVectorEnv`; how to use both: docs/gymnasium.md.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+from gymnasium import error
+from gymnasium.envs.registration import register, registry
+
+from envs import flight, starts
+from envs.encounters import Encounter, Scenario
+from envs.gym.gymnasium_contract import (
+    OUTCOMES,
+    action_space,
+    checked_actions,
+    checked_latency,
+    checked_options,
+    family,
+    observation_space,
+)
+from envs.kinematics import SURROGATE, Limits
+from envs.outcome import RULES, Rules
+
+if TYPE_CHECKING:
+    from envs.gym.rendering import Drawing, Scene
+    from envs.gym.window import Window
+
+__all__ = ["ENV_ID", "DeconflictionEnv"]
+
+ENV_ID = "rlcas/Deconfliction-v0"
+
+
+class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """One encounter of the surrogate: rejoin the route and keep the required separation from every intruder.
+
+    Observation: float32 ``[8]`` in [-1, 1], components in the order of :data:`envs.observation.NAMES`, of the most
+        critical intruder as the scenario's sensor reports it.
+    Action: float32 ``[2]`` in [-1, 1], acceleration / 0.5 m/s^2 and yaw rate / (3 deg/s), positive to the left;
+        values beyond are clipped.
+    Reward: sparse; -100 at a violation, +100 at the goal, -10 at ``t_max``, else 0.
+    Termination: ``terminated`` at a violation (closest approach within a step, by continuous motion) and at the
+        goal; ``truncated`` at ``t_max``, because the observation holds no clock.
+    Info: ``separation`` (smallest in the step, m), ``min_separation`` (since the start, m), ``goal_distance`` (m),
+        ``time`` (s), ``outcome`` (one of
+        :data:`envs.gym.gymnasium_contract.OUTCOMES`), ``encounter`` (its number; -1 for one given).
+
+    Encounters are numbered: ``reset(seed=s)`` begins encounter 0 of seed s, each later ``reset()`` the next one.
+    They are, with the noise of the reports, those that the Monte Carlo evaluator flies. ``reset(options=...)``
+    takes ``scenario`` (a name or a Scenario, which stays until changed) and ``encounter`` (a number, or an
+    :class:`envs.encounters.Encounter`).
+
+    Args:
+        scenario: name or Scenario.
+        rules: of the task.
+        limits: of the ownship.
+        render_mode: None, ``"rgb_array"`` or ``"human"``.
+        render_size: side of the picture, pixels.
+
+    Raises:
+        EncounterError: (a ValueError) the scenario or encounter cannot be had.
+        gymnasium.error.Error: UnsupportedMode for another render mode or where no window can be opened, ResetNeeded
+            for a step before the first reset or after the end, InvalidAction for an action that is none.
+    """
+
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 20}  # noqa: RUF012 - Gymnasium's form
+
+    def __init__(
+        self,
+        scenario: str | Scenario = "circle",
+        *,
+        rules: Rules = RULES,
+        limits: Limits = SURROGATE,
+        render_mode: str | None = None,
+        render_size: int = 600,
+    ) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise error.UnsupportedMode(f"render_mode is {render_mode!r}; expected None, 'rgb_array' or 'human'")
+        self.render_mode = render_mode
+        self.render_size = render_size
+        self.observation_space = observation_space()
+        self.action_space = action_space()
+        self.scenario = family(scenario, rules)
+        self.rules, self.limits = rules, limits
+        self._seed: int | None = None
+        self._next = 0
+        self._number = 0
+        self._label = 0
+        self._flight: flight.Flight | None = None
+        self._over = False
+        self._present = np.zeros(0, dtype=int)
+        self._intruders = 0
+        self._noisy = False
+        self._min_separation = np.inf
+        self._film: list[tuple[Any, list[Any], tuple[float, ...]]] = []
+        self._outcome = OUTCOMES[0]
+        self._picture: Drawing | None = None
+        self._window: Window | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin the next encounter, or the one that the options ask for.
+
+        Raises:
+            EncounterError: the seed or an option is wrong.
+        """
+        chosen = checked_options(options)
+        super().reset(seed=seed)
+        if seed is not None:
+            self._seed, self._next = seed, 0
+        elif self._seed is None:
+            self._seed = int(self.np_random.integers(2**63))
+        if "scenario" in chosen:
+            self.scenario = family(chosen["scenario"], self.rules)
+        wanted = chosen.get("encounter", self._next)
+        given = isinstance(wanted, Encounter)
+        number = self._next if given else wanted
+        drawn = wanted if given else starts.numbered(self.scenario, self._seed, number, 1)
+        encounter = starts.checked(drawn, self.limits)
+        checked_latency(float(encounter.sensor.latency[0]), self.rules)
+
+        self._number, self._next, self._label = number, number + 1, -1 if given else number
+        self._flight, self._over, self._outcome = flight.begin(encounter), False, OUTCOMES[0]
+        self._present, self._intruders = np.flatnonzero(encounter.mask), len(encounter.mask)
+        self._noisy = any(np.any(field > 0.0) for field in encounter.sensor)
+        separations = flight.separations(self._flight)
+        self._min_separation = min(separations)
+        self._film = []
+        self._record(separations)
+        if self.render_mode == "human":
+            if self._window is not None and self._window.closed:
+                self._window = None
+            self.render()
+        goal_distance = float(np.hypot(encounter.goal_x - encounter.own.x, encounter.goal_y - encounter.own.y))
+        return self._observe(), self._info(min(separations), goal_distance)
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Fly on for one time step.
+
+        Raises:
+            gymnasium.error.ResetNeeded: no encounter is in progress.
+            gymnasium.error.InvalidAction: the action has a wrong shape or is not finite.
+        """
+        if self._flight is None:
+            raise error.ResetNeeded("step was called before reset; call reset to begin an encounter")
+        if self._over:
+            raise error.ResetNeeded(f"the encounter has ended ({self._outcome}); call reset to begin another one")
+        acceleration, yaw_rate = checked_actions(action, (2,)).tolist()
+        self._flight, result = self._advance(self._flight, (acceleration, yaw_rate))
+        separation = min(result.separations)
+        self._min_separation = min(self._min_separation, separation)
+        judged = result.outcome
+        self._outcome = OUTCOMES[1 * judged.violation + 2 * judged.reached + 3 * judged.timeout]
+        self._over = self._outcome != OUTCOMES[0]
+        self._record(result.separations)
+        if self.render_mode == "human":
+            self.render()
+        info = self._info(separation, result.goal_distance)
+        terminated, truncated = bool(judged.violation or judged.reached), bool(judged.timeout)
+        return self._observe(), float(result.reward), terminated, truncated, info
+
+    def render(self) -> np.ndarray | None:
+        """Return the picture, uint8 ``[size, size, 3]``, show it in a window, or do nothing, by the render mode.
+
+        Raises:
+            gymnasium.error.ResetNeeded: there is nothing to draw before the first reset.
+            gymnasium.error.UnsupportedMode: the window cannot be opened.
+        """
+        if self.render_mode is None:
+            gymnasium.logger.warn('render draws nothing: give render_mode="rgb_array" or "human" to gymnasium.make')
+            return None
+        if self._flight is None:
+            raise error.ResetNeeded("render was called before reset; call reset to begin an encounter")
+        # Matplotlib is loaded by those who draw only.
+        if self.render_mode == "rgb_array":
+            from envs.gym.rendering import Drawing
+
+            self._picture = self._picture or Drawing(self.render_size)
+            return self._picture.frame(self.scene())
+        if self._window is None:
+            from envs.gym.window import DisplayError, Window
+
+            try:
+                self._window = Window(self.render_size, self.metadata["render_fps"])
+            except DisplayError as problem:
+                raise error.UnsupportedMode(f'render_mode "human": {problem}') from problem
+        self._window.show(self.scene())
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+        self._window = self._picture = None
+
+    def scene(self) -> "Scene":
+        """Return what a picture shows: the encounter since its start where a render mode is set."""
+        from envs.gym.rendering import Scene
+
+        assert self._flight is not None
+        label = "an encounter of your own" if self._label < 0 else f"{self.scenario.name}, encounter {self._label}"
+        return Scene(
+            np.array([own for own, _, _ in self._film]),
+            np.array([intruders for _, intruders, _ in self._film]),
+            np.array([separations for _, _, separations in self._film]),
+            (self._flight.goal_x, self._flight.goal_y),
+            self.rules.goal_radius,
+            self.rules.separation,
+            self._flight.steps * self.rules.dt,
+            self._outcome,
+            label,
+        )
+
+    def _advance(self, before: flight.Flight, action: tuple[float, float]) -> tuple[flight.Flight, flight.Result]:
+        """Fly one step; another vehicle does so in its own way."""
+        return flight.step(before, action, self.rules, self.limits)
+
+    def _record(self, separations: tuple[float, ...]) -> None:
+        if self.render_mode is not None and self._flight is not None:
+            intruders = [state.vehicle for state in self._flight.intruders]
+            self._film.append((self._flight.own, intruders, separations))
+
+    def _observe(self) -> np.ndarray:
+        assert self._flight is not None and self._seed is not None
+        noise = None
+        if self._noisy:
+            # Absent intruders have draws too, as they have in the evaluator.
+            drawn = starts.report_noise(self._seed, self._number, self._flight.steps, self._intruders)
+            noise = drawn[:, self._present]
+        return flight.observe(self._flight, noise)
+
+    def _info(self, separation: float, goal_distance: float) -> dict[str, Any]:
+        assert self._flight is not None
+        return {
+            "separation": separation,
+            "min_separation": self._min_separation,
+            "goal_distance": goal_distance,
+            "time": self._flight.steps * self.rules.dt,
+            "outcome": self._outcome,
+            "encounter": self._label,
+        }
+
+
+# Kept if it stands already: a module may be loaded twice under different test runners.
+if ENV_ID not in registry:
+    register(
+        ENV_ID,
+        entry_point="envs.gym.gymnasium_env:DeconflictionEnv",
+        vector_entry_point="envs.gym.gymnasium_vector:DeconflictionVectorEnv",
+    )

@@ -1,0 +1,220 @@
+"""Many encounters as one Gymnasium vector environment: the compiled surrogate behind a host-side step."""
+
+from typing import Any
+
+import jax
+import numpy as np
+from gymnasium import error
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from envs import starts
+from envs.encounters import Encounter, EncounterError, Scenario
+from envs.gym import batch_flight
+from envs.gym.batch_flight import Setting
+from envs.gym.gymnasium_contract import (
+    OUTCOMES,
+    action_space,
+    checked_actions,
+    checked_latency,
+    checked_options,
+    family,
+    observation_space,
+)
+from envs.gym.reserve import Reserve
+from envs.kinematics import SURROGATE, Limits
+from envs.observation import SIZE
+from envs.outcome import RULES, Rules
+from envs.surrogate import State, World
+
+__all__ = ["DeconflictionVectorEnv"]
+
+
+class DeconflictionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """N encounters of :class:`envs.gym.gymnasium_env.DeconflictionEnv`, in single precision on jax's device.
+
+    Spaces, reward, termination and the keys of ``infos`` are those of the single environment, batched; ``infos``
+    carries a mask ``_key`` for each key. An encounter that ends begins anew in the same step
+    (``AutoresetMode.SAME_STEP``): the observation and the infos returned are then the new encounter's, the last
+    ones of the old stand in ``infos["final_obs"]`` and ``infos["final_info"]``, present where
+    ``infos["_final_obs"]`` holds.
+
+    ``reset(seed=s)`` begins the encounters 0 .. N-1 of seed s; those that follow take the next numbers in the order
+    in which they begin (in one step: by index). Starts are drawn on the host in advance. ``reset(options=...)``
+    takes ``scenario`` as the single environment does and ``encounter``: the first number, or an Encounter with
+    N rows. Noise of reports comes from the device's own generator, so it is not the single environment's.
+
+    Args:
+        num_envs: N.
+        scenario: name or Scenario.
+        rules: of the task.
+        limits: of the ownship.
+        render_mode: None; pictures are the single environment's.
+
+    Raises:
+        ValueError: ``num_envs`` is below 1; an EncounterError where a scenario or encounter cannot be had.
+        gymnasium.error.Error: UnsupportedMode for a render mode, ResetNeeded for a step before the first reset,
+            InvalidAction for actions that are none.
+        gymnasium.error.ClosedEnvironmentError: a reset or step after close.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: str | Scenario = "circle",
+        *,
+        rules: Rules = RULES,
+        limits: Limits = SURROGATE,
+        render_mode: str | None = None,
+    ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs is {num_envs}; expected 1 or more")
+        if render_mode is not None:
+            raise error.UnsupportedMode(
+                f"render_mode is {render_mode!r}; the vector environment draws nothing, "
+                'use vectorization_mode="sync" for pictures'
+            )
+        self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
+        self.num_envs = num_envs
+        self.single_observation_space = observation_space()
+        self.single_action_space = action_space()
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.scenario = family(scenario, rules)
+        self.rules, self.limits = rules, limits
+        # Plain numbers, because the compiled step is chosen by their values.
+        self._world = World(Rules(*map(float, rules)), Limits(*map(float, limits)))
+        self._seed: int | None = None
+        self._next = self._ticks = 0
+        self._state: State | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin all encounters anew.
+
+        Raises:
+            EncounterError: the seed or an option is wrong.
+        """
+        self._check_open()
+        chosen = checked_options(options)
+        if seed is not None and not isinstance(seed, (int, np.integer)):
+            raise EncounterError(f"seed is {seed!r}; expected one integer for all encounters, or None")
+        super().reset(seed=seed)
+        if seed is not None or self._seed is None:
+            self._seed = int(self.np_random.integers(2**63)) if seed is None else int(seed)
+            self._next = self._ticks = 0
+        if "scenario" in chosen:
+            self.scenario = family(chosen["scenario"], self.rules)
+        wanted = chosen.get("encounter", self._next)
+        if isinstance(wanted, Encounter):
+            encounter = starts.checked(wanted, self.limits, (self.num_envs,))
+            self._numbers = np.full(self.num_envs, -1)
+        else:
+            encounter = starts.numbered(self.scenario, self._seed, wanted, self.num_envs)
+            self._numbers = wanted + np.arange(self.num_envs)
+            self._next = wanted + self.num_envs
+        oldest = max(float(encounter.sensor.latency.max()), self.scenario.latency[1])
+        checked_latency(oldest, self.rules)
+        spread = (self.scenario.position_std, self.scenario.velocity_std, *encounter.sensor[:2])
+        noisy = oldest > 0.0 or any(np.any(np.asarray(std) > 0.0) for std in spread)
+        self._setting = Setting(self._world, noisy, oldest > 0.0)
+        self._reserve = Reserve(self.scenario, self._seed, self._next, self.num_envs, encounter.mask.shape[-1])
+        self._pool = jax.device_put(self._reserve.rows)
+
+        # Counted on through resets, so that no noise comes twice under a seed.
+        self._ticks += 1
+        self._key = jax.random.fold_in(jax.random.key(self._seed & 0xFFFFFFFF), self._seed >> 32)
+        self._steps = np.zeros(self.num_envs, dtype=np.int64)
+        single = starts.cast(encounter, np.float32)
+        self._state, packed = batch_flight.begin(single, self._key, self._ticks, self._setting)
+        host = np.asarray(packed)
+        self._min_separation = host[:, SIZE].astype(np.float64)
+        return host[:, :SIZE].copy(), self._infos(self._min_separation, host[:, SIZE + 1])
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Fly on for one time step and begin anew what has ended.
+
+        Args:
+            actions: ``[N, 2]``.
+
+        Returns:
+            Observations float32 ``[N, 8]``, rewards float64 ``[N]``, terminations and truncations bool ``[N]``, and
+            infos.
+
+        Raises:
+            gymnasium.error.ResetNeeded: there was no reset.
+            gymnasium.error.InvalidAction: the actions have a wrong shape or are not finite.
+        """
+        self._check_open()
+        if self._state is None:
+            raise error.ResetNeeded("step was called before reset; call reset to begin the encounters")
+        checked = checked_actions(actions, (self.num_envs, 2))
+        self._ticks += 1
+        self._state, packed = batch_flight.step(
+            self._state, self._pool, self._reserve.used, checked, self._key, self._ticks, self._setting
+        )
+        host = np.asarray(packed)
+        seen, final_seen = host[:, :SIZE], host[:, SIZE : 2 * SIZE]
+        reward, code, separation, goal_distance, new_separation, new_goal_distance = host[:, 2 * SIZE :].T
+        ended = code > 0.0
+        self._steps += 1
+        self._min_separation = np.minimum(self._min_separation, separation)
+        if ended.any():
+            final = self._final(ended, final_seen, code, separation, goal_distance)
+            separation = np.where(ended, new_separation, separation)
+            goal_distance = np.where(ended, new_goal_distance, goal_distance)
+            self._restart(ended, new_separation)
+        else:
+            final = {}
+        infos = final | self._infos(separation, goal_distance)
+        return seen.copy(), reward.astype(np.float64), (code == 1.0) | (code == 2.0), code == 3.0, infos
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Free the device's memory."""
+        self._state = None
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise error.ClosedEnvironmentError("the environment is closed; make a new one")
+
+    def _restart(self, ended: np.ndarray, new_separation: np.ndarray) -> None:
+        """Number the encounters that have begun, and draw new starts before they could run out."""
+        begun = int(np.count_nonzero(ended))
+        self._numbers[ended] = self._next + np.arange(begun)
+        self._next += begun
+        self._steps[ended] = 0
+        self._min_separation[ended] = new_separation[ended]
+        if self._reserve.take(begun):
+            self._pool = jax.device_put(self._reserve.rows)
+
+    def _final(
+        self, ended: np.ndarray, seen: np.ndarray, code: np.ndarray, separation: np.ndarray, goal: np.ndarray
+    ) -> dict[str, Any]:
+        """Return the last observations and infos of encounters that have ended, in Gymnasium's form."""
+        final_obs = np.full(self.num_envs, None, dtype=object)
+        outcomes = np.full(self.num_envs, None, dtype=object)
+        for index in np.flatnonzero(ended):
+            final_obs[index] = seen[index].copy()
+            outcomes[index] = OUTCOMES[int(code[index])]
+        infos = self._infos(separation, goal)
+        values = {key: np.where(ended, value, 0) for key, value in infos.items() if key[0] != "_"}
+        final_info: dict[str, Any] = values | {"outcome": outcomes}
+        final_info |= {f"_{key}": ended.copy() for key in values}
+        return {
+            "final_obs": final_obs,
+            "_final_obs": ended.copy(),
+            "final_info": final_info,
+            "_final_info": ended.copy(),
+        }
+
+    def _infos(self, separation: np.ndarray, goal_distance: np.ndarray) -> dict[str, Any]:
+        values = {
+            "separation": separation.astype(np.float64),
+            "min_separation": self._min_separation.copy(),
+            "goal_distance": goal_distance.astype(np.float64),
+            "time": self._steps * float(self.rules.dt),
+            "outcome": np.full(self.num_envs, OUTCOMES[0], dtype=object),
+            "encounter": self._numbers.copy(),
+        }
+        return values | {f"_{key}": np.ones(self.num_envs, dtype=bool) for key in values}

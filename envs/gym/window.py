@@ -1,0 +1,68 @@
+"""A window that shows an encounter while it is flown."""
+
+import math
+import time
+
+from envs.gym.rendering import Drawing, Scene
+
+__all__ = ["DisplayError", "Window"]
+
+
+class DisplayError(RuntimeError):
+    """There is no window to be had; the message says why and what to do."""
+
+
+class Window:
+    """A window that shows scenes at a steady pace.
+
+    Args:
+        size: side of the picture, pixels.
+        fps: frames a second that :meth:`show` waits for; inf for as fast as possible.
+
+    Raises:
+        DisplayError: there is no display, or no interactive matplotlib backend.
+    """
+
+    def __init__(self, size: int = 600, fps: float = math.inf) -> None:
+        import matplotlib.pyplot as plt
+        from matplotlib.backends.registry import BackendFilter, backend_registry
+
+        try:
+            backend = plt.get_backend()
+            if backend.lower() not in backend_registry.list_builtin(BackendFilter.INTERACTIVE):
+                raise DisplayError(f"matplotlib's backend is {backend!r}, which has no window")
+            with plt.rc_context({"toolbar": "None"}):
+                self._figure = plt.figure(num="RLCAS encounter", clear=True)
+        except Exception as error:
+            # Toolkits raise errors of their own where there is no display.
+            raise DisplayError(
+                "a window needs a display and an interactive matplotlib backend such as TkAgg or QtAgg "
+                f'({error}); use render_mode="rgb_array" where there is none'
+            ) from error
+        self._pyplot = plt
+        self._drawing = Drawing(size, self._figure)
+        self._interval = 1.0 / fps
+        self._next = time.monotonic()
+        self._figure.show()
+
+    @property
+    def closed(self) -> bool:
+        """Whether the user has closed the window."""
+        return not self._pyplot.fignum_exists(self._figure.number)
+
+    def show(self, scene: Scene) -> None:
+        """Show the scene and wait until its time in the sequence; nothing happens once the window is closed."""
+        if self.closed:
+            return
+        self._drawing.update(scene)
+        canvas = self._figure.canvas
+        canvas.blit(self._figure.bbox)
+        canvas.flush_events()
+        self._next = max(self._next + self._interval, time.monotonic())
+        wait = self._next - time.monotonic()
+        if wait > 0.0:
+            canvas.start_event_loop(wait)
+
+    def close(self) -> None:
+        """Close the window."""
+        self._pyplot.close(self._figure)

@@ -1,0 +1,155 @@
+"""Tracks of one aircraft drawn from an encounter model: bins from its networks, values inside the bins, then motion.
+
+As the models are meant to be read: variables are drawn in the order of the network; a value is uniform inside its bin,
+but exactly 0 in the bin that 0 lies inside of; each second the transition network draws the bins anew, and a value
+changes where its bin does or, with the chance of ``resample_rates``, inside its bin. A configuration of parents that
+was never seen has counts of 0 alone: all bins are then equally likely at first, and later on the bin stays.
+
+Airspeed is taken for ground speed (no wind) and for its horizontal part; the vertical rate is drawn, because the others
+depend on it, and is not flown: co-altitude is assumed. The speed stays inside the edges of the model's own bins and
+below an intruder's limit, where it is held.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.intruder import INTRUDER_LIMITS
+from envs.kinematics import Limits, VehicleState, advance
+from envs.traffic.encounter_model import ACCELERATION, CLIMB, SPEED, TURN, EncounterModel, Variable
+from envs.traffic.track_units import FOOT, KNOT
+
+__all__ = ["DURATION", "Sampled", "dimensions", "flown", "sample_model"]
+
+DURATION = 400
+"""Seconds that are drawn: longer than any plan."""
+
+_SI = {SPEED: KNOT, ACCELERATION: KNOT, CLIMB: FOOT / 60.0, TURN: -math.radians(1.0)}
+"""SI value of one unit; turns are clockwise in the model and counter-clockwise here."""
+
+
+class Sampled(NamedTuple):
+    """What was drawn for M aircraft; SI units."""
+
+    bins: np.ndarray
+    """Of the initial variables, ``[M, V]``."""
+    speed: np.ndarray
+    """At first, m/s, ``[M]``."""
+    acceleration: np.ndarray
+    """During each second, m/s^2, ``[M, T]``."""
+    turn_rate: np.ndarray
+    """rad/s, positive to the left, ``[M, T]``."""
+    climb: np.ndarray
+    """m/s, ``[M, T]``; 0 where the model has none."""
+
+
+def dimensions(model: EncounterModel, seconds: int = DURATION) -> int:
+    """Return the unit-uniform draws that one track takes."""
+    return 2 * len(model.initial) + 3 * len(model.moving) * (seconds - 1)
+
+
+def sample_model(model: EncounterModel, draws: np.ndarray, seconds: int = DURATION) -> Sampled:
+    """Return what unit-uniform draws ``[M, D]`` make of a model, D = :func:`dimensions`."""
+    size = len(model.initial)
+    bins = _initial(model, draws[:, :size])
+    values = np.zeros((len(draws), size))
+    for place, edges in enumerate(model.boundaries):
+        if edges is not None:
+            values[:, place] = _value(edges, bins[:, place], draws[:, size + place], place in model.moving)
+    tables = [_table(variable) for variable in model.transition]
+    order = _order(model.transition, size)
+    later = draws[:, 2 * size :].reshape(len(draws), seconds - 1, 3, len(model.moving))
+    rows, current = [values.copy()], bins.copy()
+    for second in range(seconds - 1):
+        both = np.concatenate([current, np.zeros((len(draws), len(model.moving)), int)], axis=1)
+        for k in order:
+            variable, place = model.transition[k], model.moving[k]
+            chance, again, inside = later[:, second, :, k].T
+            configuration = _configuration(model, variable, both)
+            drawn = _drawn(tables[k][configuration], chance)
+            seen = np.any(variable.counts[configuration], axis=1)
+            both[:, size + k] = drawn = np.where(seen, drawn, current[:, place])
+            anew = (drawn != current[:, place]) | (again < model.rates[place])
+            edges = model.boundaries[place]
+            assert edges is not None  # the reader refuses it
+            values[:, place] = np.where(anew, _value(edges, drawn, inside, True), values[:, place])
+        current[:, list(model.moving)] = both[:, size:]
+        rows.append(values.copy())
+    whole = np.stack(rows, axis=1)
+
+    def of(name: str) -> np.ndarray:
+        names = [variable.name for variable in model.initial]
+        return whole[:, :, names.index(name)] * _SI[name] if name in names else np.zeros(whole.shape[:2])
+
+    return Sampled(bins, of(SPEED)[:, 0], of(ACCELERATION), of(TURN), of(CLIMB))
+
+
+def flown(model: EncounterModel, sampled: Sampled) -> VehicleState:
+    """Fly what was drawn, from the origin and eastward.
+
+    Each second's acceleration and turn rate are flown exactly. A first speed beyond the limits stays until it is
+    commanded inwards.
+
+    Returns:
+        Fields ``[M, T + 1]``.
+    """
+    edges = model.boundaries[model.place(SPEED)]
+    assert edges is not None  # the reader refuses it
+    slowest, fastest = edges[0] * KNOT, min(edges[-1] * KNOT, INTRUDER_LIMITS.speed_max)
+    limits = Limits(slowest, fastest, -math.inf, math.inf, math.inf)
+    zero = np.zeros(len(sampled.speed))
+    states = [VehicleState(zero, zero, zero, sampled.speed)]
+    for acceleration, turn_rate in zip(sampled.acceleration.T, sampled.turn_rate.T, strict=True):
+        states.append(advance(states[-1], acceleration, turn_rate, 1.0, limits, np))
+    return VehicleState(*(np.stack(field, axis=-1) for field in zip(*states, strict=True)))
+
+
+def _initial(model: EncounterModel, draws: np.ndarray) -> np.ndarray:
+    """Return the bins of the initial variables, ``[M, V]``."""
+    bins = np.zeros(draws.shape, int)
+    for place in _order(model.initial):
+        variable = model.initial[place]
+        bins[:, place] = _drawn(_table(variable)[_configuration(model, variable, bins)], draws[:, place])
+    return bins
+
+
+def _order(variables: tuple[Variable, ...], before: int = 0) -> list[int]:
+    """Return the variables so that parents come first; those below ``before`` are known already."""
+    known, order = set(range(before)), []
+    while len(order) < len(variables):
+        free = [
+            i for i, each in enumerate(variables) if before + i not in known and all(j in known for j in each.parents)
+        ]
+        known |= {before + i for i in free}
+        order += free
+    return order
+
+
+def _table(variable: Variable) -> np.ndarray:
+    """Return the cumulative chances of the bins, ``[C, bins]``; equal ones where nothing was seen."""
+    counts = np.where(variable.counts.any(axis=1, keepdims=True), variable.counts, 1.0)
+    return np.cumsum(counts, axis=1) / counts.sum(axis=1, keepdims=True)
+
+
+def _configuration(model: EncounterModel, variable: Variable, bins: np.ndarray) -> np.ndarray:
+    """Return the number of the parents' configuration, the first parent fastest, ``[M]``."""
+    sizes = [*(each.bins for each in model.initial), *(each.bins for each in model.transition)]
+    found, stride = np.zeros(len(bins), int), 1
+    for parent in variable.parents:
+        found += stride * bins[:, parent]
+        stride *= sizes[parent]
+    return found
+
+
+def _drawn(chances: np.ndarray, draw: np.ndarray) -> np.ndarray:
+    """Return the bins that draws ``[M]`` choose by cumulative chances ``[M, bins]``."""
+    # The last chance may be 1 less a rounding.
+    return np.minimum((draw[:, None] >= chances).sum(axis=-1), chances.shape[-1] - 1)
+
+
+def _value(edges: np.ndarray, bins: np.ndarray, draw: np.ndarray, moving: bool) -> np.ndarray:
+    """Return values uniform inside the bins; of what moves the bin around 0 means 0."""
+    low, high = edges[bins], edges[bins + 1]
+    value = low + (high - low) * draw
+    return np.where((low < 0.0) & (high > 0.0), 0.0, value) if moving else value

@@ -1,0 +1,181 @@
+"""Encounters with traffic of an encounter model, and what each of them weighs.
+
+The distribution that results, *weighted*, is this: intruders whose tracks are the model's fill the plane evenly, in
+number and in course, all at the ownship's height; the ownship, its speed uniform, flies straight along its route
+without a resolver; of all these intruders it is those whose closest approach of the whole flight falls into a window of
+time and below a miss distance, that are not too near at the start and not too fast at first.
+
+An encounter is drawn by its closest approach: time and signed miss distance are uniform, the intruder's course is
+uniform, and its track is shifted so that there, at that moment, it stands beside the relative velocity. Places then are
+not even: the plane's area per second and metre is the rate at which the closest approach sweeps it,
+
+    w = |v| + m f,
+
+with the relative speed |v|, the signed miss distance m and the rate f at which the relative velocity turns. That is the
+encounter's weight, m/s. Where it is not positive the distance has no minimum there; where the distance is smaller at
+another moment the encounter belongs to that one: both are drawn again, so that each encounter counts once.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from envs import draws as numbers
+from envs.angles import wrap
+from envs.encounters import Encounter, EncounterError
+from envs.intruder import INTRUDER_LIMITS, Recording
+from envs.kinematics import VehicleState, advance
+from envs.perception import Sensor
+from envs.relative import distance, leg_separation
+from envs.traffic.encounter_model import EncounterModel
+from envs.traffic.encounter_model_sampler import DURATION, dimensions, flown, sample_model
+from envs.traffic.replay import AHEAD, encounters_of
+from envs.trees import take
+
+__all__ = ["ModelTraffic", "encounters_with"]
+
+_OWN_DRAWS = 5
+_STREAM = 1 << 32
+"""Of the first attempt's draws: beyond those of starts and reports (envs.starts)."""
+
+_SAME = 0.5
+"""The closest approach counts as found again within this, m."""
+
+
+@dataclass(frozen=True)
+class ModelTraffic:
+    """A family of encounters with one intruder of a model; pairs (low, high) are ranges of a uniform draw."""
+
+    model: EncounterModel
+    own_speed: tuple[float, float] = (50.0, 100.0)
+    """m/s."""
+    cpa_time: tuple[float, float] = (30.0, 180.0)
+    """Time of the closest approach without a resolver, s."""
+    miss: float = 1_000.0
+    """Largest distance there, m."""
+    min_initial_separation: float = 1_000.0
+    """Starts closer than this, m, are drawn again."""
+    ahead: float = AHEAD
+    """The goal lies so many seconds ahead at the own speed, s."""
+    attempts: int = 200
+    """How many draws an encounter has to meet the conditions."""
+
+    @property
+    def sensor(self) -> Sensor:
+        """Quality of the intruders' reports: perfect."""
+        return Sensor(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
+
+
+class _Drawn(NamedTuple):
+    """One attempt at M encounters."""
+
+    own: VehicleState
+    recording: VehicleState
+    """``[M, T + 1]``."""
+    weight: np.ndarray
+    accepted: np.ndarray
+
+
+def encounters_with(traffic: ModelTraffic, seed: int, first: int, count: int) -> tuple[Encounter, np.ndarray]:
+    """Return the encounters ``first .. first + count - 1`` of a seed and their weights, m/s.
+
+    Encounter 1234 of a seed is the same wherever and with however many others it is drawn.
+
+    Raises:
+        EncounterError: seed or number are out of range, or the conditions are never met.
+    """
+    if not 0 <= seed < 2**64:
+        raise EncounterError(f"seed is {seed}; expected 0 <= seed < 2**64")
+    if first < 0:
+        raise EncounterError(f"encounter number is {first}; expected 0 or more")
+    wanted = dimensions(traffic.model) + _OWN_DRAWS
+    whole: Any = None
+    left = np.arange(count)
+    for attempt in range(traffic.attempts):
+        uniform = [numbers.uniforms(seed, first + int(i), 1, (wanted,), _STREAM + attempt)[0] for i in left]
+        found = _attempt(traffic, np.stack(uniform))
+        if whole is None:
+            whole = found
+        for old, new in zip(_leaves(whole), _leaves(found), strict=True):
+            old[left] = new
+        left = left[~found.accepted]
+        if not left.size:
+            break
+    else:
+        raise EncounterError(
+            f"encounter {first + int(left[0])} of seed {seed} does not meet the conditions in {traffic.attempts} "
+            "attempts; allow more attempts or other conditions"
+        )
+    recording = Recording(*(field[:, None] for field in whole.recording))
+    return encounters_of(whole.own, recording, np.ones((count, 1), bool), traffic.ahead), whole.weight
+
+
+def _leaves(drawn: _Drawn) -> list[np.ndarray]:
+    return [*drawn.own, *drawn.recording, drawn.weight, drawn.accepted]
+
+
+def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
+    """Return one attempt at the encounters of draws ``[M, D]``."""
+    rows = np.arange(len(uniform))
+    sampled = sample_model(traffic.model, uniform[:, _OWN_DRAWS:])
+    track = flown(traffic.model, sampled)
+    speed = _between(traffic.own_speed, uniform[:, 0])
+    course, turned = (wrap(2.0 * np.pi * uniform[:, i], np) for i in (1, 2))
+    time = _between(traffic.cpa_time, uniform[:, 3])
+    miss = _between((-traffic.miss, traffic.miss), uniform[:, 4])
+
+    second = np.minimum(time.astype(int), DURATION - 1)
+    # What the speed did, not what was drawn: it may have been held at a limit.
+    acceleration = track.speed[rows, second + 1] - track.speed[rows, second]
+    turn_rate = sampled.turn_rate[rows, second]
+    limits = INTRUDER_LIMITS._replace(speed_min=0.0, speed_max=np.inf)
+    there = advance(take(track, (rows, second)), acceleration, turn_rate, time - second, limits, np)
+    heading = there.heading + turned
+    ahead_x, ahead_y = np.cos(heading), np.sin(heading)
+    vx, vy = there.speed * ahead_x - speed * np.cos(course), there.speed * ahead_y - speed * np.sin(course)
+    fast = np.maximum(distance(vx, vy, np), 1e-6)
+    ax, ay = (
+        acceleration * ahead_x - there.speed * turn_rate * ahead_y,
+        acceleration * ahead_y + there.speed * turn_rate * ahead_x,
+    )
+    weight = fast + miss * (vx * ay - vy * ax) / fast**2
+
+    own = VehicleState(np.zeros(len(rows)), np.zeros(len(rows)), course, speed)
+    # To the left of the relative velocity, at the miss distance from where the ownship is then.
+    x, y = _rotated(there.x, there.y, turned)
+    shift_x = speed * time * np.cos(course) - miss * vy / fast - x
+    shift_y = speed * time * np.sin(course) + miss * vx / fast - y
+    x, y = _rotated(track.x, track.y, turned[:, None])
+    recording = VehicleState(
+        x + shift_x[:, None], y + shift_y[:, None], wrap(track.heading + turned[:, None], np), track.speed
+    )
+    accepted = (
+        (weight > 0.0)
+        & (sampled.speed <= INTRUDER_LIMITS.speed_max)
+        & (distance(recording.x[:, 0], recording.y[:, 0], np) >= traffic.min_initial_separation)
+        & (np.abs(_closest(own, recording, traffic.ahead) - np.abs(miss)) <= _SAME)
+    )
+    return _Drawn(own, recording, weight, accepted)
+
+
+def _closest(own: VehicleState, recording: VehicleState, until: float) -> np.ndarray:
+    """Return the smallest distance of the ownship, straight on, and a recording until a time, m, ``[M]``."""
+    last = min(round(until), DURATION)
+    times = np.arange(last + 1)
+    along = own.speed[:, None] * times
+    column = np.ones(last + 1)
+    x, y = along * np.cos(own.heading)[:, None], along * np.sin(own.heading)[:, None]
+    straight = VehicleState(x, y, own.heading[:, None] * column, own.speed[:, None] * column)
+    before = (take(straight, np.s_[:, :-1]), take(straight, np.s_[:, 1:]))
+    after = (take(recording, np.s_[:, :last]), take(recording, np.s_[:, 1 : last + 1]))
+    return leg_separation(*before, *after, 1.0, np).min(axis=-1)
+
+
+def _rotated(x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle)
+
+
+def _between(bounds: tuple[float, float], draw: np.ndarray) -> np.ndarray:
+    low, high = bounds
+    return low + (high - low) * draw

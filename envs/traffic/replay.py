@@ -1,0 +1,157 @@
+"""Recorded tracks as encounters: the ownship begins where its track does and has a goal ahead, the others are replayed.
+
+Tracks are taken in the horizontal plane: co-altitude is assumed. An intruder flies on straight where its track ends.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from envs.angles import wrap
+from envs.encounters import Encounter
+from envs.intruder import INTRUDER_LIMITS, Recording
+from envs.kinematics import SURROGATE, Limits, VehicleState, advance
+from envs.perception import Sensor
+from envs.traffic.tracks import Repairs, Track, TrackError, at_times
+
+__all__ = ["AHEAD", "HORIZON", "Replay", "encounters_of", "off_arcs", "replay"]
+
+AHEAD = 220.0
+"""Seconds of flight from the start to the goal, unless told otherwise."""
+
+HORIZON = 600.0
+"""Seconds of a recording that are kept: longer than any plan."""
+
+
+class Replay(NamedTuple):
+    """Encounters of recorded intruders."""
+
+    starts: Encounter
+    """``[N]``; in the place of an intent the intruders have an :class:`envs.intruder.Recording`."""
+    names: tuple[str, ...]
+    weights: np.ndarray
+    """Importance weights of the encounters, ``[N]``; 1 where the file has none."""
+    left_out: tuple[str, ...] = ()
+    """Sentences on encounters that cannot be flown, and why."""
+    repairs: Repairs = Repairs()
+
+    @property
+    def sensor(self) -> Sensor:
+        """Quality of the intruders' reports: perfect."""
+        return self.starts.sensor
+
+
+def replay(
+    encounters: Sequence[tuple[str, Track, Sequence[Track]]],
+    *,
+    steps: int = round(HORIZON),
+    dt: float = 1.0,
+    ahead: float = AHEAD,
+    limits: Limits = SURROGATE,
+    weights: Mapping[str, float] | None = None,
+    repairs: Repairs = Repairs(),  # noqa: B008  immutable
+) -> Replay:
+    """Return recorded encounters as the evaluation flies them.
+
+    Args:
+        encounters: name, the ownship's track and those of its intruders, each at least a second long.
+        steps: time steps of the recordings; they are flown straight on after them.
+        dt: of a step, s.
+        ahead: the goal lies so many seconds ahead on the ownship's first course, at its first speed.
+        limits: of the ownship; encounters that begin outside its speeds are left out, with the reason.
+        weights: of the encounters by name; None: 1 each.
+        repairs: what was done to the tracks.
+
+    Raises:
+        TrackError: none of the encounters can be flown.
+    """
+    kept, left_out = [], []
+    for name, own, others in encounters:
+        reason = _unfit(own, others, limits)
+        if reason:
+            left_out.append(f"{name}: {reason}")
+        else:
+            kept.append((name, own, others))
+    if not kept:
+        raise TrackError(f"no encounter can be flown; the first: {left_out[0] if left_out else 'there is none'}")
+    most = max(len(others) for _, _, others in kept)
+    count = len(kept)
+    states = np.zeros((4, count, most, steps + 1))
+    mask = np.zeros((count, most), bool)
+    own = np.zeros((4, count))
+    for i, (_, mine, others) in enumerate(kept):
+        own[:, i] = [mine.x[0], mine.y[0], np.arctan2(mine.vy[0], mine.vx[0]), np.hypot(mine.vx[0], mine.vy[0])]
+        for k in range(most):
+            # An absent intruder repeats the first one, so that it is finite everywhere.
+            states[:, i, k] = _states(others[k if k < len(others) else 0], mine.time[0], steps, dt)
+        mask[i, : len(others)] = True
+    names = tuple(name for name, _, _ in kept)
+    told = np.ones(count) if weights is None else np.array([weights[name] for name in names])
+    starts = encounters_of(VehicleState(*own), Recording(*states), mask, ahead)
+    return Replay(starts, names, told, tuple(left_out), repairs)
+
+
+def encounters_of(own: VehicleState, recording: Recording, mask: np.ndarray, ahead: float) -> Encounter:
+    """Return the encounters of an ownship ``[N]``, its goal ``ahead`` seconds ahead, and recorded intruders.
+
+    Args:
+        own: at the start.
+        recording: ``[N, K, T + 1]``.
+        mask: which intruders exist, ``[N, K]``.
+        ahead: s.
+    """
+    reach = ahead * own.speed
+    column = np.zeros((len(own.x), 1))
+    flown: Any = recording
+    return Encounter(
+        own,
+        own.x + reach * np.cos(own.heading),
+        own.y + reach * np.sin(own.heading),
+        VehicleState(*(field[..., 0] for field in recording)),
+        mask,
+        flown,
+        Sensor(column, column, column),
+    )
+
+
+def off_arcs(recording: Recording, mask: np.ndarray) -> np.ndarray:
+    """Return how far recordings are from arcs at constant speed, m, ``[N]``.
+
+    That is the largest distance between a row and where the row before leads within 1 s when its speed and the turn
+    to the next heading are held: what is wrong by taking intruders to fly arcs between the rows.
+    """
+    before = VehicleState(*(field[..., :-1] for field in recording))
+    after = VehicleState(*(field[..., 1:] for field in recording))
+    turn = wrap(after.heading - before.heading, np)
+    arc = advance(before, 0.0 * turn, turn, 1.0, INTRUDER_LIMITS, np)
+    apart = np.hypot(arc.x - after.x, arc.y - after.y).max(axis=-1, initial=0.0)
+    return np.where(mask, apart, 0.0).max(axis=-1, initial=0.0)
+
+
+def _unfit(own: Track, others: Sequence[Track], limits: Limits) -> str:
+    """Return why an encounter cannot be flown, nothing if it can."""
+    speed = float(np.hypot(own.vx[0], own.vy[0]))
+    if not limits.speed_min <= speed <= limits.speed_max:
+        return (
+            f"the ownship begins with {speed:.1f} m/s over the ground, expected {limits.speed_min:g} to "
+            f"{limits.speed_max:g} m/s"
+        )
+    if not others:
+        return "there is no intruder, expected at least one"
+    for other in others:
+        if not other.time[0] <= own.time[0] < other.time[-1]:
+            return f"the track of {other.name!r} begins after the ownship's or ends before it"
+        fastest = float(np.max(np.hypot(other.vx, other.vy)))
+        if fastest > INTRUDER_LIMITS.speed_max:
+            return f"{other.name!r} flies at {fastest:.1f} m/s, expected at most {INTRUDER_LIMITS.speed_max:g} m/s"
+    return ""
+
+
+def _states(track: Track, start: float, steps: int, dt: float) -> np.ndarray:
+    """Return x, y, heading and speed at each step, ``[4, T + 1]``."""
+    times = start + dt * np.arange(steps + 1)
+    known = at_times(track, np.minimum(times, track.time[-1]))
+    beyond = np.maximum(times - track.time[-1], 0.0)
+    x, y = known.x + known.vx * beyond, known.y + known.vy * beyond
+    return np.stack([x, y, np.arctan2(known.vy, known.vx), np.hypot(known.vx, known.vy)])

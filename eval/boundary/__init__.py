@@ -1,0 +1,1 @@
+"""The boundary of what can be resolved: ``python -m eval.boundary``."""

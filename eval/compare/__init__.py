@@ -1,0 +1,1 @@
+"""Peers on the same encounters, paired: ``python -m eval.compare``."""

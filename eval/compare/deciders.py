@@ -1,0 +1,201 @@
+"""Several deciders on the same encounters: who takes part, and the table of how each of them fared."""
+
+from collections.abc import Callable, Sequence
+from functools import reduce
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.baselines.acas_nnet import load_logic
+from agents.baselines.baselines import BASELINES
+from agents.planner.request import Options
+from agents.policy.inference import Policy
+from agents.resolvability.classify import Verdict
+from envs.encounters import Encounter
+from envs.kinematics import C208_PUBLISHED, Limits
+from envs.outcome import Rules
+from envs.traffic.replay import Replay
+from eval.config import Setting
+from eval.flights.assured_mode import fly_assured
+from eval.flights.chunks import Evaluation, noise_of
+from eval.flights.optimal import Foresight, fly_witnesses
+from eval.flights.plan_mode import fly_once, planned
+from eval.flights.simulate import OUTCOMES, Decider, Flights, OnStates, fly
+from eval.flights.sources import drawn, spread
+from eval.flights.trajectories import Trajectories, until
+from eval.flights.verdicts import verdicts
+from eval.metrics.field import costs, losses, relative
+from eval.metrics.volumes import ALERTS, VOLUMES, alerted, lead_times, lost, severity
+
+__all__ = [
+    "REFERENCE",
+    "SETTING",
+    "WITNESS",
+    "Contest",
+    "Entry",
+    "Plans",
+    "baseline_entry",
+    "columns",
+    "policy_entries",
+]
+
+REFERENCE = "none"
+"""The flight without a resolver, which is always flown: risk ratios need it."""
+
+WITNESS = "witness"
+"""Name and kind of the entry that knows the future: a mark, not a resolver."""
+
+SETTING = Setting(Options(), C208_PUBLISHED)
+"""How plans are made and flown: as in eval.monte_carlo without more being said."""
+
+_SEVERE = "do365_en_route"
+
+
+class Plans(NamedTuple):
+    """A policy that decides by plans: once at the start, or in the assured loop."""
+
+    policy: Policy
+    setting: Setting
+    mode: str
+    """plan or assured."""
+
+
+class Entry(NamedTuple):
+    """One that takes part."""
+
+    name: str
+    kind: str
+    """policy, baseline, nnet or witness."""
+    decider: Decider | OnStates | Plans | Foresight
+    sha256: str | None = None
+    """Of a policy file."""
+
+
+class Contest(NamedTuple):
+    """All that the result of a comparison follows from."""
+
+    entries: tuple[Entry, ...]
+    evaluation: Evaluation
+    """Source, seed, rules and limits; nothing else of it counts."""
+
+    @property
+    def replayed(self) -> bool:
+        """Whether the intruders are recorded ones."""
+        return isinstance(self.evaluation.source, Replay)
+
+
+def policy_entries(
+    path: Path | None, name: str, limits: Limits, rules: Rules, modes: Sequence[str] = ()
+) -> tuple[Entry, ...]:
+    """Return the entries of a policy file: as it is, and with the speed held, as most published resolvers hold it.
+
+    A ``.nnet`` file is a logic that holds the speed anyway, and of which no plans are made.
+
+    Args:
+        path: of the file; None: the policy that ships.
+        name: of the entries.
+        limits: of the ownship.
+        rules: of the task.
+        modes: in which it is flown besides: plan, assured.
+
+    Raises:
+        PolicyFileError, NnetError: the file cannot be used.
+    """
+    if path is not None and path.suffix == ".nnet":
+        logic = load_logic(path, limits, rules.goal_radius, rules.separation)
+        return (Entry(name, "nnet", OnStates(logic)),)
+    policy = Policy.load(path)
+    return (
+        Entry(name, "policy", policy.rowwise, policy.sha256),
+        Entry(f"{name}, speed held", "policy", _held(policy.rowwise), policy.sha256),
+        *(Entry(f"{name}, {mode}", "policy", Plans(policy, SETTING, mode), policy.sha256) for mode in modes),
+    )
+
+
+def baseline_entry(name: str, limits: Limits, rules: Rules) -> Entry:
+    """Return the entry of a baseline, one of :data:`agents.baselines.BASELINES`, or of the witness."""
+    if name == WITNESS:
+        return Entry(name, WITNESS, Foresight())
+    return Entry(name, "baseline", OnStates(BASELINES[name](limits, rules.goal_radius, rules.separation)))
+
+
+def columns(contest: Contest, first: int, count: int) -> dict[str, np.ndarray]:
+    """Return the table of the encounters ``first .. first + count - 1``: columns of each entry, ``NAME.COLUMN``.
+
+    Flights go on after a loss of separation, to the goal or the time limit, because smaller volumes are judged too.
+    What counts as a violation is the same as in :mod:`eval.flights.simulate`: any loss before the end.
+    """
+    evaluation = contest.evaluation
+    rules, limits = evaluation.rules, evaluation.limits
+    starts, weights = drawn(evaluation.source, evaluation.seed, first, count)
+    noise = noise_of(evaluation, starts, first)
+    table: dict[str, np.ndarray] = {"encounter": np.arange(first, first + count), "weight": weights}
+    solved = []
+    for entry in contest.entries:
+        heard = None if entry.name == REFERENCE else noise
+        flights, film = _flown(entry.decider, starts, evaluation, heard)
+        outcome = np.where(flights.min_separation < rules.separation, OUTCOMES.index("violation"), flights.outcome)
+        solved.append(outcome == OUTCOMES.index("reached"))
+        made = _columns(outcome, flights, film, starts.mask, rules.dt) | costs(starts, flights, film)._asdict()
+        table |= {f"{entry.name}.{name}": values for name, values in made.items()}
+    anyone = reduce(np.logical_or, solved)
+    route = np.hypot(starts.goal_x - starts.own.x, starts.goal_y - starts.own.y)
+    table["late_at_first_speed"] = route - rules.goal_radius > starts.own.speed * rules.t_max
+    table["unresolvable"] = verdicts(starts, rules, limits, solved=anyone).verdict == Verdict.UNRESOLVABLE
+    return table
+
+
+def _flown(
+    decider: Decider | OnStates | Plans | Foresight,
+    starts: Encounter,
+    evaluation: Evaluation,
+    noise: Callable[[int], np.ndarray] | None,
+) -> tuple[Flights, Trajectories]:
+    """Fly encounters on after losses of separation; the film ends where each flight does."""
+    if isinstance(decider, Foresight):
+        return fly_witnesses(starts, decider, evaluation.rules, evaluation.limits)
+    endless = evaluation.rules._replace(separation=0.0)
+    if not isinstance(decider, Plans):
+        flights, film = fly(starts, decider, endless, evaluation.limits, noise=noise, record=True)
+        assert film is not None
+        return flights, film
+    policy, setting, mode = decider
+    plans = planned(starts, policy, setting, None if noise is None else noise(0))
+    if mode == "plan":
+        flown, film = fly_once(starts, plans, endless, setting, record=True)
+    else:
+        sigmas = spread(evaluation.source)
+        assured, film = fly_assured(starts, plans, policy, endless, setting, spread=sigmas, noise=noise, record=True)
+        flown = assured.flown
+    assert film is not None
+    return flown.flights, until(film, flown.flights.duration)
+
+
+def _held(decide: Callable[[np.ndarray], np.ndarray]) -> Decider:
+    def held(observation: np.ndarray) -> np.ndarray:
+        return decide(observation) * np.array([0.0, 1.0], np.float32)
+
+    return held
+
+
+def _columns(
+    outcome: np.ndarray, flights: Flights, film: Trajectories, mask: np.ndarray, dt: float
+) -> dict[str, np.ndarray]:
+    """Return the columns of one entry but for the costs."""
+    seen = relative(film)
+    volume = VOLUMES[_SEVERE]
+    # After the end of a flight everything is nan; no number there, no loss, no alert.
+    with np.errstate(invalid="ignore"):
+        penetration = np.where(np.isfinite(seen.x) & mask, severity(volume, seen), 0.0)
+        loss = np.any(lost(volume, seen) & mask, axis=-1)
+        alerts = {name: np.any(alerted(level, seen) & mask, axis=-1) for name, level in ALERTS.items()}
+    return {
+        "outcome": np.array(OUTCOMES, dtype=object)[outcome],
+        "min_separation_m": flights.min_separation,
+        "duration_s": flights.duration,
+        "heading_reversals": flights.reversals,
+        "severity": penetration.max(axis=(0, 2)),
+        **{f"lost_{name}": losses(each, film, mask) for name, each in VOLUMES.items()},
+        **{f"lead_{name}_s": lead_times(alert, loss, dt) for name, alert in alerts.items()},
+    }

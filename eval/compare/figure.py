@@ -1,0 +1,62 @@
+"""The figure of a comparison: how flights ended, and what the successful ones cost."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from eval.compare.deciders import WITNESS
+from eval.plots.style import BLUE, GREY, ORANGE, SKY, VERMILION
+
+__all__ = ["draw"]
+
+
+def draw(summary: Mapping[str, Any]) -> Figure:
+    """Return the figure of a summary (as in ``summary.json``): an entry a line, the first on top."""
+    rows = summary["entries"]
+    # A mark, not a resolver: whoever sees the figure alone is to know.
+    names = [f"{row['name']} (knows the future)" if row["kind"] == WITNESS else row["name"] for row in rows]
+    colours = [GREY if row["kind"] == WITNESS else BLUE for row in rows]
+    places = list(range(len(rows)))
+    figure = Figure(figsize=(11.0, 1.7 + 0.42 * len(rows)), layout="constrained")
+    ends, apart, cost = figure.subplots(1, 3, sharey=True, width_ratios=(1.5, 1.0, 0.8))
+    left = [0.0] * len(rows)
+    for key, label, colour in (
+        ("success_rate", "success", SKY),
+        ("timeout_rate", "time-out", ORANGE),
+        ("violation_rate", "violation", VERMILION),
+    ):
+        share = [100.0 * row[key]["value"] for row in rows]
+        ends.barh(places, share, left=left, color=colour, label=label, height=0.7)
+        left = [a + b for a, b in zip(left, share, strict=True)]
+    ends.set_yticks(places, names)
+    ends.invert_yaxis()
+    ends.set_xlim(0.0, 100.0)
+    ends.set_xlabel("share of encounters, %")
+    ends.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+
+    for place, row, colour in zip(places, rows, colours, strict=True):
+        difference = row["difference"]
+        if difference is None:
+            apart.plot([0.0], [place], "o", color=colour)
+            continue
+        low, value, high = (100.0 * difference[key] for key in ("low", "value", "high"))
+        apart.plot([low, high], [place, place], color=colour, linewidth=2.0)
+        apart.plot([value], [place], "o", color=colour)
+    apart.axvline(0.0, color="#999999", linewidth=0.8)
+    apart.set_xlabel(f"success less that of {rows[0]['name']}, points")
+
+    for place, row, colour in zip(places, rows, colours, strict=True):
+        excess = row["path_excess_mean"]
+        if excess["value"] is not None:
+            cost.plot([100.0 * excess["low"], 100.0 * excess["high"]], [place, place], color=colour, linewidth=2.0)
+            cost.plot([100.0 * excess["value"]], [place], "o", color=colour)
+    cost.set_xlim(left=0.0)
+    cost.set_xlabel("mean path excess, %")
+    for axes in (ends, apart, cost):
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(axis="x", color="#E5E5E5", linewidth=0.6)
+        axes.set_axisbelow(True)
+    title = f"{summary['encounters']} encounters, scenario {summary['scenario']}, seed {summary['seed']}"
+    figure.suptitle(f"{title}; bars: {100.0 * summary['confidence']:g} % intervals", fontsize=11)
+    return figure

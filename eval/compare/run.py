@@ -1,0 +1,191 @@
+"""Policies and baselines on the same encounters, side by side: ``python -m eval.compare --out runs/compare``."""
+
+import argparse
+import json
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from agents.config.load import ConfigError, Parser
+from eval.plots import save as picture_folder
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from eval.compare.deciders import Contest
+
+__all__ = ["main"]
+
+_CHUNK = 500
+_SLOW_CHUNK = 100
+"""Where the witness takes part: it takes minutes a thousand encounters, and progress is to be seen."""
+
+_DESCRIPTION = """\
+Fly policies and baselines through the same encounters and say how they differ, with intervals for paired samples.
+
+Baselines: none (straight along the route), rules (the right-hand rules of the air), mvp (modified voltage potential,
+speed held), mvp_speed (the same, changing speed too). A policy is a .safetensors file of the toolkit, flown as it is
+and once more with its speed held; or a .nnet file of HorizontalCAS or ACAS Xu. With --mode plan its plans, made once
+at the start, are flown too; with --mode assured its plans under the run-time monitor.
+
+--baseline witness, flown only when asked for, is no resolver but a mark: the shortest flight known that resolves each
+encounter, searched for in knowledge of the intruders' whole future, without noise. Its success bounds from below what
+is possible; its path is the least known to be needed. A thousand encounters of one intruder take two minutes more.
+
+Scenarios: those of eval.monte_carlo; file:PATH for a CSV file of your own; tracks:PATH for recorded tracks, replayed:
+a .json file of Lincoln Laboratory's encounters or of ADS-B reports, or a .daa or .xyz file of DAIDALUS; lincoln:PATH
+for traffic drawn from a file of one of Lincoln Laboratory's encounter models.
+
+Written to --out, a new or empty folder: summary.json, encounters.parquet (a row an encounter) and compare.png, .svg
+(contents in docs/compare.md). The differences are those of success from the first row's."""
+
+_EPILOG = """\
+examples:
+  python -m eval.compare --out runs/compare
+  python -m eval.compare --policy runs/a/policy.safetensors --policy runs/b/policy.safetensors --out runs/a_b
+  python -m eval.compare --scenario maneuvering --baseline mvp --encounters 2000 --out runs/turning
+  python -m eval.compare --mode assured --baseline mvp_speed --baseline witness --encounters 300 --out runs/mark
+  python -m eval.compare --scenario tracks:encounters.json --out runs/recorded
+  python -m eval.compare --mode assured --change own_speed=[50,70] --out runs/slow"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the comparison that the command line asks for and return the exit status.
+
+    Raises:
+        ConfigError: bad input; so are ``PolicyFileError``, ``NnetError``, ``EncounterError`` and ``TrackError``.
+    """
+    options = _parser().parse_args(arguments)
+    begun = time.perf_counter()
+    from eval.compare.setup import prepare, size
+    from eval.flights.sources import said, say
+
+    contest = prepare(options)
+    out = options.out or Path("runs") / time.strftime("compare_%Y%m%d_%H%M%S")
+    picture_folder.create(out)
+    say(contest.evaluation.source)
+
+    from threadpoolctl import threadpool_limits
+
+    total = size(options, contest.evaluation)
+    # One thread: the network's rows would be rounded otherwise with another.
+    with threadpool_limits(1):
+        table = _flown(contest, total)
+    weighted = bool((table["weight"] != 1.0).any())
+    chosen = table["weight"] if weighted else None
+    from agents.policy.versions import versions
+    from eval.compare.summary import SCHEMA_VERSION, summarise
+
+    summary = {
+        "schema_version": SCHEMA_VERSION,
+        "scenario": options.scenario,
+        "changes": options.change,
+        "seed": options.seed,
+        "confidence": options.confidence,
+        "resamples": options.resamples,
+        "ahead_s": options.ahead if contest.replayed else None,
+        "weighted": weighted,
+        **summarise(table, contest.entries, chosen, options.confidence, options.resamples, options.seed),
+        **said(contest.evaluation.source),
+        "wall_s": time.perf_counter() - begun,
+        "versions": versions("numpy", "scipy", "pyarrow"),
+    }
+    _write(out, summary, table)
+    from eval.compare.table import show
+
+    show(summary, out)
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m eval.compare", description=_DESCRIPTION, epilog=_EPILOG)
+    add = parser.add_argument
+    add(
+        "--policy",
+        type=Path,
+        metavar="FILE",
+        action="append",
+        default=[],
+        help="policy file, may be repeated (default: the one that ships)",
+    )
+    add(
+        "--baseline",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="none, rules, mvp, mvp_speed or witness, may be repeated (default: all but witness)",
+    )
+    add(
+        "--mode",
+        metavar="MODE",
+        action="append",
+        default=[],
+        help="plan or assured: how policies are flown besides, may be repeated",
+    )
+    add("--scenario", metavar="NAME", default="circle", help="a name, file:PATH, tracks:PATH or lincoln:PATH")
+    add(
+        "--change",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="change a number of the scenario, such as own_speed=[50,70] in m/s, may be repeated",
+    )
+    add("--repair", action="store_true", help="drop and fill what is wrong in recorded tracks, and say what was done")
+    add("--encounters", type=int, metavar="N", help="how many (default: 1000, or all of a file's)")
+    add("--seed", type=int, metavar="N", default=0, help="of encounters, sensor noise and bootstrap (default: 0)")
+    add("--ahead", type=float, metavar="S", default=220.0, help="of recorded tracks: goal, in seconds (default: 220)")
+    add("--confidence", type=float, metavar="P", default=0.95, help="of all intervals (default: 0.95)")
+    add("--resamples", type=int, metavar="N", default=2_000, help="of bootstraps (default: 2000)")
+    add("--out", type=Path, metavar="DIR", help="folder, new or empty (default: runs/compare_DATE_TIME)")
+    return parser
+
+
+def _flown(contest: "Contest", total: int) -> "dict[str, np.ndarray]":
+    """Fly all encounters and return the whole table."""
+    import numpy as np
+
+    from eval.compare.deciders import WITNESS, columns
+    from eval.runner.progress import Progress
+
+    parts = []
+    chunk = _SLOW_CHUNK if any(entry.kind == WITNESS for entry in contest.entries) else _CHUNK
+    with Progress(total, 0) as progress:
+        for first in range(0, total, chunk):
+            size = min(chunk, total - first)
+            parts.append(columns(contest, first, size))
+            outcome = parts[-1][f"{contest.entries[0].name}.outcome"]
+            progress.advance(size, int(np.count_nonzero(outcome == "reached")))
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _write(out: Path, summary: Mapping[str, Any], table: "Mapping[str, np.ndarray]") -> None:
+    """Write the files of the comparison."""
+    import matplotlib as mpl
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from eval.compare.figure import draw
+
+    (out / "summary.json").write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    kinds = {name: pa.string() if values.dtype == object else None for name, values in table.items()}
+    pq.write_table(
+        pa.table({name: pa.array(v, type=kinds[name]) for name, v in table.items()}), out / "encounters.parquet"
+    )
+    figure = draw(summary)
+    # Neither a date nor random names, so that the same call gives the same files.
+    with mpl.rc_context({"svg.hashsalt": "rlcas"}):
+        figure.savefig(out / "compare.png", dpi=130)
+        figure.savefig(out / "compare.svg", metadata={"Date": None})
+
+
+def cli() -> int:
+    from agents.baselines.acas_nnet import NnetError
+    from agents.policy.file import PolicyFileError
+    from envs.encounters import EncounterError
+    from envs.traffic.tracks import TrackError
+
+    try:
+        return main()
+    except (PolicyFileError, NnetError, EncounterError, TrackError) as problem:
+        raise ConfigError(str(problem)) from None

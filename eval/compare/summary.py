@@ -1,0 +1,170 @@
+"""From the table of a comparison to its numbers; docs/compare.md defines every key."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from eval.compare.deciders import REFERENCE, WITNESS, Entry
+from eval.metrics.field import Ratio, ratio
+from eval.metrics.volumes import ALERTS, VOLUMES
+from eval.stats.intervals import mean_interval, rate
+from eval.stats.paired import mcnemar_exact, pairs, tango
+
+__all__ = ["SCHEMA_VERSION", "summarise"]
+
+SCHEMA_VERSION = 1
+
+
+def summarise(
+    table: Mapping[str, np.ndarray],
+    entries: Sequence[Entry],
+    weights: np.ndarray | None,
+    confidence: float,
+    resamples: int,
+    seed: int,
+) -> dict[str, Any]:
+    """Return the statistics of a comparison in JSON types; what cannot be said is None.
+
+    Args:
+        table: as :func:`eval.compare.deciders.columns` makes it, the chunks joined, N >= 1.
+        entries: that took part, the first being the one that the others are compared with.
+        weights: of the encounters, for the ratios; None for equal ones.
+        confidence: of all intervals.
+        resamples: of the bootstraps.
+        seed: of the bootstraps.
+    """
+    total = len(table["encounter"])
+    lost_cause = table.get("unresolvable")
+    how = (confidence, resamples, seed)
+    rows = []
+    witness = next((entry for entry in entries if entry.kind == WITNESS), None)
+    for entry in entries:
+        row = _row(table, entry, lost_cause, how) | _ratios(table, entry, weights, how)
+        row["difference"] = None if entry is entries[0] else _difference(table, entry, entries[0], how)
+        if witness is not None:
+            row["path_excess_over_witness_mean"] = None if entry is witness else _longer(table, entry, witness, how)
+        rows.append(row)
+    possible = total if lost_cause is None else total - int(np.count_nonzero(lost_cause))
+    return {
+        "encounters": total,
+        "resolvable_rate": None if lost_cause is None else _rate(possible, total, confidence),
+        "late_at_first_speed": int(np.count_nonzero(table["late_at_first_speed"])),
+        "volumes": {name: volume._asdict() for name, volume in VOLUMES.items()},
+        "altitude": "co-altitude is assumed: every loss is given that the altitudes do not separate",
+        "entries": rows,
+    }
+
+
+def _row(
+    table: Mapping[str, np.ndarray], entry: Entry, lost_cause: np.ndarray | None, how: tuple[float, int, int]
+) -> dict[str, Any]:
+    """Return rates and costs of one entry."""
+    confidence, resamples, seed = how
+    outcome = table[f"{entry.name}.outcome"]
+    total, reached = len(outcome), outcome == "reached"
+    count = int(np.count_nonzero(reached))
+    possible = total if lost_cause is None else total - int(np.count_nonzero(lost_cause))
+
+    def mean(name: str) -> dict[str, float | None]:
+        found = mean_interval(table[f"{entry.name}.{name}"][reached], confidence, resamples, seed)
+        return {key: _number(value) for key, value in found._asdict().items()}
+
+    closest = table[f"{entry.name}.min_separation_m"]
+    return {
+        "name": entry.name,
+        "kind": entry.kind,
+        "sha256": entry.sha256,
+        "success_rate": _rate(count, total, confidence),
+        "success_given_resolvable": None if lost_cause is None else _rate(count, possible, confidence),
+        "violation_rate": _rate(int(np.count_nonzero(outcome == "violation")), total, confidence),
+        "timeout_rate": _rate(int(np.count_nonzero(outcome == "timeout")), total, confidence),
+        "path_excess_mean": mean("path_excess"),
+        "time_excess_mean_s": mean("time_excess_s"),
+        "cross_track_max_mean_m": mean("cross_track_m"),
+        "heading_reversals_mean": float(np.mean(table[f"{entry.name}.heading_reversals"])),
+        "min_separation_m": _number(float(np.fmin.reduce(closest))),
+        "severity_mean_of_losses": _number(_mean_positive(table[f"{entry.name}.severity"])),
+        "severity_max": float(np.max(table[f"{entry.name}.severity"])),
+        "lead_times_s": {level: _leads(table[f"{entry.name}.lead_{level}_s"]) for level in ALERTS},
+    }
+
+
+def _ratios(
+    table: Mapping[str, np.ndarray], entry: Entry, weights: np.ndarray | None, how: tuple[float, int, int]
+) -> dict[str, Any]:
+    """Return the risk ratio, of the required separation and of each volume."""
+    confidence, resamples, seed = how
+
+    def of(event: np.ndarray, without: np.ndarray) -> dict[str, Any]:
+        found = ratio(event, without, weights, confidence=confidence, resamples=resamples, seed=seed)
+        return _plain(found)
+
+    def violated(name: str) -> np.ndarray:
+        return table[f"{name}.outcome"] == "violation"
+
+    ratios = {"risk_ratio": of(violated(entry.name), violated(REFERENCE))}
+    ratios["ratios"] = {
+        name: of(table[f"{entry.name}.lost_{name}"], table[f"{REFERENCE}.lost_{name}"]) for name in VOLUMES
+    }
+    return ratios
+
+
+def _difference(
+    table: Mapping[str, np.ndarray], entry: Entry, first: Entry, how: tuple[float, int, int]
+) -> dict[str, Any]:
+    """Return the entry's success rate less the first's, and its path excess where both succeed."""
+    ours, theirs = (table[f"{name}.outcome"] == "reached" for name in (entry.name, first.name))
+    counts = pairs(theirs, ours)
+    return {
+        **tango(counts, how[0])._asdict(),
+        "mcnemar_exact_p": mcnemar_exact(counts),
+        "pairs": counts._asdict(),
+        "path_excess_mean": _longer(table, entry, first, how),
+    }
+
+
+def _longer(
+    table: Mapping[str, np.ndarray], entry: Entry, other: Entry, how: tuple[float, int, int]
+) -> dict[str, float | None]:
+    """Return the entry's mean path excess less the other's, where both succeed, with its interval."""
+    both = np.logical_and(*(table[f"{name}.outcome"] == "reached" for name in (entry.name, other.name)))
+    excess = table[f"{entry.name}.path_excess"] - table[f"{other.name}.path_excess"]
+    return {key: _number(value) for key, value in mean_interval(excess[both], *how)._asdict().items()}
+
+
+def _leads(seconds: np.ndarray) -> dict[str, float | int | None]:
+    """Return how long before a loss of well clear the alert came, of the flights that lost it."""
+    known = seconds[np.isfinite(seconds)]
+    if not len(known):
+        return {"losses": 0, "median": None, "low_5_percent": None, "without_lead": 0}
+    return {
+        "losses": len(known),
+        "median": float(np.median(known)),
+        "low_5_percent": float(np.quantile(known, 0.05)),
+        "without_lead": int(np.count_nonzero(known == 0.0)),
+    }
+
+
+def _mean_positive(values: np.ndarray) -> float:
+    positive = values[values > 0.0]
+    return float(np.mean(positive)) if len(positive) else math.nan
+
+
+def _rate(count: int, total: int, confidence: float) -> dict[str, Any]:
+    found = asdict(rate(count, total, confidence))
+    return found | {"value": _number(found["value"])}
+
+
+def _plain(found: Ratio) -> dict[str, Any]:
+    return {
+        key: _number(value) if isinstance(value, float) else list(value) if isinstance(value, tuple) else value
+        for key, value in asdict(found).items()
+    }
+
+
+def _number(value: float) -> float | None:
+    """Return the value, None for what JSON has no word for."""
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,1 @@
+"""Failed flights, sorted and drawn: ``python -m eval.failures``."""

@@ -1,0 +1,126 @@
+"""Where a run fails, by groups and case by case: ``python -m eval.failures --run runs/circle --out runs/failed``."""
+
+import argparse
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from agents.config.load import ConfigError, Parser
+from eval.plots import save as picture_folder
+from eval.runner.command import whole
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from eval.failures.groups import Group
+
+__all__ = ["main"]
+
+_MOST = 120
+
+_DESCRIPTION = """\
+Group the encounters in which a run of eval.monte_carlo failed and that are not proven unresolvable, by how they failed
+(near miss: at least 95 % of the separation was kept; deep loss; time-out), by the angle between the courses and by the
+distance at the start; and draw some of each group beside a flight that would have succeeded.
+
+Written to --out, a new or empty folder: failures.json (the groups), failures.csv (a row a failure, all columns of the
+run), encounters.csv (their starts, to be flown again by eval.monte_carlo --scenario file:F, or to be practised in a
+training: practice.encounters) and failures.png, .svg (the cases, taken evenly from each group)."""
+
+_EPILOG = """\
+example:
+  python -m eval.monte_carlo --encounters 100000 --mode policy --out runs/circle
+  python -m eval.failures --run runs/circle --cases 24 --out runs/failed"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Group and draw the failures of the run that the command line names, and return the exit status.
+
+    Raises:
+        ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.
+    """
+    options = _parser().parse_args(arguments)
+    if options.cases > _MOST:
+        raise ConfigError(f"--cases is {options.cases}, expected 0 to {_MOST}")
+    from envs.formats import encounter_file
+    from envs.intruder import Intent
+    from eval.failures.groups import described, failures, grouped, representatives
+    from eval.flights.chunks import picked
+    from eval.report.flights import evaluation_of, fly_again
+    from eval.report.folder import read_run
+
+    run = read_run(options.run)
+    evaluation = evaluation_of(run, options.policy)
+    picture_folder.create(options.out)
+    rules, table = evaluation.rules, run.table
+    groups = grouped(table, rules.separation)
+    chosen = representatives(groups, options.cases)
+    total = sum(group.members.size for group in groups)
+    found = {
+        "run": str(options.run),
+        "policy_sha256": run.config.policy_sha256,
+        "encounters": len(table["encounter"]),
+        "failures": total,
+        "groups": [described(group, table) for group in groups],
+        "cases": chosen,
+    }
+    failed = failures(table)
+    _write_rows(options.out / "failures.csv", table, failed)
+    numbers = [int(number) for number in table["encounter"][failed]]
+    if numbers:
+        starts = picked(evaluation, numbers)
+        if isinstance(starts.intent, Intent):  # what was recorded is no row of such a file
+            encounter_file.write(options.out / "encounters.csv", starts, [str(number) for number in numbers])
+    if chosen:
+        from eval.failures.sheet import sheet
+
+        flights = list(fly_again(run, evaluation, chosen, set(chosen)))
+        of = {number: group for group in groups for number in group.members.tolist()}
+        titles = [_title(number, of[number], table) for number in (flight.number for flight in flights)]
+        picture_folder.write(options.out, "failures", found, sheet(flights, titles, rules), 110)
+    else:
+        picture_folder.write_found(options.out, "failures", found)
+    _show(found)
+    print(f"files: {options.out}")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m eval.failures", description=_DESCRIPTION, epilog=_EPILOG)
+    add = parser.add_argument
+    add("--run", type=Path, metavar="DIR", required=True, help="folder of a finished run of eval.monte_carlo")
+    add("--out", type=Path, metavar="DIR", required=True, help="folder, new or empty")
+    add("--cases", type=whole(0), metavar="N", default=24, help="flights to draw, 0 to 120 (default: 24)")
+    add("--policy", type=Path, metavar="FILE", help="the run's policy, where its file lies elsewhere now")
+    return parser
+
+
+def _title(number: int, group: "Group", table: "Mapping[str, np.ndarray]") -> str:
+    closest, angle = table["min_separation_m"][number], abs(table["relative_heading_deg"][number])
+    digits = 2 if group.how == "near miss" else 0  # of centimetres, where they decide
+    return (
+        f"{number}: {group.how}, {closest:.{digits}f} m\nfrom {table['distance_m'][number]:.0f} m, courses {angle:.0f}°"
+    )
+
+
+def _write_rows(path: Path, table: "Mapping[str, np.ndarray]", failed: "np.ndarray") -> None:
+    columns = {name: values[failed].tolist() for name, values in table.items()}
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
+
+
+def _show(found: Mapping[str, Any]) -> None:
+    total, of = found["failures"], found["encounters"]
+    print(f"{total} of {of} encounters failed and are not proven unresolvable ({total / of:.3%})")
+    print("how          courses         start  failures   share  of such    closest  CPA in")
+    for group in found["groups"]:
+        (low, high), (near, far) = group["course_difference_deg"], group["distance_m"]
+        start = f"{near / 1e3:g} to {far / 1e3:g} km" if far is not None else f"over {near / 1e3:g} km"
+        print(
+            f"{group['how']:<10} {f'{low:g}-{high:g}°':>9} {start:>13} {group['failures']:>9} "
+            f"{group['failures'] / total:>7.1%} {group['failures'] / group['such_encounters']:>8.2%} "
+            f"{group['min_separation_m_median']:>8.1f} m {group['t_cpa_s_median']:>5.0f} s"
+        )

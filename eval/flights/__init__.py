@@ -1,0 +1,1 @@
+"""Encounters flown: by a policy, by plans, under the monitor."""

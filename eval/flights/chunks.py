@@ -1,0 +1,248 @@
+"""One chunk of an evaluation: draw the encounters, fly them with and without the resolver, judge, tabulate.
+
+What a chunk yields depends on the evaluation and on the encounters' numbers only, not on the size of the chunk,
+on the process that works on it or on what it has worked on before.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from enum import IntEnum
+from functools import reduce
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.planner.request import Options
+from agents.policy.inference import Policy
+from agents.resolvability.classify import Method, Verdict
+from envs.encounters import Encounter, Scenario
+from envs.kinematics import C208_PUBLISHED, Limits
+from envs.outcome import Rules
+from envs.starts import joined
+from eval.config import Setting
+from eval.flights.assured_mode import fly_assured
+from eval.flights.conditions import conditions
+from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, planned
+from eval.flights.simulate import OUTCOMES, Flights, direct, fly, sensor_noise
+from eval.flights.sources import Source, drawn, spread
+from eval.flights.trajectories import Trajectories
+from eval.flights.verdicts import verdicts
+
+__all__ = [
+    "MODES",
+    "Evaluation",
+    "Pilot",
+    "columns",
+    "encounters",
+    "noise_of",
+    "picked",
+    "trajectories",
+]
+
+MODES = ("policy", "plan", "assured")
+"""Who decides: the network once a second; a plan made at the start; such a plan under a monitor, with re-plans."""
+
+
+class Evaluation(NamedTuple):
+    """All that the result of an evaluation follows from; can be sent to another process."""
+
+    policy: Path | None
+    """File of the policy; None for the shipped one."""
+    source: Source
+    names: tuple[str, ...] | None
+    """Names of the encounters of a file."""
+    seed: int
+    rules: Rules
+    limits: Limits
+    mode: str = "policy"
+    """Who decides: one of :data:`MODES`."""
+    setting: Setting = Setting(Options(), C208_PUBLISHED)
+    """How plans are made and flown, in the other modes."""
+
+
+class Pilot(NamedTuple):
+    """An evaluation with its policy loaded."""
+
+    evaluation: Evaluation
+    policy: Policy
+
+    @classmethod
+    def load(cls, evaluation: Evaluation) -> "Pilot":
+        """Return the evaluation with its policy.
+
+        Raises:
+            PolicyFileError: the policy file cannot be used.
+        """
+        return cls(evaluation, Policy.load(evaluation.policy))
+
+    def decide(self, observation: np.ndarray) -> np.ndarray:
+        """Return the network's actions ``[M, 2]`` on observations ``[M, 8]``."""
+        return self.policy.rowwise(observation)
+
+
+def encounters(evaluation: Evaluation, first: int, count: int) -> Encounter:
+    """Return the encounters ``first .. first + count - 1``.
+
+    Raises:
+        EncounterError: one of them meets the scenario's conditions in none of its attempts.
+    """
+    return drawn(evaluation.source, evaluation.seed, first, count)[0]
+
+
+def picked(evaluation: Evaluation, numbers: Iterable[int]) -> Encounter:
+    """Return the encounters with these numbers, at least one, ``[M]``.
+
+    Raises:
+        EncounterError: as :func:`encounters`.
+    """
+    return reduce(joined, (encounters(evaluation, int(number), 1) for number in numbers))
+
+
+def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
+    """Return the table of a chunk: a column a name, a row an encounter; docs/evaluation.md says what each means."""
+    evaluation = pilot.evaluation
+    rules, limits = evaluation.rules, evaluation.limits
+    starts, weights = drawn(evaluation.source, evaluation.seed, first, count)
+    begun = conditions(starts)
+    noise = noise_of(evaluation, starts, first)
+    alone, _ = fly(starts, pilot.decide, rules, limits, noise=noise)
+    bare, _ = fly(starts, direct(limits), rules, limits)
+    beside = {"baseline": bare} if evaluation.mode == "policy" else {"baseline": bare, "policy": alone}
+    flown, more = (alone, {}) if evaluation.mode == "policy" else _planned(pilot, starts, noise)
+    reached = flown.outcome == OUTCOMES.index("reached")
+    solved = reduce(np.logical_or, (other.outcome == OUTCOMES.index("reached") for other in beside.values()), reached)
+    judged = verdicts(starts, rules, limits, solved=solved)
+
+    # The route is the straight line to the goal: what is left of it at the end counts as flown straight.
+    route = np.maximum(begun.route_length, 1.0)  # a start on the goal has none
+    excess = np.maximum((flown.path_length + flown.goal_distance) / route - 1.0, 0.0)
+    number = np.arange(first, first + count)
+    names = evaluation.names or ()
+    return {
+        "encounter": number,
+        "name": np.array([names[i] if names else None for i in number], dtype=object),
+        "weight": weights,
+        "outcome": np.array(OUTCOMES, dtype=object)[flown.outcome],
+        "score": flown.score,
+        "duration_s": flown.duration,
+        "min_separation_m": flown.min_separation,
+        "time_of_min_separation_s": flown.time_of_min_separation,
+        "path_length_m": flown.path_length,
+        "path_excess": np.where(reached, excess, np.nan),
+        "goal_distance_m": flown.goal_distance,
+        "heading_reversals": flown.reversals,
+        "verdict": _names(Verdict)[judged.verdict],
+        "verdict_method": _names(Method)[judged.method],
+        **_beside(beside),
+        **more,
+        "intruders": begun.intruders,
+        "own_speed_m_s": begun.own_speed,
+        "intruder_speed_m_s": begun.intruder_speed,
+        "distance_m": begun.distance,
+        "bearing_deg": begun.bearing * (180.0 / math.pi),
+        "relative_heading_deg": begun.relative_heading * (180.0 / math.pi),
+        "t_cpa_s": begun.t_cpa,
+        "d_cpa_m": begun.d_cpa,
+        "route_length_m": begun.route_length,
+    }
+
+
+def _planned(
+    pilot: Pilot, starts: Encounter, noise: Callable[[int], np.ndarray] | None
+) -> tuple[Flights, dict[str, np.ndarray]]:
+    """Return the flights of a mode that plans, and the columns that only it has."""
+    evaluation = pilot.evaluation
+    setting, rules = evaluation.setting, evaluation.rules
+    plans = planned(starts, pilot.policy, setting, None if noise is None else noise(0))
+    flown, _ = fly_once(starts, plans, rules, setting)
+    made = plans.proposals
+    more = {
+        "plan_status": np.array(STATUSES, dtype=object)[made.safe.astype(int)],
+        "plan_source": np.array(SOURCES, dtype=object)[plans.source],
+        "plan_min_separation_m": made.min_separation,
+        "plan_rejoin_s": made.rejoin_time,
+        "plan_path_m": made.path,
+        "plan_cost_m": np.where(np.isfinite(made.cost), made.cost, np.nan),
+        "plan_goal": made.goal.astype(np.int32),
+        "whole_min_separation_m": flown.whole_separation,
+        "follower_error_m": flown.error,
+    }
+    if evaluation.mode == "plan":
+        return flown.flights, more
+    assured, _ = fly_assured(starts, plans, pilot.policy, rules, setting, spread=spread(evaluation.source), noise=noise)
+    more |= _beside({"plan": flown.flights})
+    more |= {"replans": assured.replans, "backup_s": assured.backup}
+    return assured.flown.flights, more
+
+
+def _beside(flights: dict[str, Flights]) -> dict[str, np.ndarray]:
+    """Return the columns of the flights that are flown beside for comparison."""
+    columns = {}
+    for name, flown in flights.items():
+        columns[f"{name}_outcome"] = np.array(OUTCOMES, dtype=object)[flown.outcome]
+        columns[f"{name}_duration_s"] = flown.duration
+        columns[f"{name}_min_separation_m"] = flown.min_separation
+    return columns
+
+
+def trajectories(pilot: Pilot, numbers: Sequence[int]) -> tuple[Encounter, Trajectories]:
+    """Fly the encounters of some numbers again and return them, ``[M]``, with their recorded trajectories."""
+    evaluation = pilot.evaluation
+    singles = [encounters(evaluation, number, 1) for number in numbers]
+    starts = reduce(joined, singles)
+    if evaluation.mode != "policy":
+        return starts, _film(pilot, singles, starts, numbers)
+    noises = [noise_of(evaluation, one, number) for one, number in zip(singles, numbers, strict=True)]
+    heard = [noise for noise in noises if noise is not None]  # all of them or none
+    _, film = fly(
+        starts,
+        pilot.decide,
+        evaluation.rules,
+        evaluation.limits,
+        noise=_together(heard) if heard else None,
+        record=True,
+    )
+    assert film is not None
+    return starts, film
+
+
+def _film(pilot: Pilot, singles: list[Encounter], starts: Encounter, numbers: Sequence[int]) -> Trajectories:
+    """Return the recorded trajectories of planned flights."""
+    evaluation = pilot.evaluation
+    heard = [noise_of(evaluation, one, number) for one, number in zip(singles, numbers, strict=True)]
+    noise = np.concatenate([of(0) for of in heard if of is not None], axis=1) if heard[0] is not None else None
+    plans = planned(starts, pilot.policy, evaluation.setting, noise)
+    rules, setting = evaluation.rules, evaluation.setting
+    if evaluation.mode == "plan":
+        _, film = fly_once(starts, plans, rules, setting, record=True)
+    else:
+        by_second = None if noise is None else _together([of for of in heard if of is not None])
+        _, film = fly_assured(
+            starts, plans, pilot.policy, rules, setting, spread=spread(evaluation.source), noise=by_second, record=True
+        )
+    assert film is not None
+    return film
+
+
+def _together(noises: Sequence[Callable[[int], np.ndarray]]) -> Callable[[int], np.ndarray]:
+    """Return the noise of several encounters as one, ``[4, N, K]`` by step."""
+    return lambda step: np.concatenate([noise(step) for noise in noises], axis=1)
+
+
+def _names(kinds: type[IntEnum]) -> np.ndarray:
+    """Return the names of codes 0, 1, ... in lower case."""
+    return np.array([kinds(code).name.lower() for code in range(len(kinds))], dtype=object)
+
+
+def noise_of(evaluation: Evaluation, starts: Encounter, first: int) -> Callable[[int], np.ndarray] | None:
+    """Return the sensors' noise, None if nobody's sensor has noise or latency.
+
+    The whole source decides, not the chunk: even a perfect report is rounded, so it must be used everywhere or nowhere.
+    """
+    source = evaluation.source
+    if isinstance(source, Scenario):
+        flawed = source.position_std > 0.0 or source.velocity_std > 0.0 or source.latency[1] > 0.0
+    else:
+        flawed = any(np.any(field) for field in source.sensor)
+    return sensor_noise(evaluation.seed, first, *starts.mask.shape) if flawed else None

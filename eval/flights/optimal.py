@@ -1,0 +1,135 @@
+"""What foresight could do: the shortest flight known to somebody who knows the intruders' whole future.
+
+No resolver of an aircraft: a mark beside which deciders are seen. Whoever flies it has searched for it against the
+intruders' true motion, so that it takes no noise.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.baselines.baselines import Direct
+from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly, steps, takeoff, tracks
+from agents.resolvability.witness import least_cost
+from envs.angles import wrap
+from envs.encounters import Encounter
+from envs.kinematics import Limits
+from envs.observation import SIZE
+from envs.outcome import Rules
+from envs.relative import distance, leg_separation
+from envs.trees import column, mapped, take
+from eval.flights import simulate
+from eval.flights.simulate import OUTCOMES, Flights, OnStates, turned_to
+from eval.flights.trajectories import Film, Trajectories
+
+__all__ = ["ROUNDS", "Foresight", "ended", "fly_witnesses", "followed"]
+
+ROUNDS = 8
+"""Of the witness's refinement: 1.4 m longer than 40 on average (300 circle encounters), in a third of the time."""
+
+
+class Foresight(NamedTuple):
+    """Takes part in a comparison with the least-cost witness of each encounter."""
+
+    rounds: int = ROUNDS
+    """Of its refinement."""
+
+
+def fly_witnesses(
+    encounters: Encounter, foresight: Foresight, rules: Rules, limits: Limits
+) -> tuple[Flights, Trajectories]:
+    """Fly the least-cost witnesses of encounters ``[N]``, float64, until the goal or the time limit.
+
+    Where no witness is known, the flight is that without a resolver, straight along the route at constant speed.
+
+    Args:
+        encounters: the starts.
+        foresight: how long is searched.
+        rules: of the task; the witness keeps the separation, the other flights go on after its loss.
+        limits: of the ownship.
+    """
+    best = least_cost(encounters, rules, limits, rounds=foresight.rounds)
+    known = np.isfinite(best.arrival)
+    solved, left = np.flatnonzero(known), np.flatnonzero(~known)
+    film = followed(take(encounters, solved), take(best.manoeuvre, solved), rules, limits)
+    resolving = ended(take(encounters, solved), film, rules)
+
+    nothing, endless = OnStates(Direct(limits, rules.goal_radius)), rules._replace(separation=0.0)
+    straight, second = simulate.fly(take(encounters, left), nothing, endless, limits, record=True)
+    assert second is not None
+
+    def rows(first: np.ndarray, other: np.ndarray) -> np.ndarray:
+        whole = np.zeros(len(known), first.dtype)
+        whole[solved], whole[left] = first, other
+        return whole
+
+    def frames(first: np.ndarray, other: np.ndarray) -> np.ndarray:
+        whole = np.full((max(len(first), len(other)), len(known), *first.shape[2:]), np.nan)
+        whole[: len(first), solved], whole[: len(other), left] = first, other
+        return whole
+
+    return mapped(rows, resolving, straight), mapped(frames, film, second)
+
+
+def followed(encounters: Encounter, manoeuvre: Manoeuvre, rules: Rules, limits: Limits) -> Trajectories:
+    """Return the film of manoeuvres ``[N]``, each flown in its encounter ``[N]`` to the goal or the time limit.
+
+    The same flight as :func:`agents.resolvability.replay` of each; losses of separation do not end it here.
+    """
+    traffic = tracks(encounters, steps(rules), rules)
+    film, rows = Film(encounters), np.arange(len(encounters.goal_x))
+    flight, goal, mask = takeoff(encounters.own, manoeuvre), (encounters.goal_x, encounters.goal_y), encounters.mask
+    for index in range(steps(rules)):
+        if not rows.size:
+            break
+        now, after = take(traffic, (index, rows)), take(traffic, (index + 1, rows))
+        moved = fly(flight, manoeuvre, index * rules.dt, goal, now, mask, rules, limits)
+        apart = leg_separation(column(flight.own), column(moved.own), now, after, rules.dt, np)
+        separation = np.min(np.where(mask, apart, np.inf), axis=-1)
+        # A manoeuvre is no answer to an observation.
+        unseen = np.full((rows.size, SIZE), np.nan), np.full((rows.size, 2), np.nan)
+        film.expose(rows, moved.own, after, (*unseen, separation))
+        on = distance(goal[0] - moved.own.x, goal[1] - moved.own.y, np) > rules.goal_radius
+        rows, flight, manoeuvre, goal, mask = take((rows, moved, manoeuvre, goal, mask), on)
+    return film.developed()
+
+
+def ended(encounters: Encounter, film: Trajectories, rules: Rules) -> Flights:
+    """Return how filmed flights ``[N]`` ended that no loss of separation has stopped: at the goal or in time-out.
+
+    Args:
+        encounters: their starts.
+        film: NaN after the end of each.
+        rules: of the task.
+    """
+    own, first = film.own, take(film.intruders, 0)
+    count = np.arange(len(encounters.goal_x))
+    last = np.count_nonzero(np.isfinite(own.x), axis=0) - 1
+    apart = distance(first.x - own.x[0, :, None], first.y - own.y[0, :, None], np)
+    at_start = np.min(np.where(encounters.mask, apart, np.inf), axis=-1)
+    separation = np.concatenate([at_start[None], film.separation])
+    closest = np.nanargmin(separation, axis=0)
+    # A running sum adds in the order of time, so that a flight's length does not depend on its company.
+    length = np.nancumsum((0.5 * rules.dt) * (own.speed[:-1] + own.speed[1:]), axis=0)[-1]
+    to_goal = distance(encounters.goal_x - own.x[last, count], encounters.goal_y - own.y[last, count], np)
+    reached = to_goal <= rules.goal_radius
+    return Flights(
+        np.where(reached, OUTCOMES.index("reached"), OUTCOMES.index("timeout")).astype(np.int8),
+        np.where(reached, rules.reward_goal, rules.reward_timeout),
+        last * rules.dt,
+        separation[closest, count],
+        closest * rules.dt,
+        length,
+        to_goal,
+        _reversals(wrap(np.diff(own.heading, axis=0), np) / rules.dt),
+    )
+
+
+def _reversals(yaw_rate: np.ndarray) -> np.ndarray:
+    """Return how often turns at rates ``[T, N]``, rad/s, changed side, as :mod:`eval.flights.simulate` counts it."""
+    side = np.zeros(yaw_rate.shape[1])
+    count = np.zeros(yaw_rate.shape[1], np.int32)
+    for rate in yaw_rate:
+        side, reversed_ = turned_to(rate, side)
+        count += reversed_
+    return count

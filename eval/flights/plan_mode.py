@@ -1,0 +1,63 @@
+"""The plan flown once, as in the paper: planned at the start, followed to its end."""
+
+from typing import Any
+
+import numpy as np
+
+from agents.planner.planner import Plans, plan_many
+from agents.policy.inference import Policy
+from envs.encounters import Encounter
+from envs.kinematics import VehicleState
+from envs.outcome import Rules
+from envs.perception import carried_back, perceive
+from envs.trees import take
+from eval.config import Setting
+from eval.flights.plan_flight import Flown, Tally, fly_plans, request_of, verdicts
+from eval.flights.trajectories import Film, Trajectories
+
+__all__ = ["SOURCES", "STATUSES", "believed", "fly_once", "planned"]
+
+SOURCES = ("none", "policy", "fallback")
+"""Names of a plan's sources by their codes."""
+
+STATUSES = ("unresolved", "safe")
+"""Names of a plan's statuses by whether it is safe."""
+
+
+def believed(encounters: Encounter, noise: Any = None) -> VehicleState:
+    """Return the intruders as the ownship knows them at the start, ``[N, K]``.
+
+    Args:
+        encounters: ``[N]``.
+        noise: of the sensors at the start, ``[4, N, K]``; None for perfect knowledge.
+    """
+    seen = encounters.intruders
+    if noise is None:
+        return seen
+    return perceive(seen, carried_back(seen, 1.0, np), carried_back(seen, 2.0, np), encounters.sensor, noise, 1.0, np)
+
+
+def planned(encounters: Encounter, policy: Policy, setting: Setting, noise: Any = None) -> Plans:
+    """Plan at the start of encounters ``[N]``; arguments as of :func:`believed`."""
+    return plan_many(request_of(encounters, believed(encounters, noise)), policy, setting.options)
+
+
+def fly_once(
+    encounters: Encounter, plans: Plans, rules: Rules, setting: Setting, *, record: bool = False
+) -> tuple[Flown, Trajectories | None]:
+    """Fly the plans of encounters ``[N]`` once.
+
+    An unresolved plan is flown as advised, for want of anything better, but is no success even if it arrives. Where
+    there is no trajectory at all, nothing is flown and the separation is not a number.
+    """
+    count = len(encounters.goal_x)
+    rows = np.flatnonzero(plans.proposals.last >= 0)
+    film = Film(encounters) if record else None
+    begun, knots = take((encounters, plans.proposals.knots), rows)
+    flown = fly_plans(begun, knots, rules, setting.limits, film, rows)
+    whole = Tally(count).flown(rules)
+    whole.flights.min_separation[:] = np.nan
+    whole.whole_separation[:] = np.nan
+    for old, new in zip((*whole.flights, *whole[1:]), (*flown.flights, *flown[1:]), strict=True):
+        old[rows] = new
+    return verdicts(whole, ~plans.proposals.safe, rules), None if film is None else film.developed()

@@ -1,0 +1,140 @@
+"""Where encounters come from: a sampled scenario, a user's file, recorded tracks, or an encounter model."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from envs.encounters import Encounter, EncounterError, Scenario
+from envs.formats import encounter_file
+from envs.formats.adsb_file import is_adsb
+from envs.formats.adsb_pairs import Nearby, adsb_pairs
+from envs.formats.lincoln_file import read_lincoln, tracks_of
+from envs.formats.track_files import read_daidalus
+from envs.kinematics import Limits
+from envs.sobol import QuasiScenario, quasi, quasi_numbered
+from envs.starts import numbered
+from envs.traffic.encounter_model import read_model
+from envs.traffic.model_traffic import ModelTraffic, encounters_with
+from envs.traffic.replay import Replay, replay
+from envs.traffic.tracks import Repairs, TrackError, summed
+from envs.trees import take
+from eval.config import FILE, MODEL, MonteCarloConfig, TracksConfig, TrafficConfig
+
+__all__ = ["Source", "drawn", "read_model_traffic", "read_source", "read_tracks", "said", "say", "spread"]
+
+_DONE = {
+    "not_finite": "rows without a value dropped",
+    "out_of_order": "rows out of order dropped",
+    "filled": "rows filled into gaps",
+    "stale": "repeated positions dropped",
+}
+
+Source: TypeAlias = Scenario | Encounter | Replay | ModelTraffic
+"""A scenario to draw from, the encounters of a file, recorded ones, or a model's traffic to draw from."""
+
+
+def read_source(config: MonteCarloConfig, limits: Limits) -> tuple[Source, tuple[str, ...] | None]:
+    """Return what a configuration names, and the names of the encounters where it is a finite number of them.
+
+    Args:
+        config: of the run.
+        limits: of the ownship.
+
+    Raises:
+        ConfigError, EncounterError, TrackError: the file cannot be used.
+    """
+    if config.file is None:
+        sampled = config.sampled()
+        return quasi(sampled) if config.draws == "sobol" else sampled, None
+    if config.prefix == MODEL:
+        return read_model_traffic(config.file, config.traffic(), limits), None
+    if config.prefix == FILE:
+        source, names = encounter_file.read(config.file, limits)
+        return source, tuple(names)
+    recorded = read_tracks(config.file, limits, config.tracks)
+    return recorded, recorded.names
+
+
+def read_model_traffic(path: Path, how: TrafficConfig, limits: Limits) -> ModelTraffic:
+    """Return the traffic of a model's file.
+
+    Raises:
+        EncounterError: the file cannot be used, or the ownship's speeds are not all within its limits.
+    """
+    low, high = how.own_speed
+    if low < limits.speed_min or high > limits.speed_max:
+        raise EncounterError(
+            f"own_speed is [{low:g}, {high:g}] m/s; expected a range within {limits.speed_min:g} to "
+            f"{limits.speed_max:g} m/s, the ownship's limits"
+        )
+    return ModelTraffic(read_model(path), **{name: getattr(how, name) for name in type(how).model_fields})
+
+
+def read_tracks(path: Path, limits: Limits, how: TracksConfig) -> Replay:
+    """Return the encounters of a file of recorded tracks; its name's end and its beginning say of which kind it is.
+
+    Raises:
+        TrackError: the file cannot be used, or none of its encounters can be flown.
+    """
+    weights: Mapping[str, float] | None = None
+    repairs = Repairs()
+    if path.suffix in (".daa", ".xyz"):
+        (own, *others), repairs = read_daidalus(path, repair=how.repair, max_gap=how.max_gap)
+        encounters = [(path.stem, own, others)]
+    elif path.name.endswith((".json", ".json.gz")):
+        if is_adsb(path):
+            nearby = Nearby(how.within, how.vertical, how.lead)
+            encounters, repairs = adsb_pairs(path, nearby, limits=limits, repair=how.repair, max_gap=how.max_gap)
+        else:
+            found = read_lincoln(path, repair=how.repair)
+            repairs = summed([each.repairs for each in found])
+            weights = {str(each.number): each.weight for each in found}
+            flown = ((str(each.number), tracks_of(each)) for each in found)
+            encounters = [(name, own, [other]) for name, (own, other) in flown]
+    else:
+        raise TrackError(f"{path} ends in {path.suffix!r}; expected .json, .json.gz, .daa or .xyz")
+    return replay(encounters, ahead=how.ahead, limits=limits, weights=weights, repairs=repairs)
+
+
+def drawn(source: Source, seed: int, first: int, count: int) -> tuple[Encounter, np.ndarray]:
+    """Return the encounters ``first .. first + count - 1`` and their weights, 1 where there are none.
+
+    Raises:
+        EncounterError: one of them meets the scenario's conditions in none of its attempts.
+    """
+    if isinstance(source, ModelTraffic):
+        return encounters_with(source, seed, first, count)
+    if isinstance(source, Replay):
+        return take((source.starts, source.weights), slice(first, first + count))
+    if isinstance(source, QuasiScenario):
+        return quasi_numbered(source, seed, first, count), np.ones(count)
+    if isinstance(source, Scenario):
+        return numbered(source, seed, first, count), np.ones(count)
+    return take(source, slice(first, first + count)), np.ones(count)
+
+
+def spread(source: Source) -> tuple[float, float]:
+    """Return one sigma of reported positions, m, and velocities, m/s: the largest of the whole source."""
+    if isinstance(source, Scenario):
+        return source.position_std, source.velocity_std
+    return float(np.max(source.sensor.position_std)), float(np.max(source.sensor.velocity_std))
+
+
+def said(source: Source) -> dict[str, Any]:
+    """Return what a summary says of recorded tracks: encounters left out, and repairs; of others none were needed."""
+    if not isinstance(source, Replay):
+        return {"left_out": [], "repairs": None}
+    return {"left_out": list(source.left_out), "repairs": source.repairs._asdict()}
+
+
+def say(source: Source) -> None:
+    """Print which recorded encounters are left out and what was repaired, if anything was."""
+    found = said(source)
+    for sentence in found["left_out"]:
+        print(f"left out: {sentence}", file=sys.stderr)
+    done = [f"{count} {_DONE[name]}" for name, count in (found["repairs"] or {}).items() if count]
+    if done:
+        print(f"repaired: {', '.join(done)}", file=sys.stderr)

@@ -1,0 +1,1 @@
+"""Plans flown by a Cessna 208B in JSBSim: ``python -m eval.hifi``."""

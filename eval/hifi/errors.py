@@ -1,0 +1,114 @@
+"""How far a flight was from its plan, and the plan from what the surrogate flew.
+
+Path-definition error: the plan's legs against the surrogate's flight that its waypoints were taken from.
+Flight-technical error: the aircraft against the legs. Total error: the aircraft against the surrogate's flight. All
+are distances at the same time; beside them stand the usual errors across the path, along it, and in time.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.manoeuvres.direct_to_goal import SLACK
+from agents.planner.candidates import task_of
+from agents.planner.request import Options, Request, keeping
+from agents.planner.rollout import STEP, roll_one
+from agents.planner.traffic import predicted
+from agents.policy.inference import Policy
+from envs.backend import FLOATS
+from envs.c208.air_mass import Wind, over_ground
+from envs.follower import PERIOD
+from envs.kinematics import VehicleState, advance, commands
+from envs.observation import CRITICAL_RADIUS, criticality, observe
+from envs.tracking import offset
+from envs.waypoints import Legs, at
+from eval.flights.plan_flight import SUBSTEPS
+from eval.hifi.flight import Flight
+
+__all__ = ["Errors", "against", "rolled"]
+
+_SEARCH = 3  # steps towards the point abeam
+
+
+class Errors(NamedTuple):
+    """Errors of one flight; T periods, S whole seconds of the policy's own flight in the surrogate."""
+
+    cross_track: np.ndarray
+    """Distance from the path over the ground, m, positive to its left, ``[T + 1]``."""
+    along_track: np.ndarray
+    """Distance ahead of where the plan is at the time, along the path, m, ``[T + 1]``."""
+    late: np.ndarray
+    """How much later than planned the aircraft is at its place, s, ``[T + 1]``."""
+    position: np.ndarray
+    """Distance from where the plan is at the time, m, ``[T + 1]``: the flight-technical error."""
+    definition: np.ndarray
+    """Path-definition error, m, ``[S]``; empty where the plan is not the policy's."""
+    total: np.ndarray
+    """Total error, m, ``[S]``."""
+
+
+def against(flight: Flight, legs: Legs, wind: Wind, surrogate: VehicleState | None = None) -> Errors:
+    """Compare a flight with its plan.
+
+    Args:
+        flight: flown from the plan's time 0 on.
+        legs: of the plan, ``[L]``, in the air mass.
+        wind: of the air mass that the plan was made in.
+        surrogate: its flight in the air mass, second by second from time 0 on, ``[S]``; None: not known.
+    """
+    clock = PERIOD * np.arange(flight.altitude.size)
+
+    def planned(time: Any) -> VehicleState:
+        return over_ground(_at(legs, time), wind, time)
+
+    own, now = flight.own, planned(clock)
+    # Begun where the guidance was: who is late on a winding path has several places abeam.
+    abeam = clock - flight.late
+    for _ in range(_SEARCH):
+        place = planned(abeam)
+        abeam = abeam + offset(own, place)[0] / np.maximum(place.speed, 1.0)
+    place = planned(abeam)
+    late = clock - abeam
+    position = np.hypot(own.x - now.x, own.y - now.y)
+    along = -late * 0.5 * (place.speed + now.speed)
+    definition, total = np.zeros(0), np.zeros(0)
+    if surrogate is not None:
+        seconds = np.arange(surrogate.x.size)
+        count = min(seconds.size, (clock.size - 1) // SUBSTEPS + 1)
+        true = over_ground(VehicleState(*(field[:count] for field in surrogate)), wind, seconds[:count] * STEP)
+        part = slice(None, count * SUBSTEPS, SUBSTEPS)
+        definition = np.hypot(true.x - now.x[part], true.y - now.y[part])
+        total = np.hypot(true.x - own.x[part], true.y - own.y[part])
+    return Errors(offset(own, place)[1], along, late, position, definition, total)
+
+
+def rolled(request: Request, goal: int, policy: Policy, options: Options) -> VehicleState:
+    """Return the surrogate's flight that a plan of the policy was made from, second by second, ``[S]``.
+
+    It ends where the planner took over: the way back was clear, or the goal reached.
+
+    Args:
+        request: ``[1]``.
+        goal: number of the route's point that it leads to.
+        policy: that decided.
+        options: that the plan was made with.
+    """
+    task, keep = task_of(options), keeping(request, options) + SLACK
+    state = VehicleState(*(float(field[0]) for field in request.own))
+    to = float(request.route_x[0, goal]), float(request.route_y[0, goal])
+    until = float(roll_one(state, request.traffic, to, keep, policy, task).time[0])
+    states = [state]
+    for step in range(0 if math.isnan(until) else round(until / STEP)):
+        seen = predicted(request.traffic, step * STEP)
+        others = [VehicleState(*(float(f[0, k]) for f in seen)) for k in np.flatnonzero(request.traffic.mask[0])]
+        chosen = min(others, key=lambda other: criticality(state, other, CRITICAL_RADIUS, FLOATS))
+        action = policy.decide(observe(state, chosen, *to, FLOATS))
+        state = advance(state, *commands(action, task.limits, FLOATS), STEP, task.limits, FLOATS)
+        states.append(state)
+    return VehicleState(*(np.array(field) for field in zip(*states, strict=True)))
+
+
+def _at(legs: Legs, time: Any) -> VehicleState:
+    """Return the states on the legs of one plan at many times, ``[T]``."""
+    return at(Legs(*(np.broadcast_to(field, (time.size, *field.shape)) for field in legs)), time)

@@ -1,0 +1,179 @@
+"""One flight, tenth of a second by tenth of a second: a vehicle, a pilot that commands it, and the traffic.
+
+All positions are over the ground. The traffic flies in the air mass, as the surrogate's does, and is carried with it.
+"""
+
+import math
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from envs import intruder
+from envs.angles import wrap
+from envs.c208.air_mass import Wind, over_ground
+from envs.c208.vehicle import FlightError
+from envs.encounters import Encounter
+from envs.follower import PERIOD
+from envs.kinematics import VehicleState, advance
+from envs.outcome import Rules
+from envs.perception import carried_back, perceive
+from envs.relative import leg_separation
+from eval.flights.plan_flight import SUBSTEPS
+from eval.hifi.vehicle import Airborne, Navigation
+
+__all__ = ["Flight", "Guided", "Pilot", "Traffic", "fly"]
+
+
+class Pilot(Protocol):
+    """Whoever flies."""
+
+    @property
+    def late(self) -> float:
+        """How much later than planned the aircraft is at its place, s; 0 where nothing is planned."""
+        ...
+
+    def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
+        """Decide at the beginning of a second.
+
+        Args:
+            clock: s since the start.
+            own: over the ground, as believed.
+            intruders: over the ground, as believed, ``[1, K]``.
+        """
+        ...
+
+    def commands(self, own: VehicleState, time: float) -> tuple[float, float]:
+        """Return acceleration (m/s^2) and turn rate (rad/s) of the track for the coming period."""
+        ...
+
+
+class Guided(NamedTuple):
+    """What is flown with: vehicle, pilot, and how the own place is known."""
+
+    vehicle: Airborne
+    pilot: Pilot
+    navigation: Navigation
+
+
+class Flight(NamedTuple):
+    """What happened; T periods, S whole seconds. Positions over the ground."""
+
+    own: VehicleState
+    """At the start and after every period, ``[T + 1]``."""
+    altitude: np.ndarray
+    """m above the sea, ``[T + 1]``."""
+    late: np.ndarray
+    """As the guidance had it, s, ``[T + 1]``."""
+    intruders: VehicleState
+    """At the start and after every second, ``[S + 1, K]``."""
+    separation: np.ndarray
+    """Smallest distance to any intruder in each second, m, ``[S]``."""
+    goal_distance: np.ndarray
+    """At the start and after every period, m, ``[T + 1]``."""
+    failure: str | None
+    """Why the flight could not go on; None: it could."""
+
+
+class Traffic:
+    """The intruders of one encounter: their true motion, and what is heard of them.
+
+    Args:
+        encounter: ``[1]``, in the air mass.
+        wind: that carries them.
+        noise: of the sensors by second, ``[4, 1, K]``; None for perfect knowledge.
+    """
+
+    def __init__(self, encounter: Encounter, wind: Wind, noise: Any = None) -> None:
+        self._intent, self._mask, self._sensor = encounter.intent, encounter.mask, encounter.sensor
+        self._wind, self._noise, self._clock = wind, noise, 0
+        self._state = intruder.start(encounter.intruders, np)
+        seen = encounter.intruders
+        self._previous = carried_back(seen, 1.0, np), carried_back(seen, 2.0, np)
+
+    @property
+    def mask(self) -> Any:
+        """Which intruders exist, ``[1, K]``."""
+        return self._mask
+
+    def ground(self) -> VehicleState:
+        """Return the intruders over the ground, ``[1, K]``."""
+        return over_ground(self._state.vehicle, self._wind, float(self._clock))
+
+    def heard(self) -> VehicleState:
+        """Return the intruders over the ground as reported, ``[1, K]``."""
+        now = self._state.vehicle
+        if self._noise is not None:
+            now = perceive(now, *self._previous, self._sensor, self._noise(self._clock), 1.0, np)
+        return over_ground(now, self._wind, float(self._clock))
+
+    def second(self) -> VehicleState:
+        """Move on by a second and return the states at its beginning and after every period, ``[P + 1, K]``."""
+        began, clock = self._state.vehicle, float(self._clock)
+        following = intruder.step(self._state, self._intent, clock, 1.0, np)
+        # Over a second the intruder's controller holds its yaw rate.
+        turn = wrap(following.vehicle.heading - began.heading, np)
+        times = PERIOD * np.arange(SUBSTEPS + 1)[:, None]
+        moved = advance(began, began.speed * 0.0, turn, times, intruder.INTRUDER_LIMITS, np)
+        whole = VehicleState(*(np.broadcast_to(field, (SUBSTEPS + 1, turn.shape[-1])) for field in moved))
+        self._previous = began, self._previous[0]
+        self._state = following
+        self._clock += 1
+        return over_ground(whole, self._wind, clock + times)
+
+
+def fly(
+    guided: Guided, traffic: Traffic, goal: tuple[float, float], rules: Rules, until: int, ends: tuple[str, ...] = ()
+) -> Flight:
+    """Fly until a time, the end of the aircraft, or, where that ends the flight, a violation or the goal.
+
+    Args:
+        guided: what is flown with.
+        traffic: its intruders, moved on by this.
+        goal: over the ground, m.
+        rules: of the task.
+        until: s, at least 1.
+        ends: what else ends the flight: ``"violation"``, ``"goal"``.
+    """
+    vehicle, pilot, navigation = guided
+    states, altitudes, lates = [vehicle.state], [vehicle.altitude], [0.0]
+    others, separations = [traffic.ground()], []
+    failure: str | None = None
+    for clock in range(until):
+        pilot.decide(clock, navigation.seen(vehicle.state, float(clock)), traffic.heard())
+        try:
+            for step in range(SUBSTEPS):
+                time = clock + step * PERIOD
+                vehicle.step(*pilot.commands(navigation.seen(vehicle.state, time), time), PERIOD)
+                if not math.isfinite(sum(vehicle.state) + vehicle.altitude):
+                    raise FlightError(f"the state is not finite at {time + PERIOD:.2f} s")
+                states.append(vehicle.state)
+                altitudes.append(vehicle.altitude)
+                lates.append(pilot.late)
+        except FlightError as problem:
+            failure = str(problem)
+            break
+        whole = traffic.second()
+        others.append(VehicleState(*(field[-1:] for field in whole)))
+        separations.append(_apart(states[-SUBSTEPS - 1 :], whole, traffic.mask))
+        near = math.hypot(goal[0] - states[-1].x, goal[1] - states[-1].y) <= rules.goal_radius
+        if ("violation" in ends and separations[-1] < rules.separation) or ("goal" in ends and near):
+            break
+    own = VehicleState(*(np.array(field, dtype=float) for field in zip(*states, strict=True)))
+    return Flight(
+        own,
+        np.array(altitudes, dtype=float),
+        np.array(lates, dtype=float),
+        VehicleState(*(np.concatenate(field) for field in zip(*others, strict=True))),
+        np.array(separations, dtype=float),
+        np.hypot(goal[0] - own.x, goal[1] - own.y),
+        failure,
+    )
+
+
+def _apart(states: list[VehicleState], others: VehicleState, mask: Any) -> float:
+    """Return the smallest distance to any intruder over a second, m."""
+    own = VehicleState(*(np.array(field, dtype=float)[:, None] for field in zip(*states, strict=True)))
+    before, after = (VehicleState(*(field[part] for field in own)) for part in (slice(None, -1), slice(1, None)))
+    first, last = (VehicleState(*(field[part] for field in others)) for part in (slice(None, -1), slice(1, None)))
+    apart = leg_separation(before, after, first, last, PERIOD, np)
+    return float(np.min(np.where(mask, apart, np.inf), initial=np.inf))

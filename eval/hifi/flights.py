@@ -1,0 +1,229 @@
+"""A flight by its number: encounter, conditions, plan, flight and verdict; what it yields depends on nothing else."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.assurance.thresholds import Thresholds
+from agents.planner.candidates import nothing
+from agents.planner.planner import Plans
+from agents.planner.traffic import Traffic as Known
+from agents.policy.inference import Policy
+from envs.c208.air_mass import NO_WIND, Wind, over_ground, through_air
+from envs.c208.guidance import Path as Track
+from envs.c208.vehicle import FlightError, StartError
+from envs.encounters import Encounter, Scenario
+from envs.kinematics import Limits, VehicleState
+from envs.outcome import Rules
+from envs.perception import Sensor
+from envs.starts import numbered
+from envs.trees import take
+from envs.waypoints import Legs, legs
+from eval.config import Setting
+from eval.flights.plan_flight import request_of
+from eval.flights.plan_mode import believed
+from eval.flights.simulate import sensor_noise
+from eval.hifi.conditions import Drawn, Family, drawn
+from eval.hifi.errors import Errors, against, rolled
+from eval.hifi.flight import Flight, Guided, Pilot, Traffic, fly
+from eval.hifi.pilots import Assured, Closed, Follower
+from eval.hifi.vehicle import Navigation, begin, lookahead_of, reach_of, takeoff_weight
+from eval.hifi.wind import Made, Route, plan_for, unflyable
+
+__all__ = ["Campaign", "Flown", "Scene", "flown", "scene_of"]
+
+_ASSURED_ENDS, _CLOSED_ENDS = ("violation",), ("violation", "goal")
+
+
+class Campaign(NamedTuple):
+    """All that the flights of a run follow from; can be sent to another process."""
+
+    policy: Path | None
+    """File of the policy; None for the shipped one."""
+    source: Scenario | Encounter
+    """A scenario to draw from, or the encounters of a file."""
+    seed: int
+    rules: Rules
+    limits: Limits
+    """Full deflection of the actions in mode closed."""
+    mode: str
+    """One of :data:`eval.hifi.config.HIFI_MODES`."""
+    setting: Setting
+    aircraft: str
+    """One of :data:`eval.hifi.config.AIRCRAFT`."""
+    family: Family
+    """Of the conditions."""
+    wind_plan: str
+    """``air`` or ``ground``."""
+
+
+class Scene(NamedTuple):
+    """Where a flight begins."""
+
+    encounter: Encounter
+    """``[1]``, in the air mass."""
+    drawn: Drawn
+    wind: Wind
+    """That blows."""
+    frame: Wind
+    """That is reckoned with."""
+    own: VehicleState
+    """Over the ground, plain floats."""
+    route: Route
+    """Over the ground; the second point is the goal."""
+    noise: Callable[[int], np.ndarray] | None
+    """Of the intruders' reports by second, ``[4, 1, K]``."""
+
+
+class Flown(NamedTuple):
+    """A flight and all that is known of it."""
+
+    scene: Scene
+    made: Made | None
+    """The plan; None in mode closed."""
+    legs: Legs | None
+    """Of the plan, in the air mass; None without one."""
+    flight: Flight | None
+    """None where it could not begin."""
+    errors: Errors | None
+    """Against the plan, in mode plan."""
+    problem: str | None
+    """Why it could not begin."""
+    pilot: Pilot | None
+
+
+class Crew:
+    """A campaign with its policy: a given one, or else that of the campaign's file, loaded when it is first needed."""
+
+    def __init__(self, campaign: Campaign, policy: Policy | None = None) -> None:
+        self.campaign = campaign
+        self._given = policy
+
+    @cached_property
+    def policy(self) -> Policy:
+        """The policy.
+
+        Raises:
+            PolicyFileError: the file cannot be used.
+        """
+        return Policy.load(self.campaign.policy) if self._given is None else self._given
+
+
+def scene_of(campaign: Campaign, number: int) -> Scene:
+    """Return where flight ``number`` begins.
+
+    The encounter is drawn in the air mass, where speeds are air speeds; the wind carries everybody, and the goal lies
+    where the ownship would arrive if it flew straight on. So the same number is the same conflict in any wind.
+
+    Raises:
+        EncounterError: the encounter cannot be drawn.
+    """
+    source, family = campaign.source, campaign.family
+    if isinstance(source, Scenario):
+        one = numbered(source, campaign.seed, number, 1)
+    else:
+        one = take(source, slice(number, number + 1))
+    met = drawn(family, campaign.seed, number, takeoff_weight(campaign.aircraft))
+    wind = met.air.wind_east, met.air.wind_north
+    if family.position_std > 0.0 or family.velocity_std > 0.0 or met.latency > 0.0:
+        each = (np.full((1, 1), value) for value in (family.position_std, family.velocity_std, met.latency))
+        one = one._replace(sensor=Sensor(*each))
+    flawed = any(np.any(field) for field in one.sensor)
+    noise = sensor_noise(campaign.seed, number, *one.mask.shape) if flawed else None
+    own = VehicleState(*(float(field[0]) for field in one.own))
+    away = math.hypot(float(one.goal_x[0]) - own.x, float(one.goal_y[0]) - own.y) / own.speed
+    goal = float(one.goal_x[0]) + wind[0] * away, float(one.goal_y[0]) + wind[1] * away
+    over = one._replace(goal_x=np.array([goal[0]]), goal_y=np.array([goal[1]]))
+    line = request_of(over)
+    route = Route(line.route_x[0], line.route_y[0])
+    frame = met.believed_wind if campaign.wind_plan == "air" else NO_WIND
+    return Scene(one, met, wind, frame, over_ground(own, wind, 0.0), route, noise)
+
+
+def flown(crew: Crew, number: int) -> Flown:
+    """Fly one flight.
+
+    Raises:
+        EncounterError: the encounter cannot be drawn.
+        PolicyFileError: the policy cannot be used.
+    """
+    campaign, policy = crew.campaign, crew.policy
+    scene = scene_of(campaign, number)
+    goal = float(scene.route.x[1]), float(scene.route.y[1])
+    gains = lookahead_of(campaign.aircraft)
+    if campaign.mode == "closed":
+        pilot: Pilot = Closed(policy, campaign.limits, goal, scene.encounter.mask, scene.frame)
+        flight, problem = _fly(campaign, scene, number, pilot, round(campaign.rules.t_max), _CLOSED_ENDS)
+        return Flown(scene, None, None, flight, None, problem, pilot)
+    made, known = _planned(campaign, scene, policy)
+    if made.problem is not None:
+        return Flown(scene, made, None, None, None, made.problem, None)
+    whole = int(made.plans.proposals.last[0]) >= 0
+    curves = legs(take(made.plans.proposals.knots, 0)) if whole else None
+    if curves is not None:
+        # What blows is known only as well as it is believed to be.
+        wrong = unflyable(curves, scene.frame, scene.drawn.believed_wind, reach_of(campaign.aircraft, scene.drawn))
+        if wrong is not None:
+            return Flown(scene, made, curves, None, None, wrong, None)
+    if campaign.mode == "assured":
+        pilot = _assured(campaign, scene, made.plans, known, policy)
+        flight, problem = _fly(campaign, scene, number, pilot, round(campaign.rules.t_max), _ASSURED_ENDS)
+        return Flown(scene, made, curves, flight, None, problem, pilot)
+    if curves is None:
+        return Flown(scene, made, None, None, None, "the planner knows no way back to the route", None)
+    pilot = Follower(Track(curves, scene.frame), gains)
+    until = math.ceil(float(curves.time[-1] + curves.duration[-1]))
+    flight, problem = _fly(campaign, scene, number, pilot, until, ())
+    surrogate = None
+    if made.request is not None and made.plans.source[0] == 1:
+        surrogate = rolled(made.request, int(made.plans.proposals.goal[0]), policy, campaign.setting.options)
+    errors = None if flight is None or flight.failure is not None else against(flight, curves, scene.frame, surrogate)
+    return Flown(scene, made, curves, flight, errors, problem, pilot)
+
+
+def _planned(campaign: Campaign, scene: Scene, policy: Policy) -> tuple[Made, Known]:
+    """Return the plan made at the start, and the intruders that it was made with."""
+    noise = None if scene.noise is None else scene.noise(0)
+    ground = over_ground(believed(scene.encounter, noise), scene.wind, 0.0)
+    known = Known.straight(through_air(ground, scene.frame, 0.0), scene.encounter.mask)
+    own = through_air(scene.own, scene.frame, 0.0)
+    return plan_for(own, known, scene.route, 0.0, scene.frame, policy, campaign.setting.options), known
+
+
+def _assured(campaign: Campaign, scene: Scene, plans: Plans, known: Known, policy: Policy) -> Assured:
+    options, family = campaign.setting.options, campaign.family
+    usual = Thresholds(requirement=options.requirement, limits=campaign.setting.limits)
+    margin = options.requirement.margin
+    # What the margin covers is no reason for a new plan; noise is borne up to three sigmas.
+    thresholds = replace(
+        usual,
+        cross_track=max(usual.cross_track, margin),
+        along_track=max(usual.along_track, margin),
+        intruder_position=usual.intruder_position + 3.0 * family.position_std,
+        intruder_velocity=usual.intruder_velocity + 3.0 * family.velocity_std,
+    )
+    if int(plans.proposals.last[0]) < 0:
+        plans = plans._replace(proposals=nothing(1))
+    flown_with = scene.frame, lookahead_of(campaign.aircraft), None if scene.noise is None else scene.encounter.sensor
+    return Assured(plans, known, scene.route, policy, options, campaign.rules, thresholds, flown_with)
+
+
+def _fly(
+    campaign: Campaign, scene: Scene, number: int, pilot: Pilot, until: int, ends: tuple[str, ...]
+) -> tuple[Flight | None, str | None]:
+    """Fly with a pilot; return the flight, or why it could not begin."""
+    try:
+        vehicle: Any = begin(campaign.aircraft, scene.own, scene.drawn, campaign.setting.limits)
+    except StartError as problem:
+        return None, str(problem)
+    except FlightError as problem:
+        return None, f"the aircraft is lost before the start: {problem}"
+    navigation = Navigation(campaign.family.own_position_std, campaign.seed, number)
+    goal = float(scene.route.x[1]), float(scene.route.y[1])
+    traffic = Traffic(scene.encounter, scene.wind, scene.noise)
+    return fly(Guided(vehicle, pilot, navigation), traffic, goal, campaign.rules, until, ends), None

@@ -1,0 +1,200 @@
+"""The pilots: one that follows a plan, the network in closed loop, and one that flies under the run-time monitor."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from agents.assurance import monitor as assurance
+from agents.assurance.monitor import Thresholds
+from agents.assurance.tracker import Tracks, begin, follow
+from agents.planner.candidates import nothing
+from agents.planner.planner import Plans
+from agents.planner.request import Options
+from agents.planner.traffic import Traffic as Known
+from agents.policy.inference import Policy
+from envs.c208.air_mass import Wind, ground_commands, through_air
+from envs.c208.guidance import Guide, Lookahead, Path
+from envs.kinematics import Limits, VehicleState, commands
+from envs.observation import CRITICAL_RADIUS, most_critical, observe
+from envs.outcome import Rules
+from envs.perception import Sensor
+from envs.trees import take
+from eval.hifi.wind import Route, plan_for
+
+__all__ = ["Assured", "Closed", "Follower"]
+
+_LEAST_TIME = 1.0  # in which a route can still be rejoined, s
+
+
+class Follower:
+    """Follows a plan that was made at the start.
+
+    Args:
+        path: of the plan.
+        gains: of the guidance.
+    """
+
+    def __init__(self, path: Path, gains: Lookahead) -> None:
+        self._guide = Guide(path, gains)
+
+    @property
+    def late(self) -> float:
+        """How much later than planned the aircraft was at its place, s."""
+        return self._guide.late
+
+    def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
+        """Decide nothing: that has been done."""
+
+    def commands(self, own: VehicleState, time: float) -> tuple[float, float]:
+        """Return acceleration and turn rate of the track."""
+        return self._guide.commands(own, time)
+
+
+class Closed:
+    """The network, once a second; what it commands is held in the air mass.
+
+    Args:
+        policy: decides.
+        limits: full deflection of its actions.
+        goal: over the ground, m.
+        mask: which intruders exist, ``[1, K]``.
+        frame: wind that is reckoned with.
+    """
+
+    late = 0.0
+
+    def __init__(self, policy: Policy, limits: Limits, goal: tuple[float, float], mask: Any, frame: Wind) -> None:
+        self._policy, self._limits, self._goal, self._mask, self._frame = policy, limits, goal, mask, frame
+        self._held = 0.0, 0.0
+
+    def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
+        """Look at the most critical intruder and the goal, and decide."""
+        frame, time = self._frame, float(clock)
+        here = through_air(own, frame, time)
+        one = VehicleState(*(np.array([float(field)]) for field in here))
+        chosen = most_critical(one, through_air(intruders, frame, time), self._mask, CRITICAL_RADIUS, np)
+        goal = self._goal[0] - frame[0] * time, self._goal[1] - frame[1] * time
+        action = self._policy.decide(observe(one, chosen, *goal, np).astype(np.float32)[0].tolist())
+        acceleration, yaw_rate = commands((float(action[0]), float(action[1])), self._limits, np)
+        self._held = float(acceleration), float(yaw_rate)
+
+    def commands(self, own: VehicleState, time: float) -> tuple[float, float]:
+        """Return acceleration and turn rate of the track."""
+        return ground_commands(through_air(own, self._frame, time), *self._held, self._frame)
+
+
+class Assured:
+    """A plan under the run-time monitor, which asks for new plans and falls back to a backup.
+
+    Args:
+        plans: made at the start, ``[1]``, in the air mass.
+        known: the intruders that it was made with, ``[1, K]``.
+        route: over the ground.
+        policy: makes new plans.
+        options: of those.
+        rules: of the task.
+        thresholds: of the monitor.
+        flown: wind that is reckoned with, gains of the guidance, and the quality of the intruders' reports, of which
+            tracks are made; None where they are the truth.
+    """
+
+    def __init__(
+        self,
+        plans: Plans,
+        known: Known,
+        route: Route,
+        policy: Policy,
+        options: Options,
+        rules: Rules,
+        thresholds: Thresholds,
+        flown: tuple[Wind, Lookahead, Sensor | None],
+    ) -> None:
+        self._frame, self._gains, self._sensor = flown
+        self._tracks: Tracks | None = None
+        self._route, self._policy, self._options, self._rules = route, policy, options, rules
+        self._thresholds = thresholds
+        monitor = assurance.start(*known.mask.shape)
+        made = plans.proposals
+        self._monitor = assurance.activate(monitor, np.arange(1), made.knots, made.safe, 0.0, known, thresholds)
+        self._mask, self._guide, self._flies = known.mask, None, None
+        self._reached = False
+        self.replans = 0
+        """New plans asked for."""
+        self.taken_up = 0
+        """New plans that were flown."""
+        self.backup_seconds = 0
+        """On the backup."""
+
+    @property
+    def late(self) -> float:
+        """How much later than planned the aircraft was at its place, s."""
+        return 0.0 if self._guide is None else self._guide.late
+
+    def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
+        """Let the monitor judge the second, plan anew where it asks for that, and take up what it flies."""
+        here = through_air(own, self._frame, float(clock))
+        one = VehicleState(*(np.array([float(field)]) for field in here))
+        intruders = self._tracked(intruders)
+        told = assurance.inputs(float(clock), one, through_air(intruders, self._frame, float(clock)), self._mask)
+        monitor, decision = assurance.step(self._monitor, told, self._thresholds)
+        self._reached |= self._near(own)
+        if decision.replan[0]:
+            self.replans += 1
+            found = self._planned_again(clock, here, decision.traffic)
+            monitor, taken_up = assurance.answer(
+                monitor, np.arange(1), decision.number, found.knots, found.safe, self._thresholds
+            )
+            self.taken_up += int(taken_up[0])
+        self._monitor = monitor
+        self.backup_seconds += int(monitor.on_backup[0])
+        self._follow()
+
+    def commands(self, own: VehicleState, time: float) -> tuple[float, float]:
+        """Return acceleration and turn rate of the track."""
+        assert self._guide is not None  # every second begins with a decision
+        return self._guide.commands(own, time)
+
+    def _follow(self) -> None:
+        """Build the guidance anew where something else is to be flown than before."""
+        monitor = self._monitor
+        backup = bool(monitor.on_backup[0])
+        began = float((monitor.backup.started if backup else monitor.started)[0])
+        flies = (backup, began, float(monitor.backup.course[0]) if backup else int(monitor.revision[0]))
+        if flies != self._flies:
+            curves = take(monitor.backup_legs if backup else monitor.plan.legs, 0)
+            self._guide = Guide(Path(curves, self._frame, began), self._gains)
+            self._flies = flies
+
+    def _tracked(self, intruders: VehicleState) -> VehicleState:
+        """Return what is believed of the intruders after this second's reports."""
+        if self._sensor is None:
+            return intruders
+        if self._tracks is None:
+            self._tracks = begin(intruders)
+        else:
+            noise = self._sensor.position_std, self._sensor.velocity_std
+            self._tracks = follow(self._tracks, intruders, *noise, 1.0)
+        return self._tracks.state
+
+    def _near(self, own: VehicleState) -> bool:
+        # The goal is the second point of the route.
+        return math.hypot(self._route.x[1] - own.x, self._route.y[1] - own.y) <= self._rules.goal_radius
+
+    def _planned_again(self, clock: int, here: VehicleState, traffic: Known) -> Any:
+        """Plan from the middle of a flight: to the goal in the time left if it is still ahead, else along the route."""
+        # The refinement takes longer than a monitor can wait.
+        along = replace(self._options, thorough=False)
+        left, tries = self._rules.t_max - clock, [along]
+        if not self._reached and left >= _LEAST_TIME:
+            in_time = replace(along, goals=1, rejoin_by=min(left, along.rejoin_by))
+            tries.insert(0, in_time)
+        found = nothing(1)
+        for options in tries:
+            made = plan_for(here, traffic, self._route, float(clock), self._frame, self._policy, options)
+            if made.problem is None:
+                found = made.plans.proposals
+            if made.problem is None and found.safe[0]:
+                break
+        return found

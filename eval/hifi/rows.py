@@ -1,0 +1,188 @@
+"""The table of flights: a row a flight; docs/hifi.md says what each column means."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from agents.resolvability.classify import Verdict, classify
+from envs.follower import PERIOD
+from envs.kinematics import SURROGATE, within
+from envs.outcome import Rules
+from eval.flights.conditions import conditions
+from eval.flights.plan_flight import SUBSTEPS
+from eval.flights.plan_mode import SOURCES, STATUSES
+from eval.hifi.flights import Campaign, Crew, Flown, flown
+from eval.hifi.pilots import Assured
+
+__all__ = ["HIFI_OUTCOMES", "WAYPOINTS", "columns", "row_of"]
+
+HIFI_OUTCOMES = ("reached", "violation", "timeout", "failed", "refused")
+"""How a flight can end: ``failed`` is an aircraft lost, ``refused`` one that never began, both with a reason."""
+
+WAYPOINTS = 20
+"""Of a plan."""
+
+_NAN = math.nan
+
+
+def columns(crew: Crew, first: int, count: int) -> dict[str, np.ndarray]:
+    """Return the table of the flights ``first .. first + count - 1``."""
+    rows = [row_of(crew.campaign, number, flown(crew, number)) for number in range(first, first + count)]
+    return {
+        name: np.array([row[name] for row in rows], dtype=object if isinstance(rows[0][name], str) else None)
+        for name in rows[0]
+    }
+
+
+def row_of(campaign: Campaign, number: int, one: Flown) -> dict[str, Any]:
+    """Return the row of one flight."""
+    verdict = _verdict(one, campaign.rules)
+    plan = _plan(one) | _bound(campaign, one)
+    return {"flight": number} | verdict | plan | _loss(one) | _errors(one) | _monitor(campaign, one) | _scene(one)
+
+
+def _verdict(one: Flown, rules: Rules) -> dict[str, Any]:
+    """Judge a flight as the surrogate's are: until the time limit, and a lost separation outweighs the goal."""
+    flight = one.flight
+    if flight is None:
+        nothing = dict.fromkeys(("duration_s", "min_separation_m", "time_of_min_separation_s", "goal_distance_m"), _NAN)
+        return {"outcome": "refused", "reason": one.problem or ""} | nothing
+    seconds = min(round(rules.t_max), flight.separation.size)
+    apart, near = flight.separation[:seconds], flight.goal_distance[: seconds * SUBSTEPS + 1]
+    lost, there = np.flatnonzero(apart < rules.separation), np.flatnonzero(near[1:] <= rules.goal_radius)
+    arrived = (there[0] + 1) * PERIOD if there.size else _NAN
+    ends = flight.failure is not None and flight.separation.size < rules.t_max
+    unsafe = one.made is not None and not one.made.plans.proposals.safe[0]
+    reason = ""
+    if lost.size:
+        outcome, duration, reason = "violation", float(lost[0] + 1), f"{apart[lost[0]]:.0f} m in second {lost[0] + 1}"
+    elif ends:
+        outcome, duration, reason = "failed", flight.separation.size, flight.failure or ""
+    elif there.size and unsafe and not isinstance(one.pilot, Assured):
+        # Refusing is no success, even where the advisory trajectory arrives.
+        outcome, duration, reason = "timeout", rules.t_max, "the plan is not safe"
+    elif there.size:
+        outcome, duration = "reached", arrived
+    else:
+        outcome, duration, reason = "timeout", rules.t_max, f"{near.min():.0f} m from the goal at best"
+    return {
+        "outcome": outcome,
+        "reason": reason,
+        "duration_s": float(duration),
+        "min_separation_m": float(apart.min(initial=np.inf)) if apart.size else _NAN,
+        "time_of_min_separation_s": float(np.argmin(apart) + 1) if apart.size else _NAN,
+        "goal_distance_m": float(near.min()),
+    }
+
+
+def _plan(one: Flown) -> dict[str, Any]:
+    if one.made is None or one.made.request is None:
+        none = {"plan_status": "none", "plan_source": "none"}
+        return (
+            none
+            | dict.fromkeys(("plan_min_separation_m", "plan_rejoin_s", "plan_speed_min_m_s"), _NAN)
+            | {"plan_speed_max_m_s": _NAN}
+        )
+    plans = one.made.plans
+    speeds = plans.proposals.knots.speed[0]
+    return {
+        "plan_status": STATUSES[int(plans.proposals.safe[0])],
+        "plan_source": SOURCES[int(plans.source[0])],
+        "plan_min_separation_m": float(plans.proposals.min_separation[0]),
+        "plan_rejoin_s": float(plans.proposals.rejoin_time[0]),
+        "plan_speed_min_m_s": float(speeds.min()),
+        "plan_speed_max_m_s": float(speeds.max()),
+    }
+
+
+def _bound(campaign: Campaign, one: Flown) -> dict[str, Any]:
+    """Say whether the separation that the plan must keep can be kept at all, within the limits of its manoeuvres."""
+    options = campaign.setting.options
+    required = options.requirement.separation + options.requirement.margin
+    rules = campaign.rules._replace(separation=required)
+    solved = one.made is not None and bool(one.made.plans.proposals.safe[0])
+    limits = within(SURROGATE, campaign.setting.limits)
+    begins = limits.speed_min <= float(one.scene.encounter.own.speed[0]) <= limits.speed_max
+    if not begins and not solved:
+        return {"verdict": "outside"}
+    judged = classify(one.scene.encounter, rules, limits, solved=np.array([solved]))
+    return {"verdict": Verdict(int(judged.verdict[0])).name.lower()}
+
+
+def _loss(one: Flown) -> dict[str, Any]:
+    """Return the separation over the whole plan, and what of the planned one was lost."""
+    flight = one.flight
+    whole = _NAN
+    if flight is not None and one.errors is not None and flight.failure is None:
+        whole = float(flight.separation.min(initial=np.inf))
+    planned = _NAN if one.made is None else float(one.made.plans.proposals.min_separation[0])
+    return {"whole_min_separation_m": whole, "separation_loss_m": planned - whole}
+
+
+def _errors(one: Flown) -> dict[str, Any]:
+    """Return the errors against the plan; nan where there is none or it was not flown to its end."""
+    names = [f"{kind}_{n:02d}" for kind in ("position_m", "late_s") for n in range(1, WAYPOINTS + 1)]
+    keys = (
+        *("cross_track_rms_m", "cross_track_max_m", "along_track_max_m", "late_max_s", "position_error_max_m"),
+        *("position_error_to_goal_m", "accumulated_m_s", "path_definition_max_m", "total_error_max_m"),
+        *("altitude_error_max_m", *names),
+    )
+    errors, flight = one.errors, one.flight
+    if errors is None or flight is None or one.legs is None or flight.failure is not None:
+        return dict.fromkeys(keys, _NAN)
+    times = one.legs.time + one.legs.duration
+    at = np.minimum(np.round(times / PERIOD).astype(int), errors.late.size - 1)
+    # The last second of a flight may lie beyond the plan's end.
+    within = PERIOD * np.arange(errors.late.size) <= times[-1] + 1e-9
+    position = errors.position[within]
+    assert one.made is not None
+    rejoin = float(one.made.plans.proposals.rejoin_time[0])
+    cross, along, late = (np.abs(field[within]) for field in errors[:3])
+    values = (
+        *(math.sqrt(float(np.mean(cross**2))), cross.max(), along.max(), late.max(), position.max()),
+        position[: int(rejoin / PERIOD) + 1].max() if math.isfinite(rejoin) else _NAN,
+        PERIOD * position.sum(),
+        errors.definition.max() if errors.definition.size else _NAN,
+        errors.total.max() if errors.total.size else _NAN,
+        np.abs(flight.altitude - one.scene.drawn.altitude).max(),
+        *errors.position[at],
+        *errors.late[at],
+    )
+    return dict(zip(keys, (float(value) for value in values), strict=True))
+
+
+def _monitor(campaign: Campaign, one: Flown) -> dict[str, Any]:
+    if campaign.mode != "assured":
+        return {}
+    if not isinstance(one.pilot, Assured):
+        return {"replans": 0, "taken_up": 0, "backup_s": 0}
+    return {"replans": one.pilot.replans, "taken_up": one.pilot.taken_up, "backup_s": one.pilot.backup_seconds}
+
+
+def _scene(one: Flown) -> dict[str, Any]:
+    scene = one.scene
+    met, begun = scene.drawn, conditions(scene.encounter)
+    loading = met.air.loading
+    return {
+        "weight_lb": float(loading.weight or _NAN),
+        "centre_of_gravity": loading.centre_of_gravity,
+        "inertia_factor": loading.inertia_factor,
+        "drag_factor": loading.drag_factor,
+        "lift_slope_factor": loading.lift_slope_factor,
+        "altitude_m": met.altitude,
+        "wind_east_m_s": scene.wind[0],
+        "wind_north_m_s": scene.wind[1],
+        "wind_m_s": math.hypot(*scene.wind),
+        "wind_error_m_s": math.hypot(scene.frame[0] - scene.wind[0], scene.frame[1] - scene.wind[1]),
+        "turbulence": met.air.turbulence,
+        "latency_s": met.latency,
+        "intruders": int(begun.intruders[0]),
+        "own_speed_m_s": float(begun.own_speed[0]),
+        "intruder_speed_m_s": float(begun.intruder_speed[0]),
+        "distance_m": float(begun.distance[0]),
+        "bearing_deg": math.degrees(float(begun.bearing[0])),
+        "relative_heading_deg": math.degrees(float(begun.relative_heading[0])),
+        "t_cpa_s": float(begun.t_cpa[0]),
+        "d_cpa_m": float(begun.d_cpa[0]),
+    }

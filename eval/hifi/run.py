@@ -1,0 +1,202 @@
+"""Flights of the true aircraft: ``python -m eval.hifi --scenario head_on --flights 50 --out runs/hifi``."""
+
+import argparse
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from agents.config.load import Parser
+from eval.runner.command import (
+    begin,
+    cluster_of,
+    concluded,
+    first_options,
+    last_options,
+    loaded,
+    named_policy,
+    named_source,
+    whole,
+    whole_table,
+)
+
+if TYPE_CHECKING:
+    from eval.hifi.config import HifiConfig
+    from eval.hifi.flights import Campaign
+    from eval.hifi.folder import HifiFolder
+    from eval.runner.workers import Chunk
+
+__all__ = ["campaign_of", "main"]
+
+_DECISIVE = ("jsbsim",)
+"""Packages beside the usual ones on whose versions flights depend."""
+
+_DESCRIPTION = """\
+Fly what the planner, the policy or the assured loop decide on the true aircraft, a Cessna 208B in JSBSim, and say how
+often that succeeds and how far the aircraft is from its plans.
+
+modes        plan (planned once, then followed), closed (the network once a second), assured (under the monitor)
+vehicles     c208_ex, c208 (675 shp), point_mass (its lags and limits alone), surrogate
+conditions   calm, loaded (weight, balance, inertia, drag, lift), wind (0-15 m/s), light and moderate (wind and
+             turbulence), mixed (all of these), noisy (and sensors)
+
+Written to --out: summary.json, flights.parquet (a row a flight), config.yaml as resolved, and figures as PNG and SVG.
+The same config.yaml gives the same table again, however many workers fly it."""
+
+_EPILOG = """\
+examples:
+  python -m eval.hifi --scenario crossing_left --flights 4 --out runs/crossing
+  python -m eval.hifi --mode assured --condition mixed --flights 500 --out runs/mixed
+  python -m eval.hifi --set planner.margin=60 --set planner.vehicle=configs/vehicle_c208.yaml --out runs/c208
+  python -m eval.hifi --resume --out runs/mixed        go on with a run that was interrupted
+  python -m eval.hifi_gap runs/mixed                   the aircraft's distance from its plans, and a margin for it
+
+Every key of the configuration, with its unit and default: python -m eval.hifi --help-keys"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what the command line asks for and return the exit status.
+
+    Raises:
+        ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.
+    """
+    options = _parser().parse_args(arguments)
+    if options.help_keys:
+        from agents.config.keys import help_text
+        from eval.hifi.config import HifiConfig
+
+        print(help_text(HifiConfig))
+        return 0
+    return concluded(_run, options)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m eval.hifi", description=_DESCRIPTION, epilog=_EPILOG)
+    first_options(parser)
+    add = parser.add_argument
+    add("--mode", metavar="MODE", help="who decides: plan, closed or assured (default: plan)")
+    add("--vehicle", metavar="NAME", help="what flies (default: c208_ex)")
+    add("--condition", metavar="NAME", help="what it meets (default: calm)")
+    add("--scenario", metavar="NAME", help="a scenario's name or file:PATH (default: circle)")
+    add("--flights", type=whole(1), metavar="N", help="how many (default: 200, or all of a file's)")
+    add("--seed", type=whole(0), metavar="N", help="of encounters, conditions and noise (default: 0)")
+    last_options(parser, "hifi")
+    return parser
+
+
+def _run(options: argparse.Namespace) -> int:
+    begun = time.perf_counter()
+    config = _config(options)
+    from eval.hifi.folder import HifiFolder
+    from eval.hifi.workers import fly_flights
+    from eval.runner.workers import cores
+
+    with cluster_of(options, _DECISIVE) as cluster:
+        workers = config.workers or cores() if cluster is None else cluster.size()
+        campaign, config = campaign_of(config, workers)
+        folder = HifiFolder(options.out or Path("runs") / time.strftime("hifi_%Y%m%d_%H%M%S"), config)
+        begin(folder, config, resume=options.resume)
+        if cluster is None:
+
+            def fly(chunks: "list[Chunk]", stopped: Callable[[], bool]) -> "Iterator[tuple[Chunk, Any]]":
+                return fly_flights(campaign, chunks, workers, stopped)
+
+        else:
+            from eval.hifi.flights import Crew
+            from eval.hifi.rows import columns
+            from eval.runner.cluster_kit import DECISIVE, Flier
+
+            flier = Flier(Crew, columns, (*DECISIVE, *_DECISIVE))
+            fly = partial(cluster.fly, flier, campaign, str(config.policy_sha256))
+        table, flown = whole_table(folder, config, fly, "flights", "python -m eval.hifi")
+    summary = _summary(table, config, time.perf_counter() - begun, flown)
+    paths = [folder.write_summary(summary)]
+    if config.figures:
+        from eval.hifi.figures import draw_all
+
+        paths += draw_all(folder, table, campaign)
+    _show(summary, folder, paths)
+    return 0
+
+
+def _config(options: argparse.Namespace) -> "HifiConfig":
+    from eval.hifi.config import HifiConfig
+
+    keys = {"mode": "mode", "vehicle": "aircraft", "condition": "condition.name", "flights": "encounters"}
+    return loaded(HifiConfig, options, keys | {"seed": "seed", "workers": "workers"}, "")
+
+
+def campaign_of(config: "HifiConfig", workers: int = 1) -> "tuple[Campaign, HifiConfig]":
+    """Load what a configuration names and return what is to be flown, with the configuration as resolved.
+
+    Args:
+        config: of the run.
+        workers: among whom its chunks are shared.
+
+    Raises:
+        ConfigError: policy or file of encounters are not those expected, or the limits leave no room.
+    """
+    from eval.hifi.flights import Campaign
+
+    policy = named_policy(config)
+    limits = policy.limits if config.vehicle is None else config.vehicle.limits()
+    source, _, resolved = named_source(config, limits, "flights")
+    resolved |= {"policy_sha256": policy.sha256}
+    resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
+    campaign = Campaign(
+        *(config.policy, source, config.seed, config.rules.rules(), limits, config.mode, config.planner.setting()),
+        *(config.aircraft, config.condition.family(), config.wind_plan),
+    )
+    return campaign, config.model_copy(update=resolved)
+
+
+def _summary(table: Any, config: "HifiConfig", wall_s: float, flown: int) -> dict[str, Any]:
+    """Return the content of summary.json."""
+    from agents.policy.versions import versions
+    from eval.hifi.summary import SCHEMA_VERSION, summarise
+
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "flights": config.wanted,
+        "seed": config.seed,
+        "scenario": config.scenario,
+        "changes": config.changes,
+        "mode": config.mode,
+        "aircraft": config.aircraft,
+        "condition": config.condition.model_dump(),
+        "wind_plan": config.wind_plan,
+        "margin_m": config.planner.margin,
+        "policy_sha256": config.policy_sha256,
+        "confidence": config.confidence,
+        **summarise(table, config.confidence),
+        "wall_s": wall_s,
+        "flights_flown_now": flown,
+        "flights_per_s": flown / wall_s if flown else None,
+        "versions": versions("numpy", "safetensors", "pyarrow", "scipy", "jsbsim"),
+    }
+
+
+def _show(summary: dict[str, Any], folder: "HifiFolder", paths: list[Path]) -> None:
+    """Print the result for a person."""
+    print(
+        f"{summary['flights']} flights of {summary['aircraft']}, mode {summary['mode']}, scenario "
+        f"{summary['scenario']}, condition {summary['condition']['name']}, seed {summary['seed']}"
+    )
+    for key, found in summary.items():
+        if isinstance(found, dict) and "total" in found and found["value"] is not None:
+            ends = f"{100.0 * found['low']:6.2f} .. {100.0 * found['high']:.2f} %"
+            print(f"{key:22} {100.0 * found['value']:7.2f} %  {ends:20} {found['count']} of {found['total']}")
+    print(f"smallest separation    {_number(summary['min_separation_m_quantiles']['0'])} m")
+    for name, found in summary["errors"].items():
+        if found["1"] is not None:
+            middle, high, most = (_number(found[key]) for key in ("0.5", "0.95", "1"))
+            print(f"{name:26} median {middle}, 95 % {high}, largest {most}")
+    for reason, count in summary["reasons"].items():
+        print(f"{count:6}  {reason}")
+    names = {path.name for path in paths} | {"flights.parquet", "config.yaml"}
+    print(f"files: {folder.path}: " + ", ".join(sorted(names)))
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"

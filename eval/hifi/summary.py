@@ -1,0 +1,83 @@
+"""From the table of flights to the numbers that matter; docs/hifi.md defines every key."""
+
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from eval.hifi.rows import HIFI_OUTCOMES, WAYPOINTS
+from eval.stats.intervals import rate
+
+__all__ = ["SCHEMA_VERSION", "quantiles", "summarise"]
+
+SCHEMA_VERSION = 1
+
+_SHARES = (0.5, 0.95, 0.99, 1.0)
+_ERRORS = (
+    *("cross_track_rms_m", "cross_track_max_m", "along_track_max_m", "late_max_s", "position_error_max_m"),
+    *("position_error_to_goal_m", "path_definition_max_m", "total_error_max_m", "altitude_error_max_m"),
+    "separation_loss_m",
+)
+
+
+def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, Any]:
+    """Return the statistics of flights in JSON types; what cannot be said is None.
+
+    Args:
+        table: columns ``[N]`` as :func:`eval.hifi.rows.columns` makes them, N >= 1.
+        confidence: of all intervals.
+    """
+    outcome, total = table["outcome"], len(table["outcome"])
+    safe = table["plan_status"] == "safe"
+
+    def share(mask: Any, of: int = total) -> dict[str, Any]:
+        found = asdict(rate(int(np.count_nonzero(mask)), of, confidence))
+        return found | {"value": None if of == 0 else found["value"]}
+
+    # Refusing is no success: a plan that was not flown for the wind resolves nothing.
+    flyable = safe & (outcome != "refused")
+    bound = ~np.isin(table["verdict"], ("unresolvable", "outside"))
+    safe_total, begun = int(np.count_nonzero(safe)), outcome != "refused"
+    rates = {"success_rate": share(outcome == "reached")}
+    rates |= {f"{name}_rate": share(outcome == name) for name in HIFI_OUTCOMES[1:]}
+    rates |= {
+        "success_of_begun": share(outcome == "reached", int(np.count_nonzero(begun))),
+        "plan_safe_rate": share(safe),
+        "safe_of_resolvable": share(flyable & bound, int(np.count_nonzero(bound))),
+        "success_of_safe": share(safe & (outcome == "reached"), safe_total),
+        "violation_of_safe": share(safe & (outcome == "violation"), safe_total),
+    }
+    whole = table["whole_min_separation_m"][safe]
+    summary: dict[str, Any] = {
+        **rates,
+        "min_separation_m_quantiles": quantiles(table["min_separation_m"], (0.0, 0.01, 0.05, 0.5)),
+        "whole_min_separation_m_of_safe": quantiles(whole, (0.0, 0.01, 0.5)),
+        "errors": {name: quantiles(table[name][safe], _SHARES) for name in _ERRORS},
+        "waypoints": {
+            "position_m": quantiles(_pooled(table, safe, "position_m"), _SHARES),
+            "late_s": quantiles(np.abs(_pooled(table, safe, "late_s")), _SHARES),
+        },
+        "reasons": dict(Counter(_kind(text) for text in table["reason"] if text).most_common()),
+    }
+    if "replans" in table:
+        summary["replans_mean"] = float(np.mean(table["replans"]))
+        summary["backup_used_rate"] = share(table["backup_s"] > 0)
+    return summary
+
+
+def quantiles(values: np.ndarray, at: tuple[float, ...]) -> dict[str, float | None]:
+    """Return quantiles of those values ``[M]`` that are finite, by their share, which is the key."""
+    known = values[np.isfinite(values)]
+    return {f"{q:g}": float(np.quantile(known, q)) if known.size else None for q in at}
+
+
+def _pooled(table: Mapping[str, np.ndarray], rows: Any, kind: str) -> np.ndarray:
+    return np.concatenate([table[f"{kind}_{n:02d}"][rows] for n in range(1, WAYPOINTS + 1)])
+
+
+def _kind(reason: str) -> str:
+    """Return a reason without its numbers, so that equal ones are counted together."""
+    return re.sub(r"-?\d+(\.\d+)?", "#", reason)

@@ -1,0 +1,155 @@
+"""What flies: the true aircraft, its point-mass counterpart, or the surrogate, all over the ground and in the wind."""
+
+import math
+from typing import Any, Protocol
+
+import numpy as np
+
+from agents.planner.request import SPEED_TOLERANCE
+from envs import draws
+from envs.c208.air_mass import Wind, air_commands, over_ground, through_air
+from envs.c208.facts import VARIANTS, value
+from envs.c208.guidance import LOOKAHEAD, Lookahead
+from envs.c208.point_mass import PointMassVehicle
+from envs.c208.propulsion import DENSITY_0
+from envs.c208.vehicle import C208Vehicle
+from envs.follower import KinematicVehicle
+from envs.kinematics import SURROGATE, Limits, VehicleState
+from eval.hifi.conditions import Drawn
+
+__all__ = ["PROMPT", "VARIANT_OF", "Airborne", "Navigation", "begin", "lookahead_of", "reach_of", "takeoff_weight"]
+
+VARIANT_OF = {"c208_ex": "ex", "c208": "675", "point_mass": "ex", "surrogate": "ex"}
+"""Variant of the Cessna 208B behind each kind of aircraft."""
+
+PROMPT = Lookahead(turn=0.0, speed=0.0)
+"""Guidance of a vehicle without lags."""
+
+_POUND, _FOOT, _KNOT = 4.4482216, 0.3048, 0.514444
+_STREAM = (1 << 40) + 2  # of the navigation's errors
+_CORRELATION = 60.0  # of the navigation's errors, s
+_LONGEST = 1_200  # s for which they are drawn
+
+
+class Airborne(Protocol):
+    """A vehicle in flight."""
+
+    @property
+    def state(self) -> VehicleState:
+        """Over the ground, plain floats."""
+        ...
+
+    @property
+    def altitude(self) -> float:
+        """Above the sea, m."""
+        ...
+
+    def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
+        """Fly on under an acceleration (m/s^2) and a turn rate (rad/s) of the track."""
+        ...
+
+
+class _Cessna:
+    def __init__(self, own: VehicleState, variant: str, drawn: Drawn) -> None:
+        self._vehicle = C208Vehicle(own, variant, drawn.air, drawn.altitude)
+        self.step = self._vehicle.step
+
+    @property
+    def state(self) -> VehicleState:
+        return self._vehicle.state
+
+    @property
+    def altitude(self) -> float:
+        return self._vehicle.measured.altitude
+
+
+class _Kinematic:
+    """The surrogate's kinematics in the air mass, seen from the ground."""
+
+    def __init__(self, own: VehicleState, limits: Limits, wind: Wind, altitude: float) -> None:
+        self._vehicle = KinematicVehicle(through_air(own, wind, 0.0), limits)
+        self._wind, self._time, self.altitude = wind, 0.0, altitude
+
+    @property
+    def state(self) -> VehicleState:
+        air = self._vehicle.state
+        return over_ground(VehicleState(*(float(field) for field in air)), self._wind, self._time)
+
+    def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
+        self._vehicle.step(*air_commands(self.state, float(acceleration), float(yaw_rate), self._wind), dt)
+        self._time += dt
+
+
+class Navigation:
+    """Where the aircraft believes itself to be: a slowly changing error of the position (first-order Gauss-Markov).
+
+    Args:
+        std: one sigma per axis, m; 0 for the truth.
+        seed: of the run.
+        number: of the flight.
+    """
+
+    def __init__(self, std: float, seed: int, number: int) -> None:
+        self._errors: list[tuple[float, float]] | None = None
+        if std > 0.0:
+            noise = std * draws.normals(seed, number, 1, (_LONGEST, 2), stream=_STREAM)[0]
+            keep = math.exp(-1.0 / _CORRELATION)
+            fresh, error, errors = math.sqrt(1.0 - keep * keep), noise[0], [noise[0]]
+            for shock in noise[1:]:
+                error = keep * error + fresh * shock
+                errors.append(error)
+            self._errors = np.array(errors).tolist()
+
+    def seen(self, state: VehicleState, time: float) -> VehicleState:
+        """Return the state as it is believed to be."""
+        if self._errors is None:
+            return state
+        second = min(int(time), _LONGEST - 2)
+        share = min(time - second, 1.0)
+        (x0, y0), (x1, y1) = self._errors[second], self._errors[second + 1]
+        return state._replace(x=state.x + x0 + share * (x1 - x0), y=state.y + y0 + share * (y1 - y0))
+
+
+def begin(aircraft: str, own: VehicleState, drawn: Drawn, limits: Limits) -> Airborne:
+    """Return a vehicle at the beginning of its flight.
+
+    Args:
+        aircraft: kind, a key of :data:`VARIANT_OF`.
+        own: over the ground, plain floats.
+        drawn: the conditions.
+        limits: of the surrogate's kinematics, where that is what flies.
+
+    Raises:
+        StartError: the aircraft cannot fly so slowly or so fast.
+        FlightError: it does not survive the time before the start.
+    """
+    wind = drawn.air.wind_east, drawn.air.wind_north
+    if aircraft == "surrogate":
+        return _Kinematic(own, limits, wind, drawn.altitude)
+    if aircraft == "point_mass":
+        return PointMassVehicle(own, VARIANT_OF[aircraft], wind, drawn.altitude)
+    return _Cessna(own, VARIANT_OF[aircraft], drawn)
+
+
+def reach_of(aircraft: str, drawn: Drawn) -> tuple[float, float]:
+    """Return the slowest and the fastest true airspeed of a kind of aircraft under some conditions, m/s.
+
+    Of the Cessna the stall in level flight and the greatest operating speed, of the surrogate what a request may have.
+    """
+    if aircraft == "surrogate":
+        return SURROGATE.speed_min - SPEED_TOLERANCE, SURROGATE.speed_max + SPEED_TOLERANCE
+    density = DENSITY_0 * (1.0 - 0.0065 * drawn.altitude / 288.15) ** 4.25588
+    weight = (drawn.air.loading.weight or takeoff_weight(aircraft)) * _POUND
+    area = value("wing_area") * _FOOT**2
+    stall = math.sqrt(2.0 * weight / (density * area * value("lift_max")))
+    return stall, value("speed_max_operating") * _KNOT * math.sqrt(DENSITY_0 / density)
+
+
+def lookahead_of(aircraft: str) -> Lookahead:
+    """Return how far ahead the guidance looks for a kind of aircraft."""
+    return PROMPT if aircraft == "surrogate" else LOOKAHEAD
+
+
+def takeoff_weight(aircraft: str) -> float:
+    """Return the greatest weight of a kind of aircraft, lb."""
+    return VARIANTS[VARIANT_OF[aircraft]].takeoff_weight

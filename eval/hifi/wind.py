@@ -1,0 +1,145 @@
+"""Plans made for a wind: the planner works in the air mass, through which the route drifts.
+
+A route's point p that is reached after T seconds lies at p - w (t + T) in the frame that moves with the wind w, t being
+the time of the request. When each point will be reached is known only from the plan: the plan is made again until
+times and plan agree, to within the metres by which manoeuvres enter the goal's disc deeper than they must.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.planner.candidates import REJOIN_RESERVE
+from agents.planner.planner import Plans, plan_many
+from agents.planner.request import SPEED_TOLERANCE, Options, Request
+from agents.planner.traffic import Traffic
+from agents.policy.inference import Policy
+from envs.c208.air_mass import NO_WIND, Wind
+from envs.kinematics import SURROGATE, VehicleState
+from envs.waypoints import Legs
+
+__all__ = ["Made", "Route", "airspeeds", "made_good", "plan_for", "unflyable"]
+
+_ROUNDS, _STRAIGHT = 10, 2
+_SLOWEST = 5.0  # over the ground along the route, m/s
+
+
+class Route(NamedTuple):
+    """Points on a straight line over the ground, the first at the start; ``[R]`` each."""
+
+    x: np.ndarray
+    y: np.ndarray
+
+
+class Made(NamedTuple):
+    """A plan for a wind."""
+
+    plans: Plans
+    """``[1]``, in the air mass."""
+    request: Request | None
+    """That it answers, ``[1]``; None where none could be made."""
+    problem: str | None
+    """Why there is no plan although the planner was not asked, or its answer does not count; None: there is."""
+
+
+def made_good(airspeed: float, course: float, wind: Wind) -> float:
+    """Return the ground speed along a course (rad) at an airspeed, m/s; nan where the wind across it is too strong."""
+    along = wind[0] * math.cos(course) + wind[1] * math.sin(course)
+    across = wind[1] * math.cos(course) - wind[0] * math.sin(course)
+    if abs(across) >= airspeed:
+        return math.nan
+    return along + math.sqrt(airspeed * airspeed - across * across)
+
+
+def plan_for(
+    own: VehicleState, traffic: Traffic, route: Route, clock: float, wind: Wind, policy: Policy, options: Options
+) -> Made:
+    """Plan one request in an air mass.
+
+    Args:
+        own: in the air mass, plain floats.
+        traffic: in the air mass, ``[1, K]``.
+        route: over the ground.
+        clock: when the request is made, s since both frames coincided.
+        wind: of the air mass.
+        policy: decides.
+        options: how the plan shall be.
+    """
+    low, high = SURROGATE.speed_min - SPEED_TOLERANCE, SURROGATE.speed_max + SPEED_TOLERANCE
+    nothing = _nothing()
+    if not low <= own.speed <= high:
+        return Made(nothing, None, f"own air speed is {own.speed:.1f} m/s, expected {low:g} to {high:g} m/s")
+    course = math.atan2(route.y[-1] - route.y[0], route.x[-1] - route.x[0])
+    if not made_good(own.speed, course, wind) >= _SLOWEST:
+        return Made(nothing, None, f"the wind of {math.hypot(*wind):.1f} m/s cannot be made good along the route")
+    ahead = _ahead(own, route, course, clock, wind)
+    times = np.maximum(ahead, 0.0) / made_good(own.speed, course, wind)
+    one = VehicleState(*(np.array([float(field)]) for field in own))
+    points = np.array([route.x.size])
+    strength = math.hypot(*wind)
+    plans, request = nothing, None
+    for attempt in range(_ROUNDS):
+        x, y = (field - part * (clock + times) for field, part in zip(route, wind, strict=True))
+        request = Request(one, traffic, x[None], y[None], points)
+        plans = plan_many(request, policy, options, floats=True)
+        made, goal = plans.proposals, int(plans.proposals.goal[0])
+        if wind == NO_WIND or goal < 0:
+            return Made(plans, request, None)
+        rejoin = float(made.rejoin_time[0])
+        if strength * abs(rejoin - float(times[goal])) <= REJOIN_RESERVE:
+            return Made(plans, request, None)
+        # The points beyond follow at the ground speed that the plan's end makes along the route.
+        pace = made_good(float(made.knots.speed[0, -1]), course, wind)
+        if not pace >= _SLOWEST:
+            return Made(plans, request, f"the wind of {strength:.1f} m/s cannot be made good at the plan's end")
+        beyond = rejoin + (ahead - ahead[goal]) / pace
+        share = np.maximum(ahead, 0.0) / max(float(ahead[goal]), 1.0)
+        found = np.where(ahead >= ahead[goal], beyond, rejoin * share)
+        # Two plans that ask for each other's route would alternate for ever.
+        times = found if attempt < _STRAIGHT else 0.5 * (times + found)
+    return Made(plans, request, f"no plan meets the route that drifts in {strength:.1f} m/s of wind")
+
+
+def airspeeds(legs: Legs, frame: Wind, wind: Wind) -> tuple[float, float]:
+    """Return the smallest and largest air speed that legs made in one air mass ask for in another, m/s.
+
+    Args:
+        legs: of one plan, ``[L]``.
+        frame: wind that the plan was made for.
+        wind: that blows.
+    """
+    end = legs.duration[:, None] / legs.x.shape[-1]
+    speed = np.stack([legs.speed, legs.speed + legs.acceleration * end])
+    heading = np.stack([legs.heading, legs.heading + legs.yaw_rate * end])
+    east, north = frame[0] - wind[0], frame[1] - wind[1]
+    air = np.hypot(speed * np.cos(heading) + east, speed * np.sin(heading) + north)
+    return float(air.min()), float(air.max())
+
+
+def unflyable(legs: Legs, frame: Wind, wind: Wind, reach: tuple[float, float]) -> str | None:
+    """Return why a plan made in one air mass cannot be flown in another, None where it can.
+
+    Args:
+        legs: of one plan, ``[L]``.
+        frame: wind that the plan was made for.
+        wind: that is expected to blow.
+        reach: slowest and fastest air speed of the vehicle, m/s.
+    """
+    slow, fast = airspeeds(legs, frame, wind)
+    low, high = reach
+    if low <= slow and fast <= high:
+        return None
+    return f"the plan asks for air speeds of {slow:.1f} to {fast:.1f} m/s, the vehicle has {low:.1f} to {high:.1f} m/s"
+
+
+def _ahead(own: VehicleState, route: Route, course: float, clock: float, wind: Wind) -> Any:
+    """Return how far each point lies ahead along the route, m."""
+    x, y = own.x + wind[0] * clock, own.y + wind[1] * clock
+    return (route.x - x) * math.cos(course) + (route.y - y) * math.sin(course)
+
+
+def _nothing() -> Plans:
+    from agents.planner.candidates import nothing
+
+    return Plans(nothing(1), np.zeros(1, dtype=np.int8), np.zeros(1, dtype=bool))

@@ -1,0 +1,1 @@
+"""What is measured of flights, and the summary of an evaluation."""

@@ -1,0 +1,108 @@
+"""Statistics of encounters that do not all weigh the same: shares of the weight, with bootstrap intervals."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from eval.metrics.field import ratio
+from eval.stats.intervals import clopper_pearson
+
+__all__ = ["summarise_weighted"]
+
+_TOGETHER = 2_000_000
+"""Numbers drawn at a time."""
+
+
+def summarise_weighted(
+    table: Mapping[str, np.ndarray], confidence: float, resamples: int, seed: int
+) -> dict[str, Any] | None:
+    """Return the rates of an evaluation by weight in JSON types; None where all weights are 1.
+
+    A rate is the weight of the encounters that it counts over the weight of all. Its interval is a percentile bootstrap
+    over encounters; where a rate is 0 or 1 no resample can differ, and the Clopper-Pearson ends at the effective sample
+    size stand in. Encounters are taken to be independent and the sampler's; none are known beyond those of a file.
+
+    Args:
+        table: columns ``[N]`` as :func:`eval.flights.chunks.columns` makes them, N >= 1.
+        confidence: of all intervals.
+        resamples: of the bootstraps.
+        seed: of the bootstraps.
+    """
+    weight = table["weight"]
+    if (weight == 1.0).all():
+        return None
+    everyone = np.ones(len(weight), bool)
+    possible = table["verdict"] != "unresolvable"
+    wanted: dict[str, tuple[np.ndarray, np.ndarray]] = {
+        "success_rate": (table["outcome"] == "reached", everyone),
+        "violation_rate": (table["outcome"] == "violation", everyone),
+        "timeout_rate": (table["outcome"] == "timeout", everyone),
+        "resolvable_rate": (possible, everyone),
+        "success_given_resolvable": ((table["outcome"] == "reached") & possible, possible),
+        "baseline_violation_rate": (table["baseline_outcome"] == "violation", everyone),
+    }
+    for name in ("policy", "plan"):
+        if f"{name}_outcome" in table:
+            reached = table[f"{name}_outcome"] == "reached"
+            wanted[f"{name}_success_rate"] = (reached, everyone)
+            wanted[f"{name}_success_given_resolvable"] = (reached & possible, possible)
+    sums = _resampled(weight, wanted, resamples, seed)
+    rates = {
+        name: _rate(weight, *pair, part, confidence)
+        for (name, pair), part in zip(wanted.items(), np.split(sums, len(wanted), axis=1), strict=True)
+    }
+    events = (table["outcome"] == "violation", table["baseline_outcome"] == "violation")
+    found = ratio(*events, weight, confidence=confidence, resamples=resamples, seed=seed)
+    return {
+        "effective_sample_size": _effective(weight),
+        "largest_share": float(weight.max() / weight.sum()),
+        **rates,
+        "risk_ratio": _number(found.value),
+        "risk_ratio_interval": {"low": _number(found.low), "high": _number(found.high)},
+        "risk_ratio_unresolved": _number(found.unresolved),
+        "risk_ratio_induced": _number(found.induced),
+        "warnings": list(found.warnings),
+    }
+
+
+def _resampled(
+    weight: np.ndarray, wanted: Mapping[str, tuple[np.ndarray, np.ndarray]], resamples: int, seed: int
+) -> np.ndarray:
+    """Return numerator and denominator of each rate in each resample, ``[B, 2 R]``."""
+    parts = np.stack([weight * mask for pair in wanted.values() for mask in pair], axis=1)
+    total, rng = len(weight), np.random.default_rng(seed)
+    size = max(_TOGETHER // total, 1)
+    sums = []
+    for first in range(0, resamples, size):
+        chosen = rng.integers(0, total, (min(size, resamples - first), total))
+        sums += [np.bincount(row, minlength=total) @ parts for row in chosen]
+    return np.stack(sums)
+
+
+def _rate(
+    weight: np.ndarray, counted: np.ndarray, of: np.ndarray, sums: np.ndarray, confidence: float
+) -> dict[str, float | None]:
+    chosen = weight * of
+    if not chosen.any():
+        return {"value": None, "low": 0.0, "high": 1.0}
+    value = min(float(weight @ counted / chosen.sum()), 1.0)  # sums of another order may round beyond
+    effective = max(int(_effective(chosen[of])), 1)
+    if not counted.any():
+        return {"value": value, "low": 0.0, "high": clopper_pearson(0, effective, confidence)[1]}
+    if (counted == of).all():
+        return {"value": value, "low": clopper_pearson(effective, effective, confidence)[0], "high": 1.0}
+    known = sums[:, 1] > 0.0
+    tail = 0.5 * (1.0 - confidence)
+    low, high = np.quantile(sums[known, 0] / sums[known, 1], [tail, 1.0 - tail])
+    return {"value": value, "low": float(low), "high": float(high)}
+
+
+def _effective(weight: np.ndarray) -> float:
+    """Return Kish's effective sample size, (sum w)^2 / sum w^2."""
+    return float(weight.sum() ** 2 / np.sum(weight**2))
+
+
+def _number(value: float) -> float | None:
+    """Return the value, None for what JSON has no word for."""
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,186 @@
+"""Monte Carlo evaluation of a policy: ``python -m eval.monte_carlo --encounters 10000 --out runs/first``."""
+
+import argparse
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from agents.config.load import Parser
+from eval.runner.command import (
+    begin,
+    cluster_of,
+    concluded,
+    first_options,
+    last_options,
+    loaded,
+    named_policy,
+    named_source,
+    refusing,
+    whole,
+    whole_table,
+)
+
+if TYPE_CHECKING:
+    from agents.policy.inference import Policy
+    from eval.config import MonteCarloConfig
+    from eval.flights.chunks import Evaluation
+    from eval.runner.workers import Chunk
+
+__all__ = ["main"]
+
+_DESCRIPTION = """\
+Fly a policy through many encounters and say how often it succeeds, with intervals.
+
+Sampled scenarios: circle (the paper's), crossing_left, crossing_right, head_on, same_course, maneuvering, noisy,
+multi; or file:PATH for a CSV file of your own (columns in docs/evaluation.md), tracks:PATH for recorded tracks (a
+.json file of Lincoln Laboratory's encounters or of ADS-B reports, a .daa or .xyz file of DAIDALUS), lincoln:PATH for
+traffic drawn from a file of one of Lincoln Laboratory's encounter models.
+
+Written to --out: summary.json, encounters.parquet (a row an encounter), config.yaml as resolved, and figures as PNG
+and SVG. The same config.yaml gives the same table again, bit for bit, on the same kind of machine and versions,
+however many workers fly it."""
+
+_EPILOG = """\
+examples:
+  python -m eval.monte_carlo --policy runs/quick/policy.safetensors --out runs/circle
+  python -m eval.monte_carlo --scenario multi --encounters 2000 --out runs/multi
+  python -m eval.monte_carlo --set changes.min_initial_separation=0 --out runs/unfiltered
+  python -m eval.monte_carlo --resume --out runs/circle        go on with a run that was interrupted
+  python -m eval.monte_carlo --scheduler tcp://node7:8786 --encounters 1000000 --out runs/many
+
+Every key of the configuration, with its unit and default: python -m eval.monte_carlo --help-keys"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the evaluation that the command line asks for and return the exit status.
+
+    Raises:
+        ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.
+    """
+    options = _parser().parse_args(arguments)
+    if options.help_keys:
+        from agents.config.keys import help_text
+        from eval.config import MonteCarloConfig
+
+        print(help_text(MonteCarloConfig))
+        return 0
+    return concluded(_evaluate, options)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m eval.monte_carlo", description=_DESCRIPTION, epilog=_EPILOG)
+    first_options(parser)
+    add = parser.add_argument
+    add(
+        "--mode",
+        metavar="MODE",
+        help="who decides: policy (the network once a second), plan (planned once, then followed) or assured (planned, "
+        "monitored and planned again); default: policy",
+    )
+    add("--scenario", metavar="NAME", help="a name, file:PATH, tracks:PATH or lincoln:PATH (default: circle)")
+    add(
+        "--repair",
+        action="store_const",
+        const="true",
+        help="drop and fill what is wrong in recorded tracks, and say what was done (default: refuse such files)",
+    )
+    add("--encounters", type=whole(1), metavar="N", help="how many (default: 10000, or all of a file's)")
+    add("--seed", type=whole(0), metavar="N", help="of encounters, sensor noise and bootstrap (default: 0)")
+    add("--baseline", metavar="NAME", help="flown beside: none, straight along the route (default: none)")
+    last_options(parser, "monte_carlo")
+    return parser
+
+
+def _evaluate(options: argparse.Namespace) -> int:
+    begun = time.perf_counter()
+    config = _config(options)
+    from eval.flights.sources import said, say
+    from eval.runner.outputs import RunFolder
+    from eval.runner.workers import cores, fly_chunks
+
+    packages = ("scipy",) if config.draws == "sobol" else ()  # it makes those points
+    with cluster_of(options, packages) as cluster:
+        workers = config.workers or cores() if cluster is None else cluster.size()
+        evaluation, policy, config = _prepare(config, workers)
+        say(evaluation.source)
+        folder = RunFolder(options.out or Path("runs") / time.strftime("monte_carlo_%Y%m%d_%H%M%S"), config)
+        begin(folder, config, resume=options.resume)
+        if cluster is None:
+
+            def fly(chunks: "list[Chunk]", stopped: Callable[[], bool]) -> "Iterator[tuple[Chunk, Any]]":
+                return fly_chunks(evaluation, chunks, workers, stopped)
+
+        else:
+            from eval.flights.chunks import Pilot, columns
+            from eval.runner.cluster_kit import DECISIVE, Flier
+
+            flier = Flier(Pilot, columns, (*DECISIVE, *packages))
+            fly = partial(cluster.fly, flier, evaluation, policy.sha256)
+        table, flown = whole_table(folder, config, fly, "chunks", "python -m eval.monte_carlo")
+    wall_s = time.perf_counter() - begun
+    summary = _summary(table, config, policy, wall_s, flown) | said(evaluation.source)
+    paths = [folder.write_summary(summary)]
+    if config.figures:
+        from eval.plots.encounters import draw_all
+
+        paths += draw_all(folder, table, evaluation)
+    from eval.monte_carlo.table import show
+
+    show(summary, folder.path, paths)
+    return 0
+
+
+def _config(options: argparse.Namespace) -> "MonteCarloConfig":
+    from eval.config import MonteCarloConfig
+
+    keys = {key: key for key in ("mode", "encounters", "seed", "baseline", "workers")}
+    return loaded(MonteCarloConfig, options, keys | {"repair": "tracks.repair"}, "--")
+
+
+def _prepare(config: "MonteCarloConfig", workers: int) -> "tuple[Evaluation, Policy, MonteCarloConfig]":
+    """Load what the configuration names and return it with the configuration as resolved for so many workers."""
+    from eval.flights.chunks import Evaluation
+
+    policy = named_policy(config)
+    limits = policy.limits if config.vehicle is None else config.vehicle.limits()
+    source, names, resolved = named_source(config, limits, "encounters")
+    resolved |= {"policy_sha256": policy.sha256}
+    resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
+    rules, setting = config.rules.rules(), config.planner.setting()
+    evaluation = Evaluation(config.policy, source, names, config.seed, rules, limits, config.mode, setting)
+    return evaluation, policy, config.model_copy(update=resolved)
+
+
+def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: float, flown: int) -> dict[str, Any]:
+    """Return the content of summary.json."""
+    from agents.policy.versions import versions
+    from envs.sobol import REPLICATES
+    from eval.metrics.replicated import replicated
+    from eval.metrics.summary import SCHEMA_VERSION, summarise
+    from eval.metrics.weighted import summarise_weighted
+
+    how = (config.confidence, config.resamples, config.seed)
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "encounters": config.wanted,
+        "seed": config.seed,
+        "scenario": config.scenario,
+        "changes": config.changes,
+        "mode": config.mode,
+        "baseline": config.baseline,
+        "policy_sha256": policy.sha256,
+        "confidence": config.confidence,
+        **summarise(table, *how),
+        **({"draws": "sobol"} | replicated(table, REPLICATES, config.confidence) if config.draws == "sobol" else {}),
+        "weighted": summarise_weighted(table, *how),
+        "wall_s": wall_s,
+        "encounters_flown_now": flown,
+        "encounters_per_s": flown / wall_s if flown else None,
+        "versions": versions("numpy", "safetensors", "pyarrow", "scipy"),
+    }
+
+
+cli = refusing(main)
+"""The command with refusals told as such."""

@@ -1,0 +1,138 @@
+"""Figures of an evaluation: where failures begin, how close the aircraft come, and what flights look like."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from threadpoolctl import threadpool_limits
+
+from eval.flights.chunks import Evaluation, Pilot, trajectories
+from eval.plots.flight_sheet import chosen, trajectory_sheet
+from eval.plots.style import MARKERS, SKY, VERMILION, kinds_of
+from eval.runner.outputs import RunFolder
+
+__all__ = ["draw_all", "initial_conditions", "separation_histogram"]
+
+_ONE_KM = 1_000.0
+_NEAREST_KM = 0.05
+"""Starts nearer than this are drawn here: a logarithmic scale has no zero."""
+
+
+def draw_all(folder: RunFolder, table: Mapping[str, np.ndarray], evaluation: Evaluation) -> list[Path]:
+    """Draw every figure of a run into its folder and return the paths."""
+    numbers = chosen(table)
+    # One thread, as when they were flown for the table, so that they fly the same again.
+    with threadpool_limits(1):
+        pilot = Pilot.load(evaluation)
+        starts, film = trajectories(pilot, numbers)
+    figures = {
+        "initial_conditions": initial_conditions(table),
+        "min_separation": separation_histogram(table, evaluation.rules.separation),
+        "trajectories": trajectory_sheet(table, numbers, (starts, film), evaluation.rules),
+    }
+    return [path for name, figure in figures.items() for path in folder.save_figure(name, figure)]
+
+
+def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
+    """Return the paper's figure of initial conditions: angle to the intruder against distance, failures marked.
+
+    The left panel looks down on the ownship, which flies towards the top of the page; the right one shows the
+    difference of the headings, which says whether the intruder comes from ahead, from the side or from behind.
+    """
+    figure = Figure(figsize=(11.0, 5.6), layout="constrained")
+    polar = figure.add_subplot(1, 2, 1, projection="polar")
+    plane = figure.add_subplot(1, 2, 2)
+    kinds = kinds_of(table)
+    km = np.maximum(table["distance_m"] / _ONE_KM, _NEAREST_KM)
+    handles = []
+    for name, style in MARKERS.items():
+        mask = kinds == name
+        if not mask.any():
+            continue
+        # Thousands of marks as vectors make a file that no viewer likes.
+        points = polar.scatter(np.radians(table["bearing_deg"][mask]), km[mask], rasterized=True, **style)
+        plane.scatter(table["relative_heading_deg"][mask], km[mask], rasterized=True, **style)
+        points.set_label(f"{name} ({_n(int(mask.sum()))})")
+        handles.append(points)
+    # Failures begin near by: a logarithmic scale gives them room.
+    ends, rings = _scale(float(km.min()), float(km.max()))
+    _polar_axes(polar, ends, rings)
+    plane.set_xlim(-180.0, 180.0)
+    plane.set_xticks(range(-180, 181, 60))
+    plane.set_yscale("log")
+    plane.set_ylim(*ends)
+    plane.set_yticks(rings, [f"{ring:g}" for ring in rings])
+    plane.minorticks_off()
+    plane.set_xlabel("heading of the intruder less own heading, degrees counter-clockwise")
+    plane.set_ylabel("distance to the intruder, km (logarithmic)")
+    plane.set_title("relative heading and distance at the start", fontsize=11)
+    plane.grid(color="#E5E5E5", linewidth=0.6)
+    plane.set_axisbelow(True)
+    figure.legend(handles=handles[::-1], loc="outside lower center", ncols=len(handles), frameon=False, markerscale=1.8)
+    return figure
+
+
+def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Figure:
+    """Return the histogram of the smallest separation of every flight.
+
+    Args:
+        table: of the encounters.
+        required: separation, m.
+    """
+    figure = Figure(figsize=(8.0, 4.6), layout="constrained")
+    axes = figure.add_subplot()
+    flown, bare = table["min_separation_m"] / _ONE_KM, table["baseline_min_separation_m"] / _ONE_KM
+    required_km = required / _ONE_KM
+    first = min(required_km, float(flown.min()), float(bare.min()))
+    last = max(1.5 * required_km, float(flown.max()), float(bare.max()))
+    width = 0.05 * math.ceil((last - first) / 7.5)
+    # Edges at the requirement, so that no bar mixes flights on both sides of it.
+    steps = range(math.floor((first - required_km) / width), math.ceil((last - required_km) / width) + 1)
+    edges = [required_km + width * step for step in steps]
+    axes.hist(flown, edges, color=SKY, label="with the resolver")
+    axes.hist(bare, edges, histtype="step", color="#333333", linewidth=1.0, label="without it")
+    axes.axvline(required_km, color=VERMILION, linewidth=1.6, linestyle="--", label=f"required: {required:.0f} m")
+    axes.set_yscale("log")
+    axes.set_ylim(0.7, None)
+    axes.set_xlim(edges[0], edges[-1])
+    axes.set_xlabel("smallest separation of a flight, km (a flight ends where the required one is lost)")
+    axes.set_ylabel(f"flights per {1000.0 * width:.0f} m")
+    axes.grid(axis="y", color="#E5E5E5", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False)
+    return figure
+
+
+def _scale(nearest: float, farthest: float) -> tuple[tuple[float, float], list[float]]:
+    """Return the ends of a logarithmic scale of distances, km, and its marks at 1, 2, 5, 10, ..."""
+    low, high = 0.8 * nearest, 1.1 * farthest
+    marks = [digit * 10.0**power for power in range(-2, 4) for digit in (1, 2, 5)]
+    return (low, high), [mark for mark in marks if low <= mark <= high]
+
+
+def _polar_axes(axes: Any, ends: tuple[float, float], rings: list[float]) -> None:
+    axes.set_theta_zero_location("N")
+    axes.set_thetagrids(range(0, 360, 30), [_side(angle) for angle in range(0, 360, 30)], fontsize=8)
+    axes.tick_params(axis="x", pad=7.0)
+    axes.set_rscale("log")
+    axes.set_ylim(*ends)
+    axes.set_rlabel_position(165.0)  # behind the ownship, where few encounters begin
+    axes.set_rgrids(rings, [f"{ring:g} km" for ring in rings], fontsize=8, color="#333333")
+    axes.yaxis.minorticks_off()
+    axes.grid(color="#D5D5D5", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.set_title("bearing and distance of the intruder at the start\n(own heading is up)", fontsize=11)
+
+
+def _side(angle: int) -> str:
+    if angle in (0, 180):
+        return f"{angle}°"
+    return f"{angle}° left" if angle < 180 else f"{360 - angle}° right"
+
+
+def _n(value: int) -> str:
+    return f"{value:,}".replace(",", " ")

@@ -1,0 +1,172 @@
+"""A sheet of flights seen from above: the failures, and how the successes look beside them."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
+from matplotlib.ticker import MaxNLocator
+
+from envs.encounters import Encounter
+from envs.outcome import Rules
+from eval.flights.trajectories import Trajectories
+from eval.plots.style import BLUE, GREEN, GREY, VERMILION, kinds_of
+
+__all__ = ["PANELS", "chosen", "marks", "trajectory_sheet"]
+
+PANELS = 12
+"""Flights on the sheet."""
+
+_FAILURES_SHOWN = 8
+_ONE_KM = 1_000.0
+
+
+def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
+    """Return the numbers of the encounters for the sheet: failures first, then successes, each spread evenly.
+
+    The failures that count, those not proven unresolvable, come before the others.
+    """
+    kinds = kinds_of(table)
+    order = [np.flatnonzero(kinds == name) for name in ("violation", "time-out", "proven unresolvable")]
+    successes = np.flatnonzero(kinds == "success")
+    room = min(PANELS, len(kinds))
+    failures = min(sum(map(len, order)), max(_FAILURES_SHOWN, room - len(successes)))
+    picked: list[int] = []
+    for place, found in enumerate(order):
+        # Half of what is left for this kind, so that the rarer kinds are seen too.
+        others = sum(map(len, order[place + 1 :]))
+        left = failures - len(picked)
+        picked += _spread(found, max(left - others, (left + 1) // 2))
+    left = room - len(picked)
+    special = [_spread(found, left // 3) for found in _special(table, successes)]
+    picked += list(dict.fromkeys(number for found in special for number in found))
+    return picked + _spread(np.setdiff1d(successes, picked), room - len(picked))
+
+
+def _special(table: Mapping[str, np.ndarray], successes: np.ndarray) -> list[np.ndarray]:
+    """Return the successes that had a new plan, and those by the fallback, where the table knows of plans."""
+    found = []
+    if "replans" in table:
+        found.append(successes[table["replans"][successes] > 0])
+    if "plan_source" in table:
+        found.append(successes[table["plan_source"][successes] == "fallback"])
+    return found
+
+
+def _by_whom(table: Mapping[str, np.ndarray], number: int) -> str:
+    """Return who made the plan and how often there was a new one, for a title."""
+    if "plan_source" not in table:
+        return ""
+    refused = "" if table["plan_status"][number] == "safe" else ", unresolved"
+    again = int(table["replans"][number]) if "replans" in table else 0
+    return f"\n{table['plan_source'][number]}{refused}" + (f", {again} new plans" if again else "")
+
+
+def trajectory_sheet(
+    table: Mapping[str, np.ndarray],
+    numbers: Sequence[int],
+    flights: tuple[Encounter, Trajectories],
+    rules: Rules,
+) -> Figure:
+    """Return a sheet of flights, seen from above.
+
+    Args:
+        table: of the encounters.
+        numbers: of the encounters shown.
+        flights: their starts and trajectories, in the same order.
+        rules: of the task.
+    """
+    columns = 4
+    lines = -(-len(numbers) // columns)
+    figure = Figure(figsize=(13.0, 3.55 * lines + 0.6), layout="constrained")
+    kinds = kinds_of(table)
+    starts, film = flights
+    for i, number in enumerate(numbers):
+        axes = figure.add_subplot(lines, columns, i + 1)
+        _draw_flight(axes, starts, film, i, rules)
+        closest = table["min_separation_m"][number]
+        text = f"{number}: {kinds[number]}, {closest:.0f} m, {table['duration_s'][number]:.0f} s"
+        text += _by_whom(table, number)
+        axes.set_title(text, fontsize=8.5, color="black" if kinds[number] == "success" else "#A63C00")
+        if i % columns == 0:
+            axes.set_ylabel("north, km", fontsize=8)
+        if i + columns >= len(numbers):
+            axes.set_xlabel("east, km", fontsize=8)
+    planned = "; who planned it" if "plan_source" in table else ""
+    figure.suptitle(f"encounter: outcome, smallest separation, duration{planned}", fontsize=10)
+    figure.legend(handles=_legend(rules), loc="outside lower center", ncols=6, frameon=False, fontsize=9)
+    return figure
+
+
+def _spread(found: np.ndarray, count: int) -> list[int]:
+    """Return up to ``count`` of the found, evenly spaced."""
+    count = min(count, len(found))
+    return [int(found[i * len(found) // count]) for i in range(count)]
+
+
+def _draw_flight(axes: Axes, starts: Encounter, film: Trajectories, i: int, rules: Rules) -> None:
+    """Draw the encounter in row ``i``, in km."""
+    own_x, own_y = film.own.x[:, i] / _ONE_KM, film.own.y[:, i] / _ONE_KM
+    goal = float(starts.goal_x[i]) / _ONE_KM, float(starts.goal_y[i]) / _ONE_KM
+    minute = slice(None, None, max(1, round(60.0 / rules.dt)))
+    axes.plot([own_x[0], goal[0]], [own_y[0], goal[1]], color=GREY, linewidth=0.8, linestyle=":")
+    axes.add_patch(Circle(goal, rules.goal_radius / _ONE_KM, color=GREEN, alpha=0.35, linewidth=0))
+    axes.plot(own_x, own_y, color=BLUE, linewidth=1.5)
+    axes.plot(own_x[minute], own_y[minute], ".", color=BLUE, markersize=4)
+    axes.plot(own_x[0], own_y[0], "o", color=BLUE, markersize=5)
+    step = int(np.nanargmin(film.separation[:, i]))
+    for k in np.flatnonzero(starts.mask[i]):
+        x, y = film.intruders.x[:, i, k] / _ONE_KM, film.intruders.y[:, i, k] / _ONE_KM
+        axes.plot(x, y, color=VERMILION, linewidth=1.2, linestyle="--")
+        axes.plot(x[minute], y[minute], ".", color=VERMILION, markersize=4)
+        axes.plot(x[0], y[0], "s", color=VERMILION, markersize=4.5)
+    nearest = _nearest(starts, film, i, step)
+    at = film.intruders.x[step + 1, i, nearest] / _ONE_KM, film.intruders.y[step + 1, i, nearest] / _ONE_KM
+    axes.add_patch(Circle(at, rules.separation / _ONE_KM, fill=False, edgecolor=VERMILION, linewidth=0.9))
+    axes.plot(own_x[step + 1], own_y[step + 1], "D", color="black", markersize=4, markerfacecolor="white", zorder=5)
+    # Room for the discs, and the same scale both ways: a turn must look like one.
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.06)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+    axes.tick_params(labelsize=7)
+    axes.grid(color="#EBEBEB", linewidth=0.5)
+    axes.set_axisbelow(True)
+
+
+def _nearest(starts: Encounter, film: Trajectories, i: int, step: int) -> int:
+    """Return the intruder that is nearest at the end of a step."""
+    x, y = film.intruders.x[step + 1, i], film.intruders.y[step + 1, i]
+    apart = np.hypot(x - film.own.x[step + 1, i], y - film.own.y[step + 1, i])
+    return int(np.argmin(np.where(starts.mask[i], apart, np.inf)))
+
+
+def _legend(rules: Rules) -> list[Line2D]:
+    line = Line2D
+    return [
+        line([], [], color=BLUE, linewidth=1.5, marker="o", markersize=5, label="ownship, from its start"),
+        line([], [], color=VERMILION, linestyle="--", marker="s", markersize=4.5, label="intruder, from its start"),
+        line([], [], color="#555555", linestyle="", marker=".", label="every minute"),
+        *marks(rules),
+    ]
+
+
+def marks(rules: Rules) -> list[Line2D]:
+    """Return what a legend says of goal and closest approach on sheets of flights."""
+    line = Line2D
+    return [
+        line([], [], color=GREEN, alpha=0.45, linestyle="", marker="o", markersize=9, label="goal"),
+        line([], [], color="black", linestyle="", marker="D", markerfacecolor="white", label="closest approach"),
+        line(
+            [],
+            [],
+            color=VERMILION,
+            linestyle="",
+            marker="o",
+            markersize=10,
+            markerfacecolor="none",
+            label=f"{rules.separation:.0f} m around the intruder then",
+        ),
+    ]

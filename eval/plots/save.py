@@ -1,0 +1,47 @@
+"""The folder of a command that makes one picture: a JSON file with its figures, and the picture as PNG and SVG."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from agents.config.load import ConfigError
+
+__all__ = ["create", "write", "write_found"]
+
+
+def create(folder: Path) -> None:
+    """Make a folder that is new, or take one that is empty.
+
+    Raises:
+        ConfigError: it holds something already, or cannot be written.
+    """
+    try:
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise ConfigError(f"--out {folder}: holds something already, expected a folder that is new or empty")
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise ConfigError(f"--out {folder}: cannot be written: {problem.strerror}") from None
+
+
+def write(folder: Path, name: str, found: dict[str, Any], figure: Any, dpi: int) -> None:
+    """Write ``name.json``, ``name.png`` and ``name.svg``.
+
+    Args:
+        folder: where to.
+        name: of the files.
+        found: in JSON types.
+        figure: matplotlib's.
+        dpi: of the PNG, pixels per inch.
+    """
+    import matplotlib as mpl
+
+    write_found(folder, name, found)
+    # Neither a date nor random names, so that the same call gives the same files.
+    with mpl.rc_context({"svg.hashsalt": "rlcas"}):
+        figure.savefig(folder / f"{name}.png", dpi=dpi)
+        figure.savefig(folder / f"{name}.svg", dpi=150, metadata={"Date": None})
+
+
+def write_found(folder: Path, name: str, found: dict[str, Any]) -> None:
+    """Write ``name.json`` alone: the figures, in JSON types."""
+    (folder / f"{name}.json").write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", encoding="utf-8")

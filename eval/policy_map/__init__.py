@@ -1,0 +1,1 @@
+"""What a policy commands, place by place: ``python -m eval.policy_map``."""

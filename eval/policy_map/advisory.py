@@ -1,0 +1,107 @@
+"""What a policy commands wherever the intruder is: the numbers behind the advisory map.
+
+The picture has the ownship at its origin, heading up: x to the right, y ahead, in metres. Relative headings and the
+bearing of the goal count as aviation does, clockwise as seen from above, in radians here.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from envs.kinematics import Limits, VehicleState, commands
+from envs.observation import observe
+from eval.flights.simulate import REVERSAL_RATE, Decider
+
+__all__ = ["Advisory", "Scene", "advise", "name_of", "relative_velocity", "shares"]
+
+_UP = math.pi / 2.0
+_STEADY = 0.05
+"""Accelerations smaller than this, m/s^2, count as constant speed."""
+
+
+class Scene(NamedTuple):
+    """What a map holds fixed."""
+
+    own_speed: float
+    """m/s."""
+    intruder_speed: float
+    """m/s."""
+    relative_heading: float
+    """Intruder's heading less the own one, rad clockwise: +pi/2 comes from the left."""
+    goal_bearing: float
+    """From the own heading, rad clockwise."""
+    goal_distance: float
+    """m."""
+
+
+class Advisory(NamedTuple):
+    """A map; the intruder is in the middle of each of C by C cells."""
+
+    scene: Scene
+    place: np.ndarray
+    """Of the middles, the same to the right and ahead, m, ``[C]``."""
+    yaw_rate: np.ndarray
+    """Commanded, rad/s, left positive, ``[C (ahead), C (right)]``."""
+    acceleration: np.ndarray
+    """Commanded, m/s^2, ``[C (ahead), C (right)]``."""
+
+
+def advise(decider: Decider, scene: Scene, extent: float, cells: int, limits: Limits) -> Advisory:
+    """Ask a policy what it commands.
+
+    Args:
+        decider: the policy.
+        scene: what is fixed.
+        extent: the map reaches this far ahead, back and to either side, m.
+        cells: along each side, C.
+        limits: full deflection of the commands.
+    """
+    place = extent * ((2.0 * np.arange(cells) + 1.0) / cells - 1.0)
+    y, x = (side.ravel() for side in np.meshgrid(place, place, indexing="ij"))
+    zero = np.zeros_like(x)
+    own = VehicleState(zero, zero, zero + _UP, zero + scene.own_speed)
+    heading = math.remainder(_UP - scene.relative_heading, 2.0 * math.pi)
+    intruder = VehicleState(x, y, zero + heading, zero + scene.intruder_speed)
+    goal_x = zero + scene.goal_distance * math.sin(scene.goal_bearing)
+    goal_y = zero + scene.goal_distance * math.cos(scene.goal_bearing)
+    action = decider(observe(own, intruder, goal_x, goal_y, np).astype(np.float32)).astype(np.float64)
+    acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
+    return Advisory(scene, place, yaw_rate.reshape(cells, cells), acceleration.reshape(cells, cells))
+
+
+def shares(advisory: Advisory, separation: float) -> dict[str, Any]:
+    """Return which share of the map, less the disc where separation is lost, has which advice."""
+    outside = np.hypot(advisory.place[:, None], advisory.place) >= separation
+    yaw_rate, acceleration = advisory.yaw_rate[outside], advisory.acceleration[outside]
+
+    def share(condition: np.ndarray) -> float:
+        return float(np.mean(condition))
+
+    return {
+        "relative_heading_deg": round(math.degrees(advisory.scene.relative_heading), 9),
+        "left_share": share(yaw_rate >= REVERSAL_RATE),
+        "right_share": share(yaw_rate <= -REVERSAL_RATE),
+        "straight_share": share(np.abs(yaw_rate) < REVERSAL_RATE),
+        "accelerate_share": share(acceleration >= _STEADY),
+        "brake_share": share(acceleration <= -_STEADY),
+        "steady_share": share(np.abs(acceleration) < _STEADY),
+    }
+
+
+def relative_velocity(scene: Scene) -> tuple[float, float]:
+    """Return the intruder's velocity less the own one, to the right and ahead, m/s."""
+    ahead = scene.intruder_speed * math.cos(scene.relative_heading) - scene.own_speed
+    return scene.intruder_speed * math.sin(scene.relative_heading), ahead
+
+
+def name_of(relative_heading: float) -> str:
+    """Return the geometry in words; the limits between them are those of the paper's scenarios."""
+    degrees = math.degrees(relative_heading)
+    size, side = abs(degrees), "left" if degrees > 0.0 else "right"
+    if size <= 20.0:
+        return "same course"
+    if size >= 160.0:
+        return "head-on"
+    kind = "converging" if size < 45.0 else "crossing" if size <= 135.0 else "oncoming"
+    return f"{kind} from the {side}"

@@ -1,0 +1,174 @@
+"""The advisory map: turn rate and acceleration that a policy commands, over the intruder's place."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
+from matplotlib.patheffects import Normal, Stroke
+
+from envs.kinematics import Limits
+from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION
+from eval.policy_map.advisory import Advisory, Scene, name_of, relative_velocity
+
+__all__ = ["policy_map"]
+
+_KM = 1e-3
+_WAY_S = 12.0
+"""Arrows show what is flown in this time, s."""
+_SLOW = 2.0
+"""Relative speeds below this, m/s, have no line of approach."""
+# Okabe and Ito's colours at both ends; darkest at full deflection, white where nothing is commanded.
+_TURN = LinearSegmentedColormap.from_list("turn", ["#8A3B00", VERMILION, "#F7F7F7", BLUE, "#003A5C"])
+_SPEED = LinearSegmentedColormap.from_list("speed", ["#946200", ORANGE, "#F7F7F7", GREEN, "#00543E"])
+# A white edge keeps what is drawn in black visible on dark cells.
+_HALO = [Stroke(linewidth=3.0, foreground="white", alpha=0.9), Normal()]
+_WIDE_HALO = [Stroke(linewidth=6.0, foreground="white"), Normal()]
+_RING: dict[str, Any] = {"linestyle": "--", "linewidth": 1.2}
+_EDGE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.2}
+_BOX = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
+
+
+def policy_map(advisories: Sequence[Advisory], limits: Limits, separation: float, policy: str) -> Figure:
+    """Return the figure: a column for each map, turn rate above acceleration.
+
+    Args:
+        advisories: maps of the same extent that differ in relative heading, at least one.
+        limits: full deflection of the commands, the ends of the colour scales.
+        separation: required, m.
+        policy: its name for the title.
+    """
+    columns = len(advisories)
+    figure = Figure(figsize=(max(3.5 * columns + 1.9, 8.0), 8.4), layout="constrained")
+    axes = figure.subplots(2, columns, sharex=True, sharey=True, squeeze=False)
+    full = math.degrees(limits.yaw_rate_max)
+    turn_scale = TwoSlopeNorm(0.0, -full, full)
+    speed_scale = TwoSlopeNorm(0.0, limits.acceleration_min, limits.acceleration_max)
+    turns = speeds = None
+    for column, advisory in enumerate(advisories):
+        above, below = axes[0, column], axes[1, column]
+        turns = _cells(above, np.degrees(advisory.yaw_rate), advisory, _TURN, turn_scale)
+        speeds = _cells(below, advisory.acceleration, advisory, _SPEED, speed_scale)
+        for panel in (above, below):
+            _geometry(panel, advisory, separation)
+        degrees = math.degrees(advisory.scene.relative_heading)
+        above.set_title(f"{name_of(advisory.scene.relative_heading)} ({_signed(degrees)}°)", fontsize=11)
+        below.set_xlabel("intruder to the right, km")
+    for row in axes:
+        row[0].set_ylabel("intruder ahead, km")
+    _bar(figure, turns, axes[0], full, "commanded turn rate, degrees per second", ("right", "left"))
+    _bar(figure, speeds, axes[1], limits.acceleration_max, "commanded acceleration, m/s²", ("brake", "accelerate"))
+    scene = advisories[0].scene
+    figure.suptitle(
+        f"Advisory map of {policy}: the command for every place of the intruder\n"
+        f"ownship at the origin, heading up, {scene.own_speed:g} m/s; intruder {scene.intruder_speed:g} m/s; "
+        f"goal at {_KM * scene.goal_distance:g} km, {_bearing(scene.goal_bearing)}\n"
+        "in brackets: heading of the intruder less own heading, clockwise",
+        fontsize=11,
+    )
+    ncols = 4 if columns > 2 else 2
+    figure.legend(handles=_handles(separation), loc="outside lower center", ncols=ncols, frameon=False, fontsize=10)
+    return figure
+
+
+def _cells(axes: Any, values: np.ndarray, advisory: Advisory, colours: Any, scale: Any) -> Any:
+    """Draw the map's cells as they are, without interpolation, km."""
+    edge = _extent_km(advisory)
+    return axes.imshow(
+        values, cmap=colours, norm=scale, extent=(-edge, edge, -edge, edge), origin="lower", interpolation="nearest"
+    )
+
+
+def _geometry(axes: Any, advisory: Advisory, separation: float) -> None:
+    """Draw the aircraft, the required separation, the conflicts on straight courses and the goal."""
+    edge, scene = _extent_km(advisory), advisory.scene
+    radius = _KM * separation
+    # Whoever is in there has lost already, and no flight goes on: the advice is shown faintly.
+    axes.add_patch(Circle((0.0, 0.0), radius, facecolor="white", alpha=0.45, linewidth=0.0))
+    axes.add_patch(Circle((0.0, 0.0), radius, fill=False, edgecolor="black", path_effects=_HALO, **_RING))
+    east, north = relative_velocity(scene)
+    speed = math.hypot(east, north)
+    place = (-0.62 * edge, 0.62 * edge)
+    if speed > _SLOW:
+        # From here straight courses lead into the circle.
+        back = np.array([-east, -north]) / speed
+        for side in (-1.0, 1.0):
+            foot = side * radius * np.array([-back[1], back[0]])
+            ends = np.stack([foot, foot + 3.0 * edge * back])
+            axes.plot(*ends.T, color="black", path_effects=_HALO, **_EDGE)
+        place = tuple(0.66 * edge / max(abs(back)) * back)
+    _arrow(axes, (0.0, 0.0), 0.0, scene.own_speed, "own")
+    _arrow(axes, place, scene.relative_heading, scene.intruder_speed, "intruder")
+    _goal(axes, edge, scene)
+    axes.set_xlim(-edge, edge)
+    axes.set_ylim(-edge, edge)
+    axes.set_aspect("equal")
+
+
+def _arrow(axes: Any, start: tuple[float, float], direction: float, speed: float, name: str) -> None:
+    """Draw what is flown in 12 s, direction clockwise from up, and the name to the lower right of the start."""
+    way = _KM * _WAY_S * speed
+    end = (start[0] + way * math.sin(direction), start[1] + way * math.cos(direction))
+    style: dict[str, Any] = {
+        "arrowstyle": "-|>",
+        "linewidth": 2.0,
+        "color": "black",
+        "shrinkA": 0.0,
+        "shrinkB": 0.0,
+        "path_effects": _HALO,
+    }
+    axes.annotate("", end, start, arrowprops=style, zorder=6.0)
+    axes.plot(*start, marker="o", markersize=5.0, color="black", markeredgecolor="white", zorder=6.5)
+    axes.annotate(name, start, (6.0, -11.0), textcoords="offset points", fontsize=8, bbox=_BOX, zorder=7.0)
+
+
+def _goal(axes: Any, edge: float, scene: Scene) -> None:
+    """Draw a tick at the edge where the goal lies, and a star at the goal if it is on the map."""
+    direction = np.array([math.sin(scene.goal_bearing), math.cos(scene.goal_bearing)])
+    outer = edge / max(abs(direction)) * direction
+    tick = np.stack([0.92 * outer, outer]).T
+    axes.plot(*tick, color="black", linewidth=3.5, solid_capstyle="butt", path_effects=_WIDE_HALO, zorder=5.0)
+    goal = _KM * scene.goal_distance * direction
+    if max(abs(goal)) < edge:
+        axes.plot(*goal, marker="*", markersize=13.0, color="white", markeredgecolor="black", zorder=5.0)
+
+
+def _bar(figure: Figure, cells: Any, row: Any, full: float, label: str, ends: tuple[str, str]) -> None:
+    bar = figure.colorbar(cells, ax=list(row), shrink=0.86, aspect=22.0, pad=0.015)
+    low, high = cells.norm.vmin, cells.norm.vmax
+    marks = [low, low / 2.0, 0.0, full / 2.0, high]
+    texts = [f"{abs(low):g} {ends[0]}", f"{abs(low) / 2.0:g}", "0", f"{full / 2.0:g}", f"{high:g} {ends[1]}"]
+    bar.set_ticks(marks, labels=texts)
+    bar.set_label(label)
+
+
+def _handles(separation: float) -> list[Line2D]:
+    line: dict[str, Any] = {"color": "black"}
+    return [
+        Line2D([], [], **_RING, label=f"{separation:.0f} m around the ownship", **line),
+        Line2D([], [], **_EDGE, label="between: conflict if both fly on straight", **line),
+        Line2D([], [], marker="o", markersize=4.5, linewidth=2.0, label=f"velocity: way in {_WAY_S:.0f} s", **line),
+        Line2D(
+            [], [], marker="|", markersize=10.0, markeredgewidth=3.5, linestyle="", label="towards the goal", **line
+        ),
+    ]
+
+
+def _bearing(clockwise: float) -> str:
+    degrees = math.degrees(clockwise)
+    if abs(degrees) < 0.5:
+        return "straight ahead"
+    return f"{abs(degrees):.0f}° to the {'right' if degrees > 0.0 else 'left'}"
+
+
+def _signed(degrees: float) -> str:
+    return "0" if degrees == 0.0 else f"{degrees:+.4g}".replace("-", "−")
+
+
+def _extent_km(advisory: Advisory) -> float:
+    """Return how far the map reaches, half a cell beyond the outermost middles, km."""
+    return _KM * float(advisory.place[-1]) * len(advisory.place) / (len(advisory.place) - 1)

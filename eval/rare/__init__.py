@@ -1,0 +1,1 @@
+"""Rare violations by splitting: ``python -m eval.rare``."""

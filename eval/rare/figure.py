@@ -1,0 +1,79 @@
+"""The figure of an importance splitting: how probability falls from level to level, and how well it was explored."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from eval.plots.style import BLUE, GREY, ORANGE, VERMILION
+
+__all__ = ["levels_figure"]
+
+
+def levels_figure(found: Mapping[str, Any]) -> Figure:
+    """Return the figure of ``rare.json``'s content."""
+    levels = found["levels"]
+    place = np.array([each["level_m"] for each in levels])
+    figure = Figure(figsize=(8.8, 6.6), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
+
+    every = np.array([each["rate"]["repetitions"] for each in levels])
+    for number, line in enumerate(every.T):
+        shown = np.where(line > 0.0, line, np.nan)
+        above.plot(place, shown, color="#B9D4E8", linewidth=0.9, label="each repetition" if number == 0 else None)
+    seen = [each for each in levels if each["plain"]["count"]]
+    value = np.array([each["plain"]["value"] for each in seen])
+    ends = np.array([[each["plain"]["low"], each["plain"]["high"]] for each in seen]).reshape(-1, 2)
+    above.errorbar(
+        [each["level_m"] for each in seen],
+        value,
+        [value - ends[:, 0], ends[:, 1] - value],
+        color=GREY,
+        linestyle="",
+        marker="s",
+        markersize=7.0,
+        markerfacecolor="none",
+        capsize=3.0,
+        label=f"plain sampling ({levels[0]['plain']['total']} flights, the first of all repetitions)",
+    )
+    mean = np.array([each["rate"]["value"] for each in levels])
+    low, high = (np.array([each["rate"][end] for each in levels]) for end in ("low", "high"))
+    shown = mean > 0.0
+    above.errorbar(
+        place[shown],
+        mean[shown],
+        [(mean - np.maximum(low, 1e-3 * mean))[shown], (high - mean)[shown]],
+        color=BLUE,
+        marker="o",
+        markersize=5.0,
+        capsize=2.5,
+        label=f"splitting, {100.0 * found['confidence']:g} % interval",
+    )
+    above.axvline(found["separation_m"], color=VERMILION, linewidth=1.4, linestyle="--", label="required separation")
+    above.set_yscale("log")
+    if np.any(every > 0.0):  # an interval that reaches 0 goes to the edge
+        above.set_ylim(0.3 * float(every[every > 0.0].min()), 1.5)
+    above.set_ylabel("probability of a smaller separation")
+    above.legend(frameon=False, loc="lower right")
+
+    share = [(each["level_m"], each["acceptance"]) for each in levels if each["acceptance"] is not None]
+    if share:
+        where, taken = zip(*share, strict=True)
+        below.plot(where, 100.0 * np.array(taken), color=ORANGE, marker="o", markersize=4.0)
+    below.set_ylim(0.0, 100.0)
+    below.set_ylabel("steps taken, %")
+    below.set_xlabel("level of the smallest separation, m")
+    for axes in (above, below):
+        axes.grid(color="#E5E5E5", linewidth=0.6)
+        axes.set_axisbelow(True)
+        axes.spines[["top", "right"]].set_visible(False)
+    what = ", proven unresolvable ones left out" if found["resolvable_only"] else ""
+    rate = found["rate"]
+    figure.suptitle(
+        f"scenario {found['scenario']}, mode {found['mode']}{what}\n"
+        f"below {found['separation_m']:g} m: {rate['value']:.3g} ({rate['low']:.2g} .. {rate['high']:.2g}), "
+        f"{found['repetitions']} repetitions of {found['particles']} particles",
+        fontsize=11,
+    )
+    return figure

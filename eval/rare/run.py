@@ -1,0 +1,303 @@
+"""Probability of rare losses of separation: ``python -m eval.rare --mode plan --out runs/rare``."""
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from agents.config.load import ConfigError, Parser
+from eval.plots import save as picture_folder
+from eval.runner.command import loaded, named_policy, refusing, whole
+
+if TYPE_CHECKING:
+    from eval.config import MonteCarloConfig
+    from eval.rare.problem import FlightProblem
+    from eval.rare.splitting import Plan, Repetition
+
+__all__ = ["main"]
+
+_MODES = ("policy", "plan", "none")
+_WORST = 100
+_STREAM = 0x7261_7265  # keeps the draws apart from those of other commands with the same seed
+
+_DESCRIPTION = """\
+Estimate how often the separation is lost where plain sampling would see it too rarely, by importance splitting: the
+draws of the encounters whose flights come closest are copied and moved, level by level of the smallest separation,
+until the required separation is lost. A pilot chooses the levels; independent repetitions then estimate without bias,
+and the interval comes from them.
+
+Without --resolvable-only the rate of all losses is estimated, and that of those not proven unresolvable beside it;
+with it, proven unresolvable encounters never count, so that all particles search where a decider can be blamed.
+
+Written to --out: rare.json, rare.png and .svg (the levels), config.yaml, and worst.csv: encounters that were lost, to
+be flown again by eval.monte_carlo --scenario file:worst.csv."""
+
+_EPILOG = """\
+examples:
+  python -m eval.rare --resolvable-only --out runs/rare
+  python -m eval.rare --mode plan --scenario noisy --resolvable-only --particles 200 --out runs/rare_plan
+  python -m eval.rare --mode none --set rules.separation=5 --out runs/check     straight flight, closer than 5 m
+
+Keys of --set and --config are those of eval.monte_carlo (its --help-keys)."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Estimate what the command line asks for and return the exit status.
+
+    Raises:
+        ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.
+    """
+    options = _parser().parse_args(arguments)
+    _check(options)
+    config, mode = _config(options)
+    problem, policy_sha256 = _problem(config, mode, resolvable_only=options.resolvable_only)
+    picture_folder.create(options.out)
+
+    from threadpoolctl import threadpool_limits
+
+    from eval.rare.splitting import SplittingError, pilot, repetition
+
+    begun = time.perf_counter()
+    seeds = np.random.SeedSequence((config.seed, _STREAM)).spawn(options.repetitions + 1)
+    separation = config.rules.separation
+    sizes = (options.particles, options.moves)
+    with threadpool_limits(1):
+        try:
+            plan = pilot(problem, separation, *sizes, options.share, np.random.default_rng(seeds[0]))
+        except SplittingError as problem_found:
+            print(f"error: {problem_found}", file=sys.stderr)
+            return 1
+        _say(f"levels: {', '.join(f'{level:.0f}' for level in plan.levels)} m")
+        made: list[Repetition] = []
+        for number, seed in enumerate(seeds[1:], 1):
+            made.append(repetition(problem, plan, *sizes, np.random.default_rng(seed)))
+            _say(f"repetition {number} of {options.repetitions}: {made[-1].probability[-1]:.3g}")
+        blamed = [_blamed(problem, one) for one in made]
+        found = _found(options, config, mode, plan, made, blamed)
+        found["policy_sha256"] = policy_sha256
+        _write_worst(options.out, problem, made, blamed)
+    from agents.config.load import dump
+    from eval.rare.figure import levels_figure
+
+    found["wall_s"] = time.perf_counter() - begun
+    (options.out / "config.yaml").write_text(dump(config), encoding="utf-8")
+    picture_folder.write(options.out, "rare", found, levels_figure(found), dpi=130)
+    _show(found, options.out)
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m eval.rare", description=_DESCRIPTION, epilog=_EPILOG)
+    add = parser.add_argument
+    add("--mode", choices=_MODES, help="who decides: policy, plan, or none, straight to the goal (default: policy)")
+    add("--config", type=Path, metavar="FILE", help="YAML file of eval.monte_carlo with what differs from the defaults")
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of the configuration")
+    add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
+    add("--scenario", metavar="NAME", help="a sampled scenario (default: circle)")
+    add("--seed", type=whole(0), metavar="N", help="of all draws (default: 0)")
+    add("--resolvable-only", action="store_true", help="proven unresolvable encounters do not count")
+    add("--particles", type=whole(10), default=1_000, metavar="N", help="encounters at each level (default: 1000)")
+    add("--moves", type=whole(1), default=5, metavar="N", help="steps of each at each level (default: 5)")
+    add("--repetitions", type=whole(3), default=10, metavar="N", help="independent estimates (default: 10)")
+    add("--share", type=float, default=0.2, metavar="P", help="of the particles that passes a level (default: 0.2)")
+    add("--confidence", type=float, default=0.95, metavar="P", help="of all intervals (default: 0.95)")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder for what is written, new or empty")
+    return parser
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Raise ``ConfigError`` for the first value that is out of its range."""
+    # Inverted, so that NaN is refused.
+    if not 0.02 <= options.share <= 0.5:
+        raise ConfigError(f"--share: {options.share:g}; expected 0.02 to 0.5")
+    if not 0.5 <= options.confidence < 1.0:
+        raise ConfigError(f"--confidence: {options.confidence:g}; expected 0.5 to less than 1")
+    if options.particles * options.share < 2.0:
+        raise ConfigError(
+            f"--particles: {options.particles} of which {options.share:g} pass a level; expected at least two that do"
+        )
+
+
+def _config(options: argparse.Namespace) -> "tuple[MonteCarloConfig, str]":
+    """Return the configuration and who decides."""
+    from eval.config import MonteCarloConfig
+
+    options.resume = False
+    options.named_mode = None if options.mode == "none" else options.mode
+    config = loaded(MonteCarloConfig, options, {"named_mode": "mode", "seed": "seed"}, "--")
+    mode = options.mode or config.mode
+    if mode not in _MODES:
+        raise ConfigError(f"mode is {mode!r}; expected one of {', '.join(_MODES)}")
+    if config.file is not None:
+        raise ConfigError(
+            f"--scenario: {config.scenario!r} is a file; expected a sampled scenario, whose draws can move"
+        )
+    return config, mode
+
+
+def _problem(config: "MonteCarloConfig", mode: str, *, resolvable_only: bool) -> "tuple[FlightProblem, str]":
+    from eval.flights.chunks import Evaluation, Pilot
+    from eval.rare.problem import FlightProblem
+
+    policy = named_policy(config)
+    limits = policy.limits if config.vehicle is None else config.vehicle.limits()
+    rules, setting = config.rules.rules(), config.planner.setting()
+    flown = "policy" if mode == "none" else mode
+    evaluation = Evaluation(config.policy, config.sampled(), None, config.seed, rules, limits, flown, setting)
+    return FlightProblem(Pilot(evaluation, policy), mode, resolvable_only=resolvable_only), policy.sha256
+
+
+def _blamed(problem: "FlightProblem", one: "Repetition") -> np.ndarray:
+    """Return which of the encounters that a repetition ended with are not proven unresolvable."""
+    count = len(one.last[0])
+    if not count:
+        return np.zeros(0, bool)
+    return ~problem.unresolvable(problem.starts(one.last), np.ones(count, bool))
+
+
+def _found(
+    options: argparse.Namespace,
+    config: "MonteCarloConfig",
+    mode: str,
+    plan: "Plan",
+    made: "Sequence[Repetition]",
+    blamed: Sequence[np.ndarray],
+) -> dict[str, Any]:
+    """Return the content of rare.json, without policy and wall time."""
+    from dataclasses import asdict
+
+    from agents.policy.versions import versions
+    from eval.stats.intervals import rate
+
+    by_level = np.stack([one.probability for one in made])
+    first = np.concatenate([one.first for one in made])
+    shares = np.array([np.mean(each) if each.size else 0.0 for each in blamed])
+    levels = []
+    for stage, level in enumerate(plan.levels):
+        below = int(np.count_nonzero(first < level))
+        taken = [float(one.acceptance[stage]) for one in made if stage < len(plan.steps)]
+        taken = [value for value in taken if not math.isnan(value)]
+        levels.append(
+            {
+                "level_m": level,
+                "rate": _estimate(by_level[:, stage], options.confidence),
+                "step": plan.steps[stage] if stage < len(plan.steps) else None,
+                "acceptance": float(np.mean(taken)) if taken else None,
+                "plain": asdict(rate(below, first.size, options.confidence)),
+            }
+        )
+    whole_rate = _estimate(by_level[:, -1], options.confidence)
+    flights = sum(one.evaluations for one in made)
+    found = {
+        "schema_version": 1,
+        "mode": mode,
+        "scenario": config.scenario,
+        "changes": config.changes,
+        "seed": config.seed,
+        "separation_m": config.rules.separation,
+        "resolvable_only": options.resolvable_only,
+        "particles": options.particles,
+        "moves": options.moves,
+        "repetitions": options.repetitions,
+        "share": options.share,
+        "confidence": options.confidence,
+        "rate": whole_rate,
+        "rate_not_unresolvable": _estimate(by_level[:, -1] * shares, options.confidence),
+        "levels": levels,
+        "ancestors": [one.ancestors for one in made],
+        "flights": flights,
+        "flights_of_the_pilot": plan.evaluations,
+        "plain_flights_for_the_same_error": _plain_flights(whole_rate),
+        "versions": versions("numpy", "scipy", "safetensors"),
+    }
+    return found | {"warnings": _warnings(found)}
+
+
+def _estimate(values: np.ndarray, confidence: float) -> dict[str, Any]:
+    """Return the mean of independent estimates, its t interval, not below 0, and the estimates, in JSON types."""
+    from eval.metrics.replicated import ratio_interval
+
+    interval = ratio_interval(values, np.ones(values.size), confidence)
+    spread = float(np.std(values, ddof=1))
+    return {
+        "value": interval.value,
+        "low": max(interval.low, 0.0),
+        "high": interval.high,
+        "relative_error": spread / math.sqrt(values.size) / interval.value if interval.value > 0.0 else None,
+        "repetitions": values.tolist(),
+    }
+
+
+def _plain_flights(rate: dict[str, Any]) -> float | None:
+    """Return how many plain flights would have the same standard error; None where it cannot be said."""
+    error = rate["relative_error"]
+    if not error:
+        return None
+    return (1.0 - rate["value"]) / rate["value"] / error**2
+
+
+def _warnings(found: dict[str, Any]) -> list[str]:
+    """Say where the estimate should not be trusted."""
+    said = []
+    values = found["rate"]["repetitions"]
+    if not any(values):
+        said.append("no repetition lost the separation: the rate is below what so many particles can find")
+    elif found["rate"]["relative_error"] * math.sqrt(len(values)) > 0.5:
+        said.append("repetitions differ by more than half of their mean: take more particles or moves")
+    if min(found["ancestors"]) < 5 and any(values):
+        said.append("a repetition's lost encounters descend from fewer than five first ones: take more particles")
+    low = [each["level_m"] for each in found["levels"] if each["acceptance"] is not None and each["acceptance"] < 0.05]
+    if low:
+        said.append(f"fewer than 5 % of the steps are taken below {low[0]:.0f} m: take more moves")
+    return said
+
+
+def _write_worst(
+    out: Path, problem: "FlightProblem", made: "Sequence[Repetition]", blamed: Sequence[np.ndarray]
+) -> None:
+    """Write encounters that were lost and are not proven unresolvable, equally many of each repetition."""
+    from functools import reduce
+
+    from envs.encounters import padded
+    from envs.formats import encounter_file
+    from envs.starts import joined
+
+    each = max(1, _WORST // len(made))
+    chosen = []
+    for one, kept in zip(made, blamed, strict=True):
+        rows = np.flatnonzero(kept)[:each]
+        if rows.size:
+            chosen.append(padded(problem.starts(tuple(field[rows] for field in one.last)), 1, np))
+    if chosen:
+        encounter_file.write(out / "worst.csv", reduce(joined, chosen))
+
+
+def _show(found: dict[str, Any], out: Path) -> None:
+    what = "losses not proven unresolvable" if found["resolvable_only"] else "losses of separation"
+    print(f"scenario {found['scenario']}, mode {found['mode']}, below {found['separation_m']:g} m")
+    for name, rate in ((what, found["rate"]), ("of them not proven unresolvable", found["rate_not_unresolvable"])):
+        if name != what and found["resolvable_only"]:
+            continue
+        ends = f"{rate['low']:.3g} .. {rate['high']:.3g}"
+        print(f"{name:34} {rate['value']:.3g}   {100.0 * found['confidence']:g} % interval {ends}")
+    print(f"flights {found['flights']}; plain sampling would take {_many(found['plain_flights_for_the_same_error'])}")
+    for sentence in found["warnings"]:
+        print(f"warning: {sentence}")
+    print(f"written to {out}")
+
+
+def _many(value: float | None) -> str:
+    return "an unknown number" if value is None else f"{value:.2g} for the same error"
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+cli = refusing(main)
+"""The command with refusals told as such."""

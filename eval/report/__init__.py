@@ -1,0 +1,1 @@
+"""One page of an evaluation: ``python -m eval.report``."""

@@ -1,0 +1,78 @@
+"""Which encounters the report shows: the points in its plots, and those whose flights it replays."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from eval.report.folder import Run
+
+__all__ = ["NEAR", "NEAREST", "OTHERS", "POINTS", "Choice", "choose", "points"]
+
+NEAR = 1.05
+"""A success that came nearer than this times the required separation is a near miss."""
+
+NEAREST, OTHERS, POINTS = 200, 100, 20_000
+"""At most so many near misses and other successes are replayed; at most so many encounters are points."""
+
+
+class Choice(NamedTuple):
+    """Encounters of one group that are replayed."""
+
+    group: str
+    numbers: np.ndarray
+    """Of the encounters, in the order of their importance."""
+    total: int
+    """Encounters in the group."""
+
+
+def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
+    """Return the groups of encounters to replay, the most important first.
+
+    Args:
+        run: the evaluation.
+        most: encounters in all.
+        wanted: numbers that are asked for and come first.
+    """
+    kinds, separation = run.kinds, run.table["min_separation_m"]
+    success = kinds == "success"
+    near = success & (separation < NEAR * run.config.rules.separation)
+    nearest = np.flatnonzero(near)
+    nearest = nearest[np.argsort(separation[nearest], kind="stable")]
+    # Failures that count, what no policy could have solved, and a look at how it usually goes.
+    groups = (
+        ("asked for", np.array(wanted, dtype=int), most),
+        ("failures", np.flatnonzero((kinds == "violation") | (kinds == "time-out")), most),
+        ("proven unresolvable", np.flatnonzero(kinds == "proven unresolvable"), most),
+        ("near misses", nearest, NEAREST),
+        ("other successes", np.flatnonzero(success & ~near), OTHERS),
+    )
+    left, taken, chosen = most, np.array([], dtype=int), []
+    for name, found, bound in groups:
+        fresh = found[~np.isin(found, taken)]
+        count = min(left, bound, len(fresh))
+        numbers = fresh[:count] if name == "near misses" else _spread(fresh, count)
+        taken, left = np.concatenate([taken, numbers]), left - count
+        chosen.append(Choice(name, numbers, len(found)))
+    return [choice for choice in chosen if choice.total]
+
+
+def points(run: Run, replayed: np.ndarray) -> np.ndarray:
+    """Return the numbers of the encounters that are points: all, or those replayed, failures and an even sample.
+
+    Args:
+        run: the evaluation.
+        replayed: numbers of the encounters with tracks.
+    """
+    everything = np.arange(len(run.kinds))
+    if len(everything) <= POINTS:
+        return everything
+    failures = np.setdiff1d(np.flatnonzero(run.kinds != "success"), replayed)
+    kept = np.concatenate([replayed, _spread(failures, max(0, min(len(failures), POINTS // 2)))])
+    rest = np.setdiff1d(everything, kept)
+    return np.sort(np.concatenate([kept, _spread(rest, max(0, POINTS - len(kept)))]))
+
+
+def _spread(found: np.ndarray, count: int) -> np.ndarray:
+    """Return ``count`` of the found, evenly spaced."""
+    return found[np.arange(count) * len(found) // max(count, 1)]

@@ -1,0 +1,112 @@
+"""What the page's script reads: the points and the flights, small enough to travel inside the page.
+
+Numbers are little-endian and base64: float32 for the columns of the points, int16 times a scale for flights.
+"""
+
+import base64
+import json
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from eval.plots.style import MARKERS
+from eval.report.choice import NEAR
+from eval.report.flights import Replayed
+from eval.report.folder import Run
+
+__all__ = ["flight_data", "json_text", "page_data", "weight"]
+
+_FINEST = 0.5
+"""Smallest step of a position on the page, m."""
+
+_TEXTS = ("verdict", "verdict_method", "plan_status", "plan_source", "baseline_outcome", "policy_outcome")
+_NUMBERS = (
+    *("distance_m", "bearing_deg", "relative_heading_deg", "min_separation_m", "time_of_min_separation_s"),
+    *("duration_s", "path_excess", "goal_distance_m", "heading_reversals", "baseline_min_separation_m"),
+    *("policy_min_separation_m", "plan_min_separation_m", "replans", "backup_s", "intruders", "own_speed_m_s"),
+    *("intruder_speed_m_s", "t_cpa_s", "d_cpa_m"),
+)
+
+
+def page_data(run: Run, shown: np.ndarray, flights: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
+    """Return all that the script reads, in JSON types.
+
+    Args:
+        run: the evaluation.
+        shown: numbers of the encounters that are points, ascending.
+        flights: by number, from :func:`flight_data`.
+    """
+    table, rules = run.table, run.config.rules
+    kinds = list(MARKERS)
+    codes = np.array([kinds.index(kind) for kind in run.kinds[shown]], np.uint8)
+    texts = {}
+    for name in (each for each in _TEXTS if each in table):
+        words, places = np.unique(table[name][shown].astype(str), return_inverse=True)
+        texts[name] = {"words": words.tolist(), "codes": _packed(places.astype(np.uint8))}
+    named = any(name is not None for name in table["name"])
+    return {
+        "required": rules.separation,
+        "near": NEAR * rules.separation,
+        "goal_radius": rules.goal_radius,
+        "kinds": kinds,
+        "commanded": run.config.mode == "policy",
+        "count": len(shown),
+        "number": _packed(shown.astype("<i4")),
+        "kind": _packed(codes),
+        "columns": {name: _packed(table[name][shown].astype("<f4")) for name in _NUMBERS if name in table},
+        "texts": texts,
+        "names": [table["name"][number] for number in shown] if named else None,
+        "flights": {str(number): flight for number, flight in flights.items()},
+    }
+
+
+def flight_data(flight: Replayed) -> dict[str, Any]:
+    """Return one flight in JSON types; positions are relative to its origin and rounded to its scale, m."""
+    middle = 0.5 * (np.nanmin(flight.own, axis=1) + np.nanmax(flight.own, axis=1))
+    origin = np.round(middle)
+    own, traffic = flight.own - origin[:, None], flight.intruders - origin[:, None]
+    witness = flight.witness
+    also = np.zeros((2, 0)) if witness is None else np.stack([witness.x, witness.y]) - origin[:, None]
+    metres = [own.ravel(), traffic.ravel(), flight.separation, also.ravel()]
+    largest = max(float(np.max(np.abs(part), initial=0.0)) for part in metres)
+    scale = max(_FINEST, math.ceil(largest / 32_767.0 / _FINEST) * _FINEST)
+    rates = [np.degrees(flight.yaw_rate) * 1e3, flight.acceleration * 1e3]
+    whole = np.concatenate([part / scale for part in metres] + rates)
+    found: dict[str, Any] = {
+        "steps": len(flight.separation),
+        "intruders": len(flight.intruders),
+        "scale": scale,
+        "goal": [round(flight.goal[0] - origin[0], 1), round(flight.goal[1] - origin[1], 1)],
+        "packed": _packed(np.clip(np.round(whole), -32_768, 32_767).astype("<i2")),
+    }
+    if not flight.same:
+        found["differs"] = True
+    if flight.plan is not None:
+        x, y, time = flight.plan
+        found["plan"] = [np.round(row, 1).tolist() for row in (x - origin[0], y - origin[1], time)]
+    if flight.plan_status is not None:
+        found["plan_status"] = flight.plan_status
+    if witness is not None:
+        found["witness"] = {
+            "points": len(witness.x),
+            "arrival": round(witness.arrival, 1),
+            "separation": round(witness.separation, 1),
+        }
+    return found
+
+
+def json_text(data: Any) -> str:
+    """Return JSON that may stand inside a script element: nothing in it can end the element or begin another."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)  # ASCII
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def weight(flights: Iterable[Mapping[str, Any]]) -> int:
+    """Return how many bytes flights take on the page."""
+    return sum(len(json_text(flight)) + 12 for flight in flights)
+
+
+def _packed(values: np.ndarray) -> str:
+    return base64.b64encode(values.tobytes()).decode("ascii")

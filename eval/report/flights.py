@@ -1,0 +1,217 @@
+"""The flights of a report, flown once more: the files of a run hold where flights ended, not how they went.
+
+An encounter follows from seed and number alone and a flight from its encounter, so that the same flights come out
+again; each is held against its row of the table, and those that differ are named.
+"""
+
+from collections.abc import Iterator, Sequence
+from functools import reduce
+from typing import Any, NamedTuple
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from agents.config.load import ConfigError
+from agents.planner.planner import Plans
+from agents.policy.inference import Policy
+from agents.resolvability.classify import replay
+from agents.resolvability.witness import least_cost
+from envs.angles import wrap
+from envs.encounters import Encounter
+from envs.kinematics import commands
+from envs.starts import joined
+from envs.trees import take
+from eval.flights.assured_mode import fly_assured
+from eval.flights.chunks import Evaluation, Pilot, encounters, noise_of
+from eval.flights.plan_mode import STATUSES, fly_once, planned
+from eval.flights.simulate import OUTCOMES, Flights, fly
+from eval.flights.sources import read_source, spread
+from eval.flights.trajectories import Trajectories
+from eval.report.folder import Run
+
+__all__ = ["Replayed", "Witness", "evaluation_of", "fly_again"]
+
+_BATCH = 50
+_ROUNDS = 8
+"""Of the refinement of witnesses, a fifth of the usual number: paths get 1.4 m longer on average (docs/compare.md)."""
+
+_SAME = 0.01
+"""Smallest separations that differ by more, m, are not the same flight."""
+
+
+class Witness(NamedTuple):
+    """A flight that would have resolved the encounter."""
+
+    x: np.ndarray
+    """East, m, every second."""
+    y: np.ndarray
+    arrival: float
+    """s."""
+    separation: float
+    """Smallest distance to any intruder, m."""
+
+
+class Replayed(NamedTuple):
+    """One flight, second by second, T steps."""
+
+    number: int
+    goal: tuple[float, float]
+    """m."""
+    own: np.ndarray
+    """East and north, m, ``[2, T + 1]``."""
+    intruders: np.ndarray
+    """The same for each intruder, ``[K, 2, T + 1]``."""
+    separation: np.ndarray
+    """Smallest distance to any intruder during each second, m, ``[T]``."""
+    acceleration: np.ndarray
+    """Commanded in mode policy, else the mean as flown, m/s², ``[T]``."""
+    yaw_rate: np.ndarray
+    """The same, rad/s, ``[T]``."""
+    same: bool
+    """Whether the flight ended as the table says."""
+    plan: np.ndarray | None
+    """First plan: east, north, m, and time, s, ``[3, W]``; None without one."""
+    plan_status: str | None
+    witness: Witness | None
+
+
+def evaluation_of(run: Run, policy_path: Any = None) -> Evaluation:
+    """Return what a run flew, its policy and its file of encounters checked by their digests.
+
+    Args:
+        run: as read.
+        policy_path: file of the policy where it lies elsewhere than when the run was made.
+
+    Raises:
+        ConfigError: the policy or the file of encounters is another; ``PolicyFileError``, ``EncounterError``:
+            it cannot be used.
+    """
+    import hashlib
+
+    config = run.config
+    path = config.policy if policy_path is None else policy_path
+    policy = Policy.load(path)
+    if policy.sha256 != config.policy_sha256:
+        raise ConfigError(
+            f"policy {path or 'that ships'} has SHA-256 {policy.sha256}, expected {config.policy_sha256} as in the run "
+            "(--policy names the file, --tracks 0 makes the page without tracks)"
+        )
+    limits = policy.limits if config.vehicle is None else config.vehicle.limits()
+    source, names = read_source(config, limits)
+    if config.file is not None:
+        digest = hashlib.sha256(config.file.read_bytes()).hexdigest()
+        if digest != config.scenario_sha256:
+            raise ConfigError(
+                f"{config.file} has SHA-256 {digest}, expected {config.scenario_sha256} as in the run "
+                "(--tracks 0 makes the page without tracks)"
+            )
+    rules, setting = config.rules.rules(), config.planner.setting()
+    return Evaluation(path, source, names, config.seed, rules, limits, config.mode, setting)
+
+
+def fly_again(run: Run, evaluation: Evaluation, numbers: Sequence[int], witnesses: set[int]) -> Iterator[Replayed]:
+    """Yield the flights of some encounters in their order.
+
+    Args:
+        run: whose table says how they ended.
+        evaluation: what it flew.
+        numbers: of the encounters.
+        witnesses: numbers of those for which a flight that resolves them is looked for.
+    """
+    # One thread, as when they were flown for the table: BLAS rounds differently with several.
+    with threadpool_limits(1):
+        pilot = Pilot.load(evaluation)
+        for begin in range(0, len(numbers), _BATCH):
+            yield from _batch(run, pilot, numbers[begin : begin + _BATCH], witnesses)
+
+
+def _batch(run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int]) -> Iterator[Replayed]:
+    evaluation = pilot.evaluation
+    singles = [encounters(evaluation, number, 1) for number in numbers]
+    starts = reduce(joined, singles)
+    noises = [noise_of(evaluation, one, number) for one, number in zip(singles, numbers, strict=True)]
+    heard = [noise for noise in noises if noise is not None]  # all of them or none
+
+    def noise(step: int) -> np.ndarray:
+        return np.concatenate([of(step) for of in heard], axis=1)
+
+    plans = None
+    if evaluation.mode != "policy":
+        plans = planned(starts, pilot.policy, evaluation.setting, noise(0) if heard else None)
+    flights, film = _flown(pilot, starts, plans, noise if heard else None)
+    found = _witnesses(evaluation, starts, [i for i, number in enumerate(numbers) if number in wanted])
+    for i, number in enumerate(numbers):
+        if plans is not None and plans.proposals.last[i] < 0:
+            continue  # no trajectory at all: the planner had nothing to fly
+        said, closest = run.table["outcome"][number], run.table["min_separation_m"][number]
+        same = OUTCOMES[flights.outcome[i]] == said and abs(flights.min_separation[i] - closest) <= _SAME
+        flight = _one(evaluation, starts, film, i, plans)
+        yield flight._replace(number=number, same=bool(same), witness=found.get(i))
+
+
+def _flown(pilot: Pilot, starts: Encounter, plans: Plans | None, noise: Any) -> tuple[Flights, Trajectories]:
+    """Fly encounters ``[N]``; return how they ended, and the film."""
+    evaluation = pilot.evaluation
+    rules, setting = evaluation.rules, evaluation.setting
+    if plans is None:
+        flights, film = fly(starts, pilot.decide, rules, evaluation.limits, noise=noise, record=True)
+    elif evaluation.mode == "plan":
+        flown, film = fly_once(starts, plans, rules, setting, record=True)
+        flights = flown.flights
+    else:
+        assured, film = fly_assured(
+            starts, plans, pilot.policy, rules, setting, spread=spread(evaluation.source), noise=noise, record=True
+        )
+        flights = assured.flown.flights
+    assert film is not None
+    return flights, film
+
+
+def _one(evaluation: Evaluation, starts: Encounter, film: Trajectories, i: int, plans: Plans | None) -> Replayed:
+    """Return the flight of encounter ``i`` of a batch."""
+    own_x = film.own.x[:, i]
+    end = int(np.count_nonzero(np.isfinite(own_x)))
+    own = take(film.own, (slice(0, end), i))
+    others = np.flatnonzero(starts.mask[i])
+    traffic = np.stack([film.intruders.x[:end, i, others].T, film.intruders.y[:end, i, others].T], axis=1)
+    if plans is None:
+        action = film.action[: end - 1, i]
+        acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), evaluation.limits, np)
+    else:
+        dt = evaluation.rules.dt
+        acceleration, yaw_rate = np.diff(own.speed) / dt, wrap(np.diff(own.heading), np) / dt
+    plan, status = None, None
+    if plans is not None:
+        made = plans.proposals
+        status = STATUSES[int(made.safe[i])]
+        plan = np.stack([made.knots.x[i], made.knots.y[i], made.knots.time[i]])
+        plan = plan if np.isfinite(plan).all() else None
+    return Replayed(
+        -1,
+        (float(starts.goal_x[i]), float(starts.goal_y[i])),
+        np.stack([own.x, own.y]),
+        traffic,
+        film.separation[: end - 1, i],
+        acceleration,
+        yaw_rate,
+        False,
+        plan,
+        status,
+        None,
+    )
+
+
+def _witnesses(evaluation: Evaluation, starts: Encounter, rows: list[int]) -> dict[int, Witness]:
+    """Return flights that resolve some of the encounters, by row; none where none is known."""
+    if not rows:
+        return {}
+    rules, limits = evaluation.rules, evaluation.limits
+    chosen = take(starts, np.array(rows))
+    best = least_cost(chosen, rules, limits, rounds=_ROUNDS)
+    found = {}
+    for place in np.flatnonzero(np.isfinite(best.arrival)):
+        flight = replay(take(chosen, int(place)), take(best.manoeuvre, int(place)), rules, limits)
+        on = flight.time <= best.arrival[place] + 1e-9
+        arrival, separation = float(best.arrival[place]), float(best.separation[place])
+        found[rows[int(place)]] = Witness(flight.own.x[on], flight.own.y[on], arrival, separation)
+    return found

@@ -1,0 +1,159 @@
+"""The page: one file with everything inside, to which a browser need not, and may not, add anything.
+
+Its content security policy allows the two scripts that stand in it, by their digests, and no connection at all.
+"""
+
+import base64
+import hashlib
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib.resources import files
+from string import Template
+from typing import Any
+
+from eval.plots.style import MARKERS
+from eval.report.choice import NEAR, NEAREST, POINTS, Choice
+from eval.report.data import json_text
+from eval.report.folder import Run
+from eval.report.headline import Line, headline, spaced
+
+__all__ = ["page"]
+
+_CAPTIONS = {
+    "initial_conditions": "Where the intruder is when an encounter begins; failures are marked.",
+    "min_separation": "The smallest separation of every flight, with and without the resolver.",
+    "trajectories": "Flights seen from above, failures first.",
+}
+_TILES = ("success_given_resolvable", "violation_rate", "risk_ratio", "score_mean")
+
+
+class _Page(Template):
+    delimiter = "@@"
+
+
+def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -> str:
+    """Return the page's HTML.
+
+    Args:
+        run: the evaluation.
+        chosen: encounters that are replayed.
+        data: for the script, from :func:`eval.report.data.page_data`.
+        by: what made the page, with its version.
+    """
+    library, script, style = (_asset(name) for name in ("echarts.min.js", "report.js", "report.css"))
+    allowed = " ".join(f"'sha256-{_digest(code)}'" for code in (library, script))
+    summary = run.summary
+    lines = headline(summary)
+    title = f"{spaced(run.config.wanted)} encounters, scenario {summary['scenario']}, mode {summary['mode']}"
+    return _Page(_asset("report.html")).substitute(
+        allowed=allowed,
+        title=escape(title),
+        about=_about(run),
+        confidence=escape(f"{100.0 * summary['confidence']:g}"),
+        tiles="\n".join(_tile(line, summary["confidence"]) for key in _TILES for line in lines if line.key == key),
+        lines="\n".join(_row(line) for line in lines),
+        kinds="\n".join(_kind(run, place, kind) for place, kind in reversed(list(enumerate(MARKERS)))),
+        near=escape(f"{NEAR * run.config.rules.separation:.0f}"),
+        points=_points(run, data["count"]),
+        tracks=_tracks(chosen, data),
+        figures="\n".join(_figure(name, png) for name, png in run.figures.items())
+        or "<p>This run drew no figures (its key <code>figures</code> is false).</p>",
+        config=escape(run.config_text),
+        versions=", ".join(escape(f"{name} {version}") for name, version in summary["versions"].items()),
+        by=escape(by),
+        style=style,
+        data=json_text(data),
+        library=library,
+        script=script,
+    )
+
+
+def _asset(name: str) -> str:
+    return (files("eval") / "data" / name).read_text(encoding="utf-8")
+
+
+def _digest(code: str) -> str:
+    return base64.b64encode(hashlib.sha256(code.encode()).digest()).decode("ascii")
+
+
+def _about(run: Run) -> str:
+    summary, rules = run.summary, run.config.rules
+    said = [
+        f"seed {summary['seed']}",
+        f"policy {summary['policy_sha256'][:12]}",
+        f"required separation {rules.separation:g} m",
+        f"goal radius {rules.goal_radius:g} m",
+        f"at most {rules.t_max:g} s",
+    ]
+    if summary.get("changes"):
+        said.append("changed: " + ", ".join(f"{key} {value}" for key, value in summary["changes"].items()))
+    return escape(" · ".join(said))
+
+
+def _tile(line: Line, confidence: float) -> str:
+    interval = f"{100.0 * confidence:g} %: {line.interval}" if line.interval else line.counted
+    return (
+        f'<div class="tile"><span>{escape(line.label)}</span><strong>{escape(line.value)}</strong>'
+        f"<small>{escape(interval)}</small></div>"
+    )
+
+
+def _row(line: Line) -> str:
+    cells = "".join(f"<td>{escape(text)}</td>" for text in (line.value, line.interval, line.counted))
+    return f'<tr><th scope="row">{escape(line.label)}</th>{cells}</tr>'
+
+
+def _kind(run: Run, place: int, kind: str) -> str:
+    count = int((run.kinds == kind).sum())
+    state = "checked" if count else "checked disabled"
+    use = f'<use href="#mark-{place}" x="-6" y="-6" width="12" height="12"/>'
+    return (
+        f'<label class="kind"><input type="checkbox" name="kind" value="{place}" {state}>'
+        f'<svg class="mark mark-{place}" viewBox="-6 -6 12 12" aria-hidden="true">{use}</svg> '
+        f"{escape(kind)} ({spaced(count)})</label>"
+    )
+
+
+def _points(run: Run, count: int) -> str:
+    if count == run.config.wanted:
+        return "Every encounter is a point."
+    return (
+        f"{spaced(count)} of {spaced(run.config.wanted)} encounters are points: those with tracks, failures, and an "
+        f"even sample of the rest (a page holds about {spaced(POINTS)})."
+    )
+
+
+def _tracks(chosen: Sequence[Choice], data: Mapping[str, Any]) -> str:
+    """Return how many encounters have tracks, as HTML."""
+    flights = data["flights"]
+    if not flights:
+        return "<p>No encounter has tracks on this page.</p>"
+    parts = []
+    for group, numbers, total in chosen:
+        kept = sum(str(int(number)) in flights for number in numbers)
+        how = f"all {spaced(kept)}" if kept == total else f"{spaced(kept)} of {spaced(total)}"
+        parts.append(f"{how} {group}")
+    differing = sum("differs" in flight for flight in flights.values())
+    witnesses = sum("witness" in flight for flight in flights.values())
+    text = (
+        f"{spaced(len(flights))} encounters have tracks: {', '.join(parts)}. Near misses are successes that came "
+        f"nearer than {100.0 * (NEAR - 1.0):g} % beyond the required separation; at most the {NEAREST} nearest have "
+        "tracks. A run keeps how flights ended, not how they went: they were flown again from seed and number when "
+        f"this page was made. For {spaced(witnesses)} failures a flight is shown that resolves them."
+    )
+    warning = (
+        f'<p class="warning">{spaced(differing)} of them ended otherwise than the table says: this page was made with '
+        "another kind of machine or other versions than the run. They are marked.</p>"
+        if differing
+        else "<p>All of them ended as the table of the run says.</p>"
+    )
+    return f"<p>{escape(text)}</p>{warning}"
+
+
+def _figure(name: str, png: bytes) -> str:
+    caption = escape(_CAPTIONS[name])
+    encoded = base64.b64encode(png).decode("ascii")
+    return (
+        f'<figure><img alt="{caption}" src="data:image/png;base64,{encoded}">'
+        f"<figcaption>{caption}</figcaption></figure>"
+    )

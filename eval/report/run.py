@@ -1,0 +1,155 @@
+"""The report of an evaluation as one page: ``python -m eval.report runs/first`` writes ``runs/first/report.html``."""
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from agents.config.load import ConfigError, Parser
+
+if TYPE_CHECKING:
+    from eval.report.choice import Choice
+    from eval.report.folder import Run
+
+__all__ = ["main"]
+
+_DESCRIPTION = """\
+Write report.html into a folder that eval.monte_carlo wrote: the numbers with their intervals, the figures, and the
+encounters, to be filtered and replayed. It is one file that needs no network.
+
+Failures, near misses and a sample of the other encounters are flown again for the replay."""
+
+_EPILOG = """\
+examples:
+  python -m eval.report runs/circle
+  python -m eval.report runs/circle --show 4711,4712      these encounters shall have tracks too
+  python -m eval.report runs/circle --tracks 0            nothing is flown: neither policy nor much time is needed"""
+
+_BUDGET = 9_000_000
+"""Bytes that the flights may take, so that the page stays below 15 MB with the figures of a run."""
+
+_MOST_WITNESSES = 100
+_SILENCE_S = 5.0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Make the report that the command line asks for and return the exit status.
+
+    Raises:
+        ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.
+    """
+    options = _parser().parse_args(arguments)
+    from eval.report.folder import read_run
+
+    run = read_run(options.folder)
+    for number in options.show:
+        if number >= len(run.kinds):
+            raise ConfigError(f"--show: {number}; expected numbers of encounters, 0 to {len(run.kinds) - 1}")
+    with _target(options.folder / "report.html") as temporary:
+        text = _made(run, options)
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+    print(f"{options.folder / 'report.html'}: {len(text.encode()) / 1e6:.1f} MB")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m eval.report", description=_DESCRIPTION, epilog=_EPILOG)
+    add = parser.add_argument
+    add("folder", type=Path, metavar="DIR", help="folder of the run; report.html in it is replaced")
+    add("--tracks", type=_whole, default=1_000, metavar="N", help="most encounters to replay (default: 1000)")
+    add("--show", type=_numbers, default=[], metavar="N,...", help="numbers of encounters to replay in any case")
+    add("--policy", type=Path, metavar="FILE", help="policy file, if it has moved (default: as in config.yaml)")
+    return parser
+
+
+def _whole(text: str) -> int:
+    if not text.isascii() or not text.isdecimal() or int(text) > 100_000:
+        raise argparse.ArgumentTypeError(f"{text!r}; expected a whole number, 0 to 100000")
+    return int(text)
+
+
+def _numbers(text: str) -> list[int]:
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isascii() and part.isdecimal() and len(part) <= 9 for part in parts):
+        raise argparse.ArgumentTypeError(f"{text!r}; expected numbers of encounters with commas between them")
+    return list(dict.fromkeys(int(part) for part in parts))
+
+
+@contextmanager
+def _target(path: Path) -> Generator[Path]:
+    """Give a file to write that becomes ``path`` at the end, so that it is whole or not there.
+
+    Raises:
+        ConfigError: it cannot be written; this is found out at once, not after the work.
+    """
+    if path.is_dir():
+        raise ConfigError(f"{path} is a folder, expected a file or nothing")
+    try:
+        descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
+    except OSError as problem:
+        raise ConfigError(f"{path}: cannot be written: {problem.strerror}") from None
+    os.close(descriptor)
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o644)  # mkstemp's files are the owner's only
+        temporary.replace(path)
+    except OSError as problem:
+        raise ConfigError(f"{path}: cannot be written: {problem.strerror}") from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _made(run: "Run", options: argparse.Namespace) -> str:
+    """Return the page."""
+    import numpy as np
+
+    from agents.policy.versions import versions
+    from eval.report.choice import choose, points
+    from eval.report.data import page_data
+    from eval.report.page import page
+
+    if len(options.show) > options.tracks:
+        raise ConfigError(f"--show: {len(options.show)} encounters; expected at most --tracks {options.tracks}")
+    chosen = choose(run, options.tracks, options.show)
+    flights = _flights(run, chosen, options.policy) if options.tracks else {}
+    shown = points(run, np.array(sorted(flights), dtype=int))
+    made = versions("numpy")
+    by = ", ".join(f"{name} {made[name]}" for name in ("rlcas-toolkit", "numpy"))
+    return page(run, chosen, page_data(run, shown, flights), by)
+
+
+def _flights(run: "Run", chosen: "Sequence[Choice]", policy: Path | None) -> dict[int, dict[str, Any]]:
+    """Fly the chosen encounters and return what the page shows of each, by number, as many as fit."""
+    from eval.report.data import flight_data, weight
+    from eval.report.flights import evaluation_of, fly_again
+
+    numbers = [int(number) for choice in chosen for number in choice.numbers]
+    resolvable = run.table["verdict"] != "unresolvable"
+    failed = [number for number in numbers if run.kinds[number] != "success" and resolvable[number]]
+    evaluation = evaluation_of(run, policy)
+    flights: dict[int, dict[str, Any]] = {}
+    size, said = 0, time.perf_counter()
+    for flight in fly_again(run, evaluation, numbers, set(failed[:_MOST_WITNESSES])):
+        found = flight_data(flight)
+        size += weight([found])
+        if size > _BUDGET:
+            print(f"{len(flights)} of {len(numbers)} flights fit on the page; the rest is left out", file=sys.stderr)
+            break
+        flights[flight.number] = found
+        if time.perf_counter() - said >= _SILENCE_S:
+            said = time.perf_counter()
+            print(f"{len(flights)} of {len(numbers)} encounters flown again", file=sys.stderr, flush=True)
+    differing = sum("differs" in flight for flight in flights.values())
+    if differing:
+        print(
+            f"warning: {differing} of {len(flights)} flights ended otherwise than the table says "
+            "(another kind of machine or other versions); they are marked on the page",
+            file=sys.stderr,
+        )
+    return flights

@@ -1,0 +1,1 @@
+"""What every command of the evaluation shares: chunks on workers, outputs, progress, resume."""

@@ -1,0 +1,249 @@
+"""An existing Dask cluster that flies chunks: ``--scheduler tcp://HOST:PORT`` (docs/cluster.md).
+
+Dask hands chunks to workers, and again to others where a worker dies. What is decided here: how many chunks are under
+way, so that nobody ever holds more than those; that workers fit the run; and what a chunk is that workers die of.
+"""
+
+import asyncio
+import logging
+import re
+import sys
+import time
+import uuid
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import numpy as np
+from distributed import Client, Future, KilledWorker
+from distributed.comm.core import connect
+
+from agents.config.load import ConfigError
+from agents.policy.versions import versions
+from envs.encounters import EncounterError
+from eval.runner.cluster_kit import Flier, differences, fly, packed, unpacked
+from eval.runner.workers import Chunk, WorkerError
+
+__all__ = ["Cluster", "connected"]
+
+_ANSWER_S = 5.0
+"""Time in which a scheduler must answer."""
+_PATIENCE_S = 2.0
+"""Time after which the number of workers is asked for again."""
+_AHEAD = 2
+"""Chunks under way for each worker: one in the air, one waiting there, so that none waits for the network."""
+_ADDRESS = re.compile(r"(?:(?:tcp|tls|ws|wss)://)?(?:\[[0-9A-Fa-f:.%]+\]|[^\s:/\[\]]+):(?P<port>[0-9]{1,5})")
+
+
+class Cluster:
+    """Workers that a scheduler knows."""
+
+    def __init__(self, client: Client, address: str) -> None:
+        """Take a client that is connected; :func:`connected` makes one."""
+        self._client, self._address = client, address
+        self._asked, self._known = 0.0, 0
+
+    def size(self) -> int:
+        """Return the number of workers, as of the last two seconds.
+
+        Raises:
+            WorkerError: the scheduler has gone.
+        """
+        if time.monotonic() - self._asked >= _PATIENCE_S:
+            try:
+                found = len(self._threads())
+            except (OSError, CancelledError):
+                raise self._lost() from None
+            if found == 0 and self._known > 0:
+                self._note("has no worker left: waiting for one (Ctrl-C stops)")
+            self._asked, self._known = time.monotonic(), found
+        return self._known
+
+    def wait_for_a_worker(self) -> None:
+        """Return as soon as there is one; a batch system may take its time."""
+        if self.size() == 0:
+            self._note("has no worker yet: waiting for one (Ctrl-C stops)")
+        while self.size() == 0:
+            time.sleep(0.2)
+
+    def check(self, expected: Mapping[str, str]) -> None:
+        """Refuse workers whose packages differ from those expected.
+
+        Raises:
+            ConfigError: a worker has other versions, or not the toolkit at all.
+        """
+        # Workers come and go meanwhile; those that have gone need not fit.
+        found: Any = self._client.run(versions, *expected, on_error="return")
+        for worker, answer in sorted(found.items()):
+            if isinstance(answer, ImportError):
+                raise ConfigError(
+                    f"--scheduler {self._address}: worker {worker} cannot import the toolkit ({answer}), "
+                    "expected the same versions as here to be installed there"
+                )
+            unlike = differences(expected, answer) if isinstance(answer, dict) else ""
+            if unlike:
+                raise ConfigError(
+                    f"--scheduler {self._address}: worker {worker} has {unlike}, expected the same versions everywhere"
+                )
+        threads = max(self._threads().values(), default=1)
+        if threads > 1:
+            self._note(
+                f"has workers of {threads} threads, of which one flies: processes of one thread each serve better "
+                "(dask worker --nworkers N --nthreads 1)"
+            )
+
+    def fly(
+        self, flier: Flier, work: Any, sha256: str, chunks: Iterable[Chunk], stopped: Callable[[], bool]
+    ) -> Iterator[tuple[Chunk, dict[str, np.ndarray]]]:
+        """Fly chunks and yield the table of each as it gets ready, in any order.
+
+        Args:
+            flier: for this kind of work.
+            work: what is flown, with the path of its policy.
+            sha256: digest of the policy.
+            chunks: to fly.
+            stopped: asked before each chunk; once it is true, none is sent and those under way are finished.
+
+        Raises:
+            EncounterError: an encounter cannot be drawn.
+            WorkerError: the scheduler has gone, a worker does not fit the run or has failed, or a chunk ends every
+                worker that flies it; the last one once all other chunks are flown.
+        """
+        name = uuid.uuid4().hex
+        # A task and not scattered data: what a task has made is made again when the worker that holds it dies.
+        kit = self._client.submit(unpacked, packed(name, flier, work, sha256), key=f"kit-{name}")
+        waiting, suspects, guilty = deque(chunks), deque[Chunk](), list[Chunk]()
+        air: dict[Any, tuple[Future, Chunk, bool]] = {}
+        landed: SimpleQueue[Future] = SimpleQueue()
+
+        def send(chunk: Chunk, alone: bool) -> None:
+            # The first part of a key names the group of tasks, by which the scheduler spreads them evenly.
+            future = self._client.submit(fly, kit, *chunk, key=(f"chunks-{name}", chunk.first, int(alone)))
+            air[future.key] = future, chunk, alone
+            future.add_done_callback(landed.put)
+
+        try:
+            while True:
+                while waiting and len(air) < _AHEAD * max(self.size(), 1) and not stopped():
+                    send(waiting.popleft(), alone=False)
+                if not air and not waiting and suspects and not stopped():
+                    send(suspects.popleft(), alone=True)
+                if not air:
+                    break
+                future = self._next(landed, stopped)
+                if future is None:
+                    return
+                _, chunk, alone = air.pop(future.key)
+                try:
+                    table = self._table(future)
+                except KilledWorker:
+                    # Dask blames every chunk that waits at a worker that dies: only one that flies alone is to blame.
+                    (guilty if alone else suspects).append(chunk)
+                    continue
+                yield chunk, table
+        finally:
+            for future, *_ in air.values():
+                future.cancel()
+        if guilty:
+            raise WorkerError(_blamed(guilty))
+
+    def _threads(self) -> dict[str, int]:
+        """Return how many threads each worker has, by its address."""
+        found: Any = self._client.nthreads()
+        return found
+
+    def _next(self, landed: SimpleQueue[Future], stopped: Callable[[], bool]) -> Future | None:
+        """Return a chunk that has ended, None where none can end because nobody is left to fly it."""
+        while True:
+            try:
+                return landed.get(timeout=_PATIENCE_S)
+            except Empty:
+                if self.size() == 0 and stopped():
+                    return None
+
+    def _table(self, future: Future) -> dict[str, np.ndarray]:
+        try:
+            return future.result()
+        except (EncounterError, WorkerError, KilledWorker):
+            raise
+        except (OSError, CancelledError):
+            raise self._lost() from None
+        except Exception as problem:
+            raise WorkerError(f"a worker has failed: {type(problem).__name__}: {problem}") from None
+
+    def _lost(self) -> WorkerError:
+        return WorkerError(f"the scheduler at {self._address} has gone (killed, or the network is down)")
+
+    def _note(self, text: str) -> None:
+        print(f"note: the cluster at {self._address} {text}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def connected(address: str, packages: tuple[str, ...]) -> Generator[Cluster, None, None]:
+    """Connect with a scheduler, wait for its first worker, and give the cluster.
+
+    Args:
+        address: ``HOST:PORT`` or ``tcp://HOST:PORT``; also ``tls`` and ``ws``, set up as Dask's configuration says.
+        packages: whose versions must be the same here and on every worker.
+
+    Raises:
+        ConfigError: there is no scheduler at this address, or a worker does not fit.
+    """
+    found = _ADDRESS.fullmatch(address)
+    if found is None or not 0 < int(found["port"]) < 65_536:
+        raise ConfigError(f"--scheduler: {address!r} is no address; expected tcp://HOST:PORT, such as tcp://node7:8786")
+    address = address if "://" in address else f"tcp://{address}"
+    # What matters is told here in a sentence; its own notices are about sockets and coroutines.
+    for name in ("distributed", "distributed.client", "tornado.application"):
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    _greet(address)
+    try:
+        client = Client(address, timeout=_ANSWER_S, set_as_default=False)
+    except (OSError, ImportError, TimeoutError, ValueError) as problem:
+        raise ConfigError(f"--scheduler {address}: {problem}") from None
+    with client:
+        cluster = Cluster(client, address)
+        cluster.wait_for_a_worker()
+        here = versions(*packages)
+        cluster.check({name: here[name] for name in packages})
+        yield cluster
+
+
+def _greet(address: str) -> None:
+    """Ask for the identity of what listens, because a client would wait for ever for one that keeps silent.
+
+    Raises:
+        ConfigError: nobody answers, or it is no scheduler.
+    """
+    from distributed.security import Security
+
+    async def ask() -> Any:
+        comm = await connect(address, timeout=_ANSWER_S, **Security().get_connection_args("client"))
+        try:
+            await comm.write({"op": "identity", "reply": True})
+            return await comm.read()
+        finally:
+            comm.abort()
+
+    try:
+        answer = asyncio.run(asyncio.wait_for(ask(), _ANSWER_S))
+        kind = answer.get("type")
+    # A stranger's bytes can break the reading of them in any way.
+    except Exception:
+        raise ConfigError(
+            f"--scheduler {address}: no Dask scheduler answers within {_ANSWER_S:g} s, expected the address that "
+            "dask scheduler prints when it starts"
+        ) from None
+    if kind != "Scheduler":
+        raise ConfigError(f"--scheduler {address}: is the address of a {kind}, expected that of a Dask scheduler")
+
+
+def _blamed(chunks: list[Chunk]) -> str:
+    where = ", ".join(f"{chunk.first}..{chunk.first + chunk.size - 1}" for chunk in chunks)
+    return (
+        f"every worker that flew encounters {where} has died of it (out of memory?); "
+        "all other encounters are flown and stored"
+    )

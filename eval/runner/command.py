@@ -1,0 +1,348 @@
+"""What the commands that fly many encounters share: options, configuration, source, chunks, interrupts, exit status."""
+
+import argparse
+import hashlib
+import json
+import math
+import os
+import shutil
+import signal
+import sys
+from collections.abc import Callable, Generator, Iterable, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+
+from agents.config.load import ConfigError, load
+
+if TYPE_CHECKING:
+    from agents.policy.inference import Policy
+    from envs.kinematics import Limits
+    from eval.config import MonteCarloConfig
+    from eval.runner.cluster import Cluster
+    from eval.runner.outputs import RunFolder
+    from eval.runner.workers import Chunk
+
+__all__ = [
+    "Fly",
+    "UnfinishedError",
+    "begin",
+    "cluster_of",
+    "concluded",
+    "first_options",
+    "last_options",
+    "loaded",
+    "named_policy",
+    "named_source",
+    "refusing",
+    "whole",
+    "whole_table",
+]
+
+Fly: TypeAlias = "Callable[[list[Chunk], Callable[[], bool]], Iterable[tuple[Chunk, Mapping[str, Any]]]]"
+"""(chunks, whether to stop) -> chunks with their columns, in any order."""
+
+Config = TypeVar("Config", bound="MonteCarloConfig")
+
+_ROW_BYTES, _PART_BYTES = 500, 64_000
+"""What a row and a part take on the disk, generously: a row stands in a part and in the joined table."""
+
+
+def whole(least: int) -> Callable[[str], int]:
+    """Return a type of an option: a whole number of at least ``least``."""
+
+    def number(text: str) -> int:
+        if not text.isascii() or not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"{text!r}; expected a whole number of at least {least}")
+        return int(text)
+
+    return number
+
+
+def first_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that a command begins with: configuration and policy."""
+    add = parser.add_argument
+    add("--config", type=Path, metavar="FILE", help="YAML file with what differs from the defaults")
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of the configuration")
+    add("--help-keys", action="store_true", help="list every key of the configuration, and exit")
+    add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
+
+
+def last_options(parser: argparse.ArgumentParser, name: str) -> None:
+    """Add the options that a command ends with: who flies, and the run's folder, whose default begins with ``name``."""
+    add = parser.add_argument
+    add("--workers", type=whole(0), metavar="N", help="processes; 0: one for every core (default: 0)")
+    add("--scheduler", metavar="ADDRESS", help="fly on a Dask cluster instead, such as tcp://node7:8786")
+    add("--resume", action="store_true", help="go on with the run in --out instead of beginning one")
+    add("--out", type=Path, metavar="DIR", help=f"folder of the run (default: runs/{name}_DATE_TIME)")
+
+
+def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, str], prefix: str) -> Config:
+    """Return the configuration: a file's or a begun run's values under those of the command line.
+
+    Args:
+        model: of the configuration.
+        options: with config, resume, out, policy, scenario, set and what ``keys`` names.
+        keys: key of the configuration by the option's name.
+        prefix: what stands for ``--set: `` in messages about options that have names of their own.
+
+    Raises:
+        ConfigError: a value or the run that shall be resumed is not usable.
+    """
+    from eval.config import PREFIXES
+
+    path = options.config
+    if path is None and options.resume:
+        path = options.out / "config.yaml"
+        if not path.is_file():
+            raise ConfigError(f"--resume: {options.out} holds no run (no config.yaml), expected one that was begun")
+    overrides = []
+    if options.policy is not None:
+        # Absolute, because a path of the command line is meant from the working directory.
+        overrides += [f"policy={json.dumps(str(options.policy.absolute()))}"]
+        overrides += [] if options.resume else ["policy_sha256=null"]
+    if options.scenario is not None:
+        name = options.scenario
+        kind = next((each for each in PREFIXES if name.startswith(each) and name != each), None)
+        name = name if kind is None else f"{kind}{Path(name.removeprefix(kind)).absolute()}"
+        overrides += [f"scenario={name}", *([] if options.resume else ["scenario_sha256=null"])]
+    named = {key: getattr(options, name) for name, key in keys.items()}
+    overrides += [f"{key}={value}" for key, value in named.items() if value is not None]
+    try:
+        return load(model, path, [*overrides, *options.set])
+    except ConfigError as problem:
+        raise ConfigError(str(problem) if options.set else str(problem).replace("--set: ", prefix, 1)) from None
+
+
+def named_policy(config: "MonteCarloConfig") -> "Policy":
+    """Load the policy that a configuration names.
+
+    Raises:
+        ConfigError: it is not the expected one.
+        PolicyFileError: it is refused.
+    """
+    from agents.policy.inference import Policy
+
+    policy = Policy.load(config.policy)
+    if config.policy_sha256 not in (None, policy.sha256):
+        raise ConfigError(
+            f"policy {config.policy or 'that ships'} has SHA-256 {policy.sha256}, "
+            f"expected {config.policy_sha256} (key policy_sha256)"
+        )
+    return policy
+
+
+def named_source(
+    config: "MonteCarloConfig", limits: "Limits", counted: str
+) -> "tuple[Any, tuple[str, ...] | None, dict[str, Any]]":
+    """Return scenario or encounters, names of the encounters of a file, and what is resolved thereby.
+
+    Args:
+        config: of the run.
+        limits: of the ownship.
+        counted: what the number of encounters is called in messages.
+
+    Raises:
+        ConfigError: the file is not the expected one or holds too few.
+    """
+    from eval.flights.sources import read_source
+
+    source, names = read_source(config, limits)
+    if config.file is None:
+        return source, names, {"encounters": config.wanted}
+    digest = hashlib.sha256(config.file.read_bytes()).hexdigest()
+    if config.scenario_sha256 not in (None, digest):
+        raise ConfigError(
+            f"{config.file} has SHA-256 {digest}, expected {config.scenario_sha256} (key scenario_sha256)"
+        )
+    if names is None:
+        return source, names, {"scenario_sha256": digest, "encounters": config.wanted}
+    count = len(names) if config.encounters is None else config.encounters
+    if count > len(names):
+        raise ConfigError(f"{counted} is {count}; expected at most {len(names)}, as many as {config.file} holds")
+    return source, names, {"scenario_sha256": digest, "encounters": count}
+
+
+@contextmanager
+def cluster_of(options: argparse.Namespace, packages: tuple[str, ...] = ()) -> "Generator[Cluster | None, None, None]":
+    """Give the cluster that ``--scheduler`` names, connected; None without that option, where nothing of Dask is used.
+
+    Args:
+        options: with scheduler and workers.
+        packages: beside the usual ones, whose versions must be the same on every worker.
+
+    Raises:
+        ConfigError: nobody answers there, a worker does not fit, or Dask is not installed.
+    """
+    if options.scheduler is None:
+        yield None
+        return
+    if options.workers is not None:
+        raise ConfigError("--workers and --scheduler: expected one of them, because a cluster has its own workers")
+    try:
+        from eval.runner.cluster import connected
+    except ModuleNotFoundError as problem:
+        if problem.name not in ("dask", "distributed"):
+            raise
+        raise ConfigError(
+            f"--scheduler: {problem.name} is not installed, expected the extra cluster (pip install "
+            "'rlcas-toolkit[cluster]')"
+        ) from None
+    from eval.runner.cluster_kit import DECISIVE
+
+    with connected(options.scheduler, (*DECISIVE, *packages)) as cluster:
+        yield cluster
+
+
+def begin(folder: "RunFolder", config: "MonteCarloConfig", *, resume: bool) -> None:
+    """Begin a run in its folder, if the disk has room for it, or go on with one.
+
+    Raises:
+        ConfigError: it has not, or as the folder's own methods.
+    """
+    if resume:
+        folder.resume()
+        return
+    assert config.chunk is not None  # it is resolved
+    there = next(path for path in (folder.path.absolute(), *folder.path.absolute().parents) if path.exists())
+    disk, needed = shutil.disk_usage(there), config.wanted * _ROW_BYTES
+    free = disk.free if disk.total else math.inf  # what has no size, such as /proc, refuses by itself
+    needed += -(-config.wanted // config.chunk) * _PART_BYTES
+    if free < needed:
+        raise ConfigError(
+            f"--out {folder.path}: {free / 1e6:.1f} MB are free there, expected about {needed / 1e6:.1f} MB for "
+            f"{config.wanted} rows"
+        )
+    folder.create()
+
+
+def _fly_missing(
+    folder: "RunFolder",
+    config: "MonteCarloConfig",
+    fly: "Fly",
+    what: str,
+) -> tuple[bool, int]:
+    """Fly every chunk that is not stored yet; return whether all are, and how many encounters were flown now.
+
+    Args:
+        folder: of the run.
+        config: as resolved.
+        fly: (chunks, whether to stop) -> chunks with their columns, in any order.
+        what: is in the air, for the message of an interrupt.
+
+    Raises:
+        RunError: a chunk cannot be stored, or as ``fly``.
+    """
+    from eval.runner.progress import Progress
+    from eval.runner.workers import Chunk, RunError
+
+    assert config.chunk is not None  # it is resolved
+    total, size = config.wanted, config.chunk
+    stored = folder.done()
+    chunks = [Chunk(first, min(size, total - first)) for first in range(0, total, size)]
+    missing = [chunk for chunk in chunks if chunk.first not in stored]
+    before = total - sum(chunk.size for chunk in missing)
+    flown = 0
+    with _stop_on_interrupt(what) as stopped, Progress(total, before) as progress:
+        for chunk, columns in fly(missing, lambda: bool(stopped)):
+            try:
+                folder.store(chunk.first, columns)
+            except OSError as problem:
+                raise RunError(f"{folder.path}: a chunk cannot be stored: {problem.strerror or problem}") from None
+            flown += chunk.size
+            progress.advance(chunk.size, int((columns["outcome"] == "reached").sum()))
+    return before + flown == total, flown
+
+
+class UnfinishedError(Exception):
+    """A run without its whole table: what was flown is kept; the message says why and how to go on."""
+
+    def __init__(self, message: str, status: int) -> None:
+        super().__init__(message)
+        self.status = status
+        """Of the exit."""
+
+
+def whole_table(
+    folder: "RunFolder", config: "MonteCarloConfig", fly: "Fly", what: str, program: str
+) -> tuple[Mapping[str, Any], int]:
+    """Fly what is missing of a run; return its whole table, and how many encounters were flown now.
+
+    Args:
+        folder: of the run.
+        config: as resolved.
+        fly: (chunks, whether to stop) -> chunks with their columns, in any order.
+        what: is in the air, for the message of an interrupt.
+        program: that the run goes on with, such as ``python -m eval.monte_carlo``.
+
+    Raises:
+        UnfinishedError: the run was interrupted, a worker has ended, or nothing can be stored any more.
+    """
+    from eval.runner.workers import RunError
+
+    resume = f"Go on with: {program} --resume --out {folder.path}"
+    try:
+        finished, flown = _fly_missing(folder, config, fly, what)
+        if finished:
+            return folder.finish(), flown
+    except RunError as problem:
+        raise UnfinishedError(f"error: {problem}\n{resume}", 1) from None
+    except OSError as problem:
+        why = f"{folder.path}: the table cannot be written: {problem.strerror or problem}"
+        raise UnfinishedError(f"error: {why}\n{resume}", 1) from None
+    raise UnfinishedError(f"interrupted; finished chunks are kept. {resume}", 130)
+
+
+def concluded(run: Callable[[argparse.Namespace], int], options: argparse.Namespace) -> int:
+    """Return the exit status of a run, having said why it ended early if it did.
+
+    Raises:
+        ConfigError: a run shall be resumed without saying which.
+    """
+    if options.resume and options.out is None:
+        raise ConfigError("--resume: expected --out with the folder of the run")
+    try:
+        return run(options)
+    except UnfinishedError as end:
+        print(end, file=sys.stderr)
+        return end.status
+
+
+def refusing(main: Callable[[], int]) -> Callable[[], int]:
+    """Return a command whose refused policies and encounters are bad input, as a bad configuration is."""
+
+    def command() -> int:
+        from agents.policy.file import PolicyFileError
+        from envs.encounters import EncounterError
+        from envs.traffic.tracks import TrackError
+
+        try:
+            return main()
+        except (PolicyFileError, EncounterError, TrackError) as problem:
+            raise ConfigError(str(problem)) from None
+
+    return command
+
+
+@contextmanager
+def _stop_on_interrupt(what: str) -> Generator[list[int], None, None]:
+    """Give a list that a first Ctrl-C (or SIGTERM) makes non-empty; a second one interrupts at once."""
+    received: list[int] = []
+
+    def note(number: int, _: Any) -> None:
+        if received:
+            raise KeyboardInterrupt
+        received.append(number)
+        # Not print(): the signal may have interrupted one.
+        os.write(sys.stderr.fileno(), f"\nfinishing the {what} in the air (Ctrl-C again stops at once)\n".encode())
+
+    try:
+        before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:  # not in the main thread, where Ctrl-C arrives
+        yield received
+        return
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

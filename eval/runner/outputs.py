@@ -1,0 +1,228 @@
+"""The folder of a run: its configuration, finished parts, the table of encounters and the summary.
+
+Every file is written under another name and renamed, so that it is whole or not there, whatever happens.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.config.load import ConfigError, dump, load
+from agents.policy.versions import versions
+from eval.config import MonteCarloConfig
+
+__all__ = ["RunFolder"]
+
+_PARTS, _CONFIG, _SUMMARY = "parts", "config.yaml", "summary.json"
+_ROW_GROUP = 65_536
+_FREE = ("policy", "workers", "figures", "confidence", "resamples")
+"""Keys of a configuration on which no row of the table depends: a resumed run may change them."""
+
+
+class RunFolder:
+    """The files of one evaluation.
+
+    Attributes:
+        model: of its configuration.
+        table: name of the file with a row an encounter.
+        schema: of that file, in its metadata.
+    """
+
+    model: type[MonteCarloConfig] = MonteCarloConfig
+    table: str = "encounters.parquet"
+    schema: bytes = b"monte_carlo 1"
+
+    def __init__(self, path: Path, config: MonteCarloConfig) -> None:
+        """Name a folder; nothing is touched before :meth:`create` or :meth:`resume`.
+
+        Args:
+            path: of the folder.
+            config: as resolved: with the number of encounters and all digests.
+        """
+        self.path = path
+        self._config = config
+
+    def create(self) -> None:
+        """Begin a new run.
+
+        Raises:
+            ConfigError: the folder holds something already or cannot be written.
+        """
+        if self.path.exists() and not self.path.is_dir():
+            raise ConfigError(f"--out {self.path}: is a file, expected a folder that is new or empty")
+        try:
+            if self.path.is_dir() and any(self.path.iterdir()):
+                hint = "--resume to finish the run in it, or another --out"
+                raise ConfigError(f"--out {self.path}: is not empty, expected a folder that is new or empty ({hint})")
+            (self.path / _PARTS).mkdir(parents=True)
+            self._write(_CONFIG, lambda path: path.write_text(dump(self._config), encoding="utf-8"))
+        except OSError as problem:
+            raise ConfigError(f"--out {self.path}: cannot be written: {problem.strerror}") from None
+
+    def resume(self) -> None:
+        """Go on with a run.
+
+        Raises:
+            ConfigError: there is none, it was made from another configuration, or the folder cannot be written.
+        """
+        path = self.path / _CONFIG
+        if not path.is_file():
+            raise ConfigError(f"--resume: {self.path} holds no run (no {_CONFIG}), expected one that was begun")
+        before, now = _plain(load(self.model, path)), _plain(self._config)
+        for key in now:
+            if before[key] != now[key]:
+                raise ConfigError(
+                    f"--resume: {key} is {now[key]!r}, expected {before[key]!r} as in {path}; "
+                    "use another --out for another evaluation"
+                )
+        try:
+            (self.path / _PARTS).mkdir(exist_ok=True)
+            for left in self.path.glob(".*.tmp"):
+                left.unlink()
+            self._write(_CONFIG, lambda new: new.write_text(dump(self._config), encoding="utf-8"))
+        except OSError as problem:
+            raise ConfigError(f"--out {self.path}: cannot be written: {problem.strerror}") from None
+
+    def done(self) -> set[int]:
+        """Return the first encounters of the chunks that are stored.
+
+        Raises:
+            ConfigError: a part was made with another policy or other versions.
+        """
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        if (self.path / self.table).is_file():
+            return set(range(0, self._config.wanted, self._config.chunk or self._config.wanted))
+        stored = set()
+        for path in (self.path / _PARTS).glob("*.parquet"):
+            try:
+                found = (pq.read_schema(path).metadata or {}).get(b"rlcas_run", b"").decode()
+            except (OSError, pa.ArrowException):
+                continue  # not one of ours, or damaged: it is flown again
+            if found != self._identity():
+                raise ConfigError(
+                    f"--resume: {path} was made with other versions of the toolkit or numpy; "
+                    "expected the same as now, or another --out"
+                )
+            stored.add(int(path.stem))
+        return stored
+
+    def store(self, first: int, columns: Mapping[str, np.ndarray]) -> None:
+        """Store the table of the chunk that begins with encounter ``first``."""
+        import pyarrow.parquet as pq
+
+        table = _table(columns).replace_schema_metadata({b"rlcas_run": self._identity().encode()})
+        self._write(f"{_PARTS}/{first:09d}.parquet", lambda path: pq.write_table(table, path))
+
+    def finish(self) -> Mapping[str, np.ndarray]:
+        """Join the parts, all of which must be there, and return the whole table, whose columns are read when used."""
+        target = self.path / self.table
+        if not target.is_file():
+            self._write(self.table, self._join)
+        shutil.rmtree(self.path / _PARTS, ignore_errors=True)
+        return _Columns(target)
+
+    def write_summary(self, summary: Mapping[str, Any]) -> Path:
+        """Write ``summary.json`` and return its path."""
+        text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
+        self._write(_SUMMARY, lambda path: path.write_text(text, encoding="utf-8"))
+        return self.path / _SUMMARY
+
+    def save_figure(self, name: str, figure: Any) -> list[Path]:
+        """Write a matplotlib figure as PNG and as SVG and return the paths."""
+        import matplotlib as mpl
+
+        # Neither a date nor random names, so that the same run gives the same files.
+        with mpl.rc_context({"svg.hashsalt": "rlcas"}):
+            self._write(f"{name}.png", lambda path: figure.savefig(path, format="png", dpi=150))
+            figure.set_layout_engine("none")  # keep what has just been laid out: it takes half of the time
+            self._write(
+                f"{name}.svg", lambda path: figure.savefig(path, format="svg", dpi=200, metadata={"Date": None})
+            )
+        return [self.path / f"{name}.{kind}" for kind in ("png", "svg")]
+
+    def _join(self, path: Path) -> None:
+        """Write the parts as one file, a group of rows at a time, however many there are."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        parts = sorted((self.path / _PARTS).glob("*.parquet"))
+        schema = pq.read_schema(parts[0]).with_metadata({b"rlcas_schema": self.schema})
+        with pq.ParquetWriter(path, schema) as writer:
+            held = schema.empty_table()
+            for part in parts:
+                held = pa.concat_tables([held, pq.read_table(part).replace_schema_metadata(schema.metadata)])
+                while held.num_rows >= _ROW_GROUP or (part is parts[-1] and held.num_rows > 0):
+                    # One array a column, so that the file does not show how the run was cut into chunks.
+                    writer.write_table(held.slice(0, _ROW_GROUP).combine_chunks(), row_group_size=_ROW_GROUP)
+                    held = held.slice(_ROW_GROUP)
+
+    def _identity(self) -> str:
+        """Return what tells whether a stored part belongs to this run."""
+        made = {
+            "config": _plain(self._config),
+            "versions": {k: versions("numpy")[k] for k in ("rlcas-toolkit", "numpy")},
+        }
+        return hashlib.sha256(json.dumps(made, sort_keys=True, default=str).encode()).hexdigest()
+
+    def _write(self, name: str, write: Callable[[Path], Any]) -> None:
+        target = self.path / name
+        descriptor, temporary = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent)
+        os.close(descriptor)
+        try:
+            write(Path(temporary))
+            Path(temporary).chmod(0o644)  # mkstemp's files are the owner's only
+            Path(temporary).replace(target)
+        finally:
+            Path(temporary).unlink(missing_ok=True)
+
+
+class _Columns(Mapping[str, np.ndarray]):
+    """Columns of a parquet file, read when they are asked for and not kept: only those in use take memory."""
+
+    def __init__(self, path: Path) -> None:
+        import pyarrow.parquet as pq
+
+        self._path, self._names = path, pq.read_schema(path).names
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        if name not in self._names:
+            raise KeyError(name)
+        column = pq.read_table(self._path, columns=[name]).column(0)
+        if not pa.types.is_string(column.type):
+            return column.to_numpy()
+        # Few different words: each as one object, not as one a row.
+        pieces = [piece.dictionary_encode() for piece in column.chunks]
+        words = (np.array([*piece.dictionary.to_pylist(), None], dtype=object) for piece in pieces)
+        codes = (piece.indices.fill_null(-1).to_numpy(zero_copy_only=False) for piece in pieces)
+        return np.concatenate([np.empty(0, object), *(some[code] for some, code in zip(words, codes, strict=True))])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+def _plain(config: MonteCarloConfig) -> dict[str, Any]:
+    """Return what the rows of a run depend on, in plain values; of files their digests, not where they lie."""
+    values = {key: value for key, value in config.model_dump(mode="json").items() if key not in _FREE}
+    return values | {"scenario": values["scenario"] if config.file is None else "a file"}
+
+
+def _table(columns: Mapping[str, np.ndarray]) -> Any:
+    import pyarrow as pa
+
+    kinds = {name: pa.string() if values.dtype == object else None for name, values in columns.items()}
+    return pa.table({name: pa.array(values, type=kinds[name]) for name, values in columns.items()})

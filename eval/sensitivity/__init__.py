@@ -1,0 +1,1 @@
+"""What the success depends on: ``python -m eval.sensitivity``."""

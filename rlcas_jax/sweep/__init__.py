@@ -1,0 +1,1 @@
+"""Trainings over a space of settings: ``python -m rlcas_jax.sweep``."""

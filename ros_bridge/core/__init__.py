@@ -1,0 +1,1 @@
+"""What messages mean, without ROS: fields, frames, tracks, the situation and the monitor."""

@@ -1,0 +1,231 @@
+"""The run-time monitor between messages: which plan is watched, in which frame, and what it is told of everybody.
+
+Pure: :mod:`agents.assurance.single` with the picture of :mod:`ros_bridge.core.updates` as its input and published plans
+as its plans. The local frame is the monitor's own, about the start of the plan that it began with.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+from agents.assurance import single as watch
+from agents.assurance.single import Verdict, Watch
+from agents.assurance.state import Flown, State
+from agents.planner.answer import Plan, Source, Status
+from agents.planner.request import Altitude, Intruder
+from envs.kinematics import VehicleState
+from envs.waypoints import Waypoint
+from ros_bridge.core.conversions import PlanPoint
+from ros_bridge.core.fields import SECOND
+from ros_bridge.core.geodesy import ACCURATE, LocalFrame, carried, distance
+from ros_bridge.core.replies import flown
+from ros_bridge.core.situation import Picture, level, placed
+from ros_bridge.core.tracks import Report, Track
+
+__all__ = ["NOTHING", "Published", "Watching", "activated", "answered", "apart", "fly", "stepped", "withdrawn"]
+
+_SPACING = round(0.25 * SECOND)
+"""Least time between two reports of an intruder that are told: turns are read from reports 0.2 s apart or more."""
+
+_NEWS = (20.0, 3.0)
+"""By so much, m and m/s, a report differs from what the last one let expect to be told at once."""
+
+_GRID = 2.0**20
+"""Parts of a second that times are rounded to: differences of such times are exact, so that a report which is told
+twice, at two ages, has one time."""
+
+_HORIZON = 500.0  # s; no plan lasts longer
+_UNKNOWN = VehicleState(math.nan, math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class Published:
+    """A plan as it was published."""
+
+    unique: bytes
+    revision: int
+    began: int
+    """ns."""
+    start: PlanPoint
+    points: tuple[PlanPoint, ...]
+    identifiers: tuple[str, ...]
+    """Of the intruders that it takes account of."""
+
+
+@dataclass(frozen=True)
+class Watching:
+    """Everything that the monitor knows; never changed in place."""
+
+    watch: Watch
+    frame: LocalFrame | None = None
+    zero: int = 0
+    """Of the monitor's clock, ns."""
+    held: Published | None = None
+    """The plan that is watched; None: none, or it was withdrawn."""
+    revision: int = 0
+    """The greatest that was heard."""
+    asked: int = 0
+    """When the last request went out, ns."""
+    told: Mapping[str, Report] = field(default_factory=lambda: MappingProxyType({}))
+    """The reports that the monitor was told last."""
+
+
+NOTHING = Watching(watch.begin())
+"""Of a monitor that watches nothing."""
+
+
+def activated(watching: Watching, picture: Picture, published: Published) -> Watching:
+    """Begin to watch a plan; one that is not newer than what was heard before is passed over."""
+    if published.revision <= watching.revision:
+        return watching
+    frame, zero = watching.frame, watching.zero
+    if frame is None or watching.held is None or _far(frame, published):
+        # Nothing that is remembered outlives a change of the frame.
+        frame, zero = LocalFrame(published.start.latitude, published.start.longitude), published.began
+        fresh = watch.begin(watching.watch.thresholds)
+        watching = replace(watching, watch=fresh, frame=frame, zero=zero, told=MappingProxyType({}))
+    own, waypoints = flown(frame, published.began, published.start, published.points)
+    tracks = ((name, picture.traffic.get(name)) for name in published.identifiers)
+    intruders = {
+        name: _intruder(frame, track.last, zero, published.began)
+        for name, track in tracks
+        if track is not None and track.last is not None
+    }
+    began = watch.activate(watching.watch, _plan(waypoints), own, intruders, _clock(zero, published.began))
+    return replace(watching, watch=began, held=published, revision=published.revision)
+
+
+def withdrawn(watching: Watching, revision: int) -> Watching:
+    """Take a plan from the monitor: the backup is flown until there is another."""
+    if revision <= watching.revision:
+        return watching
+    watching = replace(watching, revision=revision, held=None)
+    if watching.frame is None or _state(watching) is State.IDLE:
+        return watching
+    nothing = Plan(Status.UNRESOLVED, Source.NONE, (), math.nan, math.nan, None, math.nan, (), ())
+    return replace(watching, watch=watch.activate(watching.watch, nothing, _UNKNOWN, {}, 0.0))
+
+
+def stepped(watching: Watching, picture: Picture, now: int, vertical_filter: float) -> tuple[Watching, Verdict | None]:
+    """Judge the present moment.
+
+    Args:
+        watching: the monitor.
+        picture: what was heard.
+        now: ns.
+        vertical_filter: predicted vertical separation beyond which an intruder is left out, m.
+
+    Returns:
+        The monitor, and what it says; None before the first plan.
+    """
+    frame = watching.frame
+    if frame is None:
+        return watching, None
+    own, own_age = None, 0.0
+    track = picture.own
+    if track.last is not None and track.fault is None:
+        own, own_age = placed(frame, track.last), _age(watching.zero, track.last.time, now)
+    intruders: dict[str, Intruder] = {}
+    told: dict[str, Report] = {}
+    undulation = None if picture.origin is None else picture.origin.undulation
+    height = None if track.last is None else level(track.last.altitude, 0, undulation)
+    for name, other in picture.traffic.items():
+        if other.last is not None and apart(height, level(other.last.altitude, 0, undulation), vertical_filter):
+            continue
+        report = _due(watching.told.get(name), other)
+        if report is not None:
+            told[name] = report
+            intruders[name] = _intruder(frame, report, watching.zero, now)
+        elif name not in watching.watch.names:
+            # Who has never been heard well must be missed all the same.
+            intruders[name] = Intruder(_UNKNOWN)
+    known = watching.watch.names
+    silent = {name for name, other in picture.traffic.items() if other.fault is not None}
+    gone = [name for name in known if name not in intruders and name not in silent]
+    after, verdict = watch.step(watching.watch, _clock(watching.zero, now), own, intruders, own_age=own_age, gone=gone)
+    asked = now if verdict.ask is not None else watching.asked
+    return replace(watching, watch=after, told=MappingProxyType(told), asked=asked), verdict
+
+
+def answered(watching: Watching, number: int, published: Published | None) -> tuple[Watching, bool]:
+    """Hand in what became of a request; None: there is no plan that may be flown. Return also whether it is flown."""
+    frame, ask = watching.frame, watching.watch.ask
+    if frame is None or ask is None:
+        return watching, False
+    if published is None:
+        nothing = Plan(Status.UNRESOLVED, Source.NONE, (), math.nan, math.nan, None, math.nan, (), ())
+        after, _ = watch.answer(watching.watch, number, nothing)
+        return replace(watching, watch=after), False
+    _, waypoints = flown(frame, published.began, published.start, published.points)
+    # The runner began when the request arrived; the monitor counts from when it asked.
+    late = (published.began - watching.asked) / SECOND
+    shifted = tuple(replace(point, time=point.time + late) for point in waypoints)
+    after, taken_up = watch.answer(watching.watch, number, _plan(shifted))
+    revision = max(watching.revision, published.revision)
+    held = published if taken_up else watching.held
+    return replace(watching, watch=after, held=held, revision=revision), taken_up
+
+
+def fly(watching: Watching) -> Flown:
+    """Return what shall be flown now."""
+    if watching.frame is None or _state(watching) is State.IDLE:
+        return Flown.NOTHING
+    return Flown.BACKUP if bool(watching.watch.monitor.on_backup[0]) else Flown.PLAN
+
+
+def apart(own: Altitude | None, other: Altitude | None, least: float) -> bool:
+    """Return whether two aircraft stay vertically apart by more than ``least`` (m) for as long as a plan lasts.
+
+    Altitudes that are unknown or of different references count as the same level.
+    """
+    if own is None or other is None or own.reference != other.reference:
+        return False
+    now = other.value - own.value
+    later = now + (other.vertical_speed - own.vertical_speed) * _HORIZON
+    return now * later > 0.0 and min(abs(now), abs(later)) > least
+
+
+def _state(watching: Watching) -> State:
+    return State(int(watching.watch.monitor.state[0]))
+
+
+def _plan(waypoints: tuple[Waypoint, ...]) -> Plan:
+    return Plan(Status.SAFE, Source.NONE, (), math.nan, math.nan, None, math.nan, (), waypoints)
+
+
+def _clock(zero: int, time: int) -> float:
+    """Return a time on the monitor's clock, s."""
+    return round((time - zero) / SECOND * _GRID) / _GRID
+
+
+def _age(zero: int, time: int, now: int) -> float:
+    return _clock(zero, now) - _clock(zero, time)
+
+
+def _intruder(frame: LocalFrame, report: Report, zero: int, now: int) -> Intruder:
+    age = _age(zero, report.time, now)
+    return Intruder(placed(frame, report), age, position_std=report.position_std, velocity_std=report.velocity_std)
+
+
+def _due(before: Report | None, track: Track) -> Report | None:
+    """Return the report to be told: the newest, unless it follows the one before closely and is no news.
+
+    Returns:
+        None where there is no good report.
+    """
+    newest = track.last
+    if newest is None or track.fault is not None:
+        return None
+    if before is None or not 0 <= newest.time - before.time < _SPACING:
+        return newest
+    seconds = (newest.time - before.time) / SECOND
+    expected = carried(before.latitude, before.longitude, before.east, before.north, seconds)
+    off = distance(*expected, newest.latitude, newest.longitude)
+    faster = math.hypot(newest.east - before.east, newest.north - before.north)
+    return newest if off > _NEWS[0] or faster > _NEWS[1] else before
+
+
+def _far(frame: LocalFrame, published: Published) -> bool:
+    at = frame.place(published.start.latitude, published.start.longitude)
+    return math.hypot(float(at.x), float(at.y)) > 0.5 * ACCURATE

@@ -1,0 +1,296 @@
+"""Messages of ``rlcas_msgs`` as domain values: every field checked, altitudes with their reference, times in ns.
+
+Messages are read by their fields (:mod:`ros_bridge.core.fields`), so nothing here imports ROS.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from agents.planner.request import Altitude
+from ros_bridge.core.fields import FieldError, flags, identifier, integer, latitude, longitude, number, stamp, std
+from ros_bridge.core.geodesy import LocalFrame
+from ros_bridge.core.tracks import Report
+
+__all__ = [
+    "ALTITUDE_CODES",
+    "Alert",
+    "Origin",
+    "PlanPoint",
+    "Route",
+    "Station",
+    "aircraft",
+    "alert",
+    "geo_reference",
+    "report",
+    "route",
+    "trajectory",
+]
+
+POSITION, ALTITUDE, VELOCITY, VERTICAL_SPEED, TRUE_AIRSPEED, WIND, POSITION_STD, VELOCITY_STD = (
+    1 << n for n in range(8)
+)
+"""Bits of AircraftState.valid."""
+
+POINT_ALTITUDE, POINT_TRACK, POINT_SPEED, POINT_TIME = (1 << n for n in range(4))
+"""Bits of Waypoint.valid."""
+
+ALTITUDE_CODES = {1: "wgs84", 2: "msl", 3: "pressure"}
+"""Of altitude references; 0 is unknown."""
+
+STATUS_SAFE, STATUS_ROUTE, STATUS_BACKUP = 1, 4, 5
+ROUTE_POINT, PLAN_POINT = 0, 1
+_LAST_INDEX = 2**31 - 1
+_FASTEST = 400.0  # m/s
+_WIND = 100.0  # m/s
+_AIRSPEED_AGREES = 10.0  # m/s
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """A geo-reference."""
+
+    frame: LocalFrame
+    undulation: float | None
+    """Height of the geoid above the ellipsoid, m; None: unknown."""
+
+
+@dataclass(frozen=True, slots=True)
+class Alert:
+    """A traffic alert."""
+
+    time: int
+    """ns."""
+    level: int
+    identifiers: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """A point of the route on the ellipsoid."""
+
+    index: int
+    latitude: float
+    longitude: float
+    altitude: Altitude | None
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """A filed route."""
+
+    points: tuple[Station, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PlanPoint:
+    """A waypoint of a plan on the ellipsoid."""
+
+    index: int
+    of_route: bool
+    latitude: float
+    longitude: float
+    altitude: Altitude | None
+    track_deg: float
+    """Clockwise from true north, [0, 360)."""
+    speed: float
+    """Over the ground, m/s."""
+    time: int
+    """Of arrival, ns."""
+
+
+def report(
+    name: str, identity: str, time: int, position: tuple[Any, Any], velocity: tuple[Any, Any], **more: Any
+) -> Report:
+    """Return a checked report from plain values, whatever message they come from.
+
+    Args:
+        name: of the source in messages.
+        identity: of the aircraft.
+        time: ns.
+        position: latitude and longitude, degrees.
+        velocity: true east and north, m/s.
+        **more: other fields of :class:`ros_bridge.core.tracks.Report`, checked before.
+
+    Raises:
+        FieldError: something is not finite or out of range.
+    """
+    east = number(f"{name}.velocity.x", velocity[0], -_FASTEST, _FASTEST, "m/s")
+    north = number(f"{name}.velocity.y", velocity[1], -_FASTEST, _FASTEST, "m/s")
+    speed = math.hypot(east, north)
+    if speed > _FASTEST:
+        raise FieldError(f"{name}.velocity", f"is {speed:g} m/s, expected {_FASTEST:g} m/s at most")
+    return Report(
+        identity,
+        time,
+        latitude(f"{name}.latitude", position[0]),
+        longitude(f"{name}.longitude", position[1]),
+        east,
+        north,
+        **more,
+    )
+
+
+def altitude(name: str, value: Any, code: Any, vertical_speed: float = 0.0) -> Altitude:
+    """Return an altitude with its reference, or raise :class:`FieldError`."""
+    reference = ALTITUDE_CODES.get(integer(f"{name}_reference", code, 0, 255))
+    if reference is None:
+        raise FieldError(f"{name}_reference", f"is {code}, expected one of {sorted(ALTITUDE_CODES)} beside an altitude")
+    return Altitude(number(name, value, -1_000.0, 30_000.0, "m"), reference, vertical_speed)
+
+
+def aircraft(message: Any, name: str) -> Report:
+    """Return the report that an AircraftState holds.
+
+    Raises:
+        FieldError: a field is missing, not finite, out of range or inconsistent with another.
+    """
+    time = stamp(f"{name}.header.stamp", message.header.stamp)
+    identity = identifier(f"{name}.id", message.id)
+    valid = flags(f"{name}.valid", message.valid, 0xFF)
+    for bit, what in ((POSITION, "position"), (VELOCITY, "velocity")):
+        if not valid & bit:
+            raise FieldError(f"{name}.valid", f"is {valid:#x}, expected the bit of the {what}")
+    climb = 0.0
+    if valid & VERTICAL_SPEED:
+        climb = number(f"{name}.velocity.z", message.velocity.z, -100.0, 100.0, "m/s")
+    height = None
+    if valid & ALTITUDE:
+        height = altitude(f"{name}.altitude", message.altitude, message.altitude_reference, climb)
+    wind = None
+    if valid & WIND:
+        axes = (("x", message.wind.x), ("y", message.wind.y))
+        x, y = (number(f"{name}.wind.{axis}", value, -_WIND, _WIND, "m/s") for axis, value in axes)
+        wind = (x, y)
+    airspeed = None
+    if valid & TRUE_AIRSPEED:
+        airspeed = number(f"{name}.true_airspeed", message.true_airspeed, 0.0, _FASTEST, "m/s")
+    result = report(
+        name,
+        identity,
+        time,
+        (message.latitude, message.longitude),
+        (message.velocity.x, message.velocity.y),
+        altitude=height,
+        position_std=std(f"{name}.position_std", message.position_std, 1e4, "m") if valid & POSITION_STD else 0.0,
+        velocity_std=std(f"{name}.velocity_std", message.velocity_std, 100.0, "m/s") if valid & VELOCITY_STD else 0.0,
+        true_airspeed=airspeed,
+        wind=wind,
+    )
+    if wind is not None and airspeed is not None:
+        through_air = math.hypot(result.east - wind[0], result.north - wind[1])
+        if abs(through_air - airspeed) > _AIRSPEED_AGREES:
+            problem = f"is {airspeed:g} m/s, but velocity and wind make {through_air:g} m/s"
+            raise FieldError(
+                f"{name}.true_airspeed", f"{problem}, expected them to agree within {_AIRSPEED_AGREES:g} m/s"
+            )
+    return result
+
+
+def geo_reference(message: Any, name: str = "geo_reference") -> Origin:
+    """Return the origin that a GeoReference holds, or raise :class:`FieldError`."""
+    frame = LocalFrame(
+        latitude(f"{name}.latitude", message.latitude), longitude(f"{name}.longitude", message.longitude)
+    )
+    undulation = None
+    if message.geoid_undulation_valid:
+        undulation = number(f"{name}.geoid_undulation", message.geoid_undulation, -120.0, 100.0, "m")
+    return Origin(frame, undulation)
+
+
+def alert(message: Any, name: str = "alert") -> Alert:
+    """Return the alert that a TrafficAlert holds, or raise :class:`FieldError`."""
+    time = stamp(f"{name}.header.stamp", message.header.stamp)
+    level = integer(f"{name}.level", message.level, 0, 3)
+    ids = tuple(identifier(f"{name}.intruder_ids[{n}]", one) for n, one in enumerate(message.intruder_ids))
+    for number_, one in enumerate(ids):
+        if one in ids[:number_]:
+            raise FieldError(f"{name}.intruder_ids[{number_}]", f"is {one!r} again, expected each aircraft once")
+    if (level == 0) != (not ids):
+        raise FieldError(
+            f"{name}.intruder_ids", f"has {len(ids)} names at level {level}, expected names above level 0 only"
+        )
+    return Alert(time, level, ids)
+
+
+def route(waypoints: Any, name: str = "route") -> Route:
+    """Return the route that waypoints of origin ROUTE make.
+
+    Raises:
+        FieldError: there are fewer than two, an index comes twice, or a field is not finite or out of range.
+    """
+    if len(waypoints) < 2:
+        raise FieldError(f"{name}.waypoints", f"has {len(waypoints)} points, expected 2 or more")
+    seen: set[int] = set()
+    points = []
+    for place, point in enumerate(waypoints):
+        at = f"{name}.waypoints[{place}]"
+        index = integer(f"{at}.index", point.index, 0, _LAST_INDEX)
+        if index in seen:
+            raise FieldError(f"{at}.index", f"is {index} again, expected one of its own")
+        seen.add(index)
+        if integer(f"{at}.origin", point.origin, 0, 255) != ROUTE_POINT:
+            raise FieldError(f"{at}.origin", f"is {point.origin}, expected {ROUTE_POINT} (ROUTE)")
+        points.append(
+            Station(
+                index,
+                latitude(f"{at}.latitude", point.latitude),
+                longitude(f"{at}.longitude", point.longitude),
+                _height(at, point),
+            )
+        )
+    return Route(tuple(points))
+
+
+def published_route(message: Any, name: str = "route") -> Route:
+    """Return the route that a Trajectory of status ROUTE holds, or raise :class:`FieldError`."""
+    if message.status != STATUS_ROUTE:
+        raise FieldError(f"{name}.status", f"is {message.status}, expected {STATUS_ROUTE} (ROUTE)")
+    return route(message.waypoints, name)
+
+
+def plan_point(message: Any, name: str) -> PlanPoint:
+    """Return a waypoint of a plan, all of whose fields must be valid, or raise :class:`FieldError`."""
+    valid = flags(f"{name}.valid", message.valid, 0x0F)
+    wanted = POINT_TRACK | POINT_SPEED | POINT_TIME
+    if valid & wanted != wanted:
+        raise FieldError(f"{name}.valid", f"is {valid:#x}, expected track, ground speed and time of arrival")
+    return PlanPoint(
+        integer(f"{name}.index", message.index, 0, _LAST_INDEX),
+        integer(f"{name}.origin", message.origin, ROUTE_POINT, PLAN_POINT) == ROUTE_POINT,
+        latitude(f"{name}.latitude", message.latitude),
+        longitude(f"{name}.longitude", message.longitude),
+        _height(name, message),
+        number(f"{name}.track_deg", message.track_deg, 0.0, 360.0, "degrees"),
+        number(f"{name}.ground_speed", message.ground_speed, 0.0, _FASTEST, "m/s"),
+        stamp(f"{name}.time_of_arrival", message.time_of_arrival),
+    )
+
+
+def trajectory(message: Any, name: str = "trajectory") -> tuple[int, PlanPoint, tuple[PlanPoint, ...]]:
+    """Return the start time (ns), the start and the waypoints of a plan.
+
+    Raises:
+        FieldError: a field is not finite or out of range, an index comes twice, or times do not increase.
+    """
+    began = stamp(f"{name}.header.stamp", message.header.stamp)
+    start = plan_point(message.start, f"{name}.start")
+    points = tuple(plan_point(point, f"{name}.waypoints[{n}]") for n, point in enumerate(message.waypoints))
+    seen: set[int] = set()
+    last = began
+    for place, point in enumerate(points):
+        if point.index in seen:
+            raise FieldError(f"{name}.waypoints[{place}].index", f"is {point.index} again, expected one of its own")
+        if point.time <= last:
+            raise FieldError(
+                f"{name}.waypoints[{place}].time_of_arrival", "is not after the one before, expected later"
+            )
+        seen.add(point.index)
+        last = point.time
+    return began, start, points
+
+
+def _height(name: str, point: Any) -> Altitude | None:
+    if not flags(f"{name}.valid", point.valid, 0x0F) & POINT_ALTITUDE:
+        return None
+    return altitude(f"{name}.altitude", point.altitude, point.altitude_reference)

@@ -1,0 +1,104 @@
+"""Plans of the local frame as points on the ellipsoid, and back."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from agents.planner.answer import Plan
+from agents.planner.request import Altitude
+from envs.angles import wrap
+from envs.kinematics import VehicleState
+from envs.waypoints import Waypoint
+from ros_bridge.core.conversions import PlanPoint
+from ros_bridge.core.fields import SECOND
+from ros_bridge.core.geodesy import LocalFrame
+from ros_bridge.core.situation import Task
+
+__all__ = ["START_INDEX", "backup_points", "flown", "plan_points", "start_point"]
+
+START_INDEX = 0
+"""Of a plan's start, which is no waypoint; the number means nothing."""
+
+
+def plan_points(plan: Plan, task: Task) -> tuple[PlanPoint, ...]:
+    """Return the waypoints of a plan on the ellipsoid, times of arrival to the nanosecond.
+
+    A plan is horizontal: its waypoints repeat the ownship's altitude; those of the route keep the route's.
+    """
+    filed = {point.index: point.altitude for point in task.route.points}
+    return _points(task.frame, plan.waypoints, task.time, task.own_altitude, filed)
+
+
+def backup_points(
+    frame: LocalFrame, waypoints: Sequence[Waypoint], time: int, altitude: Altitude | None
+) -> tuple[PlanPoint, ...]:
+    """Return a manoeuvre that is no part of a route on the ellipsoid.
+
+    Args:
+        frame: that it was made in.
+        waypoints: with times from ``time``.
+        time: ns.
+        altitude: of the ownship.
+    """
+    return _points(frame, waypoints, time, altitude, {})
+
+
+def start_point(frame: LocalFrame, own: VehicleState, time: int, altitude: Altitude | None) -> PlanPoint:
+    """Return where a plan starts, on the ellipsoid."""
+    waypoint = Waypoint(START_INDEX, own.x, own.y, own.heading, own.speed, 0.0)
+    return _points(frame, [waypoint], time, altitude, {})[0]
+
+
+def flown(
+    frame: LocalFrame, began: int, start: PlanPoint, points: Sequence[PlanPoint]
+) -> tuple[VehicleState, tuple[Waypoint, ...]]:
+    """Return a published plan in a local frame: the state that it starts from, and its waypoints with times in s.
+
+    Args:
+        frame: of the reader; it need not be the writer's.
+        began: time of the start, ns.
+        start: of the plan.
+        points: its waypoints.
+    """
+    every = [start, *points]
+    at = frame.place([point.latitude for point in every], [point.longitude for point in every])
+    track = np.radians([point.track_deg for point in every])
+    heading = wrap(0.5 * math.pi - track + at.convergence, np)
+    waypoints = [
+        Waypoint(point.index, float(x), float(y), float(psi), point.speed, (point.time - began) / SECOND)
+        for point, x, y, psi in zip(every, at.x, at.y, heading, strict=True)
+    ]
+    first = waypoints[0]
+    return VehicleState(first.x, first.y, first.heading, first.speed), tuple(waypoints[1:])
+
+
+def _points(
+    frame: LocalFrame,
+    waypoints: Sequence[Waypoint],
+    time: int,
+    altitude: Altitude | None,
+    filed: dict[int, Altitude | None],
+) -> tuple[PlanPoint, ...]:
+    if not waypoints:
+        return ()
+    at = frame.geodetic([point.x for point in waypoints], [point.y for point in waypoints])
+    track = np.degrees(0.5 * math.pi - np.array([point.heading for point in waypoints]) + at.convergence)
+    track = np.remainder(track, 360.0)
+    track = np.where(track >= 360.0, 0.0, track)
+    level = None if altitude is None else Altitude(altitude.value, altitude.reference)
+    return tuple(
+        PlanPoint(
+            point.index,
+            point.index in filed,
+            latitude,
+            longitude,
+            filed.get(point.index) or level,
+            direction,
+            float(point.speed),
+            time + round(point.time * SECOND),
+        )
+        for point, latitude, longitude, direction in zip(
+            waypoints, at.latitude.tolist(), at.longitude.tolist(), track.tolist(), strict=True
+        )
+    )

@@ -1,0 +1,305 @@
+"""What the runner knows at one moment, and the task for the planner that follows from it, or why there is none.
+
+All of it is values and pure functions; the node only feeds it. Every refusal carries one of the codes of
+GenerateTrajectory, the field that is meant and a sentence.
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from types import MappingProxyType
+
+import numpy as np
+
+from agents.assurance.thresholds import Thresholds
+from agents.planner.answer import RequestError
+from agents.planner.request import Altitude, Intruder, Options
+from envs.angles import wrap
+from envs.kinematics import VehicleState
+from envs.waypoints import RoutePoint
+from ros_bridge.core.conversions import Alert, Origin, Route
+from ros_bridge.core.fields import SECOND
+from ros_bridge.core.geodesy import ACCURATE, REACH, LocalFrame
+from ros_bridge.core.tracks import NOBODY, Fault, Report, Track, Verdict
+
+__all__ = ["Code", "Excluded", "Picture", "Refusal", "Settings", "Task", "level", "placed", "refusal_of", "task"]
+
+
+_TURN_TIME = Thresholds().turn_time
+"""For how long an intruder is expected to go on with the turn that its reports show, s: as the monitor expects it."""
+
+
+class Code(IntEnum):
+    """Status codes of GenerateTrajectory."""
+
+    UNKNOWN = 0
+    SAFE = 1
+    UNRESOLVED = 2
+    NOT_ACTIVE = 10
+    NO_CLOCK = 11
+    NO_GEO_REFERENCE = 12
+    NO_OWNSHIP = 13
+    NO_ROUTE = 14
+    NO_INTRUDER = 15
+    STALE_OWNSHIP = 20
+    STALE_INTRUDER = 21
+    STALE_REQUEST = 22
+    FUTURE_OWNSHIP = 30
+    FUTURE_INTRUDER = 31
+    FUTURE_REQUEST = 32
+    INVALID_GEO_REFERENCE = 40
+    INVALID_OWNSHIP = 41
+    INVALID_INTRUDER = 42
+    INVALID_ALERT = 43
+    INVALID_ROUTE = 44
+    INVALID_REQUEST = 45
+    SUPERSEDED = 46
+    INVALID_TASK = 47
+    INTERNAL_ERROR = 255
+
+
+class Refusal(Exception):  # noqa: N818 - an answer, not a failure
+    """Why there is no plan.
+
+    Attributes:
+        code: the status of the answer.
+        field: which input is meant.
+        message: a sentence.
+    """
+
+    def __init__(self, code: Code, field: str, message: str) -> None:
+        super().__init__(message)
+        self.code, self.field, self.message = code, field, message
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How old things may be, and how plans shall be."""
+
+    ownship_age: float = 1.5
+    """Oldest own state, s."""
+    intruder_age: float = 5.0
+    """Oldest state of an intruder, s."""
+    alert_age: float = 10.0
+    """For how long an alert holds, s."""
+    request_age: float = 1.0
+    """Oldest request, s."""
+    future: float = 0.5
+    """By how much a stamp may lie ahead of the clock, s."""
+    wind_max: float = 20.0
+    """Strongest wind that is planned in, m/s."""
+    options: Options = field(default_factory=Options)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Everything that was heard; the faults are of newer messages that could not be used."""
+
+    origin: Origin | None = None
+    origin_fault: Fault | None = None
+    own: Track = NOBODY
+    traffic: Mapping[str, Track] = field(default_factory=lambda: MappingProxyType({}))
+    alert: Alert | None = None
+    alert_fault: Fault | None = None
+    route: Route | None = None
+    route_fault: Fault | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Excluded:
+    """An aircraft that the plan takes no account of."""
+
+    identifier: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the planner is asked."""
+
+    frame: LocalFrame
+    time: int
+    """Of the request, ns."""
+    own: VehicleState
+    own_altitude: Altitude | None
+    identifiers: tuple[str, ...]
+    """Of the intruders, in their order."""
+    intruders: tuple[Intruder, ...]
+    excluded: tuple[Excluded, ...]
+    route: Route
+    points: tuple[RoutePoint, ...]
+    options: Options
+    notes: tuple[str, ...]
+    """What was assumed."""
+
+
+def task(picture: Picture, now: int, settings: Settings, asked_route: Route | None = None) -> Task:
+    """Return the task at a moment.
+
+    Args:
+        picture: what is known.
+        now: ns.
+        settings: of the runner.
+        asked_route: takes the place of the published one.
+
+    Raises:
+        Refusal: something is missing, stale, from the future, invalid or inconsistent.
+    """
+    if now <= 0:
+        raise Refusal(Code.NO_CLOCK, "clock", "clock stands at zero, expected a running clock (is /clock published?)")
+    if picture.origin_fault is not None:
+        raise Refusal(Code.INVALID_GEO_REFERENCE, picture.origin_fault.field, picture.origin_fault.message)
+    if picture.origin is None:
+        raise Refusal(Code.NO_GEO_REFERENCE, "geo_reference", "geo_reference has not been received")
+    frame = picture.origin.frame
+    report = _usable(picture.own, "ownship", now, settings.ownship_age, settings.future)
+    own = _now(frame, report, now)
+    far = math.hypot(own.x, own.y)
+    if far > ACCURATE:
+        raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", f"ownship.position {_too_far(far)}")
+    options, notes = _in_wind(report, settings)
+    alerted = _alerted(picture, now, settings)
+    identifiers, intruders, excluded = _intruders(picture, frame, now, settings, alerted)
+    route, points = _route(picture, frame, asked_route)
+    height = level(report.altitude, now - report.time, picture.origin.undulation)
+    return Task(frame, now, own, height, identifiers, intruders, excluded, route, points, options, notes)
+
+
+def refusal_of(error: RequestError, task: Task) -> Refusal:
+    """Return the planner's refusal of a task in terms of the messages that it came from."""
+    text, field_ = str(error), error.field
+    match = re.match(r"intruders\[(\d+)\]", field_)
+    if match:
+        name = f"intruder {task.identifiers[int(match[1])]}"
+        return Refusal(Code.INVALID_INTRUDER, field_.replace(match[0], name), text.replace(match[0], name))
+    for start, code in (("own", Code.INVALID_OWNSHIP), ("route", Code.INVALID_ROUTE)):
+        if field_.startswith(start):
+            return Refusal(code, field_, text)
+    return Refusal(Code.INVALID_TASK, field_, text)
+
+
+def _usable(track: Track, name: str, now: int, oldest: float, future: float) -> Report:
+    """Return the last good report of an aircraft if nothing newer spoils it and it is fresh."""
+    own = name == "ownship"
+    if track.fault is not None:
+        ahead = track.fault.verdict is Verdict.FUTURE
+        if own:
+            code = Code.FUTURE_OWNSHIP if ahead else Code.INVALID_OWNSHIP
+        else:
+            code = Code.FUTURE_INTRUDER if ahead else Code.INVALID_INTRUDER
+        raise Refusal(code, track.fault.field, track.fault.message)
+    if track.last is None:
+        raise Refusal(Code.NO_OWNSHIP if own else Code.NO_INTRUDER, name, f"{name} has not been received")
+    age = track.age(now)
+    if age > oldest:
+        code = Code.STALE_OWNSHIP if own else Code.STALE_INTRUDER
+        raise Refusal(
+            code, f"{name}.header.stamp", f"{name}.header.stamp is {age:.2f} s old, expected {oldest:g} s at most"
+        )
+    if -age > future:
+        code = Code.FUTURE_OWNSHIP if own else Code.FUTURE_INTRUDER
+        what = f"is {-age:.2f} s ahead of the clock, expected {future:g} s at most"
+        raise Refusal(code, f"{name}.header.stamp", f"{name}.header.stamp {what}")
+    return track.last
+
+
+def placed(frame: LocalFrame, report: Report) -> VehicleState:
+    """Return a reported state in the local frame."""
+    at = frame.place(report.latitude, report.longitude)
+    heading = math.atan2(report.north, report.east) + float(at.convergence)
+    return VehicleState(float(at.x), float(at.y), float(wrap(heading, np)), math.hypot(report.east, report.north))
+
+
+def _now(frame: LocalFrame, report: Report, now: int) -> VehicleState:
+    """Return a reported state in the local frame, carried straight ahead to the present."""
+    state, seconds = placed(frame, report), (now - report.time) / SECOND
+    reach = state.speed * seconds
+    return state._replace(x=state.x + reach * math.cos(state.heading), y=state.y + reach * math.sin(state.heading))
+
+
+def level(altitude: Altitude | None, age: int, undulation: float | None) -> Altitude | None:
+    """Return an altitude carried to the present, above the ellipsoid where it can be told."""
+    if altitude is None:
+        return None
+    value = altitude.value + altitude.vertical_speed * age / SECOND
+    if altitude.reference == "msl" and undulation is not None:
+        return Altitude(value + undulation, "wgs84", altitude.vertical_speed)
+    return replace(altitude, value=value)
+
+
+def _alerted(picture: Picture, now: int, settings: Settings) -> frozenset[str]:
+    """Return whom an alert that holds is about."""
+    if picture.alert_fault is not None:
+        raise Refusal(Code.INVALID_ALERT, picture.alert_fault.field, picture.alert_fault.message)
+    alert = picture.alert
+    if alert is None or (now - alert.time) / SECOND > settings.alert_age:
+        return frozenset()
+    unknown = [name for name in alert.identifiers if name not in picture.traffic]
+    if unknown:
+        what = f"is the subject of an alert of level {alert.level}, and no state of it has been received"
+        raise Refusal(Code.NO_INTRUDER, f"intruder {unknown[0]}", f"intruder {unknown[0]} {what}")
+    return frozenset(alert.identifiers)
+
+
+def _intruders(
+    picture: Picture, frame: LocalFrame, now: int, settings: Settings, alerted: frozenset[str]
+) -> tuple[tuple[str, ...], tuple[Intruder, ...], tuple[Excluded, ...]]:
+    undulation = None if picture.origin is None else picture.origin.undulation
+    names, intruders, excluded = [], [], []
+    for name, track in sorted(picture.traffic.items()):
+        report = _usable(track, f"intruder {name}", now, settings.intruder_age, settings.future)
+        state = placed(frame, report)
+        far = math.hypot(state.x, state.y)
+        if far > REACH and name not in alerted:
+            excluded.append(Excluded(name, f"is {far / 1e3:.0f} km from the geo-reference, out of reach"))
+            continue
+        # The planner dead-reckons over the age; only the altitude's reference is settled here.
+        height = level(report.altitude, 0, undulation)
+        age = (now - report.time) / SECOND
+        turn_time = max(_TURN_TIME - max(age, 0.0), 0.0) if track.turn_rate else 0.0
+        intruders.append(
+            Intruder(state, age, track.turn_rate, turn_time, report.position_std, report.velocity_std, height)
+        )
+        names.append(name)
+    return tuple(names), tuple(intruders), tuple(excluded)
+
+
+def _route(picture: Picture, frame: LocalFrame, asked: Route | None) -> tuple[Route, tuple[RoutePoint, ...]]:
+    if asked is None and picture.route_fault is not None:
+        raise Refusal(Code.INVALID_ROUTE, picture.route_fault.field, picture.route_fault.message)
+    route = asked or picture.route
+    if route is None:
+        raise Refusal(Code.NO_ROUTE, "route", "route has not been received, and the request holds none")
+    at = frame.place([point.latitude for point in route.points], [point.longitude for point in route.points])
+    for number, far in enumerate(np.hypot(at.x, at.y).tolist()):
+        if far > ACCURATE:
+            name = f"route.waypoints[{number}]"
+            raise Refusal(Code.INVALID_ROUTE, name, f"{name} {_too_far(far)}")
+    places = zip(route.points, at.x.tolist(), at.y.tolist(), strict=True)
+    return route, tuple(RoutePoint(point.index, x, y) for point, x, y in places)
+
+
+def _too_far(far: float) -> str:
+    return f"is {far / 1e3:.0f} km from the geo-reference, expected {ACCURATE / 1e3:.0f} km at most"
+
+
+def _in_wind(report: Report, settings: Settings) -> tuple[Options, tuple[str, ...]]:
+    """Return the planner's options in the ownship's wind: ground speeds that keep the airspeed in its envelope.
+
+    Airspeed and ground speed differ by the wind's speed at most, in whatever direction the aircraft turns.
+    """
+    options = settings.options
+    if report.wind is None:
+        return options, ("the wind is unknown and taken as calm",)
+    wind = math.hypot(*report.wind)
+    if wind > settings.wind_max:
+        what = f"is {wind:.1f} m/s, expected {settings.wind_max:g} m/s at most"
+        raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", f"ownship.wind {what}")
+    legs, flown = options.limits, options.manoeuvre
+    legs = legs._replace(speed_min=legs.speed_min + wind, speed_max=legs.speed_max - wind)
+    flown = flown._replace(
+        speed_min=max(flown.speed_min, legs.speed_min), speed_max=min(flown.speed_max - wind, legs.speed_max)
+    )
+    return replace(options, limits=legs, manoeuvre=flown), ()

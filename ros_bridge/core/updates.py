@@ -1,0 +1,77 @@
+"""What a message does to the picture: one pure function an input; a fault stays until a good message follows."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from ros_bridge.core import conversions
+from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.situation import Picture
+from ros_bridge.core.tracks import NOBODY, Fault, Report, Rules, Track, Verdict, refused, taken
+
+__all__ = ["alert", "geo_reference", "ownship", "reset", "route", "traffic"]
+
+
+def ownship(picture: Picture, message: Any, now: int, rules: Rules) -> Picture:
+    """Take in an AircraftState of the ownship; ``now`` in ns."""
+    own = _track(picture.own, lambda: conversions.aircraft(message, "ownship"), "ownship", now, rules)
+    return replace(picture, own=own)
+
+
+def traffic(picture: Picture, message: Any, now: int, rules: Rules) -> Picture:
+    """Take in an AircraftState of an intruder; the own transmission, heard again, is passed over."""
+    name = message.id
+    if picture.own.last is not None and picture.own.last.identifier == name:
+        return picture
+    called = f"intruder {name}"
+    before = picture.traffic.get(name, NOBODY)
+    track = _track(before, lambda: conversions.aircraft(message, called), called, now, rules)
+    return replace(picture, traffic={**picture.traffic, name: track})
+
+
+def alert(picture: Picture, message: Any, now: int, rules: Rules) -> Picture:
+    """Take in a TrafficAlert; one that is older than the last is passed over."""
+    try:
+        heard = conversions.alert(message)
+        ahead = (heard.time - now) / SECOND
+        if ahead > rules.future:
+            field = "alert.header.stamp"
+            raise FieldError(field, f"is {ahead:.3f} s ahead of the clock, expected {rules.future:g} s at most")
+    except FieldError as error:
+        return replace(picture, alert_fault=_fault(error, now))
+    if picture.alert is not None and heard.time < picture.alert.time:
+        return picture
+    return replace(picture, alert=heard, alert_fault=None)
+
+
+def route(picture: Picture, message: Any, now: int) -> Picture:
+    """Take in a Trajectory of status ROUTE."""
+    try:
+        return replace(picture, route=conversions.published_route(message), route_fault=None)
+    except FieldError as error:
+        return replace(picture, route_fault=_fault(error, now))
+
+
+def geo_reference(picture: Picture, message: Any, now: int) -> Picture:
+    """Take in a GeoReference."""
+    try:
+        return replace(picture, origin=conversions.geo_reference(message), origin_fault=None)
+    except FieldError as error:
+        return replace(picture, origin_fault=_fault(error, now))
+
+
+def reset(picture: Picture) -> Picture:
+    """Return what holds after the clock has stepped back: route and geo-reference, for they have no age."""
+    return replace(picture, own=NOBODY, traffic={}, alert=None, alert_fault=None)
+
+
+def _track(before: Track, read: Callable[[], Report], name: str, now: int, rules: Rules) -> Track:
+    try:
+        report = read()
+    except FieldError as error:
+        return refused(before, error.field, str(error), now)
+    return taken(before, report, name, now, rules)[0]
+
+
+def _fault(error: FieldError, now: int) -> Fault:
+    return Fault(Verdict.INVALID, error.field, str(error), now)

@@ -1,0 +1,1 @@
+"""The nodes: runner, monitor, simulator, translator and pilot."""

@@ -1,0 +1,293 @@
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+"""The run-time monitor: watches the plan being flown, asks for new ones, and falls back to a backup.
+
+    python -m ros_bridge.monitor [--ros-args -r __ns:=/n123 --params-file FILE -p separation:=1200.0 ...]
+
+A lifecycle node that configures and activates itself (``--manual`` leaves that to others). It hears what the runner
+hears, under the runner's names, so that both need no remapping in one namespace:
+
+    in    rlcas_runner/input/ownship, rlcas_runner/input/traffic   rlcas_msgs/AircraftState   best effort
+          rlcas_runner/input/geo_reference                         rlcas_msgs/GeoReference    latched
+          rlcas_runner/output/trajectory                           rlcas_msgs/Trajectory      latched
+          /diagnostics                                             of the runner: its sign of life
+    out   ~/output/status      rlcas_msgs/AssuranceStatus          latched, at every judgement
+          ~/output/backup      rlcas_msgs/Trajectory               latched, while the backup is flown
+          /diagnostics         diagnostic_msgs/DiagnosticArray
+    calls rlcas_runner/generate_trajectory                         rlcas_msgs/GenerateTrajectory
+
+What shall be flown is AssuranceStatus.fly. Parameters:
+"""
+
+import math
+import uuid
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rlcas_msgs.msg import AircraftState, AssuranceStatus, GeoReference, Trajectory
+from rlcas_msgs.srv import GenerateTrajectory
+
+from agents.assurance import single as watch
+from agents.assurance.single import Ask, Verdict
+from agents.assurance.state import Flown, State
+from agents.assurance.thresholds import Cause
+from ros_bridge.core import updates as hearing
+from ros_bridge.core.assurance import NOTHING, Published, activated, answered, fly, stepped, withdrawn
+from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.situation import Picture
+from ros_bridge.core.tracks import forgotten
+from ros_bridge.transport import parameters, process, qos, views
+from ros_bridge.transport.messages import header
+from ros_bridge.transport.monitor_messages import backup_message, published_of
+from ros_bridge.transport.node_base import ListeningNode
+
+__all__ = ["Monitor", "main"]
+
+_BACKUP_AGAIN = SECOND  # between two publications of the backup that is flown
+_RUNNER = "rlcas_runner"
+
+
+class Monitor(ListeningNode):
+    """The node; what it decides is decided in :mod:`ros_bridge.core.assurance` and :mod:`agents.assurance.single`."""
+
+    def __init__(self, **more: Any) -> None:
+        super().__init__("rlcas_monitor", **more)
+        self._declare(parameters.MONITOR_NUMBERS, parameters.MONITOR_OTHERS)
+        self._start()
+
+    def _start(self) -> None:
+        """Forget everything."""
+        self._picture = Picture()
+        self._watching = replace(NOTHING, watch=watch.begin(parameters.thresholds(self)))
+        self._verdict: Verdict | None = None
+        self._latest = 0
+        self._heard_runner = 0
+        self._pending: tuple[int, Any, int] | None = None
+        self._waiting: Published | None = None
+        self._backup_at = 0
+        self._backups = 0
+
+    # Life cycle.
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to listen."""
+        self._start()
+        self._hear(AircraftState, f"{_RUNNER}/input/ownship", self._on_ownship, qos.SENSOR)
+        self._hear(AircraftState, f"{_RUNNER}/input/traffic", self._on_traffic, qos.TRAFFIC)
+        self._hear(GeoReference, f"{_RUNNER}/input/geo_reference", self._on_geo_reference, qos.LATCHED)
+        self._hear(Trajectory, f"{_RUNNER}/output/trajectory", self._on_trajectory, qos.LATCHED)
+        self._hear(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.EVENTS)
+        self._statuses = self._speak(AssuranceStatus, "~/output/status", qos.LATCHED)
+        self._backup = self._speak(Trajectory, "~/output/backup", qos.LATCHED)
+        self._health = self._speak(DiagnosticArray, "/diagnostics", qos.EVENTS)
+        self._client = self.create_client(GenerateTrajectory, f"{_RUNNER}/generate_trajectory")
+        self._entities.append(lambda: self.destroy_client(self._client))
+        self._repeat(self.get_parameter("period").value, self._on_timer)
+        self._repeat(self.get_parameter("diagnostics_period").value, self._on_health)
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop judging."""
+        self._active = False
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget everything."""
+        self._destroy()
+        self._start()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget everything."""
+        self._active = False
+        return self.on_cleanup(state)
+
+    # Inputs.
+
+    def _stepped_back(self) -> None:
+        self._start()
+
+    def _on_ownship(self, message: AircraftState) -> None:
+        now = self._now()
+        self._picture = hearing.ownship(self._picture, message, now, parameters.rules(self))
+
+    def _on_traffic(self, message: AircraftState) -> None:
+        now = self._now()
+        self._picture = hearing.traffic(self._picture, message, now, parameters.rules(self))
+
+    def _on_geo_reference(self, message: GeoReference) -> None:
+        now = self._now()
+        self._picture = hearing.geo_reference(self._picture, message, now)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        name = self.resolve_topic_name(_RUNNER)
+        if any(status.name == name for status in message.status):
+            self._heard_runner = self._now()
+
+    def _on_trajectory(self, message: Trajectory) -> None:
+        self._heard_runner = self._now()
+        if message.status == Trajectory.STATUS_WITHDRAWN:
+            self._watching = withdrawn(self._watching, message.revision)
+            return
+        try:
+            published = published_of(message)
+        except FieldError as error:
+            self.get_logger().error(str(error))
+            return
+        if self._pending is not None:
+            # It may be the answer that is on its way; if not, its turn comes when that is settled.
+            self._waiting = published
+        else:
+            self._watching = activated(self._watching, self._picture, published)
+
+    # Judgement.
+
+    def _on_timer(self) -> None:
+        if not self._active:
+            return
+        now = self._now()
+        if now <= 0:
+            return
+        traffic, _ = forgotten(self._picture.traffic, now, self.get_parameter("forget_after").value)
+        self._picture = replace(self._picture, traffic=traffic)
+        limit = self.get_parameter("vertical_filter").value
+        self._watching, verdict = stepped(self._watching, self._picture, now, limit)
+        self._verdict = verdict
+        if verdict is not None:
+            self._settle(now)
+            if verdict.ask is not None:
+                self._request(verdict.ask, now)
+        self._publish(now)
+
+    def _request(self, ask: Ask, now: int) -> None:
+        if not self._client.service_is_ready():
+            self._answer(ask.number, None)
+            return
+        request = GenerateTrajectory.Request(reason=GenerateTrajectory.Request.REASON_REPLAN)
+        request.header = header(now, self.get_parameter("map_frame").value)
+        future = self._client.call_async(request)
+        self._pending = ask.number, future, now
+        future.add_done_callback(self._on_answer)
+
+    def _on_answer(self, future: Any) -> None:
+        if self._pending is None or future is not self._pending[1]:
+            return
+        number = self._pending[0]
+        self._heard_runner = self._now()
+        response = future.result()
+        published = None
+        if response.status == GenerateTrajectory.Response.STATUS_SAFE:
+            try:
+                published = published_of(response.trajectory)
+            except FieldError as error:
+                self.get_logger().error(str(error))
+        else:
+            self.get_logger().warning(f"no plan: {response.message}")
+        self._pending = None
+        self._answer(number, published)
+        self._take_waiting()
+
+    def _answer(self, number: int, published: Published | None) -> None:
+        before = fly(self._watching)
+        self._watching, _ = answered(self._watching, number, published)
+        if fly(self._watching) is not before:
+            self._publish(self._latest)
+
+    def _settle(self, now: int) -> None:
+        """Give up waiting for an answer that does not come; the runner may be gone, and DDS not know it yet."""
+        if self._pending is None:
+            return
+        _, future, since = self._pending
+        if (now - since) / SECOND > self.get_parameter("answer_time").value:
+            self._client.remove_pending_request(future)
+            self._pending = None
+            self._take_waiting()
+
+    def _take_waiting(self) -> None:
+        if self._waiting is not None:
+            self._watching = activated(self._watching, self._picture, self._waiting)
+            self._waiting = None
+
+    # Outputs.
+
+    def _publish(self, now: int) -> None:
+        if not (self._active and rclpy.ok(context=self.context)):
+            return
+        self._statuses.publish(self._status(now))
+        flown = fly(self._watching)
+        if flown is not Flown.BACKUP:
+            self._backup_at = 0
+        elif now - self._backup_at >= _BACKUP_AGAIN and math.isfinite(self._watching.watch.monitor.backup.started[0]):
+            self._backup_at, self._backups = now, self._backups + 1
+            own = self._picture.own.last
+            frame = self.get_parameter("map_frame").value
+            altitude = None if own is None else own.altitude
+            self._backup.publish(backup_message(self._watching, altitude, frame, self._backups, uuid.uuid4()))
+
+    def _status(self, now: int) -> AssuranceStatus:
+        limits = parameters.thresholds(self)
+        message = AssuranceStatus(
+            header=header(now, self.get_parameter("map_frame").value),
+            cross_track_limit=limits.cross_track,
+            along_track_limit=limits.along_track,
+            time_error_limit=limits.time_error,
+            separation=-1.0,
+            time_to_loss=-1.0,
+            runner_silence=self._silence(now),
+        )
+        if self._watching.held is not None:
+            message.trajectory_id.uuid = list(self._watching.held.unique)
+            message.trajectory_revision = self._watching.held.revision
+        if self._verdict is None:
+            message.reasons = ["there is no plan to watch"]
+            return message
+        monitor, measured = self._watching.watch.monitor, self._verdict.measured
+        # An answer may have changed the state since the judgement.
+        causes = int(monitor.causes[0])
+        message.state, message.fly, message.causes = int(monitor.state[0]), int(fly(self._watching)), causes
+        message.reasons = [why.message for why in watch.reasons(measured._replace(causes=monitor.causes), limits)]
+        own = not causes & int(Cause.OWN_MISSING | Cause.OWN_STALE | Cause.CLOCK)
+        message.measured = own and message.fly == int(Flown.PLAN)
+        if message.measured:
+            message.cross_track = float(measured.cross_track[0])
+            message.along_track = float(measured.along_track[0])
+            message.time_error = float(measured.time_error[0])
+            full = limits.sustained * limits.memory
+            shares = (limits.cross_track * full, limits.along_track * full, limits.time_error * full)
+            message.accumulated = [float(sum_ / share) for sum_, share in zip(monitor.sums[0], shares, strict=True)]
+            if math.isfinite(measured.separation[0]):
+                # A lower bound, which the own distance from the plan may bring below zero.
+                message.separation = max(float(measured.separation[0]), 0.0)
+            if math.isfinite(measured.loss[0]):
+                message.time_to_loss = max(float(measured.loss[0]), 0.0)
+        return message
+
+    def _silence(self, now: int) -> float:
+        return -1.0 if self._heard_runner == 0 else (now - self._heard_runner) / SECOND
+
+    def _on_health(self) -> None:
+        now = self._now()
+        if not rclpy.ok(context=self.context):
+            return
+        level, message = DiagnosticStatus.OK, "ready"
+        state = State(int(self._watching.watch.monitor.state[0]))
+        if state in (State.DENIED, State.BACKUP):
+            level, message = DiagnosticStatus.WARN, state.name
+        silence = self._silence(now)
+        if not 0.0 <= silence <= self.get_parameter("runner_silence").value:
+            level, message = DiagnosticStatus.ERROR, "the runner is silent"
+        if not self._active:
+            level, message = DiagnosticStatus.WARN, "not active"
+        if self._misfits:
+            level, message = DiagnosticStatus.ERROR, "; ".join(self._misfits.values())
+        values = {"state": state.name, "flown": fly(self._watching).name, "silence of the runner, s": f"{silence:.2f}"}
+        self._health.publish(views.diagnostics(now, self.get_fully_qualified_name(), level, message, values))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node."""
+    text = parameters.help_text(parameters.MONITOR_NUMBERS, parameters.MONITOR_OTHERS)
+    return process.main(Monitor, "python -m ros_bridge.monitor", f"{__doc__}{text}", arguments)

@@ -1,0 +1,108 @@
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+"""The pilot: flies what the monitor says, as speed and yaw rate for an autopilot or a simulator that takes these.
+
+    python -m ros_bridge.pilot --ros-args -r '~/output/command:=/ownship/cmd_vel'
+
+    in    rlcas_runner/input/ownship           rlcas_msgs/AircraftState    for position and velocity
+          rlcas_runner/output/trajectory       rlcas_msgs/Trajectory
+          rlcas_monitor/output/status, backup  rlcas_msgs/AssuranceStatus, Trajectory
+    out   ~/output/command                     geometry_msgs/Twist, every 0.1 s: linear.x speed along the track, m/s,
+                                               angular.z turn rate of the track, rad/s, positive to the left
+
+Nothing is published while nothing is to be flown, nor while the ownship's state is older than ownship_max_age: who
+takes the commands must then hold course and speed. An example of the least that an integration does, and no autopilot:
+an aircraft that rolls needs to look ahead (envs.c208.guidance). Parameters:
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Twist
+from rclpy.node import Node
+from rlcas_msgs.msg import AircraftState, AssuranceStatus, Trajectory
+
+from envs.follower import PERIOD, guidance
+from envs.kinematics import C208_PUBLISHED
+from envs.waypoints import Legs
+from ros_bridge.core import conversions
+from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
+from ros_bridge.core.geodesy import LocalFrame
+from ros_bridge.core.situation import placed
+from ros_bridge.core.tracks import Report
+from ros_bridge.sim.guidance import Orders, curve
+from ros_bridge.transport import parameters, process, qos
+from ros_bridge.transport.messages import uuid_of
+
+__all__ = ["Pilot", "main"]
+
+_RUNNER, _MONITOR = "rlcas_runner", "rlcas_monitor"
+_SILENCE = 0.5  # s of the monitor, after which people are told
+
+
+class Pilot(Node):
+    """The node; what is to be flown is :mod:`ros_bridge.sim.guidance`, how, :mod:`envs.follower`."""
+
+    def __init__(self, **more: Any) -> None:
+        super().__init__("rlcas_pilot", **more)
+        parameters.declare(self, parameters.PILOT_NUMBERS, parameters.PILOT_OTHERS)
+        self._orders = Orders(watched=bool(self.get_parameter("monitor").value))
+        self._own: Report | None = None
+        self._line: tuple[int, LocalFrame, Legs, int] | None = None
+        self._commands = self.create_publisher(Twist, "~/output/command", qos.EVENTS)
+        self.create_subscription(AircraftState, f"{_RUNNER}/input/ownship", self._on_ownship, qos.SENSOR)
+        self.create_subscription(Trajectory, f"{_RUNNER}/output/trajectory", self._on_trajectory, qos.LATCHED)
+        self.create_subscription(AssuranceStatus, f"{_MONITOR}/output/status", self._orders.says, qos.LATCHED)
+        self.create_subscription(Trajectory, f"{_MONITOR}/output/backup", self._orders.backup, qos.LATCHED)
+        self.create_timer(PERIOD, self._on_timer)
+
+    def _on_trajectory(self, message: Trajectory) -> None:
+        self._orders.plan(message)
+
+    def _on_ownship(self, message: AircraftState) -> None:
+        try:
+            self._own = conversions.aircraft(message, "ownship")
+        except FieldError as error:
+            self.get_logger().error(str(error), throttle_duration_sec=5.0)
+
+    def _on_timer(self) -> None:
+        wanted, own = self._orders.wanted(), self._own
+        if wanted is None or own is None:
+            return
+        now = self.get_clock().now().nanoseconds
+        age = (now - own.time) / SECOND
+        if not -0.5 <= age <= self.get_parameter("ownship_max_age").value:
+            self.get_logger().warning(f"the ownship's state is {age:.1f} s old", throttle_duration_sec=5.0)
+            return
+        name = uuid_of(wanted.id).int
+        if self._line is None or self._line[0] != name:
+            frame = LocalFrame(wanted.start.latitude, wanted.start.longitude)
+            try:
+                self._line = name, frame, *curve(frame, wanted)
+            except FieldError as error:
+                self.get_logger().error(f"cannot be flown: {error}", throttle_duration_sec=5.0)
+                return
+        status = self._orders.status
+        silent = 0.0 if status is None else (now - nanoseconds(status.header.stamp)) / SECOND
+        if silent > _SILENCE:
+            # What was said last is still the best that is known; but nobody watches any more.
+            self.get_logger().error(f"the monitor has been silent for {silent:.1f} s", throttle_duration_sec=1.0)
+        _, frame, legs, began = self._line
+        state = placed(frame, own)
+        reach = state.speed * age
+        state = state._replace(x=state.x + reach * math.cos(state.heading), y=state.y + reach * math.sin(state.heading))
+        acceleration, turn = guidance(legs, state, np.float64((now - began) / SECOND))
+        limits = C208_PUBLISHED
+        acceleration = min(max(float(acceleration), limits.acceleration_min), limits.acceleration_max)
+        turn = min(max(float(turn), -limits.yaw_rate_max), limits.yaw_rate_max)
+        speed = min(max(state.speed + acceleration * PERIOD, limits.speed_min), limits.speed_max)
+        command = Twist()
+        command.linear.x, command.angular.z = speed, turn
+        self._commands.publish(command)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node."""
+    text = parameters.help_text(parameters.PILOT_NUMBERS, parameters.PILOT_OTHERS)
+    return process.main(Pilot, "python -m ros_bridge.pilot", f"{__doc__}{text}", arguments)

@@ -1,0 +1,346 @@
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+"""The node of the runner; :mod:`ros_bridge.runner` says what it hears and says, and runs it."""
+
+import time
+import uuid
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import Path
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.task import Future
+from rlcas_msgs.msg import AircraftState, GeoReference, TrafficAlert, Trajectory
+from rlcas_msgs.srv import GenerateTrajectory
+from visualization_msgs.msg import MarkerArray
+
+from agents.planner.answer import Plan, RequestError
+from agents.planner.planner import plan
+from agents.policy.file import PolicyFileError
+from agents.policy.inference import Policy
+from envs.kinematics import VehicleState
+from envs.waypoints import RoutePoint
+from ros_bridge.core import conversions, geodesy
+from ros_bridge.core import updates as hearing
+from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.lateness import by_then
+from ros_bridge.core.situation import Code, Picture, Refusal, Task, refusal_of, task
+from ros_bridge.core.tracks import Verdict, forgotten
+from ros_bridge.transport import parameters, qos, views
+from ros_bridge.transport.messages import header, identity, plan_message, uuid_of
+from ros_bridge.transport.node_base import ListeningNode
+
+__all__ = ["Runner"]
+
+_SHOW = 0.1  # s at most from a plan to its picture
+_NOBODY = uuid.UUID(int=0)
+
+
+class Runner(ListeningNode):
+    """The node; everything that can be decided without ROS is decided in :mod:`ros_bridge.core.situation`."""
+
+    def __init__(self, **more: Any) -> None:
+        super().__init__("rlcas_runner", **more)
+        self._declare()
+        self._picture = Picture()
+        self._policy: Policy | None = None
+        self._revision = 0
+        self._unique = _NOBODY
+        self._to_show: tuple[Plan, Task] | None = None
+        self._answers: dict[str, int] = {}
+        self._last_answer = "none yet"
+        self._thread = ThreadPoolExecutor(1, "search")
+        self._searching = False
+        self._era = 0
+
+    # Life cycle.
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Load the policy and begin to listen."""
+        file = self.get_parameter("policy_file").value
+        durability = self.get_parameter("route_durability").value
+        try:
+            route_quality = qos.route_input(durability)
+            self._policy = Policy.load(file or None)
+        except (PolicyFileError, OSError, ValueError) as error:
+            self.get_logger().error(f"cannot be configured: {error}")
+            return TransitionCallbackReturn.FAILURE
+        self._hear(AircraftState, "~/input/ownship", self._on_ownship, qos.SENSOR)
+        self._hear(AircraftState, "~/input/traffic", self._on_traffic, qos.TRAFFIC)
+        self._hear(TrafficAlert, "~/input/alerts", self._on_alert, qos.EVENTS)
+        self._hear(Trajectory, "~/input/route", self._on_route, route_quality)
+        self._hear(GeoReference, "~/input/geo_reference", self._on_geo_reference, qos.LATCHED)
+        self._trajectories = self._speak(Trajectory, "~/output/trajectory", qos.LATCHED)
+        self._advice = self._speak(Trajectory, "~/output/advisory", qos.EVENTS)
+        self._paths = self._speak(Path, "~/output/path", qos.LATCHED)
+        self._markers = self._speak(MarkerArray, "~/output/markers", qos.LATCHED)
+        self._health = self._speak(DiagnosticArray, "/diagnostics", qos.EVENTS)
+        answering: Any = self._on_request  # a coroutine, which rclpy's types do not know of
+        # A group of its own, and reentrant: while one answer is waited for, all else goes on.
+        group = ReentrantCallbackGroup()
+        service = self.create_service(GenerateTrajectory, "~/generate_trajectory", answering, callback_group=group)
+        self._entities.append(lambda: self.destroy_service(service))
+        self._repeat(self.get_parameter("diagnostics_period").value, self._on_timer)
+        self._repeat(_SHOW, self._on_show)
+        # Not before: while it plans, this node and the others come to know each other.
+        self._rehearsal = self.create_timer(0.0, self._rehearse, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._entities.append(lambda: self.destroy_timer(self._rehearsal))
+        return TransitionCallbackReturn.SUCCESS
+
+    def _rehearse(self) -> None:
+        """Plan once, so that the first request is answered as fast as the others."""
+        self._rehearsal.cancel()
+        if self._policy is None:
+            return
+        route = [RoutePoint(index, 5_000.0 * (index + 1), 0.0) for index in range(9)]
+        plan(VehicleState(0.0, 0.0, 0.0, 75.0), [VehicleState(9_000.0, 0.0, 3.1, 75.0)], route, self._policy)
+        geodesy.distance(0.0, 0.0, 0.0, 1.0)  # loads the ellipsoid
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Withdraw the plan, because nobody would replace it, and stop answering."""
+        self._withdraw()
+        self._active = False
+        self._era += 1
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget everything."""
+        if self._searching:
+            self.get_logger().error("a search is under way, whose answer is owed: ask again in some seconds")
+            return TransitionCallbackReturn.FAILURE
+        self._end()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Withdraw the plan and forget everything."""
+        if self._active:
+            self._withdraw()
+        self._active = False
+        self._end()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _end(self) -> None:
+        self._destroy()
+        self._picture, self._policy = Picture(), None
+
+    # Inputs.
+
+    def _stepped_back(self) -> None:
+        self._picture = hearing.reset(self._picture)
+        self._era += 1
+        self._withdraw()
+
+    def _on_ownship(self, message: AircraftState) -> None:
+        now = self._now()  # may reset the picture
+        self._picture = hearing.ownship(self._picture, message, now, parameters.rules(self))
+
+    def _on_traffic(self, message: AircraftState) -> None:
+        now = self._now()  # may reset the picture
+        self._picture = hearing.traffic(self._picture, message, now, parameters.rules(self))
+
+    def _on_alert(self, message: TrafficAlert) -> None:
+        now = self._now()  # may reset the picture
+        self._picture = hearing.alert(self._picture, message, now, parameters.rules(self))
+
+    def _on_route(self, message: Trajectory) -> None:
+        now = self._now()
+        self._picture = hearing.route(self._picture, message, now)
+        if self._picture.route_fault is not None:
+            self.get_logger().error(self._picture.route_fault.message)
+
+    def _on_geo_reference(self, message: GeoReference) -> None:
+        now = self._now()
+        self._picture = hearing.geo_reference(self._picture, message, now)
+        if self._picture.origin_fault is not None:
+            self.get_logger().error(self._picture.origin_fault.message)
+
+    def _on_timer(self) -> None:
+        now = self._now()
+        self._forget(now)
+        if rclpy.ok(context=self.context):
+            self._health.publish(self._diagnosis(now))
+
+    def _on_show(self) -> None:
+        """Publish the last plan for people to look at, once."""
+        if self._to_show is None or not self._active:
+            return
+        (result, wanted), self._to_show = self._to_show, None
+        frame = self.get_parameter("map_frame").value
+        self._paths.publish(views.path(result, wanted, frame))
+        self._markers.publish(views.markers(result, wanted, frame))
+
+    def _forget(self, now: int) -> None:
+        traffic, silent = forgotten(self._picture.traffic, now, self.get_parameter("forget_after").value)
+        if silent:
+            self._picture = replace(self._picture, traffic=traffic)
+            self.get_logger().info(f"not heard of any more: {', '.join(silent)}")
+
+    # Answers.
+
+    async def _on_request(
+        self, request: GenerateTrajectory.Request, response: GenerateTrajectory.Response
+    ) -> GenerateTrajectory.Response:
+        began = time.perf_counter()
+        try:
+            await self._answer(request, response)
+        except Refusal as refusal:
+            response.status, response.field, response.message = int(refusal.code), refusal.field, refusal.message
+        except Exception as error:  # The node must live on, and the caller must not take silence for consent.
+            if rclpy.ok(context=self.context):  # else it is being stopped, and nothing can be published any more
+                self.get_logger().fatal(f"a request failed for an error of the runner: {error!r}")
+            response.status, response.message = int(Code.INTERNAL_ERROR), f"the runner failed: {error!r}"
+        response.computation_time = time.perf_counter() - began
+        name = Code(response.status).name
+        self._answers[name] = self._answers.get(name, 0) + 1
+        self._last_answer = f"{name} {response.message}".strip()
+        return response
+
+    async def _answer(self, request: GenerateTrajectory.Request, response: GenerateTrajectory.Response) -> None:
+        now = self._now()
+        if not self._active or self._policy is None:
+            raise Refusal(Code.NOT_ACTIVE, "node", "node is not active, expected it to be activated first")
+        self._forget(now)
+        settings = parameters.settings(self)
+        self._check(request, now, settings.request_age, settings.future)
+        try:
+            asked = conversions.route(request.route, "request.route") if request.route else None
+        except FieldError as error:
+            raise Refusal(Code.INVALID_ROUTE, error.field, str(error)) from error
+        wanted = task(self._picture, now, settings, asked)
+        try:
+            result = _planned(wanted, self._policy, thorough=False)
+            # A monitor cannot wait for the slow stages: it asks again, and has its backup meanwhile.
+            patient = request.reason != request.REASON_REPLAN and not self._searching
+            if not result.safe and settings.options.thorough and patient:
+                result = await self._searched(wanted, self._policy, asked)
+        except RequestError as error:
+            raise refusal_of(error, wanted) from error
+        self._publish(result, wanted, response)
+
+    async def _searched(self, wanted: Task, policy: Policy, asked: conversions.Route | None) -> Plan:
+        """Search thoroughly in a thread beside the node, which goes on listening and answering meanwhile."""
+        era, unique = self._era, self._unique
+        done = Future(executor=self.executor)
+        job = self._thread.submit(_planned, wanted, policy, thorough=True)
+        self._searching = True
+        job.add_done_callback(lambda _: self._wake(done))
+        try:
+            await done
+        finally:
+            self._searching = False
+        now = self._now()
+        if era != self._era or not self._active:
+            what = "was answered after the node had been deactivated or the clock had stepped back"
+            raise Refusal(Code.NOT_ACTIVE, "request", f"request {what}, expected another request")
+        if unique != self._unique:
+            raise Refusal(Code.SUPERSEDED, "plan", "plan was overtaken by another while it was sought")
+        found = job.result()
+        if not found.safe:
+            return found
+        return by_then(found, wanted, task(self._picture, now, parameters.settings(self), asked))
+
+    def _wake(self, done: Future) -> None:
+        """Let the node go on with an answer; called from the other thread."""
+        executor = self.executor
+        done.set_result(None)
+        if executor is not None:
+            executor.wake()
+
+    def _check(self, request: GenerateTrajectory.Request, now: int, oldest: float, future: float) -> None:
+        known = (request.REASON_ALERT, request.REASON_REPLAN, request.REASON_MANUAL)
+        if request.reason not in known:
+            what = f"is {request.reason}, expected one of {list(known)}"
+            raise Refusal(Code.INVALID_REQUEST, "request.reason", f"request.reason {what}")
+        field, stamp = "request.header.stamp", request.header.stamp
+        if now > 0 and (stamp.sec or stamp.nanosec):
+            try:
+                age = (now - conversions.stamp(field, stamp)) / SECOND
+            except FieldError as error:
+                raise Refusal(Code.INVALID_REQUEST, error.field, str(error)) from error
+            if age > oldest:
+                raise Refusal(Code.STALE_REQUEST, field, f"{field} is {age:.2f} s old, expected {oldest:g} s at most")
+            if -age > future:
+                what = f"is {-age:.2f} s ahead of the clock, expected {future:g} s at most"
+                raise Refusal(Code.FUTURE_REQUEST, field, f"{field} {what}")
+        previous = uuid_of(request.previous_id)
+        if previous not in (_NOBODY, self._unique):
+            what = f"is {previous}, but the plan that holds is {self._unique if self._unique.int else 'none'}"
+            raise Refusal(Code.SUPERSEDED, "request.previous_id", f"request.previous_id {what}")
+
+    def _publish(self, result: Plan, wanted: Task, response: GenerateTrajectory.Response) -> None:
+        frame = self.get_parameter("map_frame").value
+        revision, unique = self._next(wanted.time), uuid.uuid4()
+        message = plan_message(result, wanted, frame, revision, unique)
+        self._revision = revision
+        response.trajectory = message
+        response.status = int(Code.SAFE if result.safe else Code.UNRESOLVED)
+        response.message = "; ".join(reason.message for reason in result.reasons)
+        response.field = result.reasons[0].field if result.reasons else ""
+        response.advisory = "; ".join([*([result.advisory] if result.advisory else []), *wanted.notes])
+        left_out = [(wanted.identifiers[one.number], one.reason) for one in result.excluded]
+        left_out += [(one.identifier, one.reason) for one in wanted.excluded]
+        response.excluded_ids = [name for name, _ in left_out]
+        response.excluded_reasons = [why for _, why in left_out]
+        if not result.safe:
+            self._advice.publish(message)
+            return
+        self._unique = unique
+        self._trajectories.publish(message)
+        # The answer does not wait for what people look at.
+        self._to_show = result, wanted
+
+    def _next(self, now: int) -> int:
+        """Return a revision above all before, of earlier runs of the node too: they begin at the clock's second."""
+        return max(self._revision + 1, min(now // SECOND, 2**31))
+
+    def _withdraw(self) -> None:
+        """Publish that the plan holds no more."""
+        if not self._unique.int:
+            return
+        now = self.get_clock().now().nanoseconds
+        self._revision, self._unique = self._next(now), _NOBODY
+        withdrawal = Trajectory(
+            header=header(now, self.get_parameter("map_frame").value),
+            id=identity(uuid.uuid4()),
+            revision=self._revision,
+            status=Trajectory.STATUS_WITHDRAWN,
+            min_separation=-1.0,
+            time_of_min_separation=-1.0,
+            rejoin_index=-1,
+        )
+        if self._active and rclpy.ok(context=self.context):
+            self._trajectories.publish(withdrawal)
+
+    def _diagnosis(self, now: int) -> DiagnosticArray:
+        """Return whether a request would be answered now, and what is known."""
+        picture = self._picture
+        try:
+            task(picture, now, parameters.settings(self))
+            level, message = DiagnosticStatus.OK, "ready"
+        except Refusal as refusal:
+            level, message = DiagnosticStatus.WARN, refusal.message
+        if not self._active:
+            level, message = DiagnosticStatus.WARN, "not active"
+        if self._misfits:
+            level, message = DiagnosticStatus.ERROR, "; ".join(self._misfits.values())
+        values = {"own age, s": f"{picture.own.age(now):.3f}", "intruders": str(len(picture.traffic))}
+        values |= {f"age of {name}, s": f"{track.age(now):.3f}" for name, track in sorted(picture.traffic.items())}
+        values |= {f"answers {name}": str(count) for name, count in sorted(self._answers.items())}
+        values |= {"last answer": self._last_answer, "revision": str(self._revision)}
+        for name, track in (("ownship", picture.own), *sorted(picture.traffic.items())):
+            values |= {
+                f"reports of {name}: {kind.value}": str(count)
+                for kind, count in track.counts.items()
+                if kind is not Verdict.TAKEN
+            }
+        return views.diagnostics(now, self.get_fully_qualified_name(), level, message, values)
+
+
+def _planned(wanted: Task, policy: Policy, *, thorough: bool) -> Plan:
+    options = replace(wanted.options, thorough=thorough)
+    return plan(wanted.own, wanted.intruders, wanted.points, policy, options, own_altitude=wanted.own_altitude)

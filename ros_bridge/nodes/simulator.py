@@ -1,0 +1,395 @@
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+"""The simulator: an ownship and intruders, what receivers hear of them, the clock, and a crew that flies the plans.
+
+    python -m ros_bridge.simulator [--ros-args -p scenario:=head_on -p vehicle:=c208 -p rate:=50.0 ...]
+
+It stands for everything around runner and monitor, which must run with use_sim_time, in the same namespace:
+
+    out   /clock                               rosgraph_msgs/Clock       a period of 0.1 s a tick
+          rlcas_runner/input/ownship, traffic  rlcas_msgs/AircraftState  at the rates of the receivers
+          rlcas_runner/input/alerts            rlcas_msgs/TrafficAlert   every second while there is one
+          rlcas_runner/input/route, geo_reference                        latched
+    in    rlcas_runner/output/trajectory       rlcas_msgs/Trajectory
+          rlcas_monitor/output/status, backup  rlcas_msgs/AssuranceStatus, Trajectory
+          /diagnostics                         of the runner: that it has noticed a new clock
+    calls rlcas_runner/generate_trajectory     when the alert begins, and again while there is no plan
+
+Each encounter begins with a clock that steps back, which makes both nodes forget the one before. The clock never runs
+ahead of the monitor's judgements by more than two ticks, and while a plan is asked for it keeps to deciding_rate:
+what answers cost in time, they cost in flight. Without --ros-args -p encounters:=N one encounter is flown; then the
+table is printed, and the exit code is 0 if every plan called SAFE kept 1000 m, else 1. Parameters:
+"""
+
+import importlib.util
+import math
+import time
+from collections.abc import Sequence
+from enum import Enum
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rlcas_msgs.msg import AircraftState, AssuranceStatus, GeoReference, TrafficAlert, Trajectory, Waypoint
+from rlcas_msgs.srv import GenerateTrajectory
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from agents.planner.request import Altitude
+from envs.encounters import Encounter, EncounterError, scenario
+from envs.follower import PERIOD
+from envs.starts import numbered
+from envs.trees import take
+from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
+from ros_bridge.core.geodesy import LocalFrame
+from ros_bridge.core.situation import Code
+from ros_bridge.core.tracks import Report
+from ros_bridge.sim.flight_log import FlightLog, kept, table
+from ros_bridge.sim.guidance import Orders, curve
+from ros_bridge.sim.receivers import Heard, Quality, Receiver
+from ros_bridge.sim.world import ALTITUDE, OWN, VEHICLES, Air, SimulationError, Truth
+from ros_bridge.transport import parameters, process, qos
+from ros_bridge.transport.messages import aircraft_message, header, uuid_of
+
+__all__ = ["Simulator", "main", "route_of"]
+
+_RUNNER, _MONITOR = "rlcas_runner", "rlcas_monitor"
+_START = 1_000 * SECOND  # at which every clock begins
+_TICK = round(PERIOD * SECOND)
+_AHEAD = 2 * _TICK  # by which the clock may run ahead of the monitor
+_PATIENCE = 1.0  # s of real time without the monitor, after which it is waited for no longer
+_COME_UP = 30.0  # s of real time in which both nodes must have come up
+_ALERT_AGAIN = 1.0  # s
+_SPACING, _BEYOND = 5_000.0, 45_000.0  # of the route's points, and how far it goes on beyond the goal, m
+_SOURCES = {Trajectory.SOURCE_POLICY: "policy", Trajectory.SOURCE_FALLBACK: "fallback"}
+
+
+class _Phase(Enum):
+    IDLE = 0
+    SETTLING = 1
+    """The clock has stepped back, and the nodes have not noticed yet."""
+    FLYING = 2
+
+
+def route_of(air: Air, frame: LocalFrame) -> Trajectory:
+    """Return the filed route: the goal, and points every 5 km on the same line to 45 km beyond it."""
+    own = air.own
+    dx, dy = air.goal[0] - own.x, air.goal[1] - own.y
+    length = max(math.hypot(dx, dy), 1.0)
+    reach = [_SPACING * number for number in range(round(_BEYOND / _SPACING) + 1)]
+    at = frame.geodetic(
+        [air.goal[0] + dx / length * far for far in reach], [air.goal[1] + dy / length * far for far in reach]
+    )
+    points = [
+        Waypoint(index=1 + number, latitude=latitude, longitude=longitude)
+        for number, (latitude, longitude) in enumerate(zip(at.latitude.tolist(), at.longitude.tolist(), strict=True))
+    ]
+    return Trajectory(status=Trajectory.STATUS_ROUTE, waypoints=points)
+
+
+class Simulator(Node):
+    """The node; the world is :mod:`ros_bridge.sim.world`, its receivers :mod:`ros_bridge.sim.receivers`."""
+
+    def __init__(self, **more: Any) -> None:
+        super().__init__("rlcas_simulator", **more)
+        parameters.declare(self, parameters.SIMULATOR_NUMBERS, parameters.SIMULATOR_OTHERS)
+        self._frame = LocalFrame(self._value("origin_latitude"), self._value("origin_longitude"))
+        self._watched = bool(self._value("monitor"))
+        if self._value("vehicle") not in VEHICLES:
+            raise ValueError(f"vehicle is {self._value('vehicle')!r}, expected one of {', '.join(VEHICLES)}")
+        if self._value("vehicle") != VEHICLES[0] and importlib.util.find_spec("jsbsim") is None:
+            raise ValueError(f"vehicle {self._value('vehicle')} needs jsbsim (pip install 'rlcas-toolkit[sim]')")
+        self.logs: list[FlightLog] = []
+        """Of the encounters flown so far."""
+        self._phase = _Phase.IDLE
+        self._air: Air | None = None
+        self._clock = _START
+        self._since = self._last = time.perf_counter()
+        self._forget()
+
+        self._clocks = self.create_publisher(ClockMessage, "/clock", qos.CLOCK)
+        self._own = self.create_publisher(AircraftState, f"{_RUNNER}/input/ownship", qos.SENSOR)
+        self._traffic = self.create_publisher(AircraftState, f"{_RUNNER}/input/traffic", qos.TRAFFIC)
+        self._alerts = self.create_publisher(TrafficAlert, f"{_RUNNER}/input/alerts", qos.EVENTS)
+        self._routes = self.create_publisher(Trajectory, f"{_RUNNER}/input/route", qos.LATCHED)
+        self._origins = self.create_publisher(GeoReference, f"{_RUNNER}/input/geo_reference", qos.LATCHED)
+        self._client = self.create_client(GenerateTrajectory, f"{_RUNNER}/generate_trajectory")
+        self.create_subscription(Trajectory, f"{_RUNNER}/output/trajectory", self._on_trajectory, qos.LATCHED)
+        self.create_subscription(AssuranceStatus, f"{_MONITOR}/output/status", self._on_status, qos.LATCHED)
+        self.create_subscription(Trajectory, f"{_MONITOR}/output/backup", self._on_backup, qos.LATCHED)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.EVENTS)
+        # The wall's clock: the simulated one does not go on by itself.
+        self.create_timer(
+            PERIOD / max(self._value("rate"), self._value("deciding_rate")),
+            self._on_timer,
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+        )
+
+    def _value(self, name: str) -> Any:
+        return self.get_parameter(name).value
+
+    def _forget(self) -> None:
+        self._orders = Orders(watched=self._watched)
+        self._following = b""
+        self._runner_heard = 0
+        self._asking: Any = None
+        self._asked_at = -math.inf
+        self._alert_at = -math.inf
+
+    # Encounters.
+
+    @property
+    def flying(self) -> bool:
+        """Whether an encounter is being flown."""
+        return self._phase is not _Phase.IDLE
+
+    @property
+    def now(self) -> int:
+        """The simulated time, ns."""
+        return self._clock
+
+    def begin(self, encounter: Encounter, name: str, seed: int = 0) -> None:
+        """Begin an encounter, one with own fields ``[1]``; :attr:`flying` tells when it is over.
+
+        One that cannot be flown is over at once, and its log says why.
+        """
+        try:
+            self._air = Air(encounter, self._value("vehicle"))
+        except SimulationError as error:
+            self.logs.append(FlightLog(name, failure=str(error)))
+            return
+        own, traffic = self._qualities(encounter)
+        self._receivers = Receiver(own, 2 * seed), Receiver(traffic, 2 * seed + 1)
+        self._log = FlightLog(name)
+        self._forget()
+        self._clock = _START
+        self._phase, self._since = _Phase.SETTLING, time.perf_counter()
+        self._routes.publish(route_of(self._air, self._frame))
+        self._origins.publish(GeoReference(latitude=self._frame.latitude, longitude=self._frame.longitude))
+
+    def _qualities(self, encounter: Encounter) -> tuple[Quality, Quality]:
+        names = ("rate", "latency", "dropout", "position_std", "velocity_std")
+        own, traffic = (Quality(*(self._value(f"{who}_{name}") for name in names)) for who in ("own", "traffic"))
+        sensor = encounter.sensor
+        # A scenario that says how good its sensors are is not flown with better ones.
+        return own, traffic._replace(
+            latency=max(traffic.latency, float(sensor.latency[0, 0])),
+            position_std=max(traffic.position_std, float(sensor.position_std[0, 0])),
+            velocity_std=max(traffic.velocity_std, float(sensor.velocity_std[0, 0])),
+        )
+
+    def _on_timer(self) -> None:
+        if self._phase is _Phase.IDLE:
+            return
+        wall = time.perf_counter()
+        rate = self._value("deciding_rate" if self._deciding() else "rate")
+        # Timers beat a little early or late; the mean rate is what counts.
+        if wall - self._last < 0.9 * PERIOD / rate:
+            return
+        if self._phase is _Phase.SETTLING:
+            self._settle(wall)
+        elif self._judged(wall):
+            self._fly()
+        else:
+            return
+        self._last = wall
+
+    def _settle(self, wall: float) -> None:
+        """Let the clock run until both nodes have noticed that it began anew."""
+        # Alerts and the route are the runner's alone.
+        here = self._client.service_is_ready()
+        here &= all(one.get_subscription_count() >= 1 for one in (self._alerts, self._routes))
+        both = (self._own, self._traffic, self._origins)
+        here &= all(one.get_subscription_count() >= 1 + self._watched for one in both)
+        status = self._orders.status
+        idle = not self._watched or (status is not None and status.fly == AssuranceStatus.FLY_NOTHING)
+        if here and idle and self._runner_heard:
+            self._zero, self._phase = self._clock, _Phase.FLYING
+            self._fly()
+            return
+        if wall - self._since > _COME_UP:
+            what = "runner and monitor have" if self._watched else "the runner has"
+            self._end(f"{what} not answered within {_COME_UP:g} s (are they there, with use_sim_time?)")
+            return
+        self._clock += _TICK
+        self._clocks.publish(ClockMessage(clock=header(self._clock, "").stamp))
+
+    def _judged(self, wall: float) -> bool:
+        """Return whether the monitor has kept up with the clock, or must be done without."""
+        if not self._watched or wall - self._last > _PATIENCE:
+            return True
+        return self._orders.status is not None and self._clock - nanoseconds(self._orders.status.header.stamp) <= _AHEAD
+
+    def _deciding(self) -> bool:
+        """Return whether a plan is being sought."""
+        if self._phase is not _Phase.FLYING:
+            return False
+        waiting = (AssuranceStatus.STATE_REPLAN_REQUESTED, AssuranceStatus.STATE_DENIED, AssuranceStatus.STATE_BACKUP)
+        return self._asking is not None or (self._orders.status is not None and self._orders.status.state in waiting)
+
+    def _fly(self) -> None:
+        """Go on by one tick: the clock, what is heard, alert and request, and then the flight."""
+        air = self._air
+        assert air is not None
+        self._clock = self._zero + round(air.time * SECOND)
+        self._clocks.publish(ClockMessage(clock=header(self._clock, "").stamp))
+        own, traffic = self._receivers
+        for heard in own.hear(air.time, {OWN: air.own}):
+            self._own.publish(self._message(heard, own.quality))
+        for heard in traffic.hear(air.time, air.traffic):
+            self._traffic.publish(self._message(heard, traffic.quality))
+        self._crew(air)
+        try:
+            air.step()
+        except RuntimeError as error:  # envs.c208.vehicle.FlightError, whose module is not always there
+            self._end(str(error))
+            return
+        if self._orders.status is not None and self._orders.status.fly == AssuranceStatus.FLY_BACKUP:
+            self._log.backup += PERIOD
+        if air.over() or air.time >= self._value("longest"):
+            self._end("")
+
+    def _end(self, failure: str) -> None:
+        air, log = self._air, self._log
+        assert air is not None
+        log.failure, log.duration = failure, air.time
+        log.wall = time.perf_counter() - self._since
+        log.separation, log.when, log.error = air.truth
+        if self._asking is not None:
+            self._client.remove_pending_request(self._asking)
+        self.logs.append(log)
+        self._phase, self._air = _Phase.IDLE, None
+
+    def _message(self, heard: Heard, quality: Quality) -> AircraftState:
+        """Return what a receiver publishes of a state."""
+        state, at = heard.state, self._frame.geodetic(heard.state.x, heard.state.y)
+        true = state.heading - float(at.convergence)
+        report = Report(
+            heard.identifier,
+            self._zero + round(heard.time * SECOND),
+            float(at.latitude),
+            float(at.longitude),
+            state.speed * math.cos(true),
+            state.speed * math.sin(true),
+            altitude=Altitude(ALTITUDE, "wgs84"),
+            position_std=quality.position_std,
+            velocity_std=quality.velocity_std,
+            true_airspeed=state.speed if heard.identifier == OWN else None,
+            wind=(0.0, 0.0) if heard.identifier == OWN else None,
+        )
+        return aircraft_message(report)
+
+    # The crew: alert, request, and what is flown.
+
+    def _crew(self, air: Air) -> None:
+        near = air.closest() < self._value("alert_distance") and air.time >= 1.0
+        if near and air.time - self._alert_at >= _ALERT_AGAIN:
+            self._alert_at = air.time
+            level = TrafficAlert.LEVEL_CORRECTIVE
+            stamp = header(self._clock, "")
+            self._alerts.publish(TrafficAlert(header=stamp, level=level, intruder_ids=list(air.names)))
+        due = air.time - self._asked_at >= self._value("ask_again") and self._log.safe_at is None
+        # A tick after the alert, so that it is known.
+        if near and due and self._asking is None and air.time > self._alert_at:
+            self._ask(air)
+        self._choose(air)
+
+    def _ask(self, air: Air) -> None:
+        self._asked_at = air.time
+        request = GenerateTrajectory.Request(reason=GenerateTrajectory.Request.REASON_ALERT)
+        request.header = header(self._clock, self._value("map_frame"))
+        began = time.perf_counter()
+        self._asking = asking = self._client.call_async(request)
+        asking.add_done_callback(lambda future: self._on_answer(future, began))
+
+    def _on_answer(self, future: Any, began: float) -> None:
+        if future is not self._asking:
+            return
+        self._asking = None
+        response, log = future.result(), self._log
+        log.latency.append(time.perf_counter() - began)
+        name = Code(response.status).name
+        log.answers[name] = log.answers.get(name, 0) + 1
+        if len(log.latency) == 1:
+            log.first = name
+        if response.status != response.STATUS_SAFE:
+            self.get_logger().info(f"{log.name}: {name} {response.message}")
+
+    def _choose(self, air: Air) -> None:
+        """Take up what the monitor says is to be flown, or the newest plan where nobody watches."""
+        wanted = self._orders.wanted()
+        if wanted is None or uuid_of(wanted.id).bytes == self._following:
+            return
+        self._following = uuid_of(wanted.id).bytes
+        try:
+            curves, began = curve(self._frame, wanted)
+        except FieldError as error:
+            self.get_logger().error(f"cannot be flown: {error}")
+            return
+        plan = wanted.status == Trajectory.STATUS_SAFE
+        air.fly(curves, (began - self._zero) / SECOND, plan=plan)
+        if plan and self._log.safe_at is None:
+            self._log.safe_at, self._log.source = air.time, _SOURCES.get(wanted.source, "none")
+            air.truth = Truth()  # what counts from here on is what the plan promises
+
+    def _of_now(self, message: Any) -> bool:
+        """Return whether a message belongs to the encounter that is flown."""
+        return self._phase is _Phase.FLYING and self._zero <= nanoseconds(message.header.stamp) <= self._clock + SECOND
+
+    def _on_trajectory(self, message: Trajectory) -> None:
+        if self._of_now(message):
+            self._log.plans += self._orders.plan(message)
+
+    def _on_backup(self, message: Trajectory) -> None:
+        if self._of_now(message):
+            self._orders.backup(message)
+
+    def _on_status(self, message: AssuranceStatus) -> None:
+        if _START < nanoseconds(message.header.stamp) <= self._clock:
+            self._orders.says(message)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        name = self.resolve_topic_name(_RUNNER)
+        stamp = nanoseconds(message.header.stamp)
+        if any(status.name == name for status in message.status) and _START < stamp <= self._clock:
+            self._runner_heard = stamp
+
+
+class _Series(Simulator):
+    """Flies the encounters that its parameters name, and finishes."""
+
+    def __init__(self, **more: Any) -> None:
+        super().__init__(**more)
+        self.finished, self.code = False, 0
+        seed, first, count = (self._value(name) for name in ("seed", "encounter", "encounters"))
+        if count < 1:
+            raise ValueError(f"encounters is {count}, expected 1 or more")
+        self._name, self._first, self._seed = self._value("scenario"), first, seed
+        try:
+            self._encounters = numbered(scenario(self._name), seed, first, count)
+        except EncounterError as error:
+            raise ValueError(str(error)) from error
+        self._left = list(range(count))
+        self._next()
+
+    def _next(self) -> None:
+        while self._left and not self.flying:
+            number = self._left.pop(0)
+            one = take(self._encounters, [number])
+            self.begin(one, f"{self._name} {self._first + number}", self._first + number)
+        if not self.flying:
+            print(table(self.logs), flush=True)
+            self.finished, self.code = True, 0 if kept(self.logs) else 1
+
+    def _end(self, failure: str) -> None:
+        super()._end(failure)
+        if self.logs[-1].duration == 0.0:
+            # Nobody is there to fly with.
+            self._left.clear()
+        self._next()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node."""
+    text = parameters.help_text(parameters.SIMULATOR_NUMBERS, parameters.SIMULATOR_OTHERS)
+    return process.main(_Series, "python -m ros_bridge.simulator", f"{__doc__}{text}", arguments)

@@ -1,0 +1,81 @@
+"""What is to be flown, as an aircraft's crew or autopilot reads it from the runner and the monitor.
+
+Nothing but a SAFE plan that the monitor names, or the monitor's backup; whoever has no monitor flies the newest SAFE
+plan until it is withdrawn. Messages are read by their fields; nothing here needs ROS.
+"""
+
+from typing import Any
+
+from envs.waypoints import Legs, knots, legs
+from ros_bridge.core.conversions import STATUS_SAFE, trajectory
+from ros_bridge.core.fields import FieldError
+from ros_bridge.core.geodesy import LocalFrame
+from ros_bridge.core.replies import flown
+
+__all__ = ["Orders", "curve"]
+
+STATUS_WITHDRAWN = 3
+FLY_PLAN, FLY_BACKUP = 1, 2
+_REMEMBERED = 8  # plans; the monitor names one of the last two
+
+
+class Orders:
+    """Hears plans, backups and the monitor.
+
+    Args:
+        watched: whether there is a monitor.
+    """
+
+    def __init__(self, *, watched: bool = True) -> None:
+        self._watched = watched
+        self._plans: dict[bytes, Any] = {}
+        self._newest: Any = None
+        self._backup: Any = None
+        self.status: Any = None
+        """The monitor's last word; None: it has not spoken."""
+
+    def plan(self, message: Any) -> bool:
+        """Hear a trajectory of the runner's; return whether it is a SAFE plan."""
+        if message.status == STATUS_WITHDRAWN:
+            self._newest = None
+        if message.status != STATUS_SAFE:
+            return False
+        self._plans[_name(message.id)] = self._newest = message
+        while len(self._plans) > _REMEMBERED:
+            del self._plans[next(iter(self._plans))]
+        return True
+
+    def backup(self, message: Any) -> None:
+        """Hear the monitor's backup."""
+        self._backup = message
+
+    def says(self, status: Any) -> None:
+        """Hear the monitor."""
+        self.status = status
+
+    def wanted(self) -> Any:
+        """Return the trajectory that is to be flown now; None: nothing, or what is named has not arrived yet."""
+        if not self._watched:
+            return self._newest
+        if self.status is not None and self.status.fly == FLY_PLAN:
+            return self._plans.get(_name(self.status.trajectory_id))
+        if self.status is not None and self.status.fly == FLY_BACKUP:
+            return self._backup
+        return None
+
+
+def curve(frame: LocalFrame, message: Any) -> tuple[Legs, int]:
+    """Return the legs of a plan or backup in a local frame, and the time at which they begin, ns.
+
+    Raises:
+        FieldError: a field cannot be used.
+    """
+    began, start, points = trajectory(message)
+    if not points:
+        raise FieldError("trajectory.waypoints", "has 0 points, expected 1 or more")
+    own, waypoints = flown(frame, began, start, points)
+    return legs(knots(own, waypoints)), began
+
+
+def _name(unique: Any) -> bytes:
+    return bytes(bytearray(unique.uuid))

@@ -1,0 +1,108 @@
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+"""A node as a process: arguments, spinning, an orderly end, and one line and exit code 2 for bad input."""
+
+import argparse
+import gc
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.utilities import remove_ros_args
+
+from ros_bridge.transport.discovery import apart, introduce
+
+__all__ = ["main"]
+
+_LOOK = 1.0  # s between two looks at whether the node has finished
+
+
+def main(make: Callable[[], Any], program: str, text: str, arguments: Sequence[str] | None = None) -> int:
+    """Run a node until it is told to stop, and return the exit code.
+
+    A lifecycle node is configured and activated first. A node that ends by itself has ``finished``, and then ``code``.
+
+    Args:
+        make: makes the node, after ROS has been initialised; ValueError where its parameters contradict each other.
+        program: such as ``python -m ros_bridge.runner``.
+        text: what ``--help`` says.
+        arguments: of the command line, without the program's name; None: those of this process.
+    """
+    gc.disable()  # until everything that stays is there
+    try:
+        return _run(make, program, text, arguments)
+    finally:
+        gc.enable()
+
+
+def _run(make: Callable[[], Any], program: str, text: str, arguments: Sequence[str] | None) -> int:
+    given = [program, *(sys.argv[1:] if arguments is None else arguments)]
+    parser = argparse.ArgumentParser(
+        prog=program, description=text, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+    )
+    alive = _has_life_cycle(make)
+    if alive:
+        parser.add_argument("--manual", action="store_true", help="wait to be configured and activated by others")
+    try:
+        options = parser.parse_args(remove_ros_args(given)[1:])
+        introduce()
+        rclpy.init(args=given)
+        with apart():
+            node = make()
+    except ParameterException as error:
+        return _refuse(program, f"{_line(error)} (a number needs its point, such as 3.0)")
+    except ValueError as error:
+        return _refuse(program, _line(error))
+    except RuntimeError as error:
+        # What rcl raises for arguments has no common class that is public.
+        return _refuse(program, f"ROS arguments cannot be used: {_line(error)}")
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    code = 0
+    try:
+        if not alive or options.manual or _started(node):
+            # What is there by now stays, and is not gone through again and again in the middle of an answer.
+            gc.freeze()
+            gc.enable()
+            while rclpy.ok() and not getattr(node, "finished", False):
+                executor.spin_once(timeout_sec=_LOOK)
+            code = getattr(node, "code", 0)
+        else:
+            code = 2
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except RuntimeError:
+        # A signal between two steps of the executor ends the context under it; the error has no public class.
+        if rclpy.ok():
+            raise
+    finally:
+        # A second Ctrl-C must not break the cleaning up.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return code
+
+
+def _has_life_cycle(make: Any) -> bool:
+    return isinstance(make, type) and issubclass(make, LifecycleNode)
+
+
+def _started(node: Any) -> bool:
+    """Return whether the node could be configured and activated; it has said why not."""
+    steps = (node.trigger_configure, node.trigger_activate)
+    return all(step() is TransitionCallbackReturn.SUCCESS for step in steps)
+
+
+def _refuse(program: str, message: str) -> int:
+    rclpy.try_shutdown()
+    print(f"{program}: error: {message}", file=sys.stderr)
+    return 2
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())
