@@ -17,7 +17,7 @@ from pathlib import Path
 
 __all__ = ["PORTS", "PROFILE", "SAID", "apart", "introduce", "port"]
 
-PROFILE = Path(__file__).parent / "fastdds" / "profile.xml"
+PROFILE = Path(__file__).parents[1] / "fastdds" / "profile.xml"
 """How Fast DDS takes part for a node of ours."""
 
 SAID = (

@@ -290,7 +290,7 @@ def test_a_disk_without_room_is_refused_before_the_run(tmp_path: Path, monkeypat
 
 
 def test_nothing_of_dask_is_loaded_without_a_scheduler() -> None:
-    program = "import sys, eval.monte_carlo as m, eval.hifi\ntry: m.main(['--help'])\nexcept SystemExit: pass\n"
+    program = "import sys, eval.monte_carlo.run as m, eval.hifi.run\ntry: m.main(['--help'])\nexcept SystemExit: pass\n"
     program += "print(sorted({'distributed', 'dask', 'tornado'} & set(sys.modules)), file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stderr.strip() == "[]"

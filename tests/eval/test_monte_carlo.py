@@ -317,7 +317,7 @@ def test_mistakes_end_before_the_run_with_one_sentence(
         out = [] if "--out" in arguments or "--resume" in arguments else ["--out", str(tmp_path / "run")]
         sys.argv = ["eval.monte_carlo", *policy, *out, *arguments]
         with pytest.raises(SystemExit) as ended:
-            run_cli(monte_carlo._cli)
+            run_cli(monte_carlo.cli)
         output, errors = capsys.readouterr()
         assert ended.value.code == 2, (name, errors)
         assert sentence in errors, (name, errors)
@@ -346,7 +346,7 @@ def test_help_is_quick_and_complete() -> None:
         assert option in output
     assert "default: 10000" in output
     assert "plan" in output
-    program = "import sys, eval.monte_carlo as m\ntry: m.main(['--help'])\nexcept SystemExit: pass\n"
+    program = "import sys, eval.monte_carlo.run as m\ntry: m.main(['--help'])\nexcept SystemExit: pass\n"
     program += "print(sorted({'scipy', 'matplotlib', 'pyarrow', 'rich', 'jax'} & set(sys.modules)), file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stderr.strip() == "[]"

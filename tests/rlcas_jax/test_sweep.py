@@ -297,7 +297,8 @@ PROGRAM = """\
 import sys, time
 sys.path[:0] = [{tests!r}, {root!r}]
 import test_sweep
-from rlcas_jax import finish, loop, sweep
+from rlcas_jax import finish, loop
+from rlcas_jax.sweep import run as sweep
 
 def run(config, directory, reporter, *, resume=False):
     if directory.name == "trial_0002":

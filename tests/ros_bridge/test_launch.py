@@ -25,7 +25,7 @@ from envs.kinematics import SURROGATE, within
 from eval.hifi.config import HifiConfig
 from ros_bridge.transport import parameters
 
-PACKAGE = Path(parameters.__file__).parent
+PACKAGE = Path(parameters.__file__).parents[1]
 LAUNCH = sorted((PACKAGE / "launch").glob("*.launch.py"))
 DECLARED = {
     f"rlcas_{name}": {one.name for one in numbers} | {one for one, *_ in others} | {"use_sim_time"}
