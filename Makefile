@@ -51,7 +51,7 @@ venv: .venv/dev.stamp
 # One source distribution is among the wheels, so the build tools of the set above are used and none are fetched.
 .venv/ros.stamp: .venv/dev.stamp constraints/ros.txt $(wildcard ros_bridge/rlcas_msgs/*.* ros_bridge/rlcas_msgs/*/*)
 	@[ "$$(uname -sm)" = "Linux x86_64" ] || { \
-	  echo "There are no ROS wheels for $$(uname -sm): use a ROS installation and colcon (docs/ros.md)." >&2; exit 1; }
+	  echo "There are no ROS wheels for $$(uname -sm): use a ROS installation and colcon (docs/howto/ros.md)." >&2; exit 1; }
 	@command -v $${CXX:-g++} >/dev/null || { \
 	  echo "'make ros' compiles the interfaces and needs g++: on Debian and Ubuntu install g++." >&2; exit 1; }
 	@echo "installing ROS 2 into .venv"

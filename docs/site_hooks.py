@@ -81,11 +81,11 @@ def _code(root: Path) -> Iterator[tuple[str, str]]:
                 rows.setdefault(path.parent, []).insert(0, f"{summary}\n\n| module | what it is |\n|---|---|\n")
             elif _has_public_names(tree):
                 rows.setdefault(path.parent, []).append(f"| [`{module}`]({path.stem}.md) | {summary} |\n")
-                yield f"reference/{module.replace('.', '/')}.md", f"---\ntitle: {path.stem}\n---\n\n::: {module}\n"
+                yield f"reference/code/{module.replace('.', '/')}.md", f"---\ntitle: {path.stem}\n---\n\n::: {module}\n"
         for folder, lines in rows.items():
             if len(lines) > 1:
                 name = folder.relative_to(root).as_posix()
-                yield f"reference/{name}/README.md", f"# {name.replace('/', '.')}\n\n{''.join(lines)}"
+                yield f"reference/code/{name}/README.md", f"# {name.replace('/', '.')}\n\n{''.join(lines)}"
 
 
 def _has_public_names(tree: ast.Module) -> bool:

@@ -14,7 +14,7 @@ PAGE = "configuration-evaluation.md"
 _HEAD = """\
 # Configuration of evaluations
 
-This page is written by `python -m eval.reference docs`; its texts are the docstrings in `eval/config.py`,
+This page is written by `python -m eval.reference docs/reference`; its texts are the docstrings in `eval/config.py`,
 `eval/hifi/config.py` and `agents/config/world.py`.
 
 A configuration is a YAML file with what differs from the defaults, given as `--config FILE`; single keys are changed by

@@ -184,8 +184,8 @@ class PracticeConfig(Strict):
     """Encounters of one's own that are practised again and again, such as those in which an earlier policy failed."""
 
     encounters: Path | None = None
-    """File of encounters (docs/evaluation.md; `eval.failures` writes one), as seen from the working directory; null:
-    none."""
+    """File of encounters (docs/reference/encounter-files.md; `eval.failures` writes one), as seen from the working
+    directory; null: none."""
     share: float = Field(default=0.1, gt=0.0, lt=1.0)
     """Of all encounters; the scenarios share the rest."""
     displacement: float = Field(default=50.0, ge=0.0)

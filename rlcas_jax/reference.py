@@ -12,8 +12,8 @@ __all__ = ["main", "pages"]
 _CONFIGURATION = """\
 # Configuration of training
 
-This page is written by `python -m rlcas_jax.reference docs`; its texts are the docstrings in `rlcas_jax/config.py` and
-`agents/config/world.py`.
+This page is written by `python -m rlcas_jax.reference docs/reference`; its texts are the docstrings in
+`rlcas_jax/config.py` and `agents/config/world.py`.
 
 A configuration is a YAML file with what differs from the defaults, given as `--config FILE`; single keys are changed by
 `--set KEY=VALUE`, also inside lists (`--set scenarios.0.weight=2`). `--set` wins over the file. A run writes what came
@@ -25,8 +25,9 @@ The files in `configs/` are `quick.yaml` (a policy in a minute on two cores), `b
 `best.yaml`, and `best_told.yaml` and `best_told_smooth.yaml`, which refine (all stages of the policy that ships,
 `agents/data/README.md`),
 `paper.yaml` (the paper's own set-up),
-`sprint.yaml` (seconds to a training score of +75, `docs/benchmarks.md`) and the vehicles: `vehicle_surrogate.yaml`
-(the paper's surrogate, also the default) and `vehicle_c208_published.yaml` (its true Cessna 208).
+`sprint.yaml` (seconds to a training score of +75, `docs/reference/benchmarks.md`) and the vehicles:
+`vehicle_surrogate.yaml` (the paper's surrogate, also the default) and `vehicle_c208_published.yaml` (its true Cessna
+208).
 
 Numbers may be written as `3e-4`, `1e7` and `1_000_000`. A key that does not exist, a value of another type or out of
 range, a key that stands twice and a file that is not there end the program with one sentence and exit status 2, before
@@ -49,7 +50,7 @@ goal is ahead. Of `ppo` there are `environments` and `rollout`; `shaping` and `s
 _METRICS = f"""\
 # Metrics of training
 
-This page is written by `python -m rlcas_jax.reference docs`; its texts stand in `rlcas_jax/metrics.py`.
+This page is written by `python -m rlcas_jax.reference docs/reference`; its texts stand in `rlcas_jax/metrics.py`.
 
 A run appends one JSON object an update to `{FILE}` in its directory (`null` where a figure is not known, such as the
 score of an update in which no episode ended), and the same to `tensorboard/` where tensorboardX is installed.

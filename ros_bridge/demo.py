@@ -31,7 +31,7 @@ FOUR = ("crossing_left", "crossing_right", "head_on", "same_course")
 """The paper's scenarios."""
 
 MARGINS = {"kinematic": 25.0, "point_mass": 50.0, "c208": 50.0}
-"""Added to the separation for what each vehicle leaves of its plan, m (docs/ros.md)."""
+"""Added to the separation for what each vehicle leaves of its plan, m (docs/howto/ros.md)."""
 
 _PATIENCE = 15.0  # s in which a process must end
 

@@ -109,11 +109,11 @@ def test_every_link_inside_the_site_leads_to_a_file(site: Path) -> None:
 
 @pytest.mark.slow
 def test_docstrings_become_pages_whose_roles_are_links(site: Path) -> None:
-    text = (site / "reference/agents/features.html").read_text(encoding="utf-8")
+    text = (site / "reference/code/agents/policy/features.html").read_text(encoding="utf-8")
     assert 'id="agents.policy.features.features"' in text
     assert 'href="#agents.policy.features.FEATURE_SETS"' in text
     # Modules whose imports are not installed everywhere have pages too: nothing is imported.
-    assert 'id="ros_bridge.transport.qos.LATCHED"' in (site / "reference/ros_bridge/qos.html").read_text(
+    assert 'id="ros_bridge.transport.qos.LATCHED"' in (site / "reference/code/ros_bridge/transport/qos.html").read_text(
         encoding="utf-8"
     )
     unread = [
@@ -134,9 +134,11 @@ def test_every_page_has_its_place() -> None:
     assert not gone, f"remove from nav in mkdocs.yml: {', '.join(sorted(gone))}"
 
 
-def test_the_list_of_pages_names_every_page_beside_it() -> None:
+def test_the_list_of_pages_names_every_page_of_the_four_kinds() -> None:
     listed = (DOCS / "README.md").read_text(encoding="utf-8")
-    missing = [
-        page.name for page in sorted(DOCS.glob("*.md")) if f"({page.name})" not in listed and page.name != "README.md"
-    ]
+    kinds = ("tutorial", "howto", "explanation", "reference")
+    pages = [page.relative_to(DOCS).as_posix() for kind in kinds for page in sorted((DOCS / kind).glob("*.md"))]
+    missing = [page for page in pages if f"({page})" not in listed]
     assert not missing, f"add to docs/README.md: {', '.join(missing)}"
+    loose = [page.name for page in DOCS.glob("*.md") if page.name != "README.md"]
+    assert not loose, f"each page belongs in one of {kinds}: {', '.join(loose)}"

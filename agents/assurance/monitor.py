@@ -3,7 +3,7 @@
 Each second :func:`step` is told the time, the own states and the intruders', with their ages. It judges what is left
 of the active plan, asks for a new one where it must, and falls back to a backup that is always at hand where no plan
 can be had. It never plans itself, never draws, never reads a clock: the caller plans where a decision says so and
-hands the answers to :func:`answer`. States, thresholds and guarantees: docs/assurance.md.
+hands the answers to :func:`answer`. States, thresholds and guarantees: docs/explanation/assurance.md.
 """
 
 from typing import Any

@@ -1,4 +1,4 @@
-"""When the run-time monitor acts: its thresholds, and the causes that it names. Derivations: docs/assurance.md."""
+"""When the run-time monitor acts: thresholds and named causes. Derivations: docs/explanation/assurance.md."""
 
 from dataclasses import dataclass, field
 from enum import IntFlag

@@ -21,7 +21,7 @@ def write_pages(program: str, description: str | None, pages: Mapping[str, str])
         ConfigError: there is no such directory.
     """
     parser = Parser(prog=program, description=description)
-    parser.add_argument("directory", type=Path, metavar="DIR", help="where the pages go: docs")
+    parser.add_argument("directory", type=Path, metavar="DIR", help="where the pages go: docs/reference")
     directory: Path = parser.parse_args().directory
     if not directory.is_dir():
         raise ConfigError(f"{directory}: there is no such directory")

@@ -27,7 +27,7 @@ __all__ = [
 
 MARGIN = 0.02
 """Largest distance of the follower from the curve that it flies on the true limits' kinematics, m, rounded up: the
-default margin (measured: docs/planner.md)."""
+default margin (measured: docs/explanation/planner.md)."""
 
 SPEED_TOLERANCE = 1.0
 """By how much the ownship's speed may leave the envelope, m/s: a flown plan swings that far about its limits."""

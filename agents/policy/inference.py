@@ -41,7 +41,7 @@ class Policy:
 
     Attributes:
         sha256: digest of the policy file.
-        metadata: of the policy file (docs/policy-file.md).
+        metadata: of the policy file (docs/reference/policy-file.md).
         limits: of the vehicle that the policy was trained for.
         dtype: in which the network is evaluated.
     """

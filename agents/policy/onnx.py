@@ -41,8 +41,8 @@ _EPILOG = """\
 example:
   python -m agents.export_onnx agents/data/policy.safetensors runs/policy.onnx
 
-Contracts, limits, architecture and the policy's digest are in the model's metadata (docs/policy-file.md). Neither jax
-nor onnxruntime is needed; the extra "onnx" installs onnx and onnxruntime."""
+Contracts, limits, architecture and digest are in the model's metadata (docs/reference/policy-file.md). Neither
+jax nor onnxruntime is needed; the extra "onnx" installs onnx and onnxruntime."""
 
 
 class ExportError(ValueError):

@@ -1,4 +1,4 @@
-"""What a policy file must say: its metadata, its tensors, and the checks on both (docs/policy-file.md).
+"""What a policy file must say: its metadata, its tensors, and the checks on both (docs/reference/policy-file.md).
 
 The observation and action contracts are written into every file, so that a policy that was trained against
 another meaning of the eight numbers is refused instead of flown.

@@ -1,6 +1,6 @@
 """The encounter as a Gymnasium environment, ``rlcas/Deconfliction-v0``; importing this module registers it.
 
-The vectorised one is :class:`envs.gym.gymnasium_vector.DeconflictionVectorEnv`; how to use both: docs/gymnasium.md.
+The vectorised one is :class:`envs.gym.gymnasium_vector.DeconflictionVectorEnv`; usage: docs/howto/gymnasium.md.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -38,7 +38,7 @@ a .json file of Lincoln Laboratory's encounters or of ADS-B reports, or a .daa o
 for traffic drawn from a file of one of Lincoln Laboratory's encounter models.
 
 Written to --out, a new or empty folder: summary.json, encounters.parquet (a row an encounter) and compare.png, .svg
-(contents in docs/compare.md). The differences are those of success from the first row's."""
+(contents in docs/howto/compare.md). The differences are those of success from the first row's."""
 
 _EPILOG = """\
 examples:

@@ -1,4 +1,4 @@
-"""From the table of a comparison to its numbers; docs/compare.md defines every key."""
+"""From the table of a comparison to its numbers; docs/howto/compare.md defines every key."""
 
 import math
 from collections.abc import Mapping, Sequence

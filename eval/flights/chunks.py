@@ -100,7 +100,7 @@ def picked(evaluation: Evaluation, numbers: Iterable[int]) -> Encounter:
 
 
 def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
-    """Return the table of a chunk: a column a name, a row an encounter; docs/evaluation.md says what each means."""
+    """Return the table of a chunk: a row an encounter; columns: docs/reference/monte-carlo-files.md."""
     evaluation = pilot.evaluation
     rules, limits = evaluation.rules, evaluation.limits
     starts, weights = drawn(evaluation.source, evaluation.seed, first, count)

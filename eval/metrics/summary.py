@@ -1,4 +1,4 @@
-"""From the table of encounters to the numbers that matter; docs/evaluation.md defines every key."""
+"""From the table of encounters to the numbers that matter; docs/reference/monte-carlo-files.md defines every key."""
 
 import math
 from collections.abc import Mapping

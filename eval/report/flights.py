@@ -33,7 +33,7 @@ __all__ = ["Replayed", "Witness", "evaluation_of", "fly_again"]
 
 _BATCH = 50
 _ROUNDS = 8
-"""Of the refinement of witnesses, a fifth of the usual number: paths get 1.4 m longer on average (docs/compare.md)."""
+"""Of the refinement of witnesses, a fifth of the usual number: paths get 1.4 m longer on average."""
 
 _SAME = 0.01
 """Smallest separations that differ by more, m, are not the same flight."""

@@ -1,4 +1,4 @@
-"""An existing Dask cluster that flies chunks: ``--scheduler tcp://HOST:PORT`` (docs/cluster.md).
+"""An existing Dask cluster that flies chunks: ``--scheduler tcp://HOST:PORT`` (docs/howto/cluster.md).
 
 Dask hands chunks to workers, and again to others where a worker dies. What is decided here: how many chunks are under
 way, so that nobody ever holds more than those; that workers fit the run; and what a chunk is that workers die of.

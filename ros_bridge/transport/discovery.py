@@ -2,8 +2,8 @@
 
 DDS gives a process the first free ports of its domain. One that is started again after a kill so gets those of the dead
 one, which the others hold for alive until its lease ends, after 20 s; Fast DDS then takes seconds to bring newcomer and
-others together (docs/ros.md, "Start and restart"). While some of the first ports are held, the process gets others.
-Their number is drawn: process numbers repeat in containers, and the clock where restarts are quick.
+others together (docs/reference/ros.md, "Start and restart"). While some of the first ports are held, the process gets
+others. Their number is drawn: process numbers repeat in containers, and the clock where restarts are quick.
 
 What else takes seconds there, Fast DDS can be told to do otherwise: ``fastdds/profile.xml`` says how, and why.
 """

@@ -279,7 +279,7 @@ def help_text(numbers: Sequence[Number] = NUMBERS, others: Sequence[tuple[str, A
 
 
 def reference() -> str:
-    """Return all parameters as tables in Markdown, as they stand in docs/ros.md."""
+    """Return all parameters as tables in Markdown, as they stand in docs/reference/ros-parameters.md."""
     parts = []
     for node, numbers, others in NODES:
         rows = [f"**{node}**", "", "| parameter | default | range | unit | meaning |", "|---|---|---|---|---|"]

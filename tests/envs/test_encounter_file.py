@@ -195,5 +195,7 @@ def test_writing_refuses_what_would_not_come_back(tmp_path: Path) -> None:
 
 
 def test_the_columns_are_documented() -> None:
-    text = (Path(__file__).resolve().parents[2] / "docs" / "evaluation.md").read_text(encoding="utf-8")
+    text = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "encounter-files.md").read_text(
+        encoding="utf-8"
+    )
     assert all(f"`{column.name}`" in text for column in COLUMNS)

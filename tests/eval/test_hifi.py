@@ -87,7 +87,7 @@ def test_what_cannot_be_kept_is_told_from_what_the_planner_gave_up(tmp_path: Pat
 
 
 def test_every_column_and_key_is_documented(finished: Path) -> None:
-    text = (ROOT / "docs" / "hifi.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "reference" / "hifi-files.md").read_text(encoding="utf-8")
     names = [name for name in table_of(finished) if name[-3:-2] != "_" or not name[-2:].isdecimal()]
     names += [*json.loads((finished / "summary.json").read_text())]
     assert [name for name in names if f"`{name}`" not in text] == []

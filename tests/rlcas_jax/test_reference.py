@@ -9,13 +9,13 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.metrics import METRICS
 from rlcas_jax.reference import main, pages
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"
 
 
 @pytest.mark.parametrize("name", pages())
 def test_the_pages_are_current(name: str):
     written = (DOCS / name).read_text(encoding="utf-8")
-    assert written == pages()[name], "run `python -m rlcas_jax.reference docs`"
+    assert written == pages()[name], "run `python -m rlcas_jax.reference docs/reference`"
 
 
 def test_every_key_and_every_metric_has_its_row():

@@ -10,11 +10,11 @@ pytest.importorskip("rclpy", reason=MISSING)
 
 from ros_bridge.transport import parameters
 
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "ros.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference" / "ros-parameters.md"
 
 
 def test_the_docs_are_current():
-    wanted = "expected the output of `python -m ros_bridge.transport.parameters` in docs/ros.md"
+    wanted = "expected the output of `python -m ros_bridge.transport.parameters` in docs/reference/ros-parameters.md"
     assert parameters.reference() in DOCS.read_text(encoding="utf-8"), wanted
 
 
