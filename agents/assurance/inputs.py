@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.assurance.thresholds import Cause, Thresholds
-from agents.planner.traffic import Traffic
+from agents.planner.traffic import Traffic, advanced
 from envs.angles import wrap
 from envs.kinematics import VehicleState, velocity
 
@@ -134,17 +134,15 @@ def taken(memory: Memory, told: Inputs, thresholds: Thresholds) -> tuple[Memory,
 
 
 def present(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleState, Traffic]:
-    """Return everybody now, dead-reckoned from the last good reports."""
+    """Return ownship and intruders now, advanced from the last good reports; intruders along the turns they show."""
     own_age = np.where(np.isfinite(memory.own_time), memory.time - memory.own_time, 0.0)
     known = np.isfinite(memory.seen)
     age = np.where(known, memory.time[:, None] - memory.seen, 0.0)
-    spread = np.hypot(memory.position_std, memory.velocity_std * age)
-    zero = np.zeros(age.shape)
-    turn_time = np.maximum(np.where(memory.turn_rate == 0.0, zero, thresholds.turn_time - age), 0.0)
-    traffic = Traffic(
-        _carried(memory.intruders, age), mask & known, memory.turn_rate, turn_time, spread, memory.velocity_std
+    turn_time = np.where(memory.turn_rate == 0.0, 0.0, thresholds.turn_time)
+    reports = Traffic(
+        memory.intruders, mask & known, memory.turn_rate, turn_time, memory.position_std, memory.velocity_std
     )
-    return _carried(memory.own, own_age), traffic
+    return _carried(memory.own, own_age), advanced(reports, age)
 
 
 def _turn_rate(memory: Memory, told: Inputs, elapsed: Any, good: Any, thresholds: Thresholds) -> Any:

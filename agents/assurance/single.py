@@ -14,8 +14,8 @@ from agents.assurance.inputs import Inputs
 from agents.assurance.state import Decision, Flown, Monitor, State
 from agents.assurance.thresholds import Cause, Thresholds
 from agents.planner.answer import Plan
-from agents.planner.request import Intruder
-from agents.planner.traffic import Traffic
+from agents.planner.request import Intruder, reported
+from agents.planner.traffic import Traffic, advanced
 from envs.kinematics import VehicleState
 from envs.trees import mapped, take
 from envs.waypoints import Knots, Waypoint, knots
@@ -252,18 +252,9 @@ def _waypoints(monitor: Monitor) -> tuple[Waypoint, ...]:
 
 
 def _traffic(reports: Sequence[Intruder | None]) -> Traffic:
-    """Return intruders as the planner was told of them, ``[1, K]``; absent where there is no report."""
-    told = [report or Intruder(VehicleState(0.0, 0.0, 0.0, 0.0)) for report in reports]
-    state = _row([report.state for report in told])
-    age = np.array([[report.age for report in told]], dtype=float)
-    state = state._replace(
-        x=state.x + state.speed * np.cos(state.heading) * age, y=state.y + state.speed * np.sin(state.heading) * age
-    )
-    mask = np.array([[report is not None for report in reports]], dtype=bool)
-    names = ("turn_rate", "turn_time", "position_std", "velocity_std")
-    rest = (np.array([[getattr(report, name) for report in told]], dtype=float) for name in names)
-    turn_rate, turn_time, position_std, velocity_std = rest
-    return Traffic(state, mask, turn_rate, turn_time, np.hypot(position_std, velocity_std * age), velocity_std)
+    """Return intruders at the request as the planner takes their reports, ``[1, K]``; absent where there is none."""
+    given, age = reported([report or Intruder(VehicleState(0.0, 0.0, 0.0, 0.0)) for report in reports])
+    return advanced(given._replace(mask=np.array([[report is not None for report in reports]], dtype=bool)), age)
 
 
 def _row(states: Sequence[VehicleState]) -> VehicleState:

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.planner.answer import Excluded, RequestError
-from agents.planner.traffic import Requirement, Traffic, required
-from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, velocity
+from agents.planner.traffic import Requirement, Traffic, advanced, required
+from agents.planner.validator import same_flight
+from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState
 from envs.waypoints import RoutePoint
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "checked",
     "gentle",
     "keeping",
+    "reported",
 ]
 
 MARGIN = 0.02
@@ -79,14 +81,15 @@ class Intruder:
     """An intruder as it was reported."""
 
     state: VehicleState
+    """At the time of the report."""
     age: float = 0.0
-    """Of the report at the request, s; it is dead-reckoned over it."""
+    """Of the report at the request, s; the planner advances the state over it, along the turn while that lasts."""
     turn_rate: float = 0.0
     """With which it is expected to go on turning, rad/s, positive to the left."""
     turn_time: float = 0.0
-    """For how long, s."""
+    """For how long after the report (not after the request) it turns, s; straight ahead after that."""
     position_std: float = 0.0
-    """One sigma per axis, m (from ADS-B's NACp: half its 95 % radius)."""
+    """One sigma per axis at the time of the report, m (from ADS-B's NACp: half its 95 % radius)."""
     velocity_std: float = 0.0
     """One sigma per axis, m/s (from NACv likewise)."""
     altitude: Altitude | None = None
@@ -188,11 +191,21 @@ def checked(
     ]
     out = {one.number for one in excluded}
     kept = [number for number in range(len(reports)) if number not in out]
-    columns = [_now(reports[number]) for number in kept]
-    each = np.array(columns, dtype=float).reshape(len(columns), 8).T[:, None, :]
-    traffic = Traffic(VehicleState(*each[:4]), np.ones((1, len(columns)), dtype=bool), *each[4:])
+    seen, age = reported([reports[number] for number in kept])
+    traffic = advanced(seen, age)
+    # Plans are checked against the traffic as of the request: it must fly what the reports say, by the validator's own
+    # arithmetic.
+    for number in np.flatnonzero(~same_flight(seen, age, traffic)[0]) if age.any() else ():
+        raise RequestError(f"intruders[{kept[number]}]", "cannot be advanced from its report to the request")
     one = VehicleState(*(np.array([value]) for value in state))
     return Request(one, traffic, x[None], y[None], np.array([x.size])), tuple(excluded), kept
+
+
+def reported(reports: Sequence[Intruder]) -> tuple[Traffic, Any]:
+    """Return checked reports as arrays as of their own times, and their ages, s, ``[1, K]``."""
+    rows = [(*one.state, one.turn_rate, one.turn_time, one.position_std, one.velocity_std, one.age) for one in reports]
+    each = np.array(rows, dtype=float).reshape(len(rows), 9).T[:, None, :]
+    return Traffic(VehicleState(*each[:4]), np.ones((1, len(rows)), dtype=bool), *each[4:8]), each[8]
 
 
 def keeping(request: Request, options: Options) -> Any:
@@ -266,23 +279,6 @@ def _report(name: str, report: Intruder, options: Options) -> Intruder:
         _number(f"{name}.position_std", report.position_std, 0.0, 10_000.0, "m"),
         _number(f"{name}.velocity_std", report.velocity_std, 0.0, 100.0, "m/s"),
         report.altitude,
-    )
-
-
-def _now(report: Intruder) -> tuple[float, ...]:
-    """Return what the arrays hold of an intruder, its state dead-reckoned to the request."""
-    state, age = report.state, report.age
-    vx, vy = velocity(VehicleState(*(np.float64(value) for value in state)), np)
-    spread = math.hypot(report.position_std, report.velocity_std * age)
-    return (
-        float(state.x + vx * age),
-        float(state.y + vy * age),
-        state.heading,
-        state.speed,
-        report.turn_rate,
-        report.turn_time,
-        spread,
-        report.velocity_std,
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from envs.angles import wrap
 from envs.kinematics import VehicleState
 
-__all__ = ["Requirement", "Traffic", "predicted", "required", "uncertainty"]
+__all__ = ["Requirement", "Traffic", "advanced", "predicted", "required", "uncertainty"]
 
 
 class Traffic(NamedTuple):
@@ -62,6 +62,25 @@ def predicted(traffic: Traffic, time: Any) -> VehicleState:
     x = state.x + chord * np.cos(middle) + straight * np.cos(heading)
     y = state.y + chord * np.sin(middle) + straight * np.sin(heading)
     return VehicleState(x, y, wrap(heading, np), state.speed + np.zeros_like(x))
+
+
+def advanced(reports: Traffic, age: Any) -> Traffic:
+    """Return the intruders at the request from reports of some age: moved along their turns, which then last less.
+
+    Args:
+        reports: as of the reports' own times, ``[..., K]``; each turn lasts ``turn_time`` from there.
+        age: of the reports at the request, s, ``[..., K]``; below 0 the report is moved back along its arc.
+    """
+    turn_rate = np.where(reports.turn_time > 0.0, reports.turn_rate, 0.0)
+    turn_time = np.where(turn_rate == 0.0, 0.0, np.maximum(reports.turn_time - age, 0.0))
+    return Traffic(
+        predicted(reports._replace(turn_rate=turn_rate), age),
+        reports.mask,
+        turn_rate,
+        turn_time,
+        uncertainty(reports, age),
+        reports.velocity_std,
+    )
 
 
 def uncertainty(traffic: Traffic, time: Any) -> Any:

@@ -15,7 +15,7 @@ from envs.kinematics import Limits
 from envs.trees import mapped, take
 from envs.waypoints import ARCS, CLOSED, Knots, Legs, legs
 
-__all__ = ["CHECKS", "CLOSE", "FINE", "ROUNDING", "TOLERANCE", "Findings", "validate"]
+__all__ = ["CHECKS", "CLOSE", "FINE", "ROUNDING", "TOLERANCE", "Findings", "same_flight", "validate"]
 
 FINE = 32
 """Parts into which an arc of a leg is cut where it matters: 0.06 s of a leg of 20 s, 4 mm of uncertainty."""
@@ -29,6 +29,8 @@ that begins there may be smaller by the part's bow."""
 
 ROUNDING = 1e-6
 """How much of the separation itself may be missing, m."""
+
+_SAME_PLACE = 0.01  # m by which an intruder may leave its report's flight for rounding's sake
 
 CHECKS = ("not_finite", "times", "leg", "speed", "acceleration", "turn_rate", "separation")
 """What is checked, in the order of the findings' first axis; names of :class:`agents.planner.answer.Kind`."""
@@ -116,6 +118,26 @@ def validate(
     found.note(5, ~turning.all(axis=-1) & ok)
     _separation(found, knots, curves, traffic, requirement, sound)
     return found.findings()
+
+
+def same_flight(reports: Traffic, age: Any, traffic: Traffic) -> Any:
+    """Return whether intruders as of the request fly on as their reports say, ``[N, K]``.
+
+    They are looked at where they stand, half-way through the turn, at its end and long after it: two arcs of one rate
+    through the same points are the same, two straight lines too.
+
+    Args:
+        reports: as of the reports' own times, ``[N, K]``.
+        age: of the reports at the request, s, ``[N, K]``.
+        traffic: what plans are made and checked with, as of the request, ``[N, K]``.
+    """
+    said, used = (mapped(np.ravel, given) for given in (reports, traffic))
+    turn = used.turn_time[:, None]
+    times = np.concatenate([turn * np.array([0.0, 0.5, 1.0]), turn + 500.0], axis=1)
+    there, here = _flown(said, times + np.ravel(age)[:, None]), _flown(used, times)
+    near = np.hypot(there[0] - here[0], there[1] - here[1]).max(axis=1) <= _SAME_PLACE
+    alike = (used.turn_time == 0.0) | (said.turn_rate == used.turn_rate)
+    return (near & alike & (said.mask == used.mask)).reshape(np.shape(age))
 
 
 def _gain(curves: Legs) -> Any:
@@ -289,6 +311,15 @@ def _relative(own: tuple[Any, Any], time: Any, traffic: Traffic) -> tuple[Any, A
     if n.size:
         x[n, :, k], y[n, :, k] = _turning(take(traffic, (n, k)), time[n])
     return x - own[0][..., None], y - own[1][..., None]
+
+
+def _flown(traffic: Traffic, time: Any) -> tuple[Any, Any]:
+    """Return the positions of intruders ``[m]`` at times ``[m, A]``, m."""
+    state = mapped(lambda field: field[:, None], traffic.state)
+    x, y = (start + state.speed * part(state.heading) * time for start, part in ((state.x, np.cos), (state.y, np.sin)))
+    turns = np.flatnonzero((np.abs(traffic.turn_rate) > 1e-9) & (traffic.turn_time > 0.0))
+    x[turns], y[turns] = _turning(take(traffic, turns), time[turns])
+    return x, y
 
 
 def _turning(traffic: Traffic, time: Any) -> tuple[Any, Any]:

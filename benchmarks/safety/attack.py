@@ -49,6 +49,8 @@ class Batch(NamedTuple):
     """... and before this one count."""
     single: bool
     """Whether they go through ``plan`` one by one."""
+    family: str = ""
+    """Name of the only family that is planned; empty: all are."""
 
 
 @dataclass
@@ -111,17 +113,17 @@ class Tally:
         }
 
 
-def tasks(seed: int, first: int, count: int, single: int, block: int) -> Iterator[Batch]:
+def tasks(seed: int, first: int, count: int, single: int, block: int, family: str = "") -> Iterator[Batch]:
     """Return the batches of requests ``first .. first + count - 1``, the first ``single`` of them one by one too."""
     for hundred in range(first // HUNDRED * HUNDRED, first + single if single else 0, HUNDRED):
-        yield Batch(seed, (hundred,), first, first + single, True)
+        yield Batch(seed, (hundred,), first, first + single, True, family)
     for begin in range(first // block * block, first + count, block):
         alike: dict[int, list[int]] = {}
         for hundred in range(begin, begin + block, HUNDRED):
             alike.setdefault(_variant(hundred), []).append(hundred)
         for hundreds in alike.values():
             if any(first < hundred + HUNDRED and hundred < first + count for hundred in hundreds):
-                yield Batch(seed, tuple(hundreds), first, first + count, False)
+                yield Batch(seed, tuple(hundreds), first, first + count, False, family)
 
 
 def attack(batch: Batch, policy: Policy) -> Tally:
@@ -130,9 +132,13 @@ def attack(batch: Batch, policy: Policy) -> Tally:
         warnings.simplefilter("error", RuntimeWarning)
         parts = [drawn(batch.seed, hundred, HUNDRED) for hundred in batch.hundreds]
         requests = mapped(lambda *fields: np.concatenate(fields), *parts)
+        tally = Tally()
+        if batch.family:
+            requests = take(requests, np.array([FAMILIES[family].name == batch.family for family in requests.family]))
+            if requests.number.size == 0:
+                return tally
         wanted = (requests.number >= batch.first) & (requests.number < batch.end)
         options = list(VARIANTS.values())[requests.variant[0]]
-        tally = Tally()
         if batch.single:
             _one_by_one(tally, batch.seed, take(requests, wanted), policy, options)
             return tally

@@ -1,7 +1,8 @@
 """Requests of the attack as a user of ``agents.planner.plan`` writes them, and what its answer must keep.
 
-The reports of the intruders are some seconds old, some have altitudes, and the indices of the route are drawn so that
-careless new ones would meet them.
+The reports of the intruders are some seconds old, turning ones turned then already, some straight ones have just ended
+a turn, some have altitudes, and the indices of the route are drawn so that careless new ones would meet them. What the
+planner is given is the report; what it is judged by is where that leads, by this package's own arithmetic.
 """
 
 import math
@@ -12,7 +13,9 @@ import numpy as np
 from agents.planner.answer import WAYPOINTS, Plan
 from agents.planner.planner import plan
 from agents.planner.request import Altitude, Intruder, Options, Request
+from agents.planner.traffic import Traffic
 from agents.policy.inference import Policy
+from benchmarks.safety.resimulation import travelled
 from envs import waypoints
 from envs.kinematics import VehicleState
 from envs.trees import take
@@ -46,18 +49,16 @@ def question(seed: int, number: int, request: Request) -> Question:
     order = np.concatenate([present, np.flatnonzero(~traffic.mask)])
     for k in present:
         one = take(traffic, int(k))
-        x, y, heading, speed = (float(value) for value in one.state)
         age = float(rng.uniform(-0.5, 5.0)) if rng.random() < 0.5 else 0.0
         drift = float(one.velocity_std) * age
         position = math.sqrt(max(float(one.position_std) ** 2 - drift * drift, 0.0))
         spread[k] = math.hypot(position, drift)
-        state = VehicleState(x - speed * math.cos(heading) * age, y - speed * math.sin(heading) * age, heading, speed)
+        state, rate, lasts = _reported(rng, one, age)
         height = None
         if rng.random() < 0.3:
             reference = "msl" if rng.random() < 0.8 else "wgs84"
             height = Altitude(float(rng.uniform(-1_000.0, 5_000.0)), reference, float(rng.normal(0.0, 3.0)))
-        turn = float(one.turn_rate), float(one.turn_time)
-        intruders.append(Intruder(state, age, *turn, position, float(one.velocity_std), height))
+        intruders.append(Intruder(state, age, rate, lasts, position, float(one.velocity_std), height))
     count = int(request.points)
     indices = rng.permutation(2 * count)[:count].tolist()
     points = zip(indices, request.route_x[:count].tolist(), request.route_y[:count].tolist(), strict=True)
@@ -65,6 +66,18 @@ def question(seed: int, number: int, request: Request) -> Question:
     altitude = Altitude(2_000.0, "msl", float(rng.normal(0.0, 3.0))) if rng.random() < 0.7 else None
     truth = request._replace(traffic=take(traffic._replace(position_std=spread), order))
     return Question(own, intruders, [RoutePoint(*point) for point in points], altitude, truth)
+
+
+def _reported(rng: np.random.Generator, one: Traffic, age: float) -> tuple[VehicleState, float, float]:
+    """Return the state, turn rate and duration of a turn in a report of some age that leads to an intruder ``[]``."""
+    x, y, heading, speed = (float(value) for value in one.state)
+    rate, lasts = float(one.turn_rate), float(one.turn_time) + age
+    if rate == 0.0 or lasts <= max(age, 0.0):
+        ended = age > 0.0 and rng.random() < 0.5
+        rate, lasts = (float(rng.uniform(-0.08, 0.08)), float(rng.uniform(0.0, age))) if ended else (0.0, 0.0)
+    before = heading - rate * min(age, lasts)
+    place = x + 1j * y - complex(travelled(before, speed, rate, lasts, age))
+    return VehicleState(place.real, place.imag, math.remainder(before, 2.0 * math.pi), speed), rate, lasts
 
 
 def faults(question: Question, answer: Plan, options: Options) -> list[str]:

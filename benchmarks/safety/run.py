@@ -18,6 +18,7 @@ from pathlib import Path
 
 from agents.policy.inference import Policy
 from benchmarks.measure import report
+from benchmarks.safety.adversary import FAMILIES
 from benchmarks.safety.attack import HUNDRED, Batch, Tally, attack, tasks
 from eval.runner.workers import cores
 
@@ -68,6 +69,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--seed", type=int, default=0, help="of the requests (default 0)")
     parser.add_argument("--first", type=int, default=0, help="number of the first request (default 0)")
+    parser.add_argument("--family", default="", help="plan only the requests of this family (default: of all)")
     parser.add_argument("--workers", type=int, default=cores(), help="processes (default: one for every core)")
     parser.add_argument("--block", type=int, default=BLOCK, help=f"requests planned side by side (default {BLOCK})")
     parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
@@ -78,8 +80,10 @@ def main(arguments: list[str] | None = None) -> int:
             parser.error(f"--{name} is {getattr(options, name)}, expected {least} or more")
     if options.block % HUNDRED:
         parser.error(f"--block is {options.block}, expected a multiple of {HUNDRED}")
+    if options.family not in ("", *(one.name for one in FAMILIES)):
+        parser.error(f"--family is {options.family!r}, expected one of {', '.join(one.name for one in FAMILIES)}")
     single = min(options.single, options.requests)
-    batches = list(tasks(options.seed, options.first, options.requests, single, options.block))
+    batches = list(tasks(options.seed, options.first, options.requests, single, options.block, options.family))
     path = None
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)

@@ -28,7 +28,8 @@ __all__ = ["Code", "Excluded", "Picture", "Refusal", "Settings", "Task", "level"
 
 
 _TURN_TIME = Thresholds().turn_time
-"""For how long an intruder is expected to go on with the turn that its reports show, s: as the monitor expects it."""
+"""For how long after its report an intruder is expected to go on with the turn that its reports show, s: as the monitor
+expects it."""
 
 
 class Code(IntEnum):
@@ -155,7 +156,7 @@ def task(picture: Picture, now: int, settings: Settings, asked_route: Route | No
         raise Refusal(Code.NO_GEO_REFERENCE, "geo_reference", "geo_reference has not been received")
     frame = picture.origin.frame
     report = _usable(picture.own, "ownship", now, settings.ownship_age, settings.future)
-    own = _now(frame, report, now)
+    own = _now(frame, picture.own, report, now)
     far = math.hypot(own.x, own.y)
     if far > ACCURATE:
         raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", f"ownship.position {_too_far(far)}")
@@ -212,11 +213,14 @@ def placed(frame: LocalFrame, report: Report) -> VehicleState:
     return VehicleState(float(at.x), float(at.y), float(wrap(heading, np)), math.hypot(report.east, report.north))
 
 
-def _now(frame: LocalFrame, report: Report, now: int) -> VehicleState:
-    """Return a reported state in the local frame, carried straight ahead to the present."""
+def _now(frame: LocalFrame, track: Track, report: Report, now: int) -> VehicleState:
+    """Return a reported state in the local frame, advanced to the present along the turn that its track shows."""
     state, seconds = placed(frame, report), (now - report.time) / SECOND
-    reach = state.speed * seconds
-    return state._replace(x=state.x + reach * math.cos(state.heading), y=state.y + reach * math.sin(state.heading))
+    turn = track.turn_rate * seconds
+    # The chord of an arc points half-way through its turn; numpy's sinc(x) is sin(pi x) / (pi x).
+    reach, course = state.speed * seconds * float(np.sinc(turn / (2.0 * math.pi))), state.heading + 0.5 * turn
+    x, y = state.x + reach * math.cos(course), state.y + reach * math.sin(course)
+    return VehicleState(x, y, float(wrap(state.heading + turn, np)), state.speed)
 
 
 def level(altitude: Altitude | None, age: int, undulation: float | None) -> Altitude | None:
@@ -255,10 +259,10 @@ def _intruders(
         if far > REACH and name not in alerted:
             excluded.append(Excluded(name, f"is {far / 1e3:.0f} km from the geo-reference, out of reach"))
             continue
-        # The planner dead-reckons over the age; only the altitude's reference is settled here.
+        # The planner advances the report over its age; only the altitude's reference is settled here.
         height = level(report.altitude, 0, undulation)
         age = (now - report.time) / SECOND
-        turn_time = max(_TURN_TIME - max(age, 0.0), 0.0) if track.turn_rate else 0.0
+        turn_time = _TURN_TIME if track.turn_rate else 0.0
         intruders.append(
             Intruder(state, age, track.turn_rate, turn_time, report.position_std, report.velocity_std, height)
         )

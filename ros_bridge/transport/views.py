@@ -13,6 +13,8 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from agents.planner.answer import Plan
+from agents.planner.request import reported
+from agents.planner.traffic import advanced
 from envs.waypoints import Legs, knots, legs
 from envs.waypoints import at as at_time
 from ros_bridge.core.fields import SECOND
@@ -59,8 +61,8 @@ def markers(plan: Plan, task: Task, frame: str) -> MarkerArray:
             result.append(text)
     keep = 2.0 * task.options.requirement.separation
     for number, (name, intruder) in enumerate(zip(task.identifiers, task.intruders, strict=True)):
-        state, reach = intruder.state, intruder.state.speed * intruder.age
-        x, y = state.x + reach * math.cos(state.heading), state.y + reach * math.sin(state.heading)
+        now = advanced(*reported([intruder])).state
+        x, y = float(now.x[0, 0]), float(now.y[0, 0])
         disc = _marker(
             stamp,
             "traffic",

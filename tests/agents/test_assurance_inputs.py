@@ -287,10 +287,14 @@ def blank_traffic() -> Any:
     )[2]
 
 
-def test_an_old_turn_is_expected_to_last_less() -> None:
+def test_an_aged_turn_is_advanced_along_its_arc_and_lasts_less() -> None:
     memory = blank(1, 1)
     for time, age in ((0.0, 0.0), (1.0, 0.0), (3.0, 2.0)):
         told = assurance.inputs(time, on_plan(time), other(0.0, 0.0, 0.03 * (time - age)), age=np.full((1, 1), age))
         memory, _own, traffic, _causes = taken(memory, told, THRESHOLDS)
     assert traffic.turn_rate[0, 0] == pytest.approx(0.03)
     assert traffic.turn_time[0, 0] == pytest.approx(THRESHOLDS.turn_time - 2.0)
+    radius, turned = 75.0 / 0.03, 0.03 * 3.0
+    assert traffic.state.heading[0, 0] == pytest.approx(turned)
+    assert traffic.state.x[0, 0] == pytest.approx(radius * (math.sin(turned) - math.sin(0.03)), abs=1e-6)
+    assert traffic.state.y[0, 0] == pytest.approx(radius * (math.cos(0.03) - math.cos(turned)), abs=1e-6)

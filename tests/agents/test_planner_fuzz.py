@@ -18,7 +18,7 @@ from agents.planner.traffic import Requirement, Traffic
 from agents.planner.validator import CLOSE
 from agents.policy.inference import Policy
 from benchmarks.safety import published
-from benchmarks.safety.resimulation import CHECKS, Route, resimulate
+from benchmarks.safety.resimulation import CHECKS, Route, resimulate, travelled
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState
 from envs.trees import take
 from envs.waypoints import RoutePoint
@@ -113,19 +113,7 @@ def assert_confirmed(question: dict[str, Any], answer: Plan) -> None:
     """Judge a SAFE plan by the independent re-simulation."""
     options = question["options"] or Options()
     reports = [one if isinstance(one, Intruder) else Intruder(one) for one in question["intruders"]]
-    rows = [
-        (
-            one.state.x + one.state.speed * math.cos(one.state.heading) * one.age,
-            one.state.y + one.state.speed * math.sin(one.state.heading) * one.age,
-            one.state.heading,
-            one.state.speed,
-            one.turn_rate,
-            one.turn_time,
-            math.hypot(one.position_std, one.velocity_std * one.age),
-            one.velocity_std,
-        )
-        for one in reports
-    ]
+    rows = [_at_request(one) for one in reports]
     columns = np.array(rows, dtype=float).reshape(len(rows), 8).T
     traffic = Traffic(VehicleState(*columns[:4]), np.ones(len(rows), dtype=bool), *columns[4:])
     x, y = (np.array([getattr(point, name) for point in question["route"]], dtype=float) for name in ("x", "y"))
@@ -147,6 +135,18 @@ def assert_confirmed(question: dict[str, Any], answer: Plan) -> None:
         wrong -= {"required", "separation"}
         assert verdict.min_separation[0] >= requirement.separation - 1e-3
     assert wrong == set()
+
+
+def _at_request(report: Intruder) -> tuple[float, ...]:
+    """Return an intruder at the request from its report: state, turn and uncertainty."""
+    x, y, heading, speed = report.state
+    age, lasts = report.age, report.turn_time
+    rate = report.turn_rate if lasts > 0.0 else 0.0
+    moved = complex(travelled(heading, speed, rate, lasts, age))
+    turned = heading + rate * min(age, lasts)
+    spread = math.hypot(report.position_std, report.velocity_std * age)
+    left = max(lasts - age, 0.0)
+    return x + moved.real, y + moved.imag, turned, speed, rate, left, spread, report.velocity_std
 
 
 def test_the_request_that_is_spoiled_is_a_good_one() -> None:

@@ -87,7 +87,18 @@ def test_a_turn_that_the_reports_show_is_expected_to_go_on_for_a_while():
     picture = heard(crossing(), turned, own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
     [intruder] = task(picture, late + SECOND // 2, Settings()).intruders
     assert intruder.turn_rate == pytest.approx(math.radians(3.0), rel=1e-3)
-    assert intruder.turn_time == pytest.approx(14.5)
+    assert (intruder.age, intruder.turn_time) == (pytest.approx(0.5), 15.0)  # the planner counts it from the report
+
+
+def test_a_turning_ownship_is_advanced_along_its_arc():
+    rate, age = math.radians(3.0), 1.2
+    late, second = NOW + SECOND, aircraft(74.0, 2.0, rate, 75.0, id="own", time=NOW + SECOND)
+    picture = hearing.ownship(heard(), second, late, RULES)
+    state = task(picture, late + round(age * SECOND), Settings()).own
+    radius, turned = 75.0 / rate, rate + rate * age
+    assert state.heading == pytest.approx(turned, abs=1e-4)
+    assert state.x == pytest.approx(74.0 + radius * (math.sin(turned) - math.sin(rate)), abs=0.01)
+    assert state.y == pytest.approx(2.0 + radius * (math.cos(rate) - math.cos(turned)), abs=0.01)
 
 
 def test_what_is_missing_is_named():
