@@ -1,8 +1,9 @@
 """Networks in the ``.nnet`` text format, and the advisory logics of the field that come in it.
 
-The format (K. Julian, Stanford, 2016) is a text: comment lines that begin with ``//``; the number of layers, inputs,
-outputs and the widest layer; the layers' sizes; a line without use; minima, maxima, means and ranges of the inputs,
-the last two with one more for all outputs; then for each layer its weights, a line a row, and its biases, a line each.
+The format (K. Julian, Stanford, 2016) is a text: the number of layers, inputs, outputs and the widest layer; the
+layers' sizes; a line without use; minima, maxima, means and ranges of the inputs, the last two with one more for all
+outputs; then for each layer its weights, a line a row, and its biases, a line each. Comment lines, which begin with
+``//``, and blank lines may stand anywhere, a byte order mark at the beginning.
 
 Two logics are known by the number of inputs. HorizontalCAS has 3 (intruder ahead ft, left ft, relative heading rad)
 and advises what scores highest; ACAS Xu has 5 (distance ft, bearing rad, relative heading rad, both speeds ft/s) and
@@ -21,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.baselines.baselines import Sight, homeward, steered, way_back
+from agents.baselines.baselines import Sight, checked, homeward, steered, way_back
 from envs.angles import wrap
 from envs.kinematics import SURROGATE, Limits
 from envs.observation import CRITICAL_RADIUS, most_critical
@@ -87,7 +88,7 @@ def read(path: str | os.PathLike[str]) -> Network:
         raise lines.error(f"sizes {sizes} do not fit {inputs} inputs, {outputs} outputs and at most {widest} a layer")
     if sum(a * b for a, b in pairwise(sizes)) > _MOST:
         raise lines.error(f"sizes {sizes}: expected at most {_MOST} weights")
-    lines.skip("a line without use")
+    lines.unused(inputs)
     low, high = lines.numbers("minima of the inputs", inputs), lines.numbers("maxima of the inputs", inputs)
     if not (low < high).all():
         raise lines.error("a maximum does not exceed its minimum")
@@ -119,8 +120,12 @@ class AdvisoryLogic:
     separation: float = 1_000.0
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return actions ``[M, 2]`` that hold the speed, and the advisories to remember."""
-        inputs = self._inputs(sight)
+        """Return actions ``[M, 2]`` that hold the speed, and the advisories to remember.
+
+        Raises:
+            ValueError: something of the sight is not finite.
+        """
+        inputs = self._inputs(checked(sight))
         scores = np.empty((len(memory), len(ADVISORIES)))
         for previous in range(len(ADVISORIES)):
             rows = memory == previous
@@ -196,30 +201,39 @@ class _Lines:
     def __init__(self, source: str) -> None:
         self._source, self._number = source, 0
         try:
-            self._lines = Path(source).read_text(encoding="ascii").splitlines()
+            self._lines = Path(source).read_text(encoding="utf-8-sig").splitlines()
         except FileNotFoundError:
             raise NnetError(f"{source}: there is no such file") from None
         except UnicodeDecodeError as problem:
-            raise NnetError(f"{source}: not a text in ASCII (byte {problem.start})") from None
+            raise NnetError(f"{source}: not a text in UTF-8 (byte {problem.start})") from None
         except OSError as problem:
             raise NnetError(f"{source}: cannot be read: {problem.strerror}") from None
-        while self._number < len(self._lines) and self._lines[self._number].lstrip().startswith("//"):
-            self._number += 1
 
     def error(self, text: str) -> NnetError:
         """Return an error about the line read last."""
         return NnetError(f"{self._source} line {self._number}: {text}")
 
-    def skip(self, what: str) -> str:
-        """Return the next line."""
-        if self._number == len(self._lines):
-            raise NnetError(f"{self._source}: ends after line {self._number}, expected {what}")
-        self._number += 1
-        return self._lines[self._number - 1]
+    def next(self) -> str | None:
+        """Return the next line that is neither blank nor a comment; None at the end."""
+        for line in self._lines[self._number :]:
+            self._number += 1
+            if line.strip() and not line.lstrip().startswith("//"):
+                return line
+        return None
+
+    def unused(self, inputs: int) -> None:
+        """Pass over the line without use; a blank one is it where the minima of several inputs follow."""
+        before = self._number
+        line = self.next()
+        if line is not None and self._number > before + 1 and len(_cells(line)) == inputs > 1:
+            self._number -= 1
 
     def numbers(self, what: str, count: int) -> np.ndarray:
         """Return the finite numbers of the next line; a comma at its end is usual."""
-        cells = self.skip(what).strip().removesuffix(",").split(",")
+        line = self.next()
+        if line is None:
+            raise NnetError(f"{self._source}: ends after line {self._number}, expected {what}")
+        cells = _cells(line)
         if len(cells) != count:
             raise self.error(f"{len(cells)} numbers, expected {count}: {what}")
         return np.array([self._number_of(cell.strip(), what) for cell in cells])
@@ -234,16 +248,19 @@ class _Lines:
 
     def end(self) -> None:
         """Refuse what is left."""
-        for line in self._lines[self._number :]:
-            self._number += 1
-            if line.strip():
-                raise self.error(f"{line.strip()[:40]!r}, expected the end of the file")
+        line = self.next()
+        if line is not None:
+            raise self.error(f"{line.strip()[:40]!r}, expected the end of the file")
 
     def _number_of(self, cell: str, what: str) -> float:
         try:
             value = float(cell)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value) or "_" in cell:
+        if not math.isfinite(value) or "_" in cell or not cell.isascii():
             raise self.error(f"{cell!r} is not a finite number: {what}")
         return value
+
+
+def _cells(line: str) -> list[str]:
+    return line.strip().removesuffix(",").split(",")

@@ -23,6 +23,7 @@ __all__ = [
     "PotentialField",
     "RightHand",
     "Sight",
+    "checked",
     "homeward",
     "steered",
     "way_back",
@@ -52,8 +53,35 @@ class Baseline(Protocol):
     """A decider on states; it may remember a whole number of each encounter, 0 at the start."""
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return actions ``[M, 2]`` in [-1, 1] and what to remember, int8 ``[M]``."""
+        """Return actions ``[M, 2]`` in [-1, 1] and what to remember, int8 ``[M]``.
+
+        Raises:
+            ValueError: something of the sight is not finite; the message names it.
+        """
         ...
+
+
+def checked(sight: Sight) -> Sight:
+    """Return a sight in which every number is finite, absent intruders aside.
+
+    Raises:
+        ValueError: one is not; the message names the field and the encounter.
+    """
+    for name, values in (
+        *zip(VehicleState._fields, sight.own, strict=True),
+        *zip(Sight._fields[3:], sight[3:], strict=True),
+    ):
+        _finite(name if name in Sight._fields else f"own.{name}", values)
+    for name, values in zip(VehicleState._fields, sight.intruders, strict=True):
+        _finite(f"intruders.{name}", np.where(sight.mask, values, 0.0))
+    return sight
+
+
+def _finite(name: str, values: Any) -> None:
+    values = np.asarray(values, dtype=float)
+    if not np.isfinite(values).all():
+        where = tuple(np.argwhere(~np.isfinite(values))[0].tolist())
+        raise ValueError(f"{name}{list(where) or ''} is {values[where]}, expected a finite number")
 
 
 def homeward(sight: Sight, limits: Limits, goal_radius: float) -> np.ndarray:
@@ -109,7 +137,9 @@ class Direct:
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        return _actions(steered(sight.own, homeward(sight, self.limits, self.goal_radius), self.limits)), memory
+        return _actions(
+            steered(checked(sight).own, homeward(sight, self.limits, self.goal_radius), self.limits)
+        ), memory
 
 
 class _Conflict(NamedTuple):
@@ -163,7 +193,7 @@ class RightHand:
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        own, protected = sight.own, self.separation + _MARGIN
+        own, protected = checked(sight).own, self.separation + _MARGIN
         straight = _conflicts(sight, own.heading, protected, self.lookahead)
         bearing = _bearing(sight)
         # Head-on, from the right or overtaken is ours to avoid; 110 degrees from ahead is where overtaking begins.
@@ -197,7 +227,7 @@ class PotentialField:
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        own, protected = sight.own, self.separation + _MARGIN
+        own, protected = checked(sight).own, self.separation + _MARGIN
         conflict = _conflicts(sight, own.heading, protected, self.lookahead)
         push_x, push_y = self._push(sight, conflict, protected)
         own_vx, own_vy = velocity(own, np)

@@ -27,6 +27,25 @@ def seen(own, others, goal=(15_000.0, 0.0), left=300.0) -> Sight:
     )
 
 
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("field", ["own.x", "own.speed", "intruders.heading", "goal_y", "left"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_sight_that_is_not_finite_is_refused_by_name(name: str, field: str, value: float) -> None:
+    sight, (part, *rest) = seen((0, 0, 0, 75), [(9_000, 0, math.pi, 75)]), field.split(".")
+    old = getattr(sight, part)
+    spoiled = old._replace(**{rest[0]: getattr(old, rest[0]) + value}) if rest else old + value
+    with pytest.raises(ValueError, match=rf"^{field}.* is (nan|inf)"):
+        decide(name, sight._replace(**{part: spoiled, "goal_x": sight.goal_x}))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_absent_intruder_may_be_anything(name: str) -> None:
+    sight = seen((0, 0, 0, 75), [(9_000, 0, math.pi, 75)])._replace(mask=np.zeros((1, 1), bool))
+    with np.errstate(invalid="ignore"):
+        nobody = decide(name, sight._replace(intruders=VehicleState(*(np.full((1, 1), math.nan) for _ in range(4)))))
+    np.testing.assert_array_equal(nobody, decide(name, sight))
+
+
 def decide(name: str, sight: Sight) -> np.ndarray:
     baseline = BASELINES[name](SURROGATE, 500.0, 1_000.0)
     action, memory = baseline.decide(sight, np.zeros(len(sight.goal_x), np.int8))

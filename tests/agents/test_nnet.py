@@ -36,7 +36,7 @@ SMALL = """\
 
 def written(tmp_path: Path, text: str, name: str = "small.nnet") -> Path:
     path = tmp_path / name
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -46,6 +46,18 @@ def test_a_network_by_hand(tmp_path: Path) -> None:
     assert network(np.array([[3.0, 0.5]])) == pytest.approx(np.array([[10.3, 4.6]]))
     # Beyond the maxima the input is clipped.
     np.testing.assert_array_equal(network(np.array([[99.0, 9.0]])), network(np.array([[10.0, 1.0]])))
+
+
+@pytest.mark.parametrize("flag", ["0,", ""])
+def test_byte_order_mark_comments_and_blank_lines_change_nothing(tmp_path: Path, flag: str) -> None:
+    lines = SMALL.splitlines()
+    assert lines[4] == "0,"
+    lines[4] = flag
+    for number in range(len(lines) + 1):
+        for more in ("", "  // between Zürich and Genève", " \t"):
+            text = "\ufeff" + "\n".join([*lines[:number], more, *lines[number:]])
+            network = read(written(tmp_path, text))
+            assert network(np.array([[3.0, 0.5]])) == pytest.approx(np.array([[10.3, 4.6]]))
 
 
 @pytest.mark.parametrize(
@@ -77,12 +89,18 @@ def test_every_cut_of_a_file_is_refused(tmp_path: Path) -> None:
 
 def test_what_is_no_text_or_no_file(tmp_path: Path) -> None:
     (tmp_path / "binary.nnet").write_bytes(b"\xff\xfe")
-    with pytest.raises(NnetError, match="not a text in ASCII"):
+    with pytest.raises(NnetError, match="not a text in UTF-8"):
         read(tmp_path / "binary.nnet")
     with pytest.raises(NnetError, match="there is no such file"):
         read(tmp_path / "absent.nnet")
     with pytest.raises(NnetError, match="2 inputs and 2 outputs, expected 3 "):
         load_logic(written(tmp_path, SMALL))
+
+
+@pytest.mark.parametrize("cell", ["\u0661", "1_0", "inf"])
+def test_only_plain_numbers_are_read(tmp_path: Path, cell: str) -> None:
+    with pytest.raises(NnetError, match="line 7"):
+        read(written(tmp_path, SMALL.replace("0.0,1.0,", f"0.0,{cell},", 1)))
 
 
 def test_inputs_are_checked(tmp_path: Path) -> None:
