@@ -7,6 +7,8 @@ intent is the paper's future work and here a part of every encounter (switched o
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from envs.angles import atan2, sincos, wrap
 from envs.kinematics import Limits, VehicleState, advance
 
@@ -55,8 +57,7 @@ class Intent(NamedTuple):
 class Recording(NamedTuple):
     """A flight that is known already, in the place of an :class:`Intent`; fields ``[..., K, T + 1]``, numpy.
 
-    Row 0 is the start, and the rows are as far apart as the steps of whoever flies. What comes after the last one is
-    flown straight on.
+    Row 0 is the start, and the rows are one time step apart. After the last one the intruder flies straight on.
     """
 
     x: Any
@@ -99,7 +100,7 @@ def step(
 
     Args:
         state: ``[..., K]``.
-        intent: ``[..., K]``; with a recording the time is one number.
+        intent: ``[..., K]``.
         time: s since the start at the beginning of the step, ``[..., 1]`` or broadcastable.
         dt: duration of the step, s.
         xp: array namespace.
@@ -107,11 +108,7 @@ def step(
     """
     vehicle = state.vehicle
     if isinstance(intent, Recording):
-        row = round(time / dt) + 1
-        if row < intent.x.shape[-1]:
-            return state._replace(vehicle=VehicleState(*(field[..., row] for field in intent)))
-        still = vehicle.heading * 0.0
-        return state._replace(vehicle=advance(vehicle, still, still, dt, INTRUDER_LIMITS, xp))
+        return state._replace(vehicle=_recorded(vehicle, intent, time, dt))
     # The intent changes in the one step that begins at or within dt after the onset.
     changes = xp.logical_and(time >= intent.onset, time - dt < intent.onset)
     sine, cosine = sincos(wrap(vehicle.heading + intent.heading_change, xp), xp)
@@ -128,3 +125,18 @@ def step(
     yaw_rate = xp.clip(command, -intent.turn_rate, intent.turn_rate)
     moved = advance(vehicle, error * 0.0, yaw_rate, dt, INTRUDER_LIMITS, xp)
     return IntruderState(moved, waypoint_x, waypoint_y, error, error_sum)
+
+
+def _recorded(vehicle: VehicleState, recording: Recording, time: Any, dt: float) -> VehicleState:
+    """Return the vehicles after the step that begins at ``time``, ``[..., K]``."""
+    still = vehicle.heading * 0.0
+    straight = advance(vehicle, still, still, dt, INTRUDER_LIMITS, np)
+    row = np.broadcast_to(np.rint(np.asarray(time) / dt).astype(int) + 1, still.shape)
+    last = recording.x.shape[-1] - 1
+    index = np.minimum(row, last)[..., None]
+    return VehicleState(
+        *(
+            np.where(row <= last, np.take_along_axis(rows, index, axis=-1)[..., 0], onward)
+            for rows, onward in zip(recording, straight, strict=True)
+        )
+    )

@@ -4,6 +4,7 @@ import math
 from typing import Any, NamedTuple
 
 from envs.angles import sincos
+from envs.backend import FloatNamespace
 from envs.kinematics import VehicleState
 from envs.relative import bearing, distance, straight_cpa
 
@@ -138,11 +139,15 @@ def criticality(own: VehicleState, intruders: VehicleState, radius: float, xp: A
     return xp.where(cpa.distance < radius, conflict, 10_000.0 + cpa.distance)
 
 
-def most_critical(own: VehicleState, intruders: VehicleState, mask: Any, radius: float, xp: Any) -> VehicleState:
+def most_critical(own: VehicleState, intruders: Any, mask: Any, radius: float, xp: Any) -> VehicleState:
     """Choose, of the intruders ``[..., K]`` present by ``mask``, the most urgent one, ``[...]``.
 
-    An absent intruder is never chosen unless all are absent. For array namespaces only.
+    An absent intruder is never chosen unless all are absent. Plain floats come as a tuple of the intruders present.
     """
+    if isinstance(xp, FloatNamespace):
+        if len(intruders) == 1:
+            return intruders[0]
+        return min(intruders, key=lambda one: criticality(own, one, radius, xp))
     if intruders.x.shape[-1] == 1:
         return VehicleState(*(field[..., 0] for field in intruders))
     seen_by = VehicleState(*(field[..., None] for field in own))

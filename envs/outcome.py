@@ -51,7 +51,7 @@ def judge(separation: Any, goal_distance: Any, time: Any, rules: Rules, xp: Any)
     violation = separation < rules.separation
     reached = xp.logical_and(goal_distance <= rules.goal_radius, xp.logical_not(violation))
     going_on = xp.logical_not(xp.logical_or(violation, reached))
-    # Half a step of tolerance keeps the count of steps exact when time is a sum of float32 steps.
+    # Half a step of tolerance keeps the count of steps exact however time is rounded.
     timeout = xp.logical_and(time > rules.t_max - 0.5 * rules.dt, going_on)
     return Outcome(violation, reached, timeout)
 

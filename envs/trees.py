@@ -11,8 +11,10 @@ T = TypeVar("T")
 
 
 def mapped(function: Callable[..., Any], *trees: Any) -> Any:
-    """Apply a function to the arrays at the same place of nested tuples, which have the same structure."""
+    """Apply a function to the arrays at the same place of nested tuples of one structure; None stays None."""
     first = trees[0]
+    if first is None:
+        return None
     if isinstance(first, tuple):
         parts = [mapped(function, *same) for same in zip(*trees, strict=True)]
         return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)

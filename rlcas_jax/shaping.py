@@ -42,7 +42,7 @@ def potential(state: State, weights: ShapingConfig, rules: Rules) -> jax.Array:
     Args:
         state: encounters in progress.
         weights: of the goal, a predicted conflict, an escape, its brink (:func:`escape`), a delay (:func:`delay`).
-        rules: separation, before which ``state.demanded`` goes, and time limit.
+        rules: separation, before which ``state.required_separation`` goes, and time limit.
     """
     separation = rules.separation
     total = -weights.goal * distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp) * 1e-4
@@ -56,25 +56,25 @@ def potential(state: State, weights: ShapingConfig, rules: Rules) -> jax.Array:
     if weights.brink:
         total = total + weights.brink * escape(state, separation, 5.0)
     if weights.delay:
-        total = total - weights.delay * delay(state, rules.t_max)
+        total = total - weights.delay * delay(state, rules)
     return total
 
 
-def delay(state: State, t_max: float) -> jax.Array:
+def delay(state: State, rules: Rules) -> jax.Array:
     """Return whether the present speed is too slow for the goal, ``[N]``: 0 with 30 s to spare, 1 if 30 s too late.
 
     No input tells the time, and who trails a slow intruder hears of it minutes later, when nothing helps any more.
 
     Args:
         state: encounters in progress.
-        t_max: time limit, s.
+        rules: time step and time limit.
     """
-    return _late(state, t_max, jnp.maximum(state.own.speed, 1.0))
+    return _late(state, rules, jnp.maximum(state.own.speed, 1.0))
 
 
-def _late(state: State, t_max: float, speed: jax.Array | float) -> jax.Array:
+def _late(state: State, rules: Rules, speed: jax.Array | float) -> jax.Array:
     left = distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp)
-    spare = t_max - state.time - left / speed
+    spare = rules.t_max - state.steps * rules.dt - left / speed
     return jnp.clip(0.5 - spare * (1.0 / 60.0), 0.0, 1.0)
 
 
@@ -86,7 +86,7 @@ def escape(state: State, separation: float, unit: float) -> jax.Array:
 
     Args:
         state: encounters in progress.
-        separation: m; ``state.demanded`` goes before it.
+        separation: m; ``state.required_separation`` goes before it.
         unit: m that count 1; what is beyond counts no more.
     """
     return jnp.clip(_spare(state, separation) * (1.0 / unit), -1.0, 1.0)
@@ -99,12 +99,12 @@ def calm(state: State, room: tuple[float, float], rules: Rules, speed: float = 0
         state: encounters in progress.
         room: what the best of twelve manoeuvres keeps beyond the separation, and the distance to the goal beyond its
             radius, from which on it counts in full, m; 0: wherever.
-        rules: separation, before which ``state.demanded`` goes, radius of the goal and time limit.
+        rules: separation, before which ``state.required_separation`` goes, radius of the goal and time limit.
         speed: at which the goal must be in reach in time, too, m/s; 0: however long the way.
     """
-    counts = 1.0 - delay(state, rules.t_max)
+    counts = 1.0 - delay(state, rules)
     if speed:
-        counts = counts * (1.0 - _late(state, rules.t_max, speed))
+        counts = counts * (1.0 - _late(state, rules, speed))
     if room[0]:
         counts = counts * roomy(state, room[0], rules.separation)
     if room[1]:
@@ -119,7 +119,7 @@ def roomy(state: State, room: float, separation: float) -> jax.Array:
     Args:
         state: encounters in progress.
         room: m.
-        separation: m; ``state.demanded`` goes before it.
+        separation: m; ``state.required_separation`` goes before it.
     """
     return jnp.clip(_spare(state, separation) * (1.0 / room), 0.0, 1.0)
 
@@ -127,7 +127,7 @@ def roomy(state: State, room: float, separation: float) -> jax.Array:
 def _spare(state: State, separation: float) -> jax.Array:
     """Return what the best of twelve manoeuvres keeps beyond what is asked for, m, ``[N]``."""
     kept = best(state.own, state.goal_x, state.goal_y, state.intruders.vehicle, state.mask, jnp)
-    return kept - (separation if state.demanded is None else state.demanded)
+    return kept - (separation if state.required_separation is None else state.required_separation)
 
 
 def shaped(before: jax.Array, after: jax.Array, terminated: jax.Array, discount: float) -> jax.Array:

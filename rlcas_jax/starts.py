@@ -253,7 +253,9 @@ def draw(key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: i
             pool = _mixed(jax.random.fold_in(key, number), pool, starts, share, reach, config.world.separation)
     demanded = asked(pool, config.world)
     # The axis of the rows is mapped over; None, where all are judged alike, has none.
-    return jax.vmap(lambda row, by: surrogate.reset(row, late_reports=late(scenarios), demanded=by))(pool, demanded)
+    return jax.vmap(lambda row, by: surrogate.reset(row, late_reports=late(scenarios), required_separation=by))(
+        pool, demanded
+    )
 
 
 def _mixed(key: jax.Array, pool: Encounter, own: Encounter, share: float, reach: float, separation: float) -> Encounter:

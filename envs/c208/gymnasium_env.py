@@ -8,23 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from envs import flight, outcome
-from envs.backend import FloatNamespace
+from envs import world
+from envs.backend import EXACT_FLOATS
 from envs.c208.conditions import CALM, Conditions
 from envs.c208.vehicle import C208Vehicle, FlightError
 from envs.encounters import EncounterError, Scenario
-from envs.flight import Flight, Result
 from envs.gym.gymnasium_contract import error
 from envs.gym.gymnasium_env import DeconflictionEnv, register, registry
 from envs.kinematics import SURROGATE, Limits, VehicleState, commands
 from envs.outcome import RULES, Rules
-from envs.relative import distance, leg_separation
+from envs.world import State, StepResult
 
 __all__ = ["ENV_ID", "C208Env"]
 
 ENV_ID = "rlcas/C208-v0"
-
-_XP: Any = FloatNamespace()
 
 
 class C208Env(DeconflictionEnv):
@@ -90,22 +87,14 @@ class C208Env(DeconflictionEnv):
         observation, reward, terminated, truncated, info = super().step(action)
         return observation, reward, terminated, truncated, info | self._aircraft()
 
-    def _advance(self, before: Flight, action: tuple[float, float]) -> tuple[Flight, Result]:
+    def _advance(self, before: State, action: tuple[float, float]) -> tuple[State, StepResult]:
         vehicle = self._vehicle
-        assert vehicle is not None  # step has asked
-        acceleration, yaw_rate = commands(action, self.limits, _XP)
+        assert vehicle is not None  # checked in step
+        acceleration, yaw_rate = commands(action, self.limits, EXACT_FLOATS)
         vehicle.step(acceleration, yaw_rate, self.rules.dt)
         own = VehicleState(*(float(field) for field in vehicle.state))
-        # The traffic and the clock are the surrogate's; the ownship is the aircraft.
-        moved, _ = flight.step(before, action, self.rules, self.limits)
-        moved = moved._replace(own=own)
-        apart = tuple(
-            leg_separation(before.own, own, old.vehicle, new.vehicle, self.rules.dt, _XP)
-            for old, new in zip(before.intruders, moved.intruders, strict=True)
-        )
-        to_goal = distance(moved.goal_x - own.x, moved.goal_y - own.y, _XP)
-        judged = outcome.judge(min(apart), to_goal, moved.steps * self.rules.dt, self.rules, _XP)
-        return moved, Result(judged, outcome.reward(judged, self.rules, _XP), apart, to_goal)
+        traffic = world.move_intruders(before, self.rules.dt, EXACT_FLOATS)
+        return world.evaluate(before, own, traffic, self.rules, EXACT_FLOATS)
 
     def _aircraft(self) -> dict[str, float]:
         assert self._vehicle is not None

@@ -23,6 +23,7 @@ from envs.gym.gymnasium_contract import (
 )
 from envs.kinematics import SURROGATE, Limits
 from envs.outcome import RULES, Rules
+from envs.world import State, StepResult, World
 
 if TYPE_CHECKING:
     from envs.gym.rendering import Drawing, Scene
@@ -88,13 +89,13 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._next = 0
         self._number = 0
         self._label = 0
-        self._flight: flight.Flight | None = None
+        self._flight: State | None = None
         self._over = False
         self._present = np.zeros(0, dtype=int)
         self._intruders = 0
         self._noisy = False
         self._min_separation = np.inf
-        self._film: list[tuple[Any, list[Any], tuple[float, ...]]] = []
+        self._frames: list[tuple[Any, list[Any], tuple[float, ...]]] = []
         self._outcome = OUTCOMES[0]
         self._picture: Drawing | None = None
         self._window: Window | None = None
@@ -128,7 +129,7 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._noisy = any(np.any(field > 0.0) for field in encounter.sensor)
         separations = flight.separations(self._flight)
         self._min_separation = min(separations)
-        self._film = []
+        self._frames = []
         self._record(separations)
         if self.render_mode == "human":
             if self._window is not None and self._window.closed:
@@ -150,15 +151,14 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             raise error.ResetNeeded(f"the encounter has ended ({self._outcome}); call reset to begin another one")
         acceleration, yaw_rate = checked_actions(action, (2,)).tolist()
         self._flight, result = self._advance(self._flight, (acceleration, yaw_rate))
-        separation = min(result.separations)
-        self._min_separation = min(self._min_separation, separation)
+        self._min_separation = min(self._min_separation, result.separation)
         judged = result.outcome
         self._outcome = OUTCOMES[1 * judged.violation + 2 * judged.reached + 3 * judged.timeout]
         self._over = self._outcome != OUTCOMES[0]
         self._record(result.separations)
         if self.render_mode == "human":
             self.render()
-        info = self._info(separation, result.goal_distance)
+        info = self._info(result.separation, result.goal_distance)
         terminated, truncated = bool(judged.violation or judged.reached), bool(judged.timeout)
         return self._observe(), float(result.reward), terminated, truncated, info
 
@@ -203,9 +203,9 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         assert self._flight is not None
         label = "an encounter of your own" if self._label < 0 else f"{self.scenario.name}, encounter {self._label}"
         return Scene(
-            np.array([own for own, _, _ in self._film]),
-            np.array([intruders for _, intruders, _ in self._film]),
-            np.array([separations for _, _, separations in self._film]),
+            np.array([own for own, _, _ in self._frames]),
+            np.array([intruders for _, intruders, _ in self._frames]),
+            np.array([separations for _, _, separations in self._frames]),
             (self._flight.goal_x, self._flight.goal_y),
             self.rules.goal_radius,
             self.rules.separation,
@@ -214,21 +214,21 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             label,
         )
 
-    def _advance(self, before: flight.Flight, action: tuple[float, float]) -> tuple[flight.Flight, flight.Result]:
-        """Fly one step; another vehicle does so in its own way."""
-        return flight.step(before, action, self.rules, self.limits)
+    def _advance(self, before: State, action: tuple[float, float]) -> tuple[State, StepResult]:
+        """Return the state one step later; environments of another vehicle replace this."""
+        return flight.step(before, action, World(self.rules, self.limits))
 
     def _record(self, separations: tuple[float, ...]) -> None:
         if self.render_mode is not None and self._flight is not None:
             intruders = [state.vehicle for state in self._flight.intruders]
-            self._film.append((self._flight.own, intruders, separations))
+            self._frames.append((self._flight.own, intruders, separations))
 
     def _observe(self) -> np.ndarray:
         assert self._flight is not None and self._seed is not None
         noise = None
         if self._noisy:
             # Absent intruders have draws too, as they have in the evaluator.
-            drawn = starts.report_noise(self._seed, self._number, self._flight.steps, self._intruders)
+            drawn = starts.report_noise(self._seed, self._number, int(self._flight.steps), self._intruders)
             noise = drawn[:, self._present]
         return flight.observe(self._flight, noise)
 

@@ -1,4 +1,4 @@
-"""Closed-loop flights of many encounters at once, in plain numpy: the surrogate's step order without jax.
+"""Closed-loop flights of many encounters at once, in plain numpy.
 
 Motion is float64; what the decider sees is float32, as in training. Encounters that end are dropped from the
 arrays, so that the work shrinks with the number still in the air. Every operation acts on each row alone: a
@@ -7,21 +7,20 @@ flight comes out bit for bit the same whatever others are flown with it.
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from agents.baselines.baselines import Baseline, Sight
-from envs import intruder
 from envs.draws import normals
 from envs.encounters import Encounter
-from envs.intruder import GAINS, Intent, IntruderState
-from envs.kinematics import Limits, VehicleState, advance, commands
-from envs.observation import CRITICAL_RADIUS, most_critical, observe
-from envs.outcome import Rules, judge, reward
-from envs.perception import Sensor, carried_back, perceive
-from envs.relative import distance, leg_separation
+from envs.intruder import GAINS
+from envs.kinematics import Limits, commands
+from envs.outcome import Rules
+from envs.relative import distance
 from envs.trees import take
+from envs.world import State, StepResult, World, begin, observe, perceived, smallest
+from envs.world import step as advance
 from eval.flights.trajectories import Film, Trajectories
 
 __all__ = ["OUTCOMES", "REVERSAL_RATE", "Decider", "Flights", "OnStates", "direct", "fly", "sensor_noise", "turned_to"]
@@ -65,23 +64,19 @@ class Flights(NamedTuple):
 
 
 class _Air(NamedTuple):
-    """Encounters in progress; fields ``[M]``, those of intruders ``[M, K]``."""
+    """Encounters in progress; fields ``[M]``."""
 
+    state: State
     number: np.ndarray
-    own: VehicleState
-    goal_x: np.ndarray
-    goal_y: np.ndarray
-    intruders: IntruderState
-    mask: np.ndarray
-    intent: Intent
-    sensor: Sensor
-    previous: tuple[VehicleState, VehicleState]
+    """Row of each among the encounters flown."""
     min_separation: np.ndarray
     time_of_min_separation: np.ndarray
     path_length: np.ndarray
     side: np.ndarray
+    """Of the last turn, int8: see :func:`turned_to`."""
     reversals: np.ndarray
     memory: np.ndarray
+    """Of a baseline."""
 
 
 def direct(limits: Limits) -> Decider:
@@ -143,97 +138,68 @@ def fly(
     count = len(encounters.goal_x)
     kinds = {"outcome": np.int8, "reversals": np.int32}
     result = Flights(**{name: np.zeros(count, kinds.get(name, np.float64)) for name in Flights._fields})
-    air = _takeoff(encounters)
+    dt, world = rules.dt, World(rules, limits)
+    air = _takeoff(encounters, late_reports=noise is not None)
     film = Film(encounters) if record else None
-    dt, step = rules.dt, 0
+    step = 0
     while len(air.number):
-        seen = air.intruders.vehicle
-        if noise is not None:
-            seen = perceive(seen, *air.previous, air.sensor, noise(step)[:, air.number], dt, np)
-        chosen = most_critical(air.own, seen, air.mask, CRITICAL_RADIUS, np)
-        observation = observe(air.own, chosen, air.goal_x, air.goal_y, np).astype(np.float32)
+        state = air.state
+        seen = perceived(state, None if noise is None else noise(step)[:, air.number], np)
+        observation = observe(state, seen, np).astype(np.float32)
         memory = air.memory
         if isinstance(decider, OnStates):
-            sight = Sight(air.own, seen, air.mask, air.goal_x, air.goal_y, rules.t_max - step * dt)
+            sight = Sight(state.own, seen, state.mask, state.goal_x, state.goal_y, rules.t_max - step * dt)
             action, memory = decider.baseline.decide(sight, memory)
         else:
             action = decider(observation).astype(np.float64)
-        acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
-
-        traffic = intruder.step(air.intruders, air.intent, step * dt, dt, np)
-        own = advance(air.own, acceleration, yaw_rate, dt, limits, np)
+        controls = action[:, 0], action[:, 1]
+        after, flown = advance(state, controls, world, np)
         step += 1
-        separation = _separation(air, own, traffic.vehicle, dt)
-        goal_distance = distance(air.goal_x - own.x, air.goal_y - own.y, np)
-        outcome = judge(separation, goal_distance, step * dt, rules, np)
 
-        side, reversed_ = turned_to(yaw_rate, air.side)
-        previous = air.previous if noise is None else (air.intruders.vehicle, air.previous[0])
-        closer = separation < air.min_separation
+        side, reversed_ = turned_to(commands(controls, limits, np)[1], air.side)
+        closer = flown.separation < air.min_separation
         air = air._replace(
-            path_length=air.path_length + (0.5 * dt) * (air.own.speed + own.speed),
-            own=own,
-            intruders=traffic,
-            previous=previous,
-            min_separation=np.minimum(separation, air.min_separation),
+            state=after,
+            path_length=air.path_length + (0.5 * dt) * (state.own.speed + after.own.speed),
+            min_separation=np.minimum(flown.separation, air.min_separation),
             time_of_min_separation=np.where(closer, step * dt, air.time_of_min_separation),
             reversals=air.reversals + reversed_,
             side=side,
             memory=memory,
         )
         if film is not None:
-            film.expose(air.number, own, traffic.vehicle, (observation, action, separation))
-        ended = outcome.ended(np)
-        if ended.any():
-            _land(result, take(air, ended), outcome, ended, reward(outcome, rules, np), goal_distance, step * dt)
-            air = take(air, ~ended)
+            decisions = observation, action, flown.separation
+            film.expose(air.number, after.own, after.intruders.vehicle, decisions)
+        if after.ended.any():
+            _land(result, air, flown, after.ended, step * dt)
+            air = take(air, ~after.ended)
     return result, None if film is None else film.developed()
 
 
-def _takeoff(encounters: Encounter) -> _Air:
-    own, seen = encounters.own, encounters.intruders
-    count = len(encounters.goal_x)
-    by_step = np.zeros(count)
-    # The rules' time step is 1 s wherever reports are late; see perception.perceive.
-    previous = (carried_back(seen, 1.0, np), carried_back(seen, 2.0, np))
-    apart = distance(seen.x - own.x[:, None], seen.y - own.y[:, None], np)
+def _takeoff(encounters: Encounter, *, late_reports: bool) -> _Air:
+    state, count = begin(encounters, np, late_reports=late_reports), len(encounters.goal_x)
+    own, vehicles = encounters.own, encounters.intruders
+    apart = distance(vehicles.x - own.x[:, None], vehicles.y - own.y[:, None], np)
     return _Air(
-        np.arange(count),
-        own,
-        encounters.goal_x,
-        encounters.goal_y,
-        intruder.start(seen, np),
-        encounters.mask,
-        encounters.intent,
-        encounters.sensor,
-        previous,
-        np.min(np.where(encounters.mask, apart, np.inf), axis=-1),
-        by_step,
-        by_step,
-        by_step,
-        np.zeros(count, np.int32),
-        np.zeros(count, np.int8),
+        state=state,
+        number=np.arange(count),
+        min_separation=smallest(apart, encounters.mask, np),
+        time_of_min_separation=np.zeros(count),
+        path_length=np.zeros(count),
+        side=np.zeros(count, np.int8),
+        reversals=np.zeros(count, np.int32),
+        memory=np.zeros(count, np.int8),
     )
 
 
-def _separation(air: _Air, own: VehicleState, traffic: VehicleState, dt: float) -> np.ndarray:
-    """Return the smallest distance to any intruder during a step, m, ``[M]``."""
-    before = VehicleState(*(field[:, None] for field in air.own))
-    after = VehicleState(*(field[:, None] for field in own))
-    separations = leg_separation(before, after, air.intruders.vehicle, traffic, dt, np)
-    return np.min(np.where(air.mask, separations, np.inf), axis=-1)
-
-
-def _land(
-    result: Flights, landed: _Air, outcome: Any, ended: np.ndarray, score: np.ndarray, goal: np.ndarray, time: float
-) -> None:
+def _land(result: Flights, air: _Air, last: StepResult, ended: np.ndarray, time: float) -> None:
     """Write the encounters that have just ended into the result."""
-    number = landed.number
-    result.outcome[number] = np.argmax(np.stack(outcome)[:, ended], axis=0)
-    result.score[number] = score[ended]
+    number = air.number[ended]
+    result.outcome[number] = np.argmax(np.stack(last.outcome)[:, ended], axis=0)
+    result.score[number] = last.reward[ended]
     result.duration[number] = time
-    result.min_separation[number] = landed.min_separation
-    result.time_of_min_separation[number] = landed.time_of_min_separation
-    result.path_length[number] = landed.path_length
-    result.goal_distance[number] = goal[ended]
-    result.reversals[number] = landed.reversals
+    result.min_separation[number] = air.min_separation[ended]
+    result.time_of_min_separation[number] = air.time_of_min_separation[ended]
+    result.path_length[number] = air.path_length[ended]
+    result.goal_distance[number] = last.goal_distance[ended]
+    result.reversals[number] = air.reversals[ended]

@@ -25,7 +25,7 @@ COUNT, STEPS = 128, 300
 def worth(states: surrogate.State, **weights: float) -> jax.Array:
     """Return the potential of states ``[..., N]``."""
     of = partial(potential, weights=ShapingConfig(**weights), rules=RULES)
-    return jax.jit(of if states.time.ndim == 1 else jax.vmap(of))(states)
+    return jax.jit(of if states.steps.ndim == 1 else jax.vmap(of))(states)
 
 
 @given(st.lists(st.floats(-10.0, 10.0), min_size=2, max_size=40), st.floats(0.5, 1.0))
@@ -184,9 +184,12 @@ def test_a_delay_is_what_the_present_speed_makes_late() -> None:
     own = state.own._replace(x=jnp.zeros(4), y=jnp.zeros(4), speed=jnp.array([75.0, 50.0, 50.0, 50.0]))
     scene = state._replace(own=own, goal_x=jnp.full(4, 12_000.0), goal_y=jnp.zeros(4))
     for passed, expected in ((0.0, [0.0, 0.0, 0.0, 0.0]), (60.0, [0.0, 0.5, 0.5, 0.5]), (100.0, [0.0, 1.0, 1.0, 1.0])):
-        late = scene._replace(time=jnp.full(4, passed))
-        np.testing.assert_allclose(delay(late, 300.0), expected, atol=1e-5)
-    np.testing.assert_allclose(delay(scene._replace(time=jnp.full(4, 45.0)), 270.0), [0.0, 0.75, 0.75, 0.75], atol=1e-5)
+        late = scene._replace(steps=jnp.full(4, passed))
+        np.testing.assert_allclose(delay(late, RULES), expected, atol=1e-5)
+    sooner = RULES._replace(t_max=270.0)
+    np.testing.assert_allclose(
+        delay(scene._replace(steps=jnp.full(4, 45.0)), sooner), [0.0, 0.75, 0.75, 0.75], atol=1e-5
+    )
 
 
 def test_an_escape_is_that_of_the_derived_inputs(episodes) -> None:
@@ -199,7 +202,7 @@ def test_an_escape_is_that_of_the_derived_inputs(episodes) -> None:
     np.testing.assert_allclose(found, np.clip((best - 1_000.0) / 50.0, -1.0, 1.0), atol=2e-3)
     assert (found < 1.0).sum() > 10
     np.testing.assert_allclose(roomy(state, 50.0, 1_000.0), np.maximum(found, 0.0), atol=1e-6)
-    asked = state._replace(demanded=jnp.full(COUNT, 1_080.0))
+    asked = state._replace(required_separation=jnp.full(COUNT, 1_080.0))
     np.testing.assert_allclose(escape(asked, 1_000.0, 50.0), np.clip((best - 1_080.0) / 50.0, -1.0, 1.0), atol=2e-3)
 
 
@@ -227,15 +230,15 @@ def test_commands_are_to_be_calm_where_nothing_is_at_stake(episodes) -> None:
         own=state.own._replace(x=jnp.zeros(COUNT), y=jnp.zeros(COUNT), speed=jnp.full(COUNT, 80.0)),
         goal_x=jnp.linspace(0.0, 10_000.0, COUNT),
         goal_y=jnp.zeros(COUNT),
-        time=jnp.zeros(COUNT),
+        steps=jnp.zeros(COUNT),
     )
     beyond = np.asarray(alone.goal_x) - RULES.goal_radius
     np.testing.assert_allclose(calm(alone, (0.0, 2_000.0), RULES), np.clip(beyond / 2_000.0, 0.0, 1.0), atol=1e-5)
     np.testing.assert_array_equal(calm(alone, (200.0, 0.0), RULES), 1.0)
-    late = alone._replace(time=jnp.full(COUNT, RULES.t_max + 30.0))
+    late = alone._replace(steps=jnp.full(COUNT, RULES.t_max + 30.0))
     np.testing.assert_array_equal(calm(late, (200.0, 0.0), RULES), 0.0)
-    intime = state._replace(time=jnp.zeros(COUNT))
+    intime = state._replace(steps=jnp.zeros(COUNT))
     tight = np.asarray(calm(intime, (50.0, 0.0), RULES))
-    expected = np.clip(escape(intime, 1_000.0, 50.0), 0.0, 1.0) * (1.0 - np.asarray(delay(intime, RULES.t_max)))
+    expected = np.clip(escape(intime, 1_000.0, 50.0), 0.0, 1.0) * (1.0 - np.asarray(delay(intime, RULES)))
     np.testing.assert_allclose(tight, expected, atol=1e-6)
     assert (tight < 1.0).sum() > 10

@@ -178,7 +178,7 @@ def test_each_encounter_is_lost_by_the_separation_that_it_is_asked_for() -> None
     drawn = starts(64)
     demanded = load(TrainConfig, None, ["world.separation_spread=4000"]).world.demanded(64)
     world = surrogate.World(RULES, SURROGATE)
-    begun = surrogate.reset(drawn, demanded=jnp.asarray(demanded))
+    begun = surrogate.reset(drawn, required_separation=jnp.asarray(demanded))
     state, result = surrogate.step(begun, (jnp.zeros(64), jnp.zeros(64)), world)
     assert result.outcome.violation.sum() not in (0, 64)
     np.testing.assert_array_equal(result.outcome.violation, result.separation < demanded)

@@ -1,0 +1,213 @@
+"""The world's update, Algorithm 1 of the paper, for every array namespace.
+
+The same functions train (``jax.numpy``, batches), evaluate (``numpy``, batches) and serve one encounter at a time
+(:data:`envs.backend.EXACT_FLOATS`). Batches ``[..., K]`` keep their intruders along the last axis, plain floats keep
+them in a tuple of K.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from envs import intruder, observation, outcome
+from envs.backend import FloatNamespace
+from envs.encounters import Encounter
+from envs.kinematics import Limits, VehicleState, advance, commands
+from envs.outcome import Outcome, Rules
+from envs.perception import Sensor, carried_back, perceive
+from envs.relative import distance, leg_separation
+
+__all__ = [
+    "State",
+    "StepResult",
+    "World",
+    "begin",
+    "evaluate",
+    "move_intruders",
+    "observe",
+    "perceived",
+    "smallest",
+    "step",
+]
+
+
+class World(NamedTuple):
+    """Parameters of the world, all of them data."""
+
+    rules: Rules
+    limits: Limits
+    """Of the ownship."""
+
+
+class State(NamedTuple):
+    """Encounters in progress; fields ``[...]``, those of intruders ``[..., K]`` or tuples of K."""
+
+    own: VehicleState
+    goal_x: Any
+    goal_y: Any
+    intruders: Any
+    """:class:`envs.intruder.IntruderState`; of plain floats a tuple of them."""
+    mask: Any
+    """Which intruders exist, bool; a tuple of plain floats holds existing ones only."""
+    intent: Any
+    sensor: Sensor
+    """``[..., 1]`` or plain floats."""
+    previous: tuple[Any, Any] | None
+    """Intruders' vehicles one and two steps ago; None where no report is late."""
+    steps: Any
+    """Steps taken since the start."""
+    ended: Any
+    """Whether the last step ended the encounter, bool."""
+    required_separation: Any = None
+    """By which each encounter is judged, m; None: that of the rules."""
+
+
+class StepResult(NamedTuple):
+    """Evaluation of a step; fields ``[...]``."""
+
+    outcome: Outcome
+    reward: Any
+    separations: Any
+    """Smallest distance to each intruder during the step, m, ``[..., K]``."""
+    separation: Any
+    """Smallest distance to any intruder during the step, m."""
+    goal_distance: Any
+    """At the end of the step, m."""
+
+
+def begin(encounter: Encounter, xp: Any, *, late_reports: bool = False, required_separation: Any = None) -> State:
+    """Return the state at the start of encounters ``[...]``.
+
+    Args:
+        encounter: the starts.
+        xp: array namespace.
+        late_reports: keep the history of the intruders that reports with latency need.
+        required_separation: by which each encounter is judged instead of the rules', m, ``[...]``.
+    """
+    previous = None
+    if late_reports:
+        # The rules' time step is 1 s wherever reports are late; see perception.perceive.
+        previous = (_earlier(encounter.intruders, 1.0, xp), _earlier(encounter.intruders, 2.0, xp))
+    steps = xp.zeros_like(encounter.goal_x)
+    return State(
+        encounter.own,
+        encounter.goal_x,
+        encounter.goal_y,
+        _each(lambda vehicle: intruder.start(vehicle, xp), xp, encounter.intruders),
+        encounter.mask,
+        encounter.intent,
+        encounter.sensor,
+        previous,
+        steps,
+        steps > 0.0,
+        required_separation,
+    )
+
+
+def step(state: State, action: tuple[Any, Any], world: World, xp: Any) -> tuple[State, StepResult]:
+    """Advance encounters by one time step (Algorithm 1 of the paper).
+
+    Args:
+        state: ``[...]``.
+        action: acceleration and yaw rate as fractions of the limits, ``[...]`` each, clipped to [-1, 1].
+        world: parameters.
+        xp: array namespace.
+    """
+    # Update the intruders: their controllers compute the controls, then the vehicles move.
+    intruders = move_intruders(state, world.rules.dt, xp)
+
+    # Update the agent: the action is its control, then the vehicle moves.
+    acceleration, yaw_rate = commands(action, world.limits, xp)
+    own = advance(state.own, acceleration, yaw_rate, world.rules.dt, world.limits, xp)
+
+    # Evaluate the state: conflict, termination, score.
+    return evaluate(state, own, intruders, world.rules, xp)
+
+
+def move_intruders(state: State, dt: float, xp: Any) -> Any:
+    """Return the intruders one time step later, ``[..., K]``."""
+    time = _against_intruders(state.steps * dt, xp)
+    return _each(lambda one, intent: intruder.step(one, intent, time, dt, xp), xp, state.intruders, state.intent)
+
+
+def evaluate(state: State, own: VehicleState, intruders: Any, rules: Rules, xp: Any) -> tuple[State, StepResult]:
+    """Return the state with the vehicles moved by one time step, and the evaluation of that step.
+
+    Args:
+        state: before the step, ``[...]``.
+        own: ownship after it, ``[...]``.
+        intruders: after it, ``[..., K]``.
+        rules: of the task.
+        xp: array namespace.
+    """
+    if state.required_separation is not None:
+        rules = rules._replace(separation=state.required_separation)
+    before, after = (VehicleState(*(_against_intruders(field, xp) for field in one)) for one in (state.own, own))
+    separations = _each(
+        lambda old, new: leg_separation(before, after, old.vehicle, new.vehicle, rules.dt, xp),
+        xp,
+        state.intruders,
+        intruders,
+    )
+    separation = smallest(separations, state.mask, xp)
+    goal_distance = distance(state.goal_x - own.x, state.goal_y - own.y, xp)
+    steps = state.steps + 1.0
+    judged = outcome.judge(separation, goal_distance, steps * rules.dt, rules, xp)
+    previous = None if state.previous is None else (_vehicles(state.intruders, xp), state.previous[0])
+    moved = state._replace(own=own, intruders=intruders, previous=previous, steps=steps, ended=judged.ended(xp))
+    return moved, StepResult(judged, outcome.reward(judged, rules, xp), separations, separation, goal_distance)
+
+
+def perceived(state: State, noise: Any, xp: Any) -> Any:
+    """Return the intruders as the ownship believes them to be, ``[..., K]``.
+
+    Args:
+        state: ``[...]``.
+        noise: standard normal draws of the reports, ``[4, ..., K]``, or of plain floats a sequence of K times 4; None
+            for perfect knowledge.
+        xp: array namespace.
+    """
+    now = _vehicles(state.intruders, xp)
+    if noise is None:
+        return now
+    # Where no history is kept no report is late, and earlier states have no weight.
+    earlier = (now, now) if state.previous is None else state.previous
+    return _each(lambda a, b, c, draws: perceive(a, b, c, state.sensor, draws, 1.0, xp), xp, now, *earlier, noise)
+
+
+def observe(state: State, seen: Any, xp: Any) -> Any:
+    """Return the observation of the most critical intruder and the goal, ``[..., 8]``.
+
+    Args:
+        state: ``[...]``.
+        seen: intruders as :func:`perceived`, ``[..., K]``.
+        xp: array namespace.
+    """
+    chosen = observation.most_critical(state.own, seen, state.mask, observation.CRITICAL_RADIUS, xp)
+    return observation.observe(state.own, chosen, state.goal_x, state.goal_y, xp)
+
+
+def smallest(values: Any, mask: Any, xp: Any) -> Any:
+    """Return the smallest value of the intruders that exist, ``[...]``."""
+    if isinstance(xp, FloatNamespace):
+        return min(values)
+    return xp.min(xp.where(mask, values, xp.inf), axis=-1)
+
+
+def _each(function: Callable[..., Any], xp: Any, *trees: Any) -> Any:
+    """Apply a function to arrays ``[..., K]`` at once, and to tuples of K plain ones one after another."""
+    if isinstance(xp, FloatNamespace):
+        return tuple(function(*one) for one in zip(*trees, strict=True))
+    return function(*trees)
+
+
+def _against_intruders(field: Any, xp: Any) -> Any:
+    """Return a field of the encounter, ``[...]``, shaped to broadcast against fields of its intruders."""
+    return field if isinstance(xp, FloatNamespace) else field[..., None]
+
+
+def _vehicles(intruders: Any, xp: Any) -> Any:
+    return _each(lambda one: one.vehicle, xp, intruders)
+
+
+def _earlier(vehicles: Any, seconds: float, xp: Any) -> Any:
+    return _each(lambda one: carried_back(one, seconds, xp), xp, vehicles)
