@@ -1,0 +1,87 @@
+"""The code in the documentation runs, and prints what the pages say it prints.
+
+The Python blocks of a page run one after the other in one interpreter. A text block that follows one is its output. A
+block below ``<!-- not run: reason -->`` is compiled, and its imports of ours are tried.
+"""
+
+import ast
+import importlib
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+BLOCK = re.compile(r"(<!-- not run: [^>]+ -->\s+)?```(python|text)\n(.*?)```", re.DOTALL)
+OURS = ("envs", "agents", "rlcas_jax", "eval", "ros_bridge")
+SLOW = ("docs/explanation/resolvability.md",)
+LIBRARIES = {
+    "docs/tutorial/first-report.md": ("gymnasium",),
+    "docs/howto/gymnasium.md": ("gymnasium", "jax", "PIL"),
+    "docs/explanation/aircraft.md": ("jsbsim",),
+}
+
+
+class Block(NamedTuple):
+    """A Python block of a page."""
+
+    code: str
+    runs: bool
+    printed: str | None
+
+
+def blocks(page: str) -> list[Block]:
+    found: list[Block] = []
+    for held, language, text in BLOCK.findall((ROOT / page).read_text(encoding="utf-8")):
+        if language == "python":
+            found.append(Block(text, not held, None))
+        elif found and found[-1].printed is None and found[-1].runs:
+            found[-1] = found[-1]._replace(printed=text)
+    return found
+
+
+def pages(*, run: bool) -> list[str]:
+    """Return the pages with code that is run, or not run."""
+    everything = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    names = [path.relative_to(ROOT).as_posix() for path in everything]
+    return [page for page in names if any(block.runs is run for block in blocks(page))]
+
+
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=pytest.mark.slow) if page in SLOW else page for page in pages(run=True)]
+)
+def test_the_code_of_a_page_runs_and_prints_what_it_says(page: str, tmp_path: Path) -> None:
+    for library in LIBRARIES.get(page, ()):
+        pytest.importorskip(library)
+    runnable = [block for block in blocks(page) if block.runs]
+    program = "\nprint('-- next --')\n".join(block.code for block in runnable)
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    outputs = done.stdout.split("-- next --\n")
+    for block, printed in zip(runnable, outputs, strict=True):
+        assert block.printed is None or block.printed == printed
+
+
+@pytest.mark.parametrize("page", pages(run=False))
+def test_code_that_is_not_run_imports_names_that_exist(page: str) -> None:
+    for block in blocks(page):
+        for node in ast.walk(ast.parse(block.code)):
+            if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in OURS:
+                module = pytest.importorskip(node.module, exc_type=ImportError)
+                for alias in node.names:
+                    if not hasattr(module, alias.name):
+                        importlib.import_module(f"{node.module}.{alias.name}")
+
+
+def test_pages_are_short() -> None:
+    lengths = {
+        path.relative_to(ROOT).as_posix(): len(path.read_text(encoding="utf-8").splitlines())
+        for path in (ROOT / "docs").rglob("*.md")
+    }
+    assert not {page: lines for page, lines in lengths.items() if lines > 250}
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 140
