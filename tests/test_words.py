@@ -1,4 +1,4 @@
-"""A policy, an aircraft or a sample is a thing: pronouns for persons stand nowhere in code, keys, messages and pages."""
+"""A policy, an aircraft or a sample is a thing: no pronoun for persons in code, keys, messages and pages."""
 
 import re
 import subprocess
