@@ -30,8 +30,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "--config",
-        default="configs/best_middle.yaml",
-        help="what is trained, from nothing (default configs/best_middle.yaml)",
+        default="configs/best.yaml",
+        help="what is trained, from nothing (default configs/best.yaml)",
     )
     parser.add_argument("--updates", type=int, default=10, help="updates of each run (default 10)")
     parser.add_argument("--turns", type=int, default=2, help="runs of each kind (default 2)")

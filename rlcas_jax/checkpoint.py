@@ -9,7 +9,7 @@ import json
 import logging
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
-__all__ = ["CheckpointError", "latest", "restore", "restore_part", "save", "save_mean"]
+__all__ = ["CheckpointError", "latest", "restore", "restore_part", "save"]
 
 SCHEMA = "rlcas-checkpoint-1"
 _HEADER = "rlcas-checkpoint"
@@ -46,38 +46,7 @@ def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any], *, ke
     Returns:
         The file's path.
     """
-    return _store(directory, number, {name: _plain(leaf) for name, leaf in _leaves(tree).items()}, meta, keep)
-
-
-def save_mean(directory: Path, parts: Sequence[tuple[Path, float]], part: str) -> Path:
-    """Write the mean of one field of the named tuples that checkpoints hold, as a checkpoint that holds no other.
-
-    Args:
-        directory: of the checkpoints; made if it is not there.
-        parts: files and their shares, which add up to 1. What is no float is the last one's, and so is the meta data.
-        part: the field's name.
-
-    Returns:
-        The file's path.
-
-    Raises:
-        CheckpointError: a file is not there, not whole, or its field has another structure than the last one's.
-    """
-    read = [_read(path) for path, _ in parts]
-    fields = [(path, _part(tensors, part), share) for (path, share), (tensors, _) in zip(parts, read, strict=True)]
-    newest, last, _ = fields[-1]
-    for path, field, _ in fields:
-        if differing := _kinds(field) ^ _kinds(last):
-            name = min(name for name, _, _ in differing)
-            raise CheckpointError(f"{path}: made by another structure than {newest} ({name})")
-    mean = {}
-    for name, array in last.items():
-        whole = sum(field[name].astype(float) * share for _, field, share in fields)
-        mean[f".{part}{name}"] = np.asarray(whole, array.dtype) if array.dtype.kind == "f" else array
-    return _store(directory, 0, mean, read[-1][1], keep=1)
-
-
-def _store(directory: Path, number: int, tensors: dict[str, np.ndarray], meta: Mapping[str, Any], keep: int) -> Path:
+    tensors = {name: _plain(leaf) for name, leaf in _leaves(tree).items()}
     directory.mkdir(parents=True, exist_ok=True)
     written = json.dumps(dict(meta))
     header = {"schema": SCHEMA, "meta": written, "sha256": _digest(tensors, written)}
@@ -137,18 +106,9 @@ def restore_part(path: Path, like: Any, part: str) -> Any:
         CheckpointError: the file is not there, not whole, or its field is not of this structure.
     """
     tensors, _ = _read(path)
-    return _fitted(path, _part(tensors, part), like)
-
-
-def _part(tensors: Mapping[str, np.ndarray], part: str) -> dict[str, np.ndarray]:
-    """Return the arrays of a field of the named tuple, by the rest of their names."""
     begins = f".{part}"
-    return {name.removeprefix(begins): array for name, array in tensors.items() if name.startswith(begins)}
-
-
-def _kinds(tensors: Mapping[str, np.ndarray]) -> set[tuple[str, tuple[int, ...], str]]:
-    """Return name, shape and dtype of arrays."""
-    return {(name, array.shape, array.dtype.str) for name, array in tensors.items()}
+    of_part = {name.removeprefix(begins): array for name, array in tensors.items() if name.startswith(begins)}
+    return _fitted(path, of_part, like)
 
 
 def _leaves(tree: Any) -> dict[str, Any]:

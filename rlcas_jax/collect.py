@@ -20,10 +20,6 @@ class Step(NamedTuple):
     terminated: jax.Array
     statistics: Any
     """Anything that the caller wants stacked over time."""
-    calm: jax.Array | None = None
-    """How much smooth actions count at the new state, in [0, 1]; None: everywhere as much."""
-    held: jax.Array | None = None
-    """How far the policy is to be held to its teacher at the old state, in [0, 1]; None where there is no teacher."""
 
 
 class Environment(NamedTuple):
@@ -55,7 +51,7 @@ def collect(
         noise: standard normal draws of the actions, ``[T, N, 2]``.
         key: of what the environment's observations draw.
         environment: to fly in.
-        parts: networks, and a teacher where steps say how far it is to be kept to.
+        parts: networks.
         discount: per step.
         gae_lambda: decay of the advantage estimate.
 
@@ -89,10 +85,6 @@ def collect(
         result.reward, value[:-1], value[1:], terminated, jnp.zeros_like(terminated), discount, gae_lambda
     )
     target = estimate + value[:-1]
-    calm = 1.0 - terminated if result.calm is None else (1.0 - terminated) * result.calm
-    taught = None
-    if parts.teacher is not None:
-        taught = parts.teacher(observation, result.held, mean, lambda seen: parts.policy(state.actor, seen)[0])
-    samples = Batch(observation, action, log_prob, estimate, target, calm, taught)
+    samples = Batch(observation, action, log_prob, estimate, target, 1.0 - terminated)
     samples = jax.tree.map(lambda a: jnp.swapaxes(a, 0, 1), samples)
     return world, samples, result.statistics, {"explained_variance": explained_variance(value[:-1], target, parts.axis)}

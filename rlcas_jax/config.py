@@ -16,9 +16,9 @@ __all__ = [
     "SEED_END",
     "CheckpointConfig",
     "EvaluationConfig",
+    "NearLimitConfig",
     "NetworkConfig",
     "PpoConfig",
-    "PracticeConfig",
     "ShapingConfig",
     "TrainConfig",
     "WorldConfig",
@@ -85,13 +85,6 @@ class PpoConfig(Strict):
     smoothness: tuple[NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0)
     """Weights, in the loss, of the mean change of acceleration and turn rate (1: full deflection) from one time step to
     the next, within a `segment`."""
-    smoothness_room: tuple[NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0)
-    """Smoothness counts in full only where the best of twelve simple manoeuvres keeps the first of these more than is
-    asked for, m, where the goal is the second of these farther than its radius, m, and where time is not short (as
-    `shaping.delay` sees it); where less is left it counts the less. [0, 0]: everywhere."""
-    smoothness_speed: float = Field(default=0.0, ge=0.0)
-    """Smoothness counts in full only where the goal could be reached 30 s before the time limit at this speed, too, and
-    not at all where it would be reached 30 s after it, m/s; 0: however long the way."""
     critic_first: int = Field(default=0, ge=0)
     """Environment steps at the beginning in which the actor stays as it is, so that a fresh critic comes to know it
     (`start_from` of a policy)."""
@@ -133,14 +126,14 @@ class WorldConfig(RulesConfig):
     )
     """Limits of the ownship. A path is looked for beside the configuration file, then in the working directory."""
     separation_spread: float = Field(default=0.0, ge=0.0)
-    """The environments ask for separations spread evenly from `separation` to this much more, m, and none of them says
-    for which: what comes closer is lost the more often, the closer it comes."""
+    """The environments require separations spread evenly from `separation` to this much more, m, which the observation
+    does not show: the closer an encounter comes, the more often it is lost."""
     separation_headroom: float | None = Field(default=None, ge=0.0)
-    """Encounters are asked for no more beyond `separation` than the best of twelve simple manoeuvres keeps, less this,
-    m; null: all alike. What begins near the limit has nothing to spare."""
+    """An encounter requires no more than the best of twelve simple manoeuvres keeps less this, m, and never less than
+    `separation`; null: the spread alone decides."""
 
-    def demanded(self, environments: int) -> np.ndarray:
-        """Return the separation that each environment asks for, m, ``[environments]``, mixed over their numbers."""
+    def required_separation(self, environments: int) -> np.ndarray:
+        """Return the separation that each environment requires, m, ``[environments]``, mixed over their numbers."""
         # By the golden ratio, so that any few neighbours cover the spread.
         share = np.modf(np.arange(environments) * (0.5 * (math.sqrt(5.0) - 1.0)))[0]
         return (self.separation + self.separation_spread * share).astype(np.float32)
@@ -153,7 +146,7 @@ class WorldConfig(RulesConfig):
 class ShapingConfig(Strict):
     """What learning is paid besides the task's reward, in units of the scaled reward; scores never contain it.
 
-    The potentials (goal, conflict, escape, brink, delay) leave the optimal policy as it is; the prices (turn, swing,
+    The potentials (goal, conflict, escape, delay) leave the optimal policy as it is; the prices (turn, swing,
     rejoin, detour) do not.
     """
 
@@ -164,9 +157,6 @@ class ShapingConfig(Strict):
     escape: float = Field(default=0.0, ge=0.0)
     """Worth of 50 m more of the separation that the best of twelve simple manoeuvres would keep, from 50 m less than
     required to 50 m more."""
-    brink: float = Field(default=0.0, ge=0.0)
-    """Worth of 5 m more of the same, from 5 m less than required to 5 m more: where hardly anything is left, a metre
-    decides."""
     delay: float = Field(default=0.0, ge=0.0)
     """Worth of a speed at which the goal is reached 30 s before the time limit instead of 30 s after it."""
     turn: float = Field(default=0.0, ge=0.0)
@@ -180,68 +170,16 @@ class ShapingConfig(Strict):
     """Price of 10 km flown that bring the goal no nearer."""
 
 
-class PracticeConfig(Strict):
-    """Encounters of one's own that are practised again and again, such as those in which an earlier policy failed."""
+class NearLimitConfig(Strict):
+    """Hard examples: encounters that begin near the limit of what can be resolved."""
 
-    encounters: Path | None = None
-    """File of encounters (docs/reference/encounter-files.md; `eval.failures` writes one), as seen from the working
-    directory; null: none."""
+    encounters: int = Field(default=0, ge=0, le=1_000_000)
+    """How many are drawn before training begins, to be flown again and again; 0: none."""
     share: float = Field(default=0.1, gt=0.0, lt=1.0)
-    """Of all encounters; the scenarios share the rest."""
-    displacement: float = Field(default=50.0, ge=0.0)
-    """Each start of an aircraft is moved by up to this in x and in y, m, anew each time, unless that brings them closer
-    than `world.separation`; headings, speeds and goal stay."""
-    edges: int = Field(default=0, ge=0, le=1_000_000)
-    """Encounters to draw and practise in which no more than `edge` is left to lose; 0: none."""
-    edge: float = Field(default=50.0, gt=0.0)
-    """What the best of twelve simple manoeuvres keeps beyond `world.separation` in them at most, m. They begin on
-    courses within 60 degrees, and nobody turns."""
-    edge_share: float = Field(default=0.1, gt=0.0, lt=1.0)
-    """Of all encounters, those of the file included."""
-    intricate: int = Field(default=0, ge=0, le=100_000)
-    """Encounters to draw and practise likewise that none of the twelve resolves, by up to 20 m, but one after another
-    does; 0: none. A hundred take some ten seconds to find."""
-    intricate_share: float = Field(default=0.05, gt=0.0, lt=1.0)
-    """Of all encounters, those of the file and the edges included."""
-    examples: Path | None = None
-    """File of examples (`eval.practice --examples` and `eval.branches` write one), as seen from the working directory:
-    observations and the actions of better flights, which the policy is drawn to; null: none."""
-    imitation: float = Field(default=0.05, gt=0.0)
-    """Weight of the squared distance from the examples in the loss; it falls linearly with the steps, to 0."""
-    teacher: Path | None = None
-    """Policy file whose actions the policy keeps to, with the weight `teaching`, wherever smoothness does not count
-    (`ppo.smoothness_room`, `ppo.smoothness_speed`), or everywhere where these are not given; null: none."""
-    teaching: float = Field(default=1.0, gt=0.0)
-    """Weight of the squared distance from the teacher's mean actions in the loss."""
-    teaching_near: float = Field(default=0.0, ge=0.0)
-    """What the best of twelve simple manoeuvres keeps beyond the separation where the teacher has no say any more, m:
-    it falls to 0 there, and a teacher that comes late teaches nobody to; 0: as told at `teacher`."""
-    pressed: float = Field(default=0.0, ge=0.0)
-    """Weight of the squared distance from the best of twelve simple manoeuvres in the loss, where that one keeps less
-    than 3 m beyond 1000 m; up to 10 m it falls to 0. Wants the feature set `pressed`; see `second`, too."""
-    second: bool = False
-    """With `pressed`, whether it is the best of them for the next second only, with whichever keeps most from there
-    on, instead of the best for good; and that wherever a second of the policy's own commands leaves little (`leave`)
-    and one of them more."""
-    leave: float = Field(default=10.0, gt=0.0)
-    """With `second`, below what the best manoeuvre still keeps beyond 1000 m after that second little begins to be
-    left, m; with half of it the lesson has its whole weight. Five times as much where turns to either side keep as
-    much: who hesitates between them has a second left, or two."""
-    anywhere: int = Field(default=0, ge=0, le=1_000_000)
-    """Encounters to draw and practise likewise in which no more than `leave` is left to lose, on any course and near
-    the goal, too, or five times as much where turns to either side keep as much; 0: none."""
-    anywhere_share: float = Field(default=0.1, gt=0.0, lt=1.0)
-    """Of all encounters, those of the file, the edges and the intricate ones included."""
-    prompt: float = Field(default=0.0, ge=0.0)
-    """Weight of the squared distance from the beginning of the soonest of some ways home in the loss, where even that
-    way takes 25 s longer than if nobody were in the way (from 15 s on a part of it), or with an intruder in the way
-    within 2 km of the goal (from 4 km on a part), and the policy, flown on from there, arrives 60 s later still (from
-    30 s on a part): who does not decide whether to pass an intruder ahead or behind flies beside it until the time is
-    up. Wants a feature set that begins with `foresight`."""
-    unwind: float = Field(default=0.0, ge=0.0)
-    """Weight of the squared distance, 1 at the limit, from the yaw rate of who does not circle around the goal, where
-    the ownship flies as slowly as it can, with room enough: straight on where the goal lies within the circle of its
-    tightest turn, and else, if it lies aside, that turn."""
+    """Share of all encounters that are taken from them; the scenarios have the rest."""
+    margin: float = Field(default=50.0, gt=0.0)
+    """The best of twelve simple manoeuvres keeps up to this much more than `world.separation` in them, m. Courses are
+    within 60 degrees of each other, and intruders fly straight on."""
 
 
 class EvaluationConfig(Strict):
@@ -304,7 +242,7 @@ class TrainConfig(Strict):
     """The mixture of encounters that training draws from."""
     pool_rows: int = Field(default=16, ge=1)
     """Encounters that are drawn per environment and update; an encounter that ends goes on with the next of them."""
-    practice: PracticeConfig = PracticeConfig()
+    near_limit: NearLimitConfig = NearLimitConfig()
     shaping: ShapingConfig = ShapingConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
     checkpoint: CheckpointConfig = CheckpointConfig()

@@ -21,10 +21,10 @@ from envs.encounters import SCENARIOS, Encounter, sample
 from envs.outcome import Outcome, Rules, reward
 from envs.starts import numbered
 from rlcas_jax import checkpoint, metrics, progress
-from rlcas_jax.beginning import begun
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import Devices, agreed, everywhere, first, local, place
 from rlcas_jax.task import Task, TrainState, build
+from rlcas_jax.warm_start import begun
 
 __all__ = ["Run", "TrainingError", "made_with", "outcomes", "rates", "run"]
 

@@ -33,13 +33,9 @@ METRICS = {
     "value_loss": "Half the critic's mean squared error, in units of the scaled reward squared.",
     "entropy": "Entropy of the action distribution, nats; it falls as the policy makes up its mind.",
     "neg_log_prob": "Mean negative logarithm of the density of the actions taken, nats.",
-    "imitation_loss": "Mean squared distance of the policy's actions from those of practice.examples; only where there"
-    " are any.",
-    "teaching_loss": "Mean weighted squared distance of the policy's actions from those of practice.teacher; only where"
-    " there is one.",
-    "roughness_acceleration": "Mean change of the acceleration that the policy commands from one step to the next, in"
+    "variation_acceleration": "Mean change of the acceleration that the policy commands from one step to the next, in"
     " full deflections; only with ppo.smoothness.",
-    "roughness_yaw_rate": "The same of the turn rate.",
+    "variation_yaw_rate": "The same of the turn rate.",
     "approx_kl": "Estimate of the divergence between the policy before and after the update, nats; above about 0.05 the"
     " updates are too large.",
     "clip_fraction": "Share of the samples whose probability ratio left 1 +- ppo.clip.",

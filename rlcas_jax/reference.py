@@ -4,7 +4,6 @@ from agents.config.keys import markdown
 from agents.config.load import run_cli
 from agents.config.pages import write_pages
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.dagger_config import DaggerConfig
 from rlcas_jax.metrics import FILE, METRICS, WALL_CLOCK
 
 __all__ = ["main", "pages"]
@@ -19,31 +18,14 @@ A configuration is a YAML file with what differs from the defaults, given as `--
 `--set KEY=VALUE`, also inside lists (`--set scenarios.0.weight=2`). `--set` wins over the file. A run writes what came
 out, every key, to `config.yaml` in its directory, and that file repeats the run.
 
-The files in `configs/` are `quick.yaml` (a policy in a minute on two cores), `best_start.yaml`, `best_middle.yaml`,
-`best_late.yaml`, `best_rejoin.yaml`, `best_turning.yaml`, `best_dear.yaml`, `best_dearer.yaml`, `best_pressed.yaml`,
-`best_reflex.yaml`, `best_calm.yaml`, `best_calmer.yaml`, `best_gentle.yaml`, `best_near.yaml` and
-`best.yaml`, and `best_told.yaml` and `best_told_smooth.yaml`, which refine (all stages of the policy that ships,
-`agents/data/README.md`),
-`paper.yaml` (the paper's own set-up),
-`sprint.yaml` (seconds to a training score of +75, `docs/reference/benchmarks.md`) and the vehicles:
-`vehicle_surrogate.yaml` (the paper's surrogate, also the default) and `vehicle_c208_published.yaml` (its true Cessna
-208).
+The files in `configs/` are `quick.yaml` (a policy in a minute on two cores), `best.yaml` (the strongest plain
+training), `paper.yaml` (the paper's own set-up), `sprint.yaml` (seconds to a training score of +75,
+`docs/reference/benchmarks.md`) and the vehicles: `vehicle_surrogate.yaml` (the paper's surrogate, also the default) and
+`vehicle_c208_published.yaml` (its true Cessna 208).
 
 Numbers may be written as `3e-4`, `1e7` and `1_000_000`. A key that does not exist, a value of another type or out of
 range, a key that stands twice and a file that is not there end the program with one sentence and exit status 2, before
 anything else happens.
-
-"""
-
-_DAGGER = """
-## Refining
-
-`python -m rlcas_jax.dagger` takes all of these, and a section of its own; its texts stand in
-`rlcas_jax/dagger_config.py`.
-
-Of `practice` the weights of the lessons count, `pressed`, `prompt` and `unwind`, and `teaching`, the weight of what no
-lesson speaks of: there the policy is to stay as it is, or to do as `teacher` where nothing is in the way home and the
-goal is ahead. Of `ppo` there are `environments` and `rollout`; `shaping` and `steps` count for nothing.
 
 """
 
@@ -66,8 +48,7 @@ which it was made. Two runs of one configuration on the same kind of machine and
 def pages() -> dict[str, str]:
     """Return the generated pages by the name of their file."""
     rows = "".join(f"| `{name}` | {text} |\n" for name, text in METRICS.items())
-    training = _CONFIGURATION + markdown(TrainConfig) + _DAGGER + markdown(DaggerConfig, "dagger.")
-    return {"configuration.md": training, "metrics.md": _METRICS + rows}
+    return {"configuration.md": _CONFIGURATION + markdown(TrainConfig), "metrics.md": _METRICS + rows}
 
 
 def main() -> None:

@@ -17,7 +17,6 @@ from rlcas_jax.escape_margin import best
 
 __all__ = [
     "GENTLE",
-    "calm",
     "delay",
     "detour",
     "escape",
@@ -25,11 +24,13 @@ __all__ = [
     "potential",
     "price",
     "rejoin",
-    "roomy",
     "shaped",
     "swing",
     "worth",
 ]
+
+ESCAPE_UNIT = 50.0
+"""Metres beyond the separation that count 1 in :func:`escape`; what is beyond counts no more."""
 
 GENTLE = math.radians(0.35)
 """Rate up to which a turn towards the goal costs nothing, rad/s; it is below what counts as a turn when heading
@@ -41,7 +42,7 @@ def potential(state: State, weights: ShapingConfig, rules: Rules) -> jax.Array:
 
     Args:
         state: encounters in progress.
-        weights: of the goal, a predicted conflict, an escape, its brink (:func:`escape`), a delay (:func:`delay`).
+        weights: of the goal, a predicted conflict, an escape (:func:`escape`), a delay (:func:`delay`).
         rules: separation, before which ``state.required_separation`` goes, and time limit.
     """
     separation = rules.separation
@@ -52,9 +53,7 @@ def potential(state: State, weights: ShapingConfig, rules: Rules) -> jax.Array:
         depth = jnp.where(state.mask, jnp.clip(1.0 - cpa.distance / separation, 0.0, 1.0), 0.0)
         total = total - weights.conflict * depth.max(axis=-1)
     if weights.escape:
-        total = total + weights.escape * escape(state, separation, 50.0)
-    if weights.brink:
-        total = total + weights.brink * escape(state, separation, 5.0)
+        total = total + weights.escape * escape(state, separation)
     if weights.delay:
         total = total - weights.delay * delay(state, rules)
     return total
@@ -69,16 +68,12 @@ def delay(state: State, rules: Rules) -> jax.Array:
         state: encounters in progress.
         rules: time step and time limit.
     """
-    return _late(state, rules, jnp.maximum(state.own.speed, 1.0))
-
-
-def _late(state: State, rules: Rules, speed: jax.Array | float) -> jax.Array:
     left = distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp)
-    spare = rules.t_max - state.steps * rules.dt - left / speed
+    spare = rules.t_max - state.steps * rules.dt - left / jnp.maximum(state.own.speed, 1.0)
     return jnp.clip(0.5 - spare * (1.0 / 60.0), 0.0, 1.0)
 
 
-def escape(state: State, separation: float, unit: float) -> jax.Array:
+def escape(state: State, separation: float) -> jax.Array:
     """Return what the best of twelve manoeuvres keeps beyond the separation, ``[N]`` in [-1, 1].
 
     It says within a step what a turn to the wrong side, or at the wrong speed, takes away, which the loss says much
@@ -87,47 +82,10 @@ def escape(state: State, separation: float, unit: float) -> jax.Array:
     Args:
         state: encounters in progress.
         separation: m; ``state.required_separation`` goes before it.
-        unit: m that count 1; what is beyond counts no more.
     """
-    return jnp.clip(_spare(state, separation) * (1.0 / unit), -1.0, 1.0)
-
-
-def calm(state: State, room: tuple[float, float], rules: Rules, speed: float = 0.0) -> jax.Array:
-    """Return how much it counts that commands change little, ``[N]`` in [0, 1]: less where something is at stake.
-
-    Args:
-        state: encounters in progress.
-        room: what the best of twelve manoeuvres keeps beyond the separation, and the distance to the goal beyond its
-            radius, from which on it counts in full, m; 0: wherever.
-        rules: separation, before which ``state.required_separation`` goes, radius of the goal and time limit.
-        speed: at which the goal must be in reach in time, too, m/s; 0: however long the way.
-    """
-    counts = 1.0 - delay(state, rules)
-    if speed:
-        counts = counts * (1.0 - _late(state, rules, speed))
-    if room[0]:
-        counts = counts * roomy(state, room[0], rules.separation)
-    if room[1]:
-        left = distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp) - rules.goal_radius
-        counts = counts * jnp.clip(left * (1.0 / room[1]), 0.0, 1.0)
-    return counts
-
-
-def roomy(state: State, room: float, separation: float) -> jax.Array:
-    """Return how much of ``room`` m the best of twelve manoeuvres keeps beyond the separation, ``[N]`` in [0, 1].
-
-    Args:
-        state: encounters in progress.
-        room: m.
-        separation: m; ``state.required_separation`` goes before it.
-    """
-    return jnp.clip(_spare(state, separation) * (1.0 / room), 0.0, 1.0)
-
-
-def _spare(state: State, separation: float) -> jax.Array:
-    """Return what the best of twelve manoeuvres keeps beyond what is asked for, m, ``[N]``."""
     kept = best(state.own, state.goal_x, state.goal_y, state.intruders.vehicle, state.mask, jnp)
-    return kept - (separation if state.required_separation is None else state.required_separation)
+    spare = kept - (separation if state.required_separation is None else state.required_separation)
+    return jnp.clip(spare * (1.0 / ESCAPE_UNIT), -1.0, 1.0)
 
 
 def shaped(before: jax.Array, after: jax.Array, terminated: jax.Array, discount: float) -> jax.Array:

@@ -17,10 +17,8 @@ from envs.outcome import Outcome, Rules
 from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import AXIS, Devices
-from rlcas_jax.examples import exemplary
-from rlcas_jax.shaping import calm, paid, roomy
-from rlcas_jax.starts import Own, draw, noisy
-from rlcas_jax.teaching import teacher, teaches
+from rlcas_jax.shaping import paid
+from rlcas_jax.starts import draw, near_limit, noisy
 
 __all__ = ["Task", "TrainState", "build", "fly"]
 
@@ -79,20 +77,17 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
     )
     hidden, feature_set = tuple(config.network.hidden), config.network.feature_set
     actor = Actor(hidden, feature_set, config.network.log_std_initial)
-    parts = ppo.learner(actor, Critic(hidden, feature_set), settings)._replace(
-        axis=devices.axis, teacher=teacher(config)
-    )
+    parts = ppo.learner(actor, Critic(hidden, feature_set), settings)._replace(axis=devices.axis)
     world = surrogate.World(config.world.rules(), config.world.limits())
     scenarios = [entry.scenario() for entry in config.scenarios]
-    own = Own.of(config)
-    examples = exemplary(config)
+    hard = near_limit(config)
     count, steps, axis = config.ppo.environments, config.ppo.rollout, devices.axis
     updates = max(1, config.steps // (count * steps))
 
     def initial() -> TrainState:
         learner_key, start_key, key = jax.random.split(jax.random.key(config.seed), 3)
         learner = ppo.initial_state(parts, learner_key, observation.SIZE)
-        environment = jax.tree.map(lambda a: a[0], draw(start_key, config, scenarios, 1, own))
+        environment = jax.tree.map(lambda a: a[0], draw(start_key, config, scenarios, 1, hard))
         return TrainState(learner, environment, jax.random.key_data(key), jnp.zeros((), jnp.int32))
 
     def practise(state: Any, drawn: _Drawn, rate: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
@@ -103,15 +98,12 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
         flown, samples, statistics, figures = collect(
             learner, flying, drawn.noise, key, environment, parts, config.ppo.discount, config.ppo.gae_lambda
         )
-        shown = None if examples is None else (examples, drawn.imitation)
-        learner, learned = ppo.update(
-            learner, samples, drawn.shuffle_key, rate, parts, settings, shown, drawn.actor_rate
-        )
+        learner, learned = ppo.update(learner, samples, drawn.shuffle_key, rate, parts, settings, drawn.actor_rate)
         return (learner, flown), figures | learned | _episodes(statistics, count * steps, axis)
 
     if devices.mesh is not None:
         whole, split, second = PartitionSpec(), PartitionSpec(AXIS), PartitionSpec(None, AXIS)
-        drawn_specs = _Drawn(second, second, whole, whole, whole, whole)
+        drawn_specs = _Drawn(second, second, whole, whole, whole)
         # Without the check of what varies: it would add up the gradients before they can be averaged by name.
         practise = jax.shard_map(
             practise,
@@ -124,7 +116,7 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
     def update(state: TrainState) -> tuple[TrainState, dict[str, jax.Array]]:
         pool_key, rollout_key, shuffle_key, key = jax.random.split(jax.random.wrap_key_data(state.key), 4)
         noise_key, observe_key = jax.random.split(rollout_key)
-        pool = draw(pool_key, config, scenarios, config.pool_rows, own)
+        pool = draw(pool_key, config, scenarios, config.pool_rows, hard)
         noise = _coloured(jax.random.normal(noise_key, (steps, count, 2)), config.ppo.noise_memory)
         done = state.update.astype(jnp.float32) / updates
         rate = config.ppo.learning_rate + (config.ppo.learning_rate_final - config.ppo.learning_rate) * done
@@ -134,7 +126,6 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
             noise,
             observe_key,
             shuffle_key,
-            config.practice.imitation * (1.0 - done),
             jnp.where(waits, 0.0, rate) if config.ppo.critic_first else rate,
         )
         (learner, flown), figures = practise((state.learner, state.environment), drawn, rate)
@@ -170,7 +161,7 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
 
 
 class _Drawn(NamedTuple):
-    """What chance decides about an update."""
+    """What is drawn for an update, and the actor's learning rate."""
 
     pool: Any
     """Starts, ``[rows, N]``."""
@@ -178,10 +169,7 @@ class _Drawn(NamedTuple):
     """Of the actions, ``[T, N, 2]``."""
     observe_key: Any
     shuffle_key: Any
-    imitation: Any
-    """Weight of the examples; not chance, but of the update too, as is the"""
     actor_rate: Any
-    """learning rate of the actor."""
 
 
 def _coloured(white: jax.Array, memory: float) -> jax.Array:
@@ -245,22 +233,10 @@ def _training_environment(
         noise = jax.random.normal(key, (4, *state.mask.shape)) if noisy(scenarios) else None
         return surrogate.observe(state, noise)
 
-    def where(state: surrogate.State) -> jax.Array | None:
-        """Return how much smoothness counts, ``[N]``; None: everywhere as much."""
-        room, speed = config.ppo.smoothness_room, config.ppo.smoothness_speed
-        return calm(state, room, world.rules, speed) if any(room) or speed else None
-
     def step(state: surrogate.State, action: jax.Array) -> tuple[surrogate.State, Step]:
         following, result = surrogate.step(state, (action[:, 0], action[:, 1]), world)
         reward = paid(result.reward, state, following, action[:, 1], config)
-        counts = where(following) if any(config.ppo.smoothness) else None
-        held = None
-        if teaches(config) and config.practice.teaching_near:
-            held = 1.0 - roomy(state, config.practice.teaching_near, world.rules.separation)
-        elif teaches(config):
-            relaxed = where(state)
-            held = jnp.ones_like(reward) if relaxed is None else 1.0 - relaxed
-        return following, Step(reward, following.ended, (result.reward, result.outcome), counts, held)
+        return following, Step(reward, following.ended, (result.reward, result.outcome))
 
     def restart(state: surrogate.State, index: jax.Array) -> surrogate.State:
         return surrogate.restart(state, jax.tree.map(lambda rows: rows[index % config.pool_rows], pool))

@@ -3,7 +3,6 @@
 Time runs along the first axis of a rollout, encounters along the second: ``[T, N]``.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, cast
@@ -17,22 +16,17 @@ from agents.learning.networks import Actor, Critic, Derived
 
 __all__ = [
     "Batch",
-    "Examples",
     "Learner",
     "LearnerState",
     "PpoSettings",
-    "Taught",
-    "Teacher",
+    "action_variation",
     "advantages",
-    "deviation",
     "explained_variance",
     "gaussian_log_prob",
     "initial_state",
     "learner",
     "losses",
-    "met_by",
     "normalized",
-    "roughness",
     "update",
 ]
 
@@ -54,7 +48,7 @@ class PpoSettings:
     adam_epsilon: float = 1e-5
     normalize_advantage: bool = True
     smoothness: tuple[float, float] = (0.0, 0.0)
-    """Weights of the change of either command from one step to the next (:func:`roughness`)."""
+    """Weights of the change of either command from one step to the next (:func:`action_variation`)."""
 
 
 class Learner(NamedTuple):
@@ -65,8 +59,6 @@ class Learner(NamedTuple):
     optimizer: optax.GradientTransformation
     axis: str | None = None
     """Name of the devices' axis inside ``shard_map``; None on one device."""
-    teacher: "Teacher | None" = None
-    """What the actor is kept to; None: to nothing."""
 
     def policy(self, variables: Any, observation: jax.Array | Derived) -> tuple[jax.Array, jax.Array]:
         """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
@@ -99,33 +91,8 @@ class Batch(NamedTuple):
     advantage: jax.Array
     target: jax.Array
     """Return that the critic is fitted to, ``[...]``."""
-    calm: jax.Array
-    """Weight of the change from this step's action to the next one's, 0 at an episode's last step, ``[...]``."""
-    taught: "Taught | None" = None
-    """What a teacher does at the observation; None: there is no teacher."""
-
-
-class Taught(NamedTuple):
-    """Within what a teacher wants the actions, ``[..., 2]`` each; infinite where anything beyond will do."""
-
-    low: jax.Array
-    high: jax.Array
-    weight: jax.Array
-    """Of the squared distance from there in the loss."""
-
-
-Teacher = Callable[[Derived, jax.Array, jax.Array, Callable[[jax.Array], jax.Array]], Taught]
-"""(What is seen ``[...]``, how far the policy is to be held ``[...]``, its mean actions ``[..., 2]``, the policy:
-observations ``[N, 8]`` -> mean actions ``[N, 2]``) -> what the actor is kept to."""
-
-
-class Examples(NamedTuple):
-    """What somebody else does, to be imitated."""
-
-    observation: jax.Array
-    """``[M, 8]``."""
-    action: jax.Array
-    """``[M, 2]``, within [-1, 1]."""
+    continues: jax.Array
+    """1 where the next step is of the same episode, 0 at an episode's last step, ``[...]``."""
 
 
 def learner(actor: Actor, critic: Critic, settings: PpoSettings) -> Learner:
@@ -203,29 +170,19 @@ def advantages(
     return estimates
 
 
-def met_by(action: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Return the bounds of what does the same as actions: full deflection is met by anything beyond."""
-    return jnp.where(action <= -1.0, -jnp.inf, action), jnp.where(action >= 1.0, jnp.inf, action)
-
-
-def deviation(mean: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
-    """Return the squared distance of a policy's mean actions from an interval, all of them ``[..., 2]``."""
-    return jnp.square(mean - jax.lax.stop_gradient(jnp.clip(mean, low, high)))
-
-
-def roughness(mean: jax.Array, calm: jax.Array) -> jax.Array:
-    """Return how much either command of a policy changes from one step to the next, ``[2]``.
+def action_variation(mean: jax.Array, continues: jax.Array) -> jax.Array:
+    """Return the mean change of each command from one step to the next, ``[2]``.
 
     Its sum over a flight is the commands' total variation, which a turn that lasts longer and is gentler makes smaller
     (Mysore et al. 2021 regularise policies by a difference of this kind).
 
     Args:
         mean: actions of whole segments of time, ``[S, L, 2]``; what is beyond [-1, 1] is not flown.
-        calm: weight of the change to the next step, 0 where that is of another episode, ``[S, L]``.
+        continues: 1 where the next step is of the same episode, else 0, ``[S, L]``.
     """
     flown = jnp.clip(mean, -1.0, 1.0)
     changed = jnp.abs(flown[:, 1:] - flown[:, :-1])
-    return jnp.mean(changed * calm[:, :-1, None], axis=(0, 1))
+    return jnp.mean(changed * continues[:, :-1, None], axis=(0, 1))
 
 
 def normalized(advantage: jax.Array, axis: str | None = None) -> jax.Array:
@@ -245,7 +202,6 @@ def losses(
     batch: Batch,
     parts: Learner,
     settings: PpoSettings,
-    shown: tuple[Examples, jax.Array] | None = None,
 ) -> tuple[jax.Array, dict]:
     """Return the scalar loss of a minibatch and its parts (means over the samples of this device).
 
@@ -254,7 +210,6 @@ def losses(
         batch: samples, their advantages normalised if they shall be; for smoothness, whole segments one after another.
         parts: networks.
         settings: of the algorithm.
-        shown: examples to be imitated besides, and the weight of that.
     """
     actor_variables, critic_variables = parameters
     mean, log_std = parts.policy(actor_variables, batch.observation)
@@ -269,20 +224,11 @@ def losses(
     entropy = gaussian_entropy(log_std)
     loss = policy_loss + settings.value * value_loss - settings.entropy * entropy
     figures = {}
-    if shown is not None:
-        examples, weight = shown
-        done, _ = parts.policy(actor_variables, examples.observation)
-        figures["imitation_loss"] = jnp.mean(deviation(done, *met_by(examples.action)))
-        loss = loss + weight * figures["imitation_loss"]
-    if batch.taught is not None:
-        apart = deviation(mean, batch.taught.low, batch.taught.high)
-        figures["teaching_loss"] = jnp.mean(jnp.sum(batch.taught.weight * apart, axis=-1))
-        loss = loss + figures["teaching_loss"]
     if any(settings.smoothness):
         segments = (-1, settings.segment)
-        rough = roughness(mean.reshape(*segments, 2), batch.calm.reshape(segments))
-        loss = loss + rough @ jnp.array(settings.smoothness)
-        figures |= {"roughness_acceleration": rough[0], "roughness_yaw_rate": rough[1]}
+        variation = action_variation(mean.reshape(*segments, 2), batch.continues.reshape(segments))
+        loss = loss + variation @ jnp.array(settings.smoothness)
+        figures |= {"variation_acceleration": variation[0], "variation_yaw_rate": variation[1]}
     return loss, figures | {
         "loss": loss,
         "policy_loss": policy_loss,
@@ -301,7 +247,6 @@ def update(
     learning_rate: jax.Array,
     parts: Learner,
     settings: PpoSettings,
-    shown: tuple[Examples, jax.Array] | None = None,
     actor_rate: jax.Array | None = None,
 ) -> tuple[LearnerState, dict]:
     """Improve the networks by some epochs over a rollout.
@@ -316,7 +261,6 @@ def update(
         learning_rate: of this update.
         parts: networks and optimiser.
         settings: ``segment`` must divide T, and ``minibatches`` the number of segments.
-        shown: examples ``[M]``, of which each minibatch imitates some besides, and the weight of that.
         actor_rate: learning rate of the actor, if it is another.
 
     Returns:
@@ -331,8 +275,7 @@ def update(
     def minibatch(carry: LearnerState, now: tuple[jax.Array, jax.Array]) -> tuple[LearnerState, dict]:
         chosen, advantage = now
         batch = jax.tree.map(lambda a: a[chosen].reshape(-1, *a.shape[2:]), rows)._replace(advantage=advantage)
-        some = None if shown is None else (_some(shown[0], batch, chosen), shown[1])
-        gradient_of = jax.grad(partial(losses, parts=parts, settings=settings, shown=some), has_aux=True)
+        gradient_of = jax.grad(partial(losses, parts=parts, settings=settings), has_aux=True)
         gradient, parts_of_loss = gradient_of((carry.actor, carry.critic), batch)
         if parts.axis is not None:
             gradient, parts_of_loss = _mean_of_devices((gradient, parts_of_loss), parts.axis)
@@ -354,14 +297,6 @@ def update(
         key = jax.random.fold_in(key, jax.lax.axis_index(parts.axis))
     state, logged = jax.lax.scan(epoch, state, jax.random.split(key, settings.epochs))
     return state, {name: jnp.mean(values[-1]) for name, values in logged.items()}
-
-
-def _some(examples: Examples, batch: Batch, chosen: jax.Array) -> Examples:
-    """Return an eighth as many examples as a minibatch has samples, drawn by the shuffle that made it."""
-    key = jax.random.fold_in(jax.random.fold_in(jax.random.key(0), chosen[0]), chosen[1])
-    count = max(1, batch.log_prob.shape[0] // 8)
-    number = jax.random.randint(key, (count,), 0, examples.action.shape[0])
-    return jax.tree.map(lambda field: field[number], examples)
 
 
 def explained_variance(value: jax.Array, target: jax.Array, axis: str | None = None) -> jax.Array:

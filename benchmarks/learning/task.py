@@ -16,17 +16,13 @@ from agents.learning.networks import derived
 from envs import surrogate
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.shaping import paid
-from rlcas_jax.starts import Own, draw, noisy
+from rlcas_jax.starts import draw, near_limit, noisy
 
 __all__ = ["TrainingFlight", "check"]
 
 
 def check(config: TrainConfig) -> None:
-    """Raise :class:`ConfigError` where the task has noisy or late reports, or examples, which peers are not given."""
-    if config.practice.examples is not None:
-        raise ConfigError(
-            f"practice.examples is {config.practice.examples}; expected null, as the peers imitate nobody"
-        )
+    """Raise :class:`ConfigError` where the task has noisy or late reports."""
     for number, entry in enumerate(config.scenarios):
         if noisy([entry.scenario()]):
             raise ConfigError(
@@ -99,14 +95,14 @@ def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
     feature_set = config.network.feature_set
     world = surrogate.World(config.world.rules(), config.world.limits())
     scenarios = [entry.scenario() for entry in config.scenarios]
-    own = Own.of(config)
+    hard = near_limit(config)
 
     def seen(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
         inputs, hand = derived(surrogate.observe(state), feature_set)
         return hand, inputs
 
     def drawn(key: jax.Array) -> surrogate.State:
-        return draw(key, config, scenarios, config.pool_rows, own)
+        return draw(key, config, scenarios, config.pool_rows, hard)
 
     def begin(pool: surrogate.State) -> tuple[surrogate.State, jax.Array, jax.Array]:
         state = jax.tree.map(lambda rows: rows[0], pool)

@@ -176,17 +176,17 @@ def test_the_gradient_of_a_clipped_sample_is_zero() -> None:
     assert policy_gradient(1.1) != 0.0
 
 
-def test_roughness_is_the_total_variation_of_what_is_flown() -> None:
+def test_action_variation_is_that_of_the_clipped_actions() -> None:
     """By hand: 0, 0.5, at half the weight 3, of which 1 is flown, then another episode; the second goes up and back."""
     mean = jnp.array([[[0.0, 0.0], [0.5, 0.4], [3.0, 0.0], [-2.0, 0.9]]])
     calm = jnp.array([[1.0, 0.5, 0.0, 1.0]])
-    np.testing.assert_allclose(ppo.roughness(mean, calm), [0.75 / 3.0, 0.6 / 3.0], rtol=1e-6)
-    pushed = jax.grad(lambda actions: ppo.roughness(actions, calm).sum())(mean)
+    np.testing.assert_allclose(ppo.action_variation(mean, calm), [0.75 / 3.0, 0.6 / 3.0], rtol=1e-6)
+    pushed = jax.grad(lambda actions: ppo.action_variation(actions, calm).sum())(mean)
     assert pushed[0, 2, 0] == 0.0, "beyond the limit nothing changes"
     assert pushed[0, 0, 0] < 0.0 < pushed[0, 1, 1], "towards each other"
 
 
-def test_smoothness_weighs_the_roughness_of_whole_segments() -> None:
+def test_smoothness_weighs_the_variation_within_segments() -> None:
     """Commands that rise and fall by 0.01 a step in each of many encounters, far apart from one another."""
     settings = PpoSettings(epochs=1, minibatches=3, segment=4, smoothness=(2.0, 3.0))
     parts: Any = BY_HAND._replace(optimizer=optax.set_to_zero())
@@ -197,10 +197,10 @@ def test_smoothness_weighs_the_roughness_of_whole_segments() -> None:
     rollout = Batch(observation, observation, log_prob, zeros, zeros, zeros + 1.0)
     state = LearnerState(*UNIT, parts.optimizer.init(UNIT))
     _, rough = update(state, rollout, jax.random.key(0), 0.0, parts, settings)
-    assert float(rough["roughness_acceleration"]) == pytest.approx(0.01, rel=1e-3)
-    assert float(rough["roughness_yaw_rate"]) == pytest.approx(0.01, rel=1e-3)
+    assert float(rough["variation_acceleration"]) == pytest.approx(0.01, rel=1e-3)
+    assert float(rough["variation_yaw_rate"]) == pytest.approx(0.01, rel=1e-3)
     _, plain = update(state, rollout, jax.random.key(0), 0.0, parts, replace(settings, smoothness=(0.0, 0.0)))
-    assert "roughness_yaw_rate" not in plain
+    assert "variation_yaw_rate" not in plain
     assert float(rough["loss"] - plain["loss"]) == pytest.approx((2.0 + 3.0) * 0.01, rel=1e-3)
 
 

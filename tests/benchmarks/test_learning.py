@@ -35,7 +35,7 @@ from benchmarks.learning.trials import Trial, best, described
 from envs import surrogate
 from rlcas_jax import task
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.starts import edges
+from rlcas_jax.starts import near_limit
 from tests.benchmarks import tiny
 
 TINY = (*tiny.TINY, "shaping.goal=0.5", "world.t_max=40")
@@ -121,14 +121,9 @@ def test_noisy_reports_are_refused():
         check(tiny("scenarios=[{name: noisy}]"))
 
 
-def test_examples_are_refused():
-    with pytest.raises(ConfigError, match=r"practice\.examples is hard\.file; expected null"):
-        check(tiny("practice.examples=hard.file"))
-
-
 def test_peers_practise_the_same_encounters_of_our_own():
-    config = tiny("practice.edges=40", "practice.edge_share=0.9", "ppo.environments=64")
-    practised = edges(config)
+    config = tiny("near_limit.encounters=40", "near_limit.share=0.9", "ppo.environments=64")
+    practised = near_limit(config)
     assert practised is not None
     flight = TrainingFlight(config)
     flight.reset()

@@ -14,7 +14,7 @@ from envs.kinematics import SURROGATE
 from envs.outcome import RULES, Outcome
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.escape_margin import best
-from rlcas_jax.starts import asked
+from rlcas_jax.starts import required_separation
 from rlcas_jax.task import Task, TrainState, _coloured, build, fly
 
 SMALL = [
@@ -149,7 +149,7 @@ def test_the_task_is_judged_by_its_own_separation_whatever_training_asks_for() -
 
 def test_environments_ask_for_separations_spread_over_the_range() -> None:
     world = load(TrainConfig, None, ["world.separation=1000", "world.separation_spread=80"]).world
-    demanded = world.demanded(1024)
+    demanded = world.required_separation(1024)
     assert demanded.min() == 1_000.0
     assert demanded.max() < 1_080.0
     # Any 64 neighbours are as good as all of them.
@@ -161,10 +161,12 @@ def test_nobody_is_asked_for_more_than_a_manoeuvre_keeps() -> None:
     pool = jax.tree.map(lambda field: field.reshape(16, 16, *field.shape[1:]), starts(256))
     kept = np.asarray(best(pool.own, pool.goal_x, pool.goal_y, pool.intruders, pool.mask, jnp))
     world = load(TrainConfig, None, ["world.separation_spread=4000", "world.separation_headroom=500"]).world
-    demanded = np.asarray(asked(pool, world))
-    alike = np.broadcast_to(world.demanded(16), (16, 16))
-    np.testing.assert_array_equal(asked(pool, world.model_copy(update={"separation_headroom": None})), alike)
-    assert asked(pool, world.model_copy(update={"separation_spread": 0.0})) is None
+    demanded = np.asarray(required_separation(pool, world))
+    alike = np.broadcast_to(world.required_separation(16), (16, 16))
+    np.testing.assert_array_equal(
+        required_separation(pool, world.model_copy(update={"separation_headroom": None})), alike
+    )
+    assert required_separation(pool, world.model_copy(update={"separation_spread": 0.0})) is None
     assert np.all(demanded >= 1_000.0)
     assert np.all((demanded <= kept - 500.0 + 1e-2) | (demanded == 1_000.0))
     # Who can spare it is asked for as much as without.
@@ -176,7 +178,7 @@ def test_nobody_is_asked_for_more_than_a_manoeuvre_keeps() -> None:
 
 def test_each_encounter_is_lost_by_the_separation_that_it_is_asked_for() -> None:
     drawn = starts(64)
-    demanded = load(TrainConfig, None, ["world.separation_spread=4000"]).world.demanded(64)
+    demanded = load(TrainConfig, None, ["world.separation_spread=4000"]).world.required_separation(64)
     world = surrogate.World(RULES, SURROGATE)
     begun = surrogate.reset(drawn, required_separation=jnp.asarray(demanded))
     state, result = surrogate.step(begun, (jnp.zeros(64), jnp.zeros(64)), world)
