@@ -12,6 +12,7 @@ from types import MappingProxyType
 from agents.assurance import single as watch
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import Flown, State
+from agents.assurance.thresholds import Thresholds
 from agents.planner.answer import Plan, Source, Status
 from agents.planner.request import Altitude, Intruder
 from envs.kinematics import VehicleState
@@ -19,9 +20,11 @@ from envs.waypoints import Waypoint
 from ros_bridge.core.conversions import PlanPoint
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.geodesy import ACCURATE, LocalFrame, carried, distance
+from ros_bridge.core.reach import Reach, level, out_of_reach
 from ros_bridge.core.replies import flown
-from ros_bridge.core.situation import Picture, level, placed
-from ros_bridge.core.tracks import Report, Track
+from ros_bridge.core.reports import Report
+from ros_bridge.core.situation import Picture, placed
+from ros_bridge.core.tracks import Track
 
 __all__ = ["NOTHING", "Published", "Watching", "activated", "answered", "apart", "fly", "stepped", "withdrawn"]
 
@@ -130,7 +133,10 @@ def stepped(watching: Watching, picture: Picture, now: int, vertical_filter: flo
     told: dict[str, Report] = {}
     undulation = None if picture.origin is None else picture.origin.undulation
     height = None if track.last is None else level(track.last.altitude, 0, undulation)
+    left_out = _left_out(picture, now, watching.watch.thresholds, vertical_filter)
     for name, other in picture.traffic.items():
+        if name in left_out:
+            continue
         if other.last is not None and apart(height, level(other.last.altitude, 0, undulation), vertical_filter):
             continue
         report = _due(watching.told.get(name), other)
@@ -141,7 +147,7 @@ def stepped(watching: Watching, picture: Picture, now: int, vertical_filter: flo
             # Who has never been heard well must be missed all the same.
             intruders[name] = Intruder(_UNKNOWN)
     known = watching.watch.names
-    silent = {name for name, other in picture.traffic.items() if other.fault is not None}
+    silent = {name for name, other in picture.traffic.items() if other.fault is not None and name not in left_out}
     gone = [name for name in known if name not in intruders and name not in silent]
     after, verdict = watch.step(watching.watch, _clock(watching.zero, now), own, intruders, own_age=own_age, gone=gone)
     asked = now if verdict.ask is not None else watching.asked
@@ -184,6 +190,21 @@ def apart(own: Altitude | None, other: Altitude | None, least: float) -> bool:
     now = other.value - own.value
     later = now + (other.vertical_speed - own.vertical_speed) * _HORIZON
     return now * later > 0.0 and min(abs(now), abs(later)) > least
+
+
+def _left_out(picture: Picture, now: int, limits: Thresholds, vertical_filter: float) -> frozenset[str]:
+    """Return the aircraft whose reports cannot be used, and that cannot come near by their last places."""
+    own = picture.own.last
+    if own is None:
+        return frozenset()
+    separation = limits.requirement.separation + limits.requirement.margin
+    undulation = None if picture.origin is None else picture.origin.undulation
+    reach = Reach(own, now, _HORIZON, separation, vertical_filter, limits.limits.speed_max, undulation)
+    return frozenset(
+        name
+        for name, track in picture.traffic.items()
+        if (track.fault is not None or track.age(now) > limits.intruder_age) and out_of_reach(track, reach) is not None
+    )
 
 
 def _state(watching: Watching) -> State:

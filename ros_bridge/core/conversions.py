@@ -8,9 +8,20 @@ from dataclasses import dataclass
 from typing import Any
 
 from agents.planner.request import Altitude
-from ros_bridge.core.fields import FieldError, flags, identifier, integer, latitude, longitude, number, stamp, std
+from ros_bridge.core.fields import (
+    FieldError,
+    flags,
+    identifier,
+    integer,
+    latitude,
+    longitude,
+    number,
+    readable,
+    stamp,
+    std,
+)
 from ros_bridge.core.geodesy import LocalFrame
-from ros_bridge.core.tracks import Report
+from ros_bridge.core.reports import FASTEST, Report, Sighting
 
 __all__ = [
     "ALTITUDE_CODES",
@@ -41,7 +52,6 @@ ALTITUDE_CODES = {1: "wgs84", 2: "msl", 3: "pressure"}
 STATUS_SAFE, STATUS_ROUTE, STATUS_BACKUP = 1, 4, 5
 ROUTE_POINT, PLAN_POINT = 0, 1
 _LAST_INDEX = 2**31 - 1
-_FASTEST = 400.0  # m/s
 _WIND = 100.0  # m/s
 _AIRSPEED_AGREES = 10.0  # m/s
 
@@ -110,16 +120,16 @@ def report(
         time: ns.
         position: latitude and longitude, degrees.
         velocity: true east and north, m/s.
-        **more: other fields of :class:`ros_bridge.core.tracks.Report`, checked before.
+        **more: other fields of :class:`ros_bridge.core.reports.Report`, checked before.
 
     Raises:
         FieldError: something is not finite or out of range.
     """
-    east = number(f"{name}.velocity.x", velocity[0], -_FASTEST, _FASTEST, "m/s")
-    north = number(f"{name}.velocity.y", velocity[1], -_FASTEST, _FASTEST, "m/s")
+    east = number(f"{name}.velocity.x", velocity[0], -FASTEST, FASTEST, "m/s")
+    north = number(f"{name}.velocity.y", velocity[1], -FASTEST, FASTEST, "m/s")
     speed = math.hypot(east, north)
-    if speed > _FASTEST:
-        raise FieldError(f"{name}.velocity", f"is {speed:g} m/s, expected {_FASTEST:g} m/s at most")
+    if speed > FASTEST:
+        raise FieldError(f"{name}.velocity", f"is {speed:g} m/s, expected {FASTEST:g} m/s at most")
     return Report(
         identity,
         time,
@@ -143,10 +153,31 @@ def aircraft(message: Any, name: str) -> Report:
     """Return the report that an AircraftState holds.
 
     Raises:
-        FieldError: a field is missing, not finite, out of range or inconsistent with another.
+        FieldError: a field is missing, not finite, out of range or inconsistent with another; with a sighting.
     """
-    time = stamp(f"{name}.header.stamp", message.header.stamp)
     identity = identifier(f"{name}.id", message.id)
+    try:
+        return _aircraft(message, name, identity)
+    except FieldError as error:
+        error.sighting = _sighting(message, name, identity)
+        raise
+
+
+def _sighting(message: Any, name: str, identity: str) -> Sighting:
+    """Return what an AircraftState that cannot be used says all the same."""
+    valid = readable(lambda: flags(f"{name}.valid", message.valid, 0xFF)) or 0
+    place = height = None
+    if valid & POSITION:
+        place = readable(lambda: (latitude("", message.latitude), longitude("", message.longitude)))
+    if valid & ALTITUDE:
+        climb = message.velocity.z if valid & VERTICAL_SPEED else 0.0
+        climb = readable(lambda: number("", climb, -100.0, 100.0, "m/s")) or 0.0
+        height = readable(lambda: altitude("", message.altitude, message.altitude_reference, climb))
+    return Sighting(identity, readable(lambda: stamp("", message.header.stamp)), place, height)
+
+
+def _aircraft(message: Any, name: str, identity: str) -> Report:
+    time = stamp(f"{name}.header.stamp", message.header.stamp)
     valid = flags(f"{name}.valid", message.valid, 0xFF)
     for bit, what in ((POSITION, "position"), (VELOCITY, "velocity")):
         if not valid & bit:
@@ -164,7 +195,7 @@ def aircraft(message: Any, name: str) -> Report:
         wind = (x, y)
     airspeed = None
     if valid & TRUE_AIRSPEED:
-        airspeed = number(f"{name}.true_airspeed", message.true_airspeed, 0.0, _FASTEST, "m/s")
+        airspeed = number(f"{name}.true_airspeed", message.true_airspeed, 0.0, FASTEST, "m/s")
     result = report(
         name,
         identity,
@@ -262,7 +293,7 @@ def plan_point(message: Any, name: str) -> PlanPoint:
         longitude(f"{name}.longitude", message.longitude),
         _height(name, message),
         number(f"{name}.track_deg", message.track_deg, 0.0, 360.0, "degrees"),
-        number(f"{name}.ground_speed", message.ground_speed, 0.0, _FASTEST, "m/s"),
+        number(f"{name}.ground_speed", message.ground_speed, 0.0, FASTEST, "m/s"),
         stamp(f"{name}.time_of_arrival", message.time_of_arrival),
     )
 

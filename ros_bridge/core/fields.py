@@ -4,8 +4,10 @@ Messages are taken by their fields alone, so that nothing here needs ROS: a mess
 fields, or a plain object in a test, serves as well.
 """
 
-import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from ros_bridge.core.reports import Sighting
 
 __all__ = [
     "SECOND",
@@ -17,6 +19,7 @@ __all__ = [
     "longitude",
     "nanoseconds",
     "number",
+    "readable",
     "stamp",
     "std",
 ]
@@ -25,6 +28,7 @@ SECOND = 1_000_000_000
 """Nanoseconds in a second: times of messages are whole nanoseconds."""
 
 _LONGEST_ID = 64  # bytes
+_T = TypeVar("_T")
 
 
 class FieldError(ValueError):
@@ -32,13 +36,23 @@ class FieldError(ValueError):
 
     Attributes:
         field: its name, such as ``ownship.velocity.x``.
+        sighting: what else the message says of the aircraft's place; None: nothing.
     """
 
     field: str
+    sighting: Sighting | None
 
-    def __init__(self, field: str, problem: str) -> None:
+    def __init__(self, field: str, problem: str, sighting: Sighting | None = None) -> None:
         super().__init__(f"{field} {problem}")
-        self.field = field
+        self.field, self.sighting = field, sighting
+
+
+def readable(read: Callable[[], _T]) -> _T | None:
+    """Return what ``read`` returns, or None where it raises :class:`FieldError`."""
+    try:
+        return read()
+    except FieldError:
+        return None
 
 
 def number(name: str, value: Any, low: float, high: float, unit: str) -> float:
@@ -99,12 +113,15 @@ def nanoseconds(value: Any) -> int:
 
 
 def identifier(name: str, value: Any) -> str:
-    """Return the name of an aircraft, or raise :class:`FieldError`."""
+    """Return the name of an aircraft in lower case and without blanks around it, or raise :class:`FieldError`.
+
+    Receivers write the same 24-bit address in either case and pad it.
+    """
     if not isinstance(value, str) or not value.strip() or not value.isprintable():
         raise FieldError(name, f"is {value!r:.60}, expected a printable name")
     if len(value.encode()) > _LONGEST_ID:
         raise FieldError(name, f"is {len(value.encode())} bytes long, expected {_LONGEST_ID} at most")
-    return value
+    return value.strip().lower()
 
 
 def flags(name: str, value: Any, known: int) -> int:
@@ -113,8 +130,3 @@ def flags(name: str, value: Any, known: int) -> int:
     if bits & ~known:
         raise FieldError(name, f"is {bits:#x}, expected bits of {known:#x} only")
     return bits
-
-
-def finite(value: Any) -> bool:
-    """Return whether a value is a finite number."""
-    return isinstance(value, (int, float)) and math.isfinite(value)

@@ -19,7 +19,7 @@ import numpy as np
 if TYPE_CHECKING:
     from pyproj import Geod
 
-__all__ = ["ACCURATE", "REACH", "Geodetic", "LocalFrame", "Place", "carried", "distance"]
+__all__ = ["ACCURATE", "REACH", "Geodetic", "LocalFrame", "Place", "carried", "displacement", "distance"]
 
 ACCURATE = 100_000.0
 """Distance from the origin, m, up to which ownship and route are accepted."""
@@ -104,6 +104,12 @@ class LocalFrame:
 def distance(latitude_a: float, longitude_a: float, latitude_b: float, longitude_b: float) -> float:
     """Return the length of the geodesic between two points, m."""
     return float(_wgs84().inv(longitude_a, latitude_a, longitude_b, latitude_b)[2])
+
+
+def displacement(latitude_a: float, longitude_a: float, latitude_b: float, longitude_b: float) -> tuple[float, float]:
+    """Return the way from one point to another, true east and north at the first, m."""
+    out, _, length = _wgs84().inv(longitude_a, latitude_a, longitude_b, latitude_b)
+    return length * math.sin(math.radians(out)), length * math.cos(math.radians(out))
 
 
 def carried(latitude: float, longitude: float, east: float, north: float, seconds: float) -> tuple[float, float]:

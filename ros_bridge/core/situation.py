@@ -4,6 +4,7 @@ All of it is values and pure functions; the node only feeds it. Every refusal ca
 GenerateTrajectory, the field that is meant and a sentence.
 """
 
+import itertools
 import math
 import re
 from collections.abc import Mapping
@@ -22,14 +23,22 @@ from envs.waypoints import RoutePoint
 from ros_bridge.core.conversions import Alert, Origin, Route
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.geodesy import ACCURATE, REACH, LocalFrame
-from ros_bridge.core.tracks import NOBODY, Fault, Report, Track, Verdict
+from ros_bridge.core.reach import Reach, level, out_of_reach
+from ros_bridge.core.reports import Report
+from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict
 
-__all__ = ["Code", "Excluded", "Picture", "Refusal", "Settings", "Task", "level", "placed", "refusal_of", "task"]
+__all__ = ["Code", "Excluded", "Picture", "Refusal", "Settings", "Task", "placed", "refusal_of", "task"]
 
 
 _TURN_TIME = Thresholds().turn_time
 """For how long after its report an intruder is expected to go on with the turn that its reports show, s: as the monitor
 expects it."""
+
+
+_HORIZON = 400.0  # s; how long a plan lasts before its last leg
+_EXTENSION = 5_000.0  # m; of a route's last leg
+_COPY_DISTANCE, _COPY_SPEED, _COPY_TURN = 250.0, 10.0, 0.2
+"""Within so many m, m/s and rad an intruder is like the ownship."""
 
 
 class Code(IntEnum):
@@ -100,7 +109,7 @@ class Picture:
 
     origin: Origin | None = None
     origin_fault: Fault | None = None
-    own: Track = NOBODY
+    own: Track = UNKNOWN
     traffic: Mapping[str, Track] = field(default_factory=lambda: MappingProxyType({}))
     alert: Alert | None = None
     alert_fault: Fault | None = None
@@ -162,9 +171,16 @@ def task(picture: Picture, now: int, settings: Settings, asked_route: Route | No
         raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", f"ownship.position {_too_far(far)}")
     options, notes = _in_wind(report, settings)
     alerted = _alerted(picture, now, settings)
-    identifiers, intruders, excluded = _intruders(picture, frame, now, settings, alerted)
     route, points = _route(picture, frame, asked_route)
-    height = level(report.altitude, now - report.time, picture.origin.undulation)
+    separation = options.requirement.separation + options.requirement.margin
+    speed, undulation = options.limits.speed_max, picture.origin.undulation
+    horizon = _latest_end(points, options)
+    reach = Reach(report, now, horizon, separation, options.vertical_filter, speed, undulation)
+    identifiers, intruders, excluded = _intruders(picture, frame, now, settings, alerted, reach)
+    copies = [name for name, one in zip(identifiers, intruders, strict=True) if _like(own, one.state)]
+    if copies:
+        notes += (f"{', '.join(copies)}: at the ownship's place and velocity; a copy of it (TIS-B) is not recognised",)
+    height = level(report.altitude, now - report.time, undulation)
     return Task(frame, now, own, height, identifiers, intruders, excluded, route, points, options, notes)
 
 
@@ -223,16 +239,6 @@ def _now(frame: LocalFrame, track: Track, report: Report, now: int) -> VehicleSt
     return VehicleState(x, y, float(wrap(state.heading + turn, np)), state.speed)
 
 
-def level(altitude: Altitude | None, age: int, undulation: float | None) -> Altitude | None:
-    """Return an altitude carried to the present, above the ellipsoid where it can be told."""
-    if altitude is None:
-        return None
-    value = altitude.value + altitude.vertical_speed * age / SECOND
-    if altitude.reference == "msl" and undulation is not None:
-        return Altitude(value + undulation, "wgs84", altitude.vertical_speed)
-    return replace(altitude, value=value)
-
-
 def _alerted(picture: Picture, now: int, settings: Settings) -> frozenset[str]:
     """Return whom an alert that holds is about."""
     if picture.alert_fault is not None:
@@ -247,20 +253,39 @@ def _alerted(picture: Picture, now: int, settings: Settings) -> frozenset[str]:
     return frozenset(alert.identifiers)
 
 
+def _latest_end(points: tuple[RoutePoint, ...], options: Options) -> float:
+    """Return a time that no plan along a route outlasts, s: its last leg is the route's longest at most."""
+    legs = [math.hypot(b.x - a.x, b.y - a.y) for a, b in itertools.pairwise(points)]
+    return _HORIZON + max(*legs, _EXTENSION) / options.limits.speed_min
+
+
+def _like(own: VehicleState, other: VehicleState) -> bool:
+    """Return whether an aircraft is reported where the ownship is, and as it flies."""
+    turn = math.remainder(own.heading - other.heading, 2.0 * math.pi)
+    near = math.hypot(own.x - other.x, own.y - other.y) < _COPY_DISTANCE
+    return near and abs(own.speed - other.speed) < _COPY_SPEED and abs(turn) < _COPY_TURN
+
+
 def _intruders(
-    picture: Picture, frame: LocalFrame, now: int, settings: Settings, alerted: frozenset[str]
+    picture: Picture, frame: LocalFrame, now: int, settings: Settings, alerted: frozenset[str], reach: Reach
 ) -> tuple[tuple[str, ...], tuple[Intruder, ...], tuple[Excluded, ...]]:
-    undulation = None if picture.origin is None else picture.origin.undulation
     names, intruders, excluded = [], [], []
     for name, track in sorted(picture.traffic.items()):
-        report = _usable(track, f"intruder {name}", now, settings.intruder_age, settings.future)
+        try:
+            report = _usable(track, f"intruder {name}", now, settings.intruder_age, settings.future)
+        except Refusal:
+            why = None if name in alerted else out_of_reach(track, reach)
+            if why is None:
+                raise
+            excluded.append(Excluded(name, why))
+            continue
         state = placed(frame, report)
         far = math.hypot(state.x, state.y)
         if far > REACH and name not in alerted:
             excluded.append(Excluded(name, f"is {far / 1e3:.0f} km from the geo-reference, out of reach"))
             continue
         # The planner advances the report over its age; only the altitude's reference is settled here.
-        height = level(report.altitude, 0, undulation)
+        height = level(report.altitude, 0, reach.undulation)
         age = (now - report.time) / SECOND
         turn_time = _TURN_TIME if track.turn_rate else 0.0
         intruders.append(

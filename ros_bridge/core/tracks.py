@@ -2,50 +2,21 @@
 
 A report that repeats the last one or comes late is passed over. One from the future, one that contradicts another of
 the same time and one that has jumped is a fault: until a good report follows nothing is planned with that aircraft.
-A jump that a second report confirms was none: the aircraft is where the two agree.
+A jump that the next report confirms was none: the aircraft is where the two agree. Where reports of both places go on
+arriving, one name stands for two aircraft, which is a fault until one of them has fallen silent.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from types import MappingProxyType
 
-from agents.assurance.thresholds import Thresholds
-from agents.planner.request import Altitude
+from ros_bridge.core.courses import Course, begun, extended
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.geodesy import carried, distance
+from ros_bridge.core.reports import Report, Sighting
 
-__all__ = ["NOBODY", "Fault", "Report", "Rules", "Track", "Verdict", "forgotten", "refused", "taken"]
-
-_BASELINE = (0.2, 5.0)  # s between two reports that a turn may be read from
-_SIGNIFICANT = 3.0  # sigmas by which it must differ from straight flight
-_THRESHOLDS = Thresholds()
-
-
-@dataclass(frozen=True, slots=True)
-class Report:
-    """A state of an aircraft as reported, checked by :mod:`ros_bridge.core.conversions`."""
-
-    identifier: str
-    time: int
-    """At which it held, ns."""
-    latitude: float
-    """Degrees, WGS-84."""
-    longitude: float
-    east: float
-    """Velocity over the ground, true east, m/s."""
-    north: float
-    altitude: Altitude | None = None
-    """None: unknown."""
-    position_std: float = 0.0
-    """One sigma per axis, m."""
-    velocity_std: float = 0.0
-    """m/s."""
-    true_airspeed: float | None = None
-    """m/s; None: unknown."""
-    wind: tuple[float, float] | None = None
-    """Velocity of the air, true east and north, m/s; None: unknown."""
+__all__ = ["UNKNOWN", "Fault", "Rules", "Track", "Verdict", "forgotten", "refused", "taken"]
 
 
 class Verdict(Enum):
@@ -62,11 +33,15 @@ class Verdict(Enum):
     """Another place or velocity at the time of the last one; a fault."""
     JUMP = "jump"
     """Not where the last one let it be expected; a fault unless the next report agrees with it."""
+    SHARED = "shared"
+    """The name is used at two places in turns; a fault as long as both are reported."""
+    CONTRADICTION = "contradiction"
+    """Over some seconds the places do not agree with the velocities, as where a position is frozen; a fault."""
     INVALID = "invalid"
     """Not finite, out of range or inconsistent; a fault."""
 
 
-FAULTS = frozenset({Verdict.FUTURE, Verdict.CONFLICT, Verdict.JUMP, Verdict.INVALID})
+FAULTS = frozenset(Verdict) - {Verdict.TAKEN, Verdict.DUPLICATE, Verdict.REORDERED}
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,24 +78,33 @@ class Track:
 
     last: Report | None = None
     """The last good report."""
-    doubted: Report | None = None
-    """The one that jumped, until the next."""
     fault: Fault | None = None
     """None: the newest report was good."""
-    reference: Report | None = None
-    """An earlier good report, far enough back to read a turn from."""
-    turn_rate: float = 0.0
-    """That the last report and an earlier one show, rad/s, positive to the left; 0 where noise could be all of it."""
+    course: Course | None = None
+    """The reports that the last good one follows from, those that contradict themselves included."""
+    rival: Course | None = None
+    """Reports of another place under the same name."""
+    both: bool = False
+    """Whether the course went on after the rival had begun."""
+    shared: bool = False
+    """Whether the rival was confirmed after that: two aircraft."""
+    sighting: Sighting | None = None
+    """What the newest report says of the aircraft's place, where it cannot be used otherwise."""
     counts: Mapping[Verdict, int] = field(default_factory=lambda: MappingProxyType({}))
     """Of all reports."""
+
+    @property
+    def turn_rate(self) -> float:
+        """Turn rate that the reports show, rad/s, positive to the left; 0 where noise could be all of it."""
+        return 0.0 if self.course is None else self.course.turn_rate
 
     def age(self, now: int) -> float:
         """Return the age of the last good report, s; infinite without one."""
         return float("inf") if self.last is None else (now - self.last.time) / SECOND
 
 
-NOBODY = Track()
-"""Of an aircraft that has not been heard of."""
+UNKNOWN = Track()
+"""Of an aircraft without any report."""
 
 
 def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> tuple[Track, Verdict]:
@@ -133,25 +117,32 @@ def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> tu
         now: on the node's clock, ns.
         rules: for reports.
     """
-    verdict, why = _judged(track, report, now, rules)
-    if verdict in FAULTS:
-        doubted = report if verdict is Verdict.JUMP else None
-        fault = Fault(verdict, f"{name}.{why[0]}", f"{name}.{why[0]} {why[1]}", now)
-        return replace(track, doubted=doubted, fault=fault, counts=_counted(track, verdict)), verdict
+    ahead = (report.time - now) / SECOND
+    if ahead > rules.future:
+        problem = f"is {ahead:.3f} s ahead of the clock, expected {rules.future:g} s at most"
+        return _faulty(track, Verdict.FUTURE, f"{name}.header.stamp", problem, now), Verdict.FUTURE
+    if track.rival is not None and (report.time - track.rival.newest.time) / SECOND > rules.fresh_start:
+        track = replace(track, rival=None, both=False, shared=False)
+    if track.course is None:
+        return _good(track, begun(report), name, now)
+    verdict, field_, problem = _compared(track.course.newest, report, rules)
     if verdict is Verdict.TAKEN:
-        reference, rate = _turning(track, report)
-        return Track(report, None, None, reference, rate, _counted(track, verdict)), verdict
+        return _good(replace(track, both=track.rival is not None), _next(track.course, report, rules), name, now)
+    if verdict in FAULTS and field_ == "position":
+        return _elsewhere(track, report, name, now, rules, verdict, problem)
+    if verdict in FAULTS:
+        return _faulty(track, verdict, f"{name}.{field_}", problem, now), verdict
     return replace(track, counts=_counted(track, verdict)), verdict
 
 
-def refused(track: Track, field: str, message: str, now: int) -> Track:
-    """Note that a report could not be read; ``message`` begins with ``field``."""
+def refused(track: Track, field: str, message: str, now: int, sighting: Sighting | None = None) -> Track:
+    """Note that a report could not be used; ``message`` begins with ``field``."""
     fault = Fault(Verdict.INVALID, field, message, now)
-    return replace(track, doubted=None, fault=fault, counts=_counted(track, Verdict.INVALID))
+    return replace(track, fault=fault, sighting=sighting, counts=_counted(track, Verdict.INVALID))
 
 
 def forgotten(tracks: Mapping[str, Track], now: int, after: float) -> tuple[dict[str, Track], tuple[str, ...]]:
-    """Return the tracks that are heard of, and the names of those that have been silent for ``after`` seconds."""
+    """Return the tracks that are still reported, and the names of those that have been silent for ``after`` seconds."""
     silent = tuple(
         name
         for name, track in tracks.items()
@@ -160,63 +151,71 @@ def forgotten(tracks: Mapping[str, Track], now: int, after: float) -> tuple[dict
     return {name: track for name, track in tracks.items() if name not in silent}, silent
 
 
-def _judged(track: Track, report: Report, now: int, rules: Rules) -> tuple[Verdict, tuple[str, str]]:
-    """Return what a report is, and for a fault its field and the rest of the sentence."""
-    ahead = (report.time - now) / SECOND
-    if ahead > rules.future:
-        return Verdict.FUTURE, (
-            "header.stamp",
-            f"is {ahead:.3f} s ahead of the clock, expected {rules.future:g} s at most",
-        )
-    last = track.last
-    if last is None:
-        return Verdict.TAKEN, ("", "")
-    if report.time < last.time:
-        return Verdict.REORDERED, ("", "")
-    if report.time == last.time:
-        apart = distance(last.latitude, last.longitude, report.latitude, report.longitude)
-        faster = max(abs(last.east - report.east), abs(last.north - report.north))
-        if apart <= rules.same and faster <= rules.same:
-            return Verdict.DUPLICATE, ("", "")
-        problem = f"belongs to two reports that differ by {apart:.1f} m and {faster:.1f} m/s, expected one"
-        return Verdict.CONFLICT, ("header.stamp", problem)
-    off = _off(last, report, rules)
-    if off is None:
-        return Verdict.TAKEN, ("", "")
-    doubted = track.doubted
-    if doubted is not None and report.time > doubted.time and _off(doubted, report, rules) is None:
-        return Verdict.TAKEN, ("", "")
-    problem = f"is {off[0]:.0f} m from where the last report lets it be expected, allowed {off[1]:.0f} m"
-    return Verdict.JUMP, ("position", problem)
+def _good(track: Track, course: Course, name: str, now: int) -> tuple[Track, Verdict]:
+    """Return the track with a report that follows from those before it."""
+    track = replace(track, course=course, sighting=None)
+    if course.contradiction:
+        field_ = f"{name}.position"
+        return _faulty(track, Verdict.CONTRADICTION, field_, course.contradiction, now), Verdict.CONTRADICTION
+    track = replace(track, last=course.newest)
+    if track.shared and track.rival is not None:
+        other = track.rival.newest
+        apart = distance(course.newest.latitude, course.newest.longitude, other.latitude, other.longitude)
+        problem = f"is the name of two aircraft {apart / 1e3:.1f} km apart, expected one"
+        return _faulty(track, Verdict.SHARED, f"{name}.id", problem, now), Verdict.SHARED
+    return replace(track, fault=None, counts=_counted(track, Verdict.TAKEN)), Verdict.TAKEN
 
 
-def _off(before: Report, after: Report, rules: Rules) -> tuple[float, float] | None:
-    """Return by how much a report is not where an earlier one lets it be expected, and what is allowed; None: it is."""
-    seconds = (after.time - before.time) / SECOND
-    if seconds > rules.fresh_start:
-        return None
-    latitude, longitude = carried(before.latitude, before.longitude, before.east, before.north, seconds)
-    off = distance(latitude, longitude, after.latitude, after.longitude)
+def _elsewhere(
+    track: Track, report: Report, name: str, now: int, rules: Rules, verdict: Verdict, problem: str
+) -> tuple[Track, Verdict]:
+    """Return the track with a report of another place than the course's."""
+    assert track.course is not None
+    rival, again = track.rival, Verdict.JUMP
+    if rival is not None:
+        again, _, _ = _compared(rival.newest, report, rules)
+    if rival is None or again in FAULTS:
+        track = replace(track, rival=begun(report), both=verdict is Verdict.CONFLICT, shared=False)
+        return _faulty(track, verdict, f"{name}.position", problem, now), verdict
+    if again is not Verdict.TAKEN:
+        return replace(track, counts=_counted(track, again)), again
+    rival = _next(rival, report, rules)
+    if track.both:
+        return _good(replace(track, rival=rival, shared=True), track.course, name, now)
+    # Nothing came from the old place since: the aircraft is here. If the old place is reported again, there are two.
+    return _good(replace(track, rival=track.course, both=True), rival, name, now)
+
+
+def _compared(before: Report, report: Report, rules: Rules) -> tuple[Verdict, str, str]:
+    """Return what a report is beside an earlier one, and for a fault its field and the rest of the sentence."""
+    first, second = (before, report) if report.time >= before.time else (report, before)
+    seconds = (second.time - first.time) / SECOND
+    expected = carried(first.latitude, first.longitude, first.east, first.north, seconds)
+    off = distance(*expected, second.latitude, second.longitude)
     allowed = rules.jump_distance + rules.jump_speed * seconds
-    return None if off <= allowed else (off, allowed)
+    if off > allowed and seconds <= rules.fresh_start:
+        what = f"is {off:.0f} m from where another report lets it be expected, allowed {allowed:.0f} m"
+        return Verdict.JUMP if seconds > 0.0 else Verdict.CONFLICT, "position", what
+    if report.time > before.time:
+        return Verdict.TAKEN, "", ""
+    if report.time < before.time:
+        return Verdict.REORDERED, "", ""
+    faster = max(abs(before.east - report.east), abs(before.north - report.north))
+    if off <= rules.same and faster <= rules.same:
+        return Verdict.DUPLICATE, "", ""
+    what = f"belongs to two reports that differ by {off:.1f} m and {faster:.1f} m/s, expected one"
+    return Verdict.CONFLICT, "header.stamp", what
 
 
-def _turning(track: Track, report: Report) -> tuple[Report, float]:
-    """Return the report to read the next turn from, and the turn rate now."""
-    before = track.reference
-    if before is None:
-        return report, 0.0
-    seconds = (report.time - before.time) / SECOND
-    if seconds < _BASELINE[0]:
-        return before, track.turn_rate
-    if seconds > _BASELINE[1]:
-        return report, 0.0
-    turn = math.atan2(report.north, report.east) - math.atan2(before.north, before.east)
-    rate = math.remainder(turn, 2.0 * math.pi) / seconds
-    speed = max(math.hypot(report.east, report.north), 1.0)
-    noise = math.hypot(report.velocity_std, before.velocity_std) / (speed * seconds)
-    least = max(_THRESHOLDS.turn_rate_min, _SIGNIFICANT * noise)
-    return report, rate if least <= abs(rate) <= _THRESHOLDS.turn_rate_max else 0.0
+def _next(course: Course, report: Report, rules: Rules) -> Course:
+    """Return the course with a later report; after a long silence a new one."""
+    silence = (report.time - course.newest.time) / SECOND
+    return begun(report) if silence > rules.fresh_start else extended(course, report)
+
+
+def _faulty(track: Track, verdict: Verdict, field: str, problem: str, now: int) -> Track:
+    fault = Fault(verdict, field, f"{field} {problem}", now)
+    return replace(track, fault=fault, counts=_counted(track, verdict))
 
 
 def _counted(track: Track, verdict: Verdict) -> Mapping[Verdict, int]:

@@ -5,26 +5,34 @@ from dataclasses import replace
 from typing import Any
 
 from ros_bridge.core import conversions
-from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.fields import SECOND, FieldError, identifier, readable
+from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Picture
-from ros_bridge.core.tracks import NOBODY, Fault, Report, Rules, Track, Verdict, refused, taken
+from ros_bridge.core.tracks import UNKNOWN, Fault, Rules, Track, Verdict, refused, taken
 
 __all__ = ["alert", "geo_reference", "ownship", "reset", "route", "traffic"]
 
 
 def ownship(picture: Picture, message: Any, now: int, rules: Rules) -> Picture:
-    """Take in an AircraftState of the ownship; ``now`` in ns."""
+    """Take in an AircraftState of the ownship; ``now`` in ns. Its transmission, received as traffic before, goes."""
     own = _track(picture.own, lambda: conversions.aircraft(message, "ownship"), "ownship", now, rules)
-    return replace(picture, own=own)
+    traffic = picture.traffic
+    if own.last is not None and own.last.identifier in traffic:
+        traffic = {name: track for name, track in traffic.items() if name != own.last.identifier}
+    return replace(picture, own=own, traffic=traffic)
 
 
 def traffic(picture: Picture, message: Any, now: int, rules: Rules) -> Picture:
-    """Take in an AircraftState of an intruder; the own transmission, heard again, is passed over."""
-    name = message.id
+    """Take in an AircraftState of an intruder; the own transmission, received again, is passed over.
+
+    The own transmission is known by the ownship's id alone. A copy under another id, as TIS-B makes them, is not
+    recognised by its place and velocity: it counts as an intruder, and the task says so (:mod:`situation`).
+    """
+    name = readable(lambda: identifier("", message.id)) or message.id
     if picture.own.last is not None and picture.own.last.identifier == name:
         return picture
     called = f"intruder {name}"
-    before = picture.traffic.get(name, NOBODY)
+    before = picture.traffic.get(name, UNKNOWN)
     track = _track(before, lambda: conversions.aircraft(message, called), called, now, rules)
     return replace(picture, traffic={**picture.traffic, name: track})
 
@@ -62,14 +70,14 @@ def geo_reference(picture: Picture, message: Any, now: int) -> Picture:
 
 def reset(picture: Picture) -> Picture:
     """Return what holds after the clock has stepped back: route and geo-reference, for they have no age."""
-    return replace(picture, own=NOBODY, traffic={}, alert=None, alert_fault=None)
+    return replace(picture, own=UNKNOWN, traffic={}, alert=None, alert_fault=None)
 
 
 def _track(before: Track, read: Callable[[], Report], name: str, now: int, rules: Rules) -> Track:
     try:
         report = read()
     except FieldError as error:
-        return refused(before, error.field, str(error), now)
+        return refused(before, error.field, str(error), now, error.sighting)
     return taken(before, report, name, now, rules)[0]
 
 

@@ -29,8 +29,8 @@ from envs.waypoints import Legs
 from ros_bridge.core import conversions
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.geodesy import LocalFrame
+from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import placed
-from ros_bridge.core.tracks import Report
 from ros_bridge.sim.guidance import Orders, curve
 from ros_bridge.transport import parameters, process, qos
 from ros_bridge.transport.messages import uuid_of

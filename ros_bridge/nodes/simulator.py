@@ -42,8 +42,8 @@ from envs.starts import numbered
 from envs.trees import take
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.geodesy import LocalFrame
+from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Code
-from ros_bridge.core.tracks import Report
 from ros_bridge.sim.flight_log import FlightLog, kept, table
 from ros_bridge.sim.guidance import Orders, curve
 from ros_bridge.sim.receivers import Heard, Quality, Receiver

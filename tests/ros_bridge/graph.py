@@ -192,21 +192,28 @@ def alert(time: int, *ids: str, level: int = TrafficAlert.LEVEL_CORRECTIVE) -> T
 
 
 class World:
-    """A runner with everything it needs, and hands on its inputs."""
+    """A runner with everything it needs, and its inputs. An aircraft that is reported again has flown on meanwhile."""
 
     def __init__(self, client: Client, node: str = NODE) -> None:
         self.client, self.node = client, node
+        self._since: dict[str, tuple[Any, int]] = {}
+
+    def _state(self, x: float, y: float, heading: float, speed: float, **more: Any) -> AircraftState:
+        time, name = more.pop("time", None) or self.client.now(), more.get("id", "4b1a2c")
+        start = x, y, heading, speed
+        before, since = self._since.get(name, (None, time))
+        if before != start:
+            self._since[name] = start, (since := time)
+        way = speed * (time - since) / 1e9
+        return aircraft(time, x + way * math.cos(heading), y + way * math.sin(heading), heading, speed, **more)
 
     def ownship(self, x: float = 0.0, y: float = 0.0, heading: float = 0.0, speed: float = 75.0, **more: Any) -> None:
-        time = more.pop("time", None) or self.client.now()
-        message = aircraft(time, x, y, heading, speed, **({"id": "own"} | more))
+        message = self._state(x, y, heading, speed, **({"id": "own"} | more))
         self.client.say(AircraftState, f"{self.node}/input/ownship", message, qos.SENSOR)
 
     def intruder(self, x: float, y: float, heading: float, speed: float = 75.0, **more: Any) -> None:
-        time = more.pop("time", None) or self.client.now()
-        self.client.say(
-            AircraftState, f"{self.node}/input/traffic", aircraft(time, x, y, heading, speed, **more), qos.TRAFFIC
-        )
+        message = self._state(x, y, heading, speed, **more)
+        self.client.say(AircraftState, f"{self.node}/input/traffic", message, qos.TRAFFIC)
 
     def alert(self, *ids: str, **more: Any) -> None:
         message = alert(more.pop("time", None) or self.client.now(), *ids, **more)

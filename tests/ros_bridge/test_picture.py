@@ -159,8 +159,83 @@ def test_places_far_from_the_geo_reference_are_refused_or_left_out():
     assert task(heard(far, alerts=[alert("4b1a2c")]), NOW, Settings()).identifiers == ("4b1a2c",)
 
 
-def test_the_own_transmission_heard_again_is_no_intruder():
-    assert task(heard(aircraft(0.0, 0.0, 0.0, 75.0, id="own")), NOW, Settings()).identifiers == ()
+@pytest.mark.parametrize(("own_id", "echo"), [("own", "own"), ("4B1A2C", "4b1a2c"), ("4b1a2c", " 4B1A2C  ")])
+def test_own_transmission_received_again_is_no_intruder(own_id: str, echo: str):
+    own, copy = aircraft(0.0, 0.0, 0.0, 75.0, id=own_id), aircraft(0.0, 0.0, 0.0, 75.0, id=echo)
+    assert task(heard(copy, own=own), NOW, Settings()).identifiers == ()
+    before = hearing.traffic(Picture(), copy, NOW, RULES)
+    assert list(before.traffic) == ["4b1a2c" if own_id != "own" else "own"]
+    assert not hearing.ownship(before, own, NOW, RULES).traffic
+
+
+def test_alert_names_an_aircraft_in_any_case():
+    wanted = task(heard(crossing(id="4B1A2C "), alerts=[alert("4b1A2c")]), NOW, Settings())
+    assert wanted.identifiers == ("4b1a2c",)
+
+
+def test_copy_of_the_ownship_under_another_id_is_planned_with_and_said():
+    wanted = task(heard(aircraft(30.0, -20.0, 0.02, 76.0, id="tisb01"), crossing()), NOW, Settings())
+    assert wanted.identifiers == ("4b1a2c", "tisb01")
+    assert [note for note in wanted.notes if note.startswith("tisb01")]
+
+
+STALE = 8.0
+
+
+def silent(*messages, seconds: float = STALE) -> tuple[Picture, int]:
+    """Return what is known so long after the last report of traffic, with a fresh ownship at 1000 m."""
+    late = NOW + round(seconds * SECOND)
+    high = {"valid": 0x07, "altitude": 1_000.0, "altitude_reference": 1}
+    own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late, **high)
+    return hearing.ownship(heard(*messages, own=own, now=NOW), own, late, RULES), late
+
+
+def above(metres: float, **more):
+    return crossing(**({"valid": 0x07, "altitude": 1_000.0 + metres, "altitude_reference": 1} | more))
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        aircraft(320_000.0, 0.0, math.pi, 75.0),
+        aircraft(320_000.0, 0.0, math.pi, 75.0, valid=0x01),
+        above(10_000.0),
+        above(10_000.0, valid=0x03),
+        above(-950.0),
+    ],
+)
+def test_silent_aircraft_that_cannot_come_near_is_left_out_and_named(message):
+    picture, late = silent(message)
+    wanted = task(picture, late, Settings())
+    assert wanted.identifiers == () and [one.identifier for one in wanted.excluded] == ["4b1a2c"]
+    assert wanted.excluded[0].reason
+    # An alert about it makes it count.
+    alerted = hearing.alert(picture, alert("4b1a2c", time=late), late, RULES)
+    assert refusal(alerted, late)[0] in (Code.STALE_INTRUDER, Code.INVALID_INTRUDER)
+
+
+@pytest.mark.parametrize(
+    ("message", "code"),
+    [
+        (crossing(), Code.STALE_INTRUDER),
+        (aircraft(60_000.0, 0.0, math.pi, 75.0), Code.STALE_INTRUDER),
+        (aircraft(320_000.0, 0.0, math.pi, 75.0, valid=0x04), Code.INVALID_INTRUDER),
+        (aircraft(60_000.0, 0.0, math.pi, 75.0, valid=0x01), Code.INVALID_INTRUDER),
+        (above(700.0), Code.STALE_INTRUDER),
+        (above(10_000.0, altitude_reference=3), Code.STALE_INTRUDER),
+        (above(10_000.0, valid=0x0F, velocity=SimpleNamespace(x=0.0, y=75.0, z=-40.0)), Code.STALE_INTRUDER),
+    ],
+)
+def test_silent_aircraft_that_may_come_near_is_refused(message, code: Code):
+    assert refusal(*silent(message))[0] is code
+
+
+def test_far_reports_of_a_name_do_not_hide_a_near_aircraft_of_the_same_name():
+    far, near = (aircraft(x, 0.0, math.pi, 75.0) for x in (320_000.0, 6_000.0))
+    for first, second in ((far, near), (near, far)):
+        assert refusal(*silent(first, second, seconds=1.0)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.position")
+    beyond = aircraft(400_000.0, 0.0, math.pi, 75.0)
+    assert task(*silent(far, beyond, seconds=1.0), Settings()).identifiers == ()
 
 
 def test_heights_above_the_sea_become_comparable_with_the_undulation_only():

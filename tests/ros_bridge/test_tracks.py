@@ -13,7 +13,7 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 from envs import kinematics
 from envs.kinematics import SURROGATE, VehicleState
 from ros_bridge.core.conversions import aircraft as read
-from ros_bridge.core.tracks import NOBODY, Rules, Track, Verdict, forgotten, refused, taken
+from ros_bridge.core.tracks import UNKNOWN, Rules, Track, Verdict, forgotten, refused, taken
 from tests.ros_bridge.scenes import NOW, SECOND, aircraft
 
 RULES = Rules()
@@ -26,7 +26,7 @@ def report(seconds: float, x: float | None = None, y: float = 0.0):
 
 
 def fed(*reports, now: float = 0.0) -> tuple[Track, list[Verdict]]:
-    track, verdicts = NOBODY, []
+    track, verdicts = UNKNOWN, []
     for one in reports:
         track, verdict = taken(track, one, "it", max(one.time, NOW + round(now * SECOND)), RULES)
         verdicts.append(verdict)
@@ -93,6 +93,113 @@ def test_a_single_outlier_is_not_believed():
     assert track.fault is None
 
 
+def taken_in_turns(first, second, pattern: str, every: float = 1.0) -> list[Track]:
+    """Return the track after each report of two aircraft, called a and b, in the order of a pattern."""
+    track, history = UNKNOWN, []
+    for number, who in enumerate(pattern):
+        seconds = every * number
+        one = (first if who == "a" else second)(seconds)
+        track, _ = taken(track, one, "it", NOW + round(seconds * SECOND), RULES)
+        history.append(track)
+    return history
+
+
+def other(seconds: float):
+    """Return a report of an aircraft 60 km away that flies westwards."""
+    message = aircraft(60_000.0 - 80.0 * seconds, 5_000.0, math.pi, 80.0, time=NOW + round(seconds * SECOND))
+    return read(message, "it")
+
+
+@pytest.mark.parametrize(
+    "pattern", ["ababababab", "aabaabaaba", "abbabbabba", "bababababa", "aabbaabbaa", "abbbabbbab"]
+)
+def test_one_name_of_two_aircraft_is_a_fault_while_both_report(pattern: str):
+    history = taken_in_turns(report, other, pattern)
+    doubt = pattern.index("b" if pattern[0] == "a" else "a")
+    # A report of the first one alone cannot be told from the end of an outlier; from the second turn on it can.
+    sure = next(n for n in range(doubt + 2, 10) if pattern[n] == pattern[doubt] and pattern[n - 1] != pattern[n])
+    assert all(track.fault is not None for track in history[sure:])
+    assert history[-1].fault is not None and history[-1].fault.verdict is Verdict.SHARED
+    assert history[-1].fault.field == "it.id"
+
+
+@pytest.mark.parametrize("late", [0.0, 0.4])
+def test_two_aircraft_of_one_name_are_found_whatever_their_stamps(late: float):
+    track = UNKNOWN
+    for second in range(6):
+        for one in (report(float(second)), other(second - late)):
+            track, _ = taken(track, one, "it", NOW + second * SECOND, RULES)
+    assert track.fault is not None and track.fault.verdict is Verdict.SHARED
+
+
+def test_shared_name_is_free_again_when_one_aircraft_falls_silent():
+    track = taken_in_turns(report, other, "abababab")[-1]
+    for second in range(8, 50):
+        track, verdict = taken(track, report(float(second)), "it", NOW + second * SECOND, RULES)
+        silent = second - 7.0
+        assert (verdict is Verdict.TAKEN) == (silent > RULES.fresh_start)
+
+
+def frozen(seconds: float, moving: float, jitter: float = 0.0):
+    """Return a report of an aircraft at 80 m/s whose position stands still after ``moving`` seconds."""
+    return report(seconds, x=80.0 * min(seconds, moving), y=jitter * (-1.0) ** round(10.0 * seconds))
+
+
+@pytest.mark.parametrize("every", [0.1, 1.0])
+@pytest.mark.parametrize("moving", [0.0, 2.9, 15.0])
+@pytest.mark.parametrize("jitter", [0.0, 3.0])
+def test_frozen_position_under_fresh_stamps_is_a_fault(every: float, moving: float, jitter: float):
+    track, faulty = UNKNOWN, []
+    for number in range(round((moving + 40.0) / every)):
+        seconds = number * every
+        track, _ = taken(track, frozen(seconds, moving, jitter), "it", NOW + round(seconds * SECOND), RULES)
+        faulty.append((seconds, track.fault is not None))
+    since = next(seconds for seconds, bad in faulty if bad)
+    assert moving < since <= moving + 5.0
+    assert all(bad for seconds, bad in faulty if seconds >= since)
+    assert track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
+    assert track.last is not None and track.age(NOW + round((moving + 40.0) * SECOND)) > 34.0
+
+
+def test_position_that_moves_again_is_believed_after_some_seconds():
+    track = UNKNOWN
+    for second in range(30):
+        seconds = float(second)
+        one = frozen(seconds, 0.0) if second < 15 else report(seconds)
+        track, _ = taken(track, one, "it", NOW + second * SECOND, RULES)
+    assert track.fault is None and track.last == report(29.0)
+
+
+@pytest.mark.parametrize("turn", [0.5 * math.pi, math.pi])
+def test_velocity_of_another_direction_than_the_displacement_is_a_fault(turn: float):
+    track = UNKNOWN
+    for second in range(6):
+        message = aircraft(80.0 * second, 0.0, turn, 80.0, time=NOW + second * SECOND)
+        track, _ = taken(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
+    assert track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
+
+
+def test_velocity_zero_of_an_aircraft_that_moves_is_a_fault():
+    track = UNKNOWN
+    for second in range(6):
+        message = aircraft(80.0 * second, 0.0, 0.0, 0.0, time=NOW + second * SECOND)
+        track, _ = taken(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
+    assert track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.1, 0.5, 1.0]), st.floats(-6.0, 6.0), st.floats(0.0, 100.0))
+def test_noisy_turning_aircraft_do_not_contradict_themselves(seed: int, every: float, degrees: float, speed: float):
+    random, track = np.random.default_rng(seed), UNKNOWN
+    start = VehicleState(np.float64(0.0), np.float64(0.0), np.float64(0.3), np.float64(max(speed, 50.0)))
+    for number in range(round(30.0 / every)):
+        at = kinematics.advance(start, 0.0, math.radians(degrees), np.float64(every * number), SURROGATE, np)
+        time, (east, north, up) = NOW + round(every * number * SECOND), random.normal(size=3)
+        state = (float(at.x) + 10.0 * east, float(at.y) + 10.0 * north, float(at.heading), float(at.speed) + up)
+        message = aircraft(*state, time=time, valid=0x45, position_std=10.0)
+        track, verdict = taken(track, read(message, "it"), "it", time, RULES)
+        assert verdict is Verdict.TAKEN
+
+
 def test_two_outliers_that_disagree_are_not_believed():
     track, verdicts = fed(report(0.0), report(1.0, y=5_000.0), report(2.0, y=-5_000.0))
     assert verdicts[1:] == [Verdict.JUMP, Verdict.JUMP]
@@ -123,7 +230,7 @@ def test_who_is_silent_is_forgotten_and_who_sends_rubbish_is_not():
 
 def turning(rate: float, every: float, std: float = 0.0, count: int = 9) -> Track:
     """Return what is known of an aircraft that turns, after some reports."""
-    track = NOBODY
+    track = UNKNOWN
     for number in range(count):
         seconds = every * number
         at = kinematics.advance(START, 0.0, rate, np.float64(seconds), SURROGATE, np)

@@ -167,3 +167,17 @@ def test_a_refusal_denies_the_plan():
 )
 def test_only_comparable_altitudes_set_aircraft_apart(a, b, expected: bool):
     assert apart(a, b, 600.0) is expected
+
+
+def test_silent_aircraft_that_cannot_come_near_asks_for_nothing():
+    watching, picture = begun()
+    for x, reached in ((320_000.0, True), (40_000.0, False)):
+        message = aircraft(x, 0.0, math.pi, 75.0, id="far", time=NOW)
+        now, left = NOW, watching
+        known = hearing.traffic(picture, message, NOW, RULES)
+        for second in range(1, 9):
+            now = NOW + second * SECOND
+            known = own(traffic(known, float(second)), float(second))
+            left, verdict = stepped(left, known, now, 600.0)
+        assert verdict is not None
+        assert (verdict.state is State.MONITORING) == reached

@@ -1,0 +1,117 @@
+"""Successive reports that follow from one another, and whether the places they name agree with their velocities.
+
+A receiver that repeats an old position under fresh stamps, or names a velocity that is not the aircraft's, is not
+seen from one report to the next: the allowance for a jump is much larger than the way flown in between. Over some
+seconds it is: the displacement is compared with the integral of the reported velocities.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from agents.assurance.thresholds import Thresholds
+from ros_bridge.core.fields import SECOND
+from ros_bridge.core.geodesy import displacement
+from ros_bridge.core.reports import Report
+
+__all__ = ["Course", "begun", "extended"]
+
+_WINDOWS = (3.0, 20.0)
+"""Lengths of the two windows that displacements are compared over, s: fast aircraft show a contradiction in the short
+one, slow ones in the long one."""
+
+_SHORTEST = 2.0
+"""Least time over which they are compared, s."""
+
+_LEAST = 60.0
+"""Difference that is always allowed, m: rounded digits, stamps set on reception, positions held for a second."""
+
+_SHARE = 0.5
+"""Difference that is allowed besides, as a share of the way flown."""
+
+_SIGMAS = 3.0
+_TURN_BASELINE = (0.2, 5.0)  # s between two reports that a turn may be read from
+_THRESHOLDS = Thresholds()
+
+
+class _Window(NamedTuple):
+    """Where a comparison began, and the integral of the velocities since then, m."""
+
+    start: Report
+    reports: int = 1
+    east: float = 0.0
+    north: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """Reports of one aircraft up to the newest."""
+
+    newest: Report
+    windows: tuple[_Window, ...]
+    contradiction: str = ""
+    """How the places contradict the velocities; empty: they do not."""
+    reference: Report | None = None
+    """An earlier report, far enough back to read a turn from."""
+    turn_rate: float = 0.0
+    """That the newest and an earlier report show, rad/s, positive to the left; 0 where noise could be all of it."""
+
+
+def begun(report: Report) -> Course:
+    """Return a course of one report."""
+    return Course(report, (_Window(report),) * len(_WINDOWS), reference=report)
+
+
+def extended(course: Course, report: Report) -> Course:
+    """Return a course with one more report, later than its newest."""
+    before, seconds = course.newest, (report.time - course.newest.time) / SECOND
+    east, north = 0.5 * (before.east + report.east) * seconds, 0.5 * (before.north + report.north) * seconds
+    windows = [_Window(w.start, w.reports + 1, w.east + east, w.north + north) for w in course.windows]
+    contradiction = course.contradiction
+    for number, (window, longest) in enumerate(zip(windows, _WINDOWS, strict=True)):
+        # Two reports alone are judged by the allowance for a jump.
+        length = (report.time - window.start.time) / SECOND
+        if length < _SHORTEST or window.reports < 3:
+            continue
+        problem, agrees = _compared(window, report, length)
+        if problem:
+            contradiction, windows = problem, [_Window(report)] * len(windows)
+            break
+        if agrees or length >= _WINDOWS[-1]:
+            contradiction = ""
+        if length >= longest:
+            windows[number] = _Window(report)
+    reference, rate = _turning(course, report)
+    return Course(report, tuple(windows), contradiction, reference, rate)
+
+
+def _compared(window: _Window, report: Report, seconds: float) -> tuple[str, bool]:
+    """Return how displacement and velocities contradict each other, or "", and whether they plainly agree."""
+    start = window.start
+    east, north = displacement(start.latitude, start.longitude, report.latitude, report.longitude)
+    moved, flown = math.hypot(east, north), math.hypot(window.east, window.north)
+    off = math.hypot(east - window.east, north - window.north)
+    noise = math.hypot(start.position_std, report.position_std) + report.velocity_std * seconds
+    allowed = _SHARE * max(moved, flown) + _SIGMAS * noise
+    if off <= _LEAST + allowed:
+        return "", off <= allowed
+    what = f"moved {moved:.0f} m in {seconds:.1f} s while the reported velocities make {flown:.0f} m"
+    return f"{what}; the two differ by {off:.0f} m, allowed {_LEAST + allowed:.0f} m", False
+
+
+def _turning(course: Course, report: Report) -> tuple[Report, float]:
+    """Return the report to read the next turn from, and the turn rate now."""
+    before = course.reference
+    if before is None:
+        return report, 0.0
+    seconds = (report.time - before.time) / SECOND
+    if seconds < _TURN_BASELINE[0]:
+        return before, course.turn_rate
+    if seconds > _TURN_BASELINE[1]:
+        return report, 0.0
+    turn = math.atan2(report.north, report.east) - math.atan2(before.north, before.east)
+    rate = math.remainder(turn, 2.0 * math.pi) / seconds
+    speed = max(math.hypot(report.east, report.north), 1.0)
+    noise = math.hypot(report.velocity_std, before.velocity_std) / (speed * seconds)
+    least = max(_THRESHOLDS.turn_rate_min, _SIGMAS * noise)
+    return report, rate if least <= abs(rate) <= _THRESHOLDS.turn_rate_max else 0.0

@@ -1,0 +1,47 @@
+"""Reports of aircraft: a whole state as it was reported, or the little that an unusable message still says."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from agents.planner.request import Altitude
+
+__all__ = ["FASTEST", "Report", "Sighting"]
+
+FASTEST = 400.0
+"""Ground speed that no aircraft exceeds, m/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """A state of an aircraft as reported, checked by :mod:`ros_bridge.core.conversions`."""
+
+    identifier: str
+    time: int
+    """At which it held, ns."""
+    latitude: float
+    """Degrees, WGS-84."""
+    longitude: float
+    east: float
+    """Velocity over the ground, true east, m/s."""
+    north: float
+    altitude: Altitude | None = None
+    """None: unknown."""
+    position_std: float = 0.0
+    """One sigma per axis, m."""
+    velocity_std: float = 0.0
+    """m/s."""
+    true_airspeed: float | None = None
+    """m/s; None: unknown."""
+    wind: tuple[float, float] | None = None
+    """Velocity of the air, true east and north, m/s; None: unknown."""
+
+
+class Sighting(NamedTuple):
+    """Which aircraft a message that cannot be used is about, and where it was, as far as the message says."""
+
+    identifier: str
+    time: int | None = None
+    """ns."""
+    place: tuple[float, float] | None = None
+    """Latitude and longitude, degrees."""
+    altitude: Altitude | None = None
