@@ -12,20 +12,34 @@ from typing import Any
 
 from agents.planner.request import Altitude
 from ros_bridge.core.conversions import report
-from ros_bridge.core.fields import SECOND, FieldError, identifier, integer, number, stamp
-from ros_bridge.core.tracks import Report
+from ros_bridge.core.fields import (
+    SECOND,
+    FieldError,
+    identifier,
+    integer,
+    latitude,
+    longitude,
+    number,
+    readable,
+    stamp,
+)
+from ros_bridge.core.reports import FASTEST, Report, Sighting
 
-__all__ = ["adsb_vehicle", "inspva", "nav_sat_fix", "odometry_velocity"]
+__all__ = ["adsb_vehicle", "fix_sighting", "inspva", "nav_sat_fix", "odometry_velocity"]
 
-# MAVLink message 246, ADSB_FLAGS.
+# MAVLink message 246: ADSB_FLAGS, and of ADSB_EMITTER_TYPE what moves on the ground or not at all.
 _COORDINATES, _ALTITUDE, _HEADING, _VELOCITY = 1, 2, 4, 8
 _VERTICAL_VELOCITY = 128
+_ON_THE_GROUND = (17, 18, 19)  # emergency vehicle, service vehicle, point obstacle
 _SILENCE = 255  # s; the largest value that time since last communication can have
 _INS_GOOD = 3  # INS_SOLUTION_GOOD (NovAtel OEM7, inertial solution status)
 
 
 def nav_sat_fix(message: Any, twist: Any, identity: str, reference: str = "wgs84", name: str = "fix") -> Report:
     """Return a report from a NavSatFix and the velocity beside it.
+
+    By the definition an altitude of NaN means that there is none; a covariance that is not finite says as little as
+    one of unknown type.
 
     Args:
         message: sensor_msgs/NavSatFix.
@@ -40,22 +54,33 @@ def nav_sat_fix(message: Any, twist: Any, identity: str, reference: str = "wgs84
     status = integer(f"{name}.status.status", message.status.status, -128, 127)
     if status < 0:
         raise FieldError(f"{name}.status.status", f"is {status}, expected 0 or more: there is no fix")
-    spread = 0.0
-    if message.position_covariance_type != 0:
+    spread, variances = 0.0, (float(message.position_covariance[0]), float(message.position_covariance[4]))
+    if message.position_covariance_type != 0 and all(map(math.isfinite, variances)):
         east, north = (
-            number(f"{name}.position_covariance[{n}]", message.position_covariance[n], 0.0, 1e8, "m^2") for n in (0, 4)
+            number(f"{name}.position_covariance[{n}]", value, 0.0, 1e8, "m^2")
+            for n, value in zip((0, 4), variances, strict=True)
         )
         spread = math.sqrt(max(east, north))
     climb = number(f"{name}.twist.linear.z", twist.linear.z, -100.0, 100.0, "m/s")
+    height = None
+    if not math.isnan(message.altitude):
+        height = _altitude(f"{name}.altitude", message.altitude, reference, climb)
     return report(
         name,
         identifier(f"{name}.id", identity),
         stamp(f"{name}.header.stamp", message.header.stamp),
         (message.latitude, message.longitude),
         (twist.linear.x, twist.linear.y),
-        altitude=_altitude(f"{name}.altitude", message.altitude, reference, climb),
+        altitude=height,
         position_std=spread,
     )
+
+
+def fix_sighting(message: Any, identity: str) -> Sighting:
+    """Return what a NavSatFix says of an aircraft whose velocity is not known."""
+    name, status = identifier("id", identity), readable(lambda: integer("", message.status.status, -128, 127))
+    place = _place(message) if status is not None and status >= 0 else None
+    return Sighting(name, readable(lambda: stamp("", message.header.stamp)), place)
 
 
 def odometry_velocity(message: Any, name: str = "odometry") -> Any:
@@ -80,28 +105,37 @@ def odometry_velocity(message: Any, name: str = "odometry") -> Any:
 
 
 def inspva(message: Any, identity: str, name: str = "inspva") -> Report:
-    """Return a report from NovAtel's INSPVA or INSPVAX: height above the ellipsoid, velocities north, east, up.
+    """Return a report from NovAtel's INSPVA or INSPVAX; velocities are north, east, up.
+
+    INSPVA's height is above the ellipsoid. INSPVAX's is above mean sea level, with the geoid's undulation beside it.
 
     Raises:
         FieldError: the inertial solution is not good, or a field is not finite or out of range.
     """
-    field = "status" if hasattr(message, "status") else "ins_status"
+    extended = hasattr(message, "undulation")
+    field = "ins_status" if extended else "status"
     status = integer(f"{name}.{field}.status", getattr(message, field).status, 0, 2**32 - 1)
     if status != _INS_GOOD:
         raise FieldError(f"{name}.{field}.status", f"is {status}, expected {_INS_GOOD} (INS_SOLUTION_GOOD)")
     climb = number(f"{name}.up_velocity", message.up_velocity, -100.0, 100.0, "m/s")
+    height = _altitude(f"{name}.height", message.height, "msl" if extended else "wgs84", climb)
+    if extended:
+        undulation = number(f"{name}.undulation", message.undulation, -120.0, 100.0, "m")
+        height = Altitude(height.value + undulation, "wgs84", climb)
     return report(
         name,
         identifier(f"{name}.id", identity),
         stamp(f"{name}.header.stamp", message.header.stamp),
         (message.latitude, message.longitude),
         (message.east_velocity, message.north_velocity),
-        altitude=_altitude(f"{name}.height", message.height, "wgs84", climb),
+        altitude=height,
     )
 
 
-def adsb_vehicle(message: Any, references: Mapping[int, str] = MappingProxyType({}), name: str = "adsb") -> Report:
-    """Return a report from an ADS-B vehicle as MAVLink and mavros have it.
+def adsb_vehicle(
+    message: Any, references: Mapping[int, str] = MappingProxyType({}), name: str = "adsb"
+) -> Report | None:
+    """Return a report from an ADS-B vehicle as MAVLink and mavros have it; None: it is on the ground, and no traffic.
 
     The message is stamped when it was received; the state held ``tslc`` (time since last communication, whole
     seconds) before that. What is cut off lies between 0 and 1 s: its root mean square at the reported speed is the
@@ -109,39 +143,67 @@ def adsb_vehicle(message: Any, references: Mapping[int, str] = MappingProxyType(
     QNH and of geometry, documentation of mean sea level), so it counts as unknown unless the caller knows it.
 
     Args:
-        message: fields of mavros_msgs/ADSBVehicle: SI units, heading in radians clockwise from north, ``tslc`` a
-            duration.
+        message: mavros_msgs/ADSBVehicle: SI units, heading in degrees clockwise from north, ``tslc`` a duration.
         references: what ``altitude_type`` 0 (barometric) and 1 (geometric) mean here, such as ``{0: "pressure"}``.
         name: in messages.
 
     Raises:
-        FieldError: position or velocity are not marked as valid, or a field is not finite or out of range.
+        FieldError: position or velocity are not marked as valid, or a field is not finite or out of range; with a
+            sighting.
     """
+    if integer(f"{name}.emitter_type", message.emitter_type, 0, 255) in _ON_THE_GROUND:
+        return None
+    try:
+        return _adsb_report(message, references, name)
+    except FieldError as error:
+        error.sighting = _adsb_sighting(message, references)
+        raise
+
+
+def _adsb_report(message: Any, references: Mapping[int, str], name: str) -> Report:
     flags = integer(f"{name}.flags", message.flags, 0, 2**16 - 1)
     for bit, what in ((_COORDINATES, "coordinates"), (_HEADING, "heading"), (_VELOCITY, "velocity")):
         if not flags & bit:
             raise FieldError(f"{name}.flags", f"is {flags:#x}, expected the bit of valid {what}")
     address = integer(f"{name}.icao_address", message.icao_address, 1, 2**24 - 1)
-    silent = integer(f"{name}.tslc.sec", message.tslc.sec, 0, _SILENCE - 1)
-    speed = number(f"{name}.hor_velocity", message.hor_velocity, 0.0, 400.0, "m/s")
-    heading = number(f"{name}.heading", message.heading, -2.0 * math.pi, 2.0 * math.pi, "rad")
+    speed = number(f"{name}.hor_velocity", message.hor_velocity, 0.0, FASTEST, "m/s")
+    heading = math.radians(number(f"{name}.heading", message.heading, 0.0, 360.0, "degrees"))
     climb = 0.0
     if flags & _VERTICAL_VELOCITY:
         climb = number(f"{name}.ver_velocity", message.ver_velocity, -100.0, 100.0, "m/s")
-    height = None
-    if flags & _ALTITUDE:
-        kind = integer(f"{name}.altitude_type", message.altitude_type, 0, 1)
-        if kind in references:
-            height = _altitude(f"{name}.altitude", message.altitude, references[kind], climb)
     return report(
         name,
         f"{address:06x}",
-        stamp(f"{name}.header.stamp", message.header.stamp) - silent * SECOND,
+        _adsb_time(message, name),
         (message.latitude, message.longitude),
         (speed * math.sin(heading), speed * math.cos(heading)),
-        altitude=height,
+        altitude=_adsb_altitude(message, references, climb, name),
         position_std=speed / math.sqrt(3.0),
     )
+
+
+def _adsb_sighting(message: Any, references: Mapping[int, str]) -> Sighting:
+    """Return what an ADS-B vehicle that cannot be used says all the same."""
+    flags = readable(lambda: integer("", message.flags, 0, 2**16 - 1)) or 0
+    place = _place(message) if flags & _COORDINATES else None
+    height = readable(lambda: _adsb_altitude(message, references, 0.0, ""))
+    return Sighting(f"{message.icao_address:06x}", readable(lambda: _adsb_time(message, "")), place, height)
+
+
+def _adsb_time(message: Any, name: str) -> int:
+    silent = integer(f"{name}.tslc.sec", message.tslc.sec, 0, _SILENCE - 1)
+    return stamp(f"{name}.header.stamp", message.header.stamp) - silent * SECOND
+
+
+def _adsb_altitude(message: Any, references: Mapping[int, str], climb: float, name: str) -> Altitude | None:
+    if not message.flags & _ALTITUDE:
+        return None
+    kind = integer(f"{name}.altitude_type", message.altitude_type, 0, 1)
+    return _altitude(f"{name}.altitude", message.altitude, references[kind], climb) if kind in references else None
+
+
+def _place(message: Any) -> tuple[float, float] | None:
+    return readable(lambda: (latitude("", message.latitude), longitude("", message.longitude)))
 
 
 def _altitude(name: str, value: Any, reference: str, climb: float) -> Altitude:

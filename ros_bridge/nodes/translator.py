@@ -11,10 +11,12 @@ r"""The translator: other people's messages as the runner's inputs.
           ~/input/inspva     novatel_oem7_msgs/INSPVA or INSPVAX
           ~/input/adsb       mavros_msgs/ADSBVehicle
     out   rlcas_runner/input/ownship, rlcas_runner/input/traffic   rlcas_msgs/AircraftState
-          /diagnostics       what was passed on, what was not, and why
+          /diagnostics       what was passed on, what could not be translated, and why
 
 A fix is the ownship's or, in a second translator, an intruder's (traffic_source nav_sat_fix, and traffic_id).
-What cannot be translated is not passed on: the aircraft then grows stale, and requests are refused. Parameters:
+An ownship that cannot be translated is not passed on: it grows stale, and requests are refused. Of an intruder that
+cannot be translated the name is passed on, and its place if that is known: requests are refused unless it is out of
+reach. ADS-B vehicles on the ground and obstacles (emitter types 17 to 19) are left out and counted. Parameters:
 """
 
 import importlib
@@ -32,9 +34,9 @@ from sensor_msgs.msg import NavSatFix
 from ros_bridge.core import adapters
 from ros_bridge.core.conversions import ALTITUDE_CODES
 from ros_bridge.core.fields import SECOND, FieldError, stamp
-from ros_bridge.core.tracks import Report
+from ros_bridge.core.reports import Report
 from ros_bridge.transport import parameters, process, qos, views
-from ros_bridge.transport.messages import aircraft_message
+from ros_bridge.transport.messages import aircraft_message, sighting_message
 
 __all__ = ["Translator", "main", "paired"]
 
@@ -59,15 +61,20 @@ def paired(fix: Any, twist: Any, identity: str, reference: str, apart: float) ->
         apart: largest time between the two, s.
 
     Raises:
-        FieldError: there is no velocity of about the same time, or a field cannot be used.
+        FieldError: there is no velocity of about the same time, or a field cannot be used; with a sighting.
     """
-    if twist is None:
-        raise FieldError("velocity", "has not been received, expected one beside the fix")
-    off = abs(stamp("fix.header.stamp", fix.header.stamp) - stamp("velocity.header.stamp", twist.header.stamp)) / SECOND
-    if off > apart:
-        raise FieldError("velocity.header.stamp", f"is {off:.2f} s from the fix's, expected {apart:g} s at most")
-    velocity = adapters.odometry_velocity(twist) if hasattr(twist, "pose") else twist.twist
-    return adapters.nav_sat_fix(fix, velocity, identity, reference)
+    try:
+        if twist is None:
+            raise FieldError("velocity", "has not been received, expected one beside the fix")
+        times = stamp("fix.header.stamp", fix.header.stamp), stamp("velocity.header.stamp", twist.header.stamp)
+        off = abs(times[0] - times[1]) / SECOND
+        if off > apart:
+            raise FieldError("velocity.header.stamp", f"is {off:.2f} s from the fix's, expected {apart:g} s at most")
+        velocity = adapters.odometry_velocity(twist) if hasattr(twist, "pose") else twist.twist
+        return adapters.nav_sat_fix(fix, velocity, identity, reference)
+    except FieldError as error:
+        error.sighting = adapters.fix_sighting(fix, identity)
+        raise
 
 
 class Translator(Node):
@@ -128,13 +135,20 @@ class Translator(Node):
     def _on_adsb(self, message: Any) -> None:
         self._pass(self._traffic, lambda: adapters.adsb_vehicle(message, self._references))
 
-    def _pass(self, publisher: Any, read: Callable[[], Report]) -> None:
+    def _pass(self, publisher: Any, read: Callable[[], Report | None]) -> None:
+        """Publish a report; of traffic that cannot be translated its name and, if known, its place."""
         name = "own" if publisher is self._own else "traffic"
         try:
-            publisher.publish(aircraft_message(read()))
+            report = read()
+            if report is None:
+                name = "on the ground, left out"
+            else:
+                publisher.publish(aircraft_message(report))
         except FieldError as error:
-            self._wrong, name = str(error), f"{name} not passed on"
-            self.get_logger().error(f"not passed on: {error}", throttle_duration_sec=5.0)
+            self._wrong, name = str(error), f"{name} not translated"
+            self.get_logger().error(f"not translated: {error}", throttle_duration_sec=5.0)
+            if publisher is self._traffic and error.sighting is not None:
+                publisher.publish(sighting_message(error.sighting))
         self._counts[name] = self._counts.get(name, 0) + 1
 
     def _on_timer(self) -> None:

@@ -30,8 +30,8 @@ from ros_bridge.core.conversions import (
 )
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.replies import plan_points, start_point
+from ros_bridge.core.reports import Report, Sighting
 from ros_bridge.core.situation import Task
-from ros_bridge.core.tracks import Report
 
 __all__ = [
     "aircraft_message",
@@ -39,6 +39,7 @@ __all__ = [
     "identity",
     "plan_message",
     "point_message",
+    "sighting_message",
     "time_message",
     "uuid_of",
 ]
@@ -135,6 +136,21 @@ def aircraft_message(report: Report, frame: str = "") -> AircraftState:
     if report.wind is not None:
         message.valid |= WIND
         message.wind = Vector3(x=report.wind[0], y=report.wind[1])
+    return message
+
+
+def sighting_message(sighting: Sighting, frame: str = "") -> AircraftState:
+    """Return an AircraftState that names an aircraft, and its place if that is known, without the bit of a velocity.
+
+    It can be planned with by nobody; but the aircraft counts until a good state of it follows.
+    """
+    message = AircraftState(header=header(sighting.time or 0, frame), id=sighting.identifier)
+    if sighting.place is not None:
+        message.valid |= POSITION
+        message.latitude, message.longitude = sighting.place
+    if sighting.altitude is not None:
+        message.valid |= ALTITUDE
+        message.altitude, message.altitude_reference = sighting.altitude.value, _CODES[sighting.altitude.reference]
     return message
 
 

@@ -98,7 +98,7 @@ def test_what_is_good_is_passed_on_and_the_rest_is_said():
                 health and health[-1].status[0].message == "velocity has not been received, expected one beside the fix"
             )
         )
-        assert states == []
+        assert states == []  # an ownship without velocity is not passed on
         client.say(TwistStamped, f"{TRANSLATOR}/input/velocity", velocity(NOW), qos.SENSOR)
         client.idle(0.1)
         client.say(NavSatFix, f"{TRANSLATOR}/input/fix", fix(NOW), qos.SENSOR)
@@ -106,6 +106,19 @@ def test_what_is_good_is_passed_on_and_the_rest_is_said():
         state = states[0]
         assert (state.id, state.latitude, state.velocity.x, state.velocity.y) == ("4b1234", 47.1, 60.0, 30.0)
         assert (state.altitude, state.altitude_reference) == (1_900.0, AircraftState.ALTITUDE_MSL)
+
+
+def test_traffic_that_cannot_be_translated_is_named():
+    with beside(Translator, traffic_source="nav_sat_fix", traffic_id="N 42") as (_, client):
+        states = client.hear(AircraftState, f"{NODE}/input/traffic", qos.TRAFFIC)
+        client.say(NavSatFix, f"{TRANSLATOR}/input/fix", fix(NOW), qos.SENSOR)
+        client.spin(lambda: states)
+        assert (states[0].id, states[0].valid, states[0].latitude) == ("n 42", AircraftState.VALID_POSITION, 47.1)
+        lost = fix(NOW)
+        lost.status.status = -1
+        client.say(NavSatFix, f"{TRANSLATOR}/input/fix", lost, qos.SENSOR)
+        client.spin(lambda: len(states) == 2)
+        assert (states[1].id, states[1].valid) == ("n 42", 0)
 
 
 @pytest.mark.parametrize(
