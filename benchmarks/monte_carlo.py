@@ -66,9 +66,9 @@ def stages(pilot: Pilot, count: int) -> dict[str, float]:
 
     starts = numbered(SCENARIOS["circle"], 0, 0, count)
     lap("draw_s")
-    flown, _ = fly(starts, pilot.decide, rules, limits)
+    flown = fly(starts, pilot.decide, rules, limits)
     lap("policy_flights_s")
-    bare, _ = fly(starts, direct(limits), rules, limits)
+    bare = fly(starts, direct(limits), rules, limits)
     lap("baseline_flights_s")
     classify(starts, rules, limits, solved=(flown.outcome == 1) | (bare.outcome == 1))
     lap("resolvability_s")

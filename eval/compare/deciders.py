@@ -17,13 +17,12 @@ from envs.kinematics import C208_PUBLISHED, Limits
 from envs.outcome import Rules
 from envs.traffic.replay import Replay
 from eval.config import Setting
-from eval.flights.assured_mode import fly_assured
-from eval.flights.chunks import Evaluation, noise_of
+from eval.flights.chunks import Evaluation, Pilot, noise_of
 from eval.flights.optimal import Foresight, fly_witnesses
-from eval.flights.plan_mode import fly_once, planned
+from eval.flights.recorded import fly_in_mode
 from eval.flights.simulate import OUTCOMES, Decider, Flights, OnStates, fly
-from eval.flights.sources import drawn, spread
-from eval.flights.trajectories import Trajectories, until
+from eval.flights.sources import drawn
+from eval.flights.trajectories import Trajectories, TrajectoryRecorder, until
 from eval.flights.verdicts import verdicts
 from eval.metrics.field import costs, losses, relative
 from eval.metrics.volumes import ALERTS, VOLUMES, alerted, lead_times, lost, severity
@@ -32,7 +31,7 @@ __all__ = [
     "REFERENCE",
     "SETTING",
     "WITNESS",
-    "Contest",
+    "Comparison",
     "Entry",
     "Plans",
     "baseline_entry",
@@ -72,7 +71,7 @@ class Entry(NamedTuple):
     """Of a policy file."""
 
 
-class Contest(NamedTuple):
+class Comparison(NamedTuple):
     """All that the result of a comparison follows from."""
 
     entries: tuple[Entry, ...]
@@ -120,24 +119,24 @@ def baseline_entry(name: str, limits: Limits, rules: Rules) -> Entry:
     return Entry(name, "baseline", OnStates(BASELINES[name](limits, rules.goal_radius, rules.separation)))
 
 
-def columns(contest: Contest, first: int, count: int) -> dict[str, np.ndarray]:
+def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndarray]:
     """Return the table of the encounters ``first .. first + count - 1``: columns of each entry, ``NAME.COLUMN``.
 
     Flights go on after a loss of separation, to the goal or the time limit, because smaller volumes are judged too.
     What counts as a violation is the same as in :mod:`eval.flights.simulate`: any loss before the end.
     """
-    evaluation = contest.evaluation
+    evaluation = comparison.evaluation
     rules, limits = evaluation.rules, evaluation.limits
     starts, weights = drawn(evaluation.source, evaluation.seed, first, count)
     noise = noise_of(evaluation, starts, first)
     table: dict[str, np.ndarray] = {"encounter": np.arange(first, first + count), "weight": weights}
     solved = []
-    for entry in contest.entries:
+    for entry in comparison.entries:
         heard = None if entry.name == REFERENCE else noise
-        flights, film = _flown(entry.decider, starts, evaluation, heard)
+        flights, flown = _flown(entry.decider, starts, evaluation, heard)
         outcome = np.where(flights.min_separation < rules.separation, OUTCOMES.index("violation"), flights.outcome)
         solved.append(outcome == OUTCOMES.index("reached"))
-        made = _columns(outcome, flights, film, starts.mask, rules.dt) | costs(starts, flights, film)._asdict()
+        made = _columns(outcome, flights, flown, starts.mask, rules.dt) | costs(starts, flights, flown)._asdict()
         table |= {f"{entry.name}.{name}": values for name, values in made.items()}
     anyone = reduce(np.logical_or, solved)
     route = np.hypot(starts.goal_x - starts.own.x, starts.goal_y - starts.own.y)
@@ -152,24 +151,17 @@ def _flown(
     evaluation: Evaluation,
     noise: Callable[[int], np.ndarray] | None,
 ) -> tuple[Flights, Trajectories]:
-    """Fly encounters on after losses of separation; the film ends where each flight does."""
+    """Fly encounters on after losses of separation; the trajectories end where each flight does."""
     if isinstance(decider, Foresight):
         return fly_witnesses(starts, decider, evaluation.rules, evaluation.limits)
-    endless = evaluation.rules._replace(separation=0.0)
+    recorder, endless = TrajectoryRecorder(starts), evaluation.rules._replace(separation=0.0)
     if not isinstance(decider, Plans):
-        flights, film = fly(starts, decider, endless, evaluation.limits, noise=noise, record=True)
-        assert film is not None
-        return flights, film
+        flights = fly(starts, decider, endless, evaluation.limits, noise=noise, recorder=recorder)
+        return flights, recorder.stack()
     policy, setting, mode = decider
-    plans = planned(starts, policy, setting, None if noise is None else noise(0))
-    if mode == "plan":
-        flown, film = fly_once(starts, plans, endless, setting, record=True)
-    else:
-        sigmas = spread(evaluation.source)
-        assured, film = fly_assured(starts, plans, policy, endless, setting, spread=sigmas, noise=noise, record=True)
-        flown = assured.flown
-    assert film is not None
-    return flown.flights, until(film, flown.flights.duration)
+    pilot = Pilot(evaluation._replace(rules=endless, setting=setting, mode=mode), policy)
+    _, flights = fly_in_mode(pilot, starts, noise, recorder)
+    return flights, until(recorder.stack(), flights.duration)
 
 
 def _held(decide: Callable[[np.ndarray], np.ndarray]) -> Decider:
@@ -180,10 +172,10 @@ def _held(decide: Callable[[np.ndarray], np.ndarray]) -> Decider:
 
 
 def _columns(
-    outcome: np.ndarray, flights: Flights, film: Trajectories, mask: np.ndarray, dt: float
+    outcome: np.ndarray, flights: Flights, flown: Trajectories, mask: np.ndarray, dt: float
 ) -> dict[str, np.ndarray]:
     """Return the columns of one entry but for the costs."""
-    seen = relative(film)
+    seen = relative(flown)
     volume = VOLUMES[_SEVERE]
     # After the end of a flight everything is nan; no number there, no loss, no alert.
     with np.errstate(invalid="ignore"):
@@ -196,6 +188,6 @@ def _columns(
         "duration_s": flights.duration,
         "heading_reversals": flights.reversals,
         "severity": penetration.max(axis=(0, 2)),
-        **{f"lost_{name}": losses(each, film, mask) for name, each in VOLUMES.items()},
+        **{f"lost_{name}": losses(each, flown, mask) for name, each in VOLUMES.items()},
         **{f"lead_{name}_s": lead_times(alert, loss, dt) for name, alert in alerts.items()},
     }

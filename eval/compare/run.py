@@ -13,7 +13,7 @@ from eval.plots import save as picture_folder
 if TYPE_CHECKING:
     import numpy as np
 
-    from eval.compare.deciders import Contest
+    from eval.compare.deciders import Comparison
 
 __all__ = ["main"]
 
@@ -61,17 +61,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from eval.compare.setup import prepare, size
     from eval.flights.sources import said, say
 
-    contest = prepare(options)
+    comparison = prepare(options)
     out = options.out or Path("runs") / time.strftime("compare_%Y%m%d_%H%M%S")
     picture_folder.create(out)
-    say(contest.evaluation.source)
+    say(comparison.evaluation.source)
 
     from threadpoolctl import threadpool_limits
 
-    total = size(options, contest.evaluation)
+    total = size(options, comparison.evaluation)
     # One thread: the network's rows would be rounded otherwise with another.
     with threadpool_limits(1):
-        table = _flown(contest, total)
+        table = _flown(comparison, total)
     weighted = bool((table["weight"] != 1.0).any())
     chosen = table["weight"] if weighted else None
     from agents.policy.versions import versions
@@ -84,10 +84,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "seed": options.seed,
         "confidence": options.confidence,
         "resamples": options.resamples,
-        "ahead_s": options.ahead if contest.replayed else None,
+        "ahead_s": options.ahead if comparison.replayed else None,
         "weighted": weighted,
-        **summarise(table, contest.entries, chosen, options.confidence, options.resamples, options.seed),
-        **said(contest.evaluation.source),
+        **summarise(table, comparison.entries, chosen, options.confidence, options.resamples, options.seed),
+        **said(comparison.evaluation.source),
         "wall_s": time.perf_counter() - begun,
         "versions": versions("numpy", "scipy", "pyarrow"),
     }
@@ -141,7 +141,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _flown(contest: "Contest", total: int) -> "dict[str, np.ndarray]":
+def _flown(comparison: "Comparison", total: int) -> "dict[str, np.ndarray]":
     """Fly all encounters and return the whole table."""
     import numpy as np
 
@@ -149,12 +149,12 @@ def _flown(contest: "Contest", total: int) -> "dict[str, np.ndarray]":
     from eval.runner.progress import Progress
 
     parts = []
-    chunk = _SLOW_CHUNK if any(entry.kind == WITNESS for entry in contest.entries) else _CHUNK
+    chunk = _SLOW_CHUNK if any(entry.kind == WITNESS for entry in comparison.entries) else _CHUNK
     with Progress(total, 0) as progress:
         for first in range(0, total, chunk):
             size = min(chunk, total - first)
-            parts.append(columns(contest, first, size))
-            outcome = parts[-1][f"{contest.entries[0].name}.outcome"]
+            parts.append(columns(comparison, first, size))
+            outcome = parts[-1][f"{comparison.entries[0].name}.outcome"]
             progress.advance(size, int(np.count_nonzero(outcome == "reached")))
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 

@@ -14,7 +14,7 @@ from envs.encounters import scenario
 from envs.formats import encounter_file
 from envs.kinematics import SURROGATE, Limits
 from envs.outcome import RULES, Rules
-from eval.compare.deciders import REFERENCE, WITNESS, Contest, Entry, baseline_entry, policy_entries
+from eval.compare.deciders import REFERENCE, WITNESS, Comparison, Entry, baseline_entry, policy_entries
 from eval.config import FILE, MODEL, TRACKS, TracksConfig, TrafficConfig
 from eval.flights.chunks import Evaluation
 from eval.flights.sources import read_model_traffic, read_tracks
@@ -29,8 +29,8 @@ _NAMES = (*BASELINES, WITNESS)
 _LATEST_CPA, _LONGEST_ROUTE = TrafficConfig().cpa_time[1], 400.0
 
 
-def prepare(options: argparse.Namespace) -> Contest:
-    """Return the contest.
+def prepare(options: argparse.Namespace) -> Comparison:
+    """Return the comparison.
 
     Raises:
         ConfigError: an option is out of its range; ``PolicyFileError``, ``NnetError``, ``EncounterError`` and
@@ -60,7 +60,7 @@ def prepare(options: argparse.Namespace) -> Contest:
         if options.change:
             source = _changed(ScenarioConfig, f"name={options.scenario}", *options.change).scenario()
     evaluation = Evaluation(None, source, names, options.seed, RULES, limits)
-    return Contest(entries, evaluation)
+    return Comparison(entries, evaluation)
 
 
 def _check(options: argparse.Namespace) -> None:

@@ -21,9 +21,9 @@ from envs.outcome import Rules
 from envs.perception import carried_back, perceive
 from envs.trees import take
 from eval.config import Setting
-from eval.flights.plan_flight import SUBSTEPS, Flown, Tally, expose, fly_second, request_of, takeoff
-from eval.flights.plan_mode import believed
-from eval.flights.trajectories import Film, Trajectories
+from eval.flights.plan_flight import SUBSTEPS, Flown, Tally, fly_second, request_of, takeoff
+from eval.flights.plan_mode import perceived_at_start
+from eval.flights.trajectories import TrajectoryRecorder
 
 __all__ = ["Assured", "fly_assured"]
 
@@ -49,8 +49,8 @@ def fly_assured(
     *,
     spread: tuple[float, float] = (0.0, 0.0),
     noise: Callable[[int], np.ndarray] | None = None,
-    record: bool = False,
-) -> tuple[Assured, Trajectories | None]:
+    recorder: TrajectoryRecorder | None = None,
+) -> Assured:
     """Fly encounters ``[N]`` with the monitor until ``rules.t_max`` or a violation.
 
     Args:
@@ -62,7 +62,7 @@ def fly_assured(
         spread: one sigma of the reported positions, m, and velocities, m/s: what the monitor must bear.
         noise: of the sensors by second, ``[4, N, K]``; None for perfect knowledge of the intruders. What monitor and
             planner see after the start are tracks of these reports.
-        record: keep the trajectories too.
+        recorder: takes the trajectories.
     """
     count = len(encounters.goal_x)
     usual = Thresholds(requirement=setting.options.requirement, limits=setting.limits)
@@ -73,10 +73,10 @@ def fly_assured(
         intruder_velocity=usual.intruder_velocity + 3.0 * spread[1],
     )
     asked = request_of(encounters)
-    film, tally = Film(encounters) if record else None, Tally(count)
+    tally = Tally(count)
     replans, backup = np.zeros(count, np.int32), np.zeros(count, np.int32)
     rows, reached = np.arange(count), np.zeros(count, dtype=bool)
-    first = Traffic.straight(believed(encounters, None if noise is None else noise(0)), encounters.mask)
+    first = Traffic.straight(perceived_at_start(encounters, None if noise is None else noise(0)), encounters.mask)
     monitor = assurance.start(*encounters.mask.shape)
     made = plans.proposals
     monitor = assurance.activate(monitor, rows, made.knots, made.safe, 0.0, first, thresholds)
@@ -107,8 +107,8 @@ def fly_assured(
         second = fly_second(air, following, references, float(clock), rules.goal_radius, setting.limits)
         tally.add(rows, second, clock + 1, rules)
         reached[rows] |= ~np.isnan(second.reached)
-        if film is not None:
-            expose(film, rows, second, following)
+        if recorder is not None:
+            recorder.append(rows, second.own, following.vehicle, second.separation)
         previous = (air.traffic.vehicle, previous[0])
         air = air._replace(own=second.own, traffic=following, side=second.side)
         on = second.separation >= rules.separation
@@ -117,7 +117,7 @@ def fly_assured(
             tracks = None if tracks is None else take(tracks, on)
         if rows.size == 0:
             break
-    return Assured(tally.flown(rules), replans, backup), None if film is None else film.developed()
+    return Assured(tally.flown(rules), replans, backup)
 
 
 def _planned_again(request: Request, reached: Any, left: float, policy: Policy, options: Options) -> Proposals:

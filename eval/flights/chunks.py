@@ -5,7 +5,7 @@ on the process that works on it or on what it has worked on before.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from enum import IntEnum
 from functools import reduce
 from pathlib import Path
@@ -23,10 +23,9 @@ from envs.starts import joined
 from eval.config import Setting
 from eval.flights.assured_mode import fly_assured
 from eval.flights.conditions import conditions
-from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, planned
+from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start
 from eval.flights.simulate import OUTCOMES, Flights, direct, fly, sensor_noise
 from eval.flights.sources import Source, drawn, spread
-from eval.flights.trajectories import Trajectories
 from eval.flights.verdicts import verdicts
 
 __all__ = [
@@ -37,7 +36,6 @@ __all__ = [
     "encounters",
     "noise_of",
     "picked",
-    "trajectories",
 ]
 
 MODES = ("policy", "plan", "assured")
@@ -106,8 +104,8 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     starts, weights = drawn(evaluation.source, evaluation.seed, first, count)
     begun = conditions(starts)
     noise = noise_of(evaluation, starts, first)
-    alone, _ = fly(starts, pilot.decide, rules, limits, noise=noise)
-    bare, _ = fly(starts, direct(limits), rules, limits)
+    alone = fly(starts, pilot.decide, rules, limits, noise=noise)
+    bare = fly(starts, direct(limits), rules, limits)
     beside = {"baseline": bare} if evaluation.mode == "policy" else {"baseline": bare, "policy": alone}
     flown, more = (alone, {}) if evaluation.mode == "policy" else _planned(pilot, starts, noise)
     reached = flown.outcome == OUTCOMES.index("reached")
@@ -154,8 +152,8 @@ def _planned(
     """Return the flights of a mode that plans, and the columns that only it has."""
     evaluation = pilot.evaluation
     setting, rules = evaluation.setting, evaluation.rules
-    plans = planned(starts, pilot.policy, setting, None if noise is None else noise(0))
-    flown, _ = fly_once(starts, plans, rules, setting)
+    plans = plan_at_start(starts, pilot.policy, setting, None if noise is None else noise(0))
+    flown = fly_once(starts, plans, rules, setting)
     made = plans.proposals
     more = {
         "plan_status": np.array(STATUSES, dtype=object)[made.safe.astype(int)],
@@ -170,7 +168,7 @@ def _planned(
     }
     if evaluation.mode == "plan":
         return flown.flights, more
-    assured, _ = fly_assured(starts, plans, pilot.policy, rules, setting, spread=spread(evaluation.source), noise=noise)
+    assured = fly_assured(starts, plans, pilot.policy, rules, setting, spread=spread(evaluation.source), noise=noise)
     more |= _beside({"plan": flown.flights})
     more |= {"replans": assured.replans, "backup_s": assured.backup}
     return assured.flown.flights, more
@@ -184,50 +182,6 @@ def _beside(flights: dict[str, Flights]) -> dict[str, np.ndarray]:
         columns[f"{name}_duration_s"] = flown.duration
         columns[f"{name}_min_separation_m"] = flown.min_separation
     return columns
-
-
-def trajectories(pilot: Pilot, numbers: Sequence[int]) -> tuple[Encounter, Trajectories]:
-    """Fly the encounters of some numbers again and return them, ``[M]``, with their recorded trajectories."""
-    evaluation = pilot.evaluation
-    singles = [encounters(evaluation, number, 1) for number in numbers]
-    starts = reduce(joined, singles)
-    if evaluation.mode != "policy":
-        return starts, _film(pilot, singles, starts, numbers)
-    noises = [noise_of(evaluation, one, number) for one, number in zip(singles, numbers, strict=True)]
-    heard = [noise for noise in noises if noise is not None]  # all of them or none
-    _, film = fly(
-        starts,
-        pilot.decide,
-        evaluation.rules,
-        evaluation.limits,
-        noise=_together(heard) if heard else None,
-        record=True,
-    )
-    assert film is not None
-    return starts, film
-
-
-def _film(pilot: Pilot, singles: list[Encounter], starts: Encounter, numbers: Sequence[int]) -> Trajectories:
-    """Return the recorded trajectories of planned flights."""
-    evaluation = pilot.evaluation
-    heard = [noise_of(evaluation, one, number) for one, number in zip(singles, numbers, strict=True)]
-    noise = np.concatenate([of(0) for of in heard if of is not None], axis=1) if heard[0] is not None else None
-    plans = planned(starts, pilot.policy, evaluation.setting, noise)
-    rules, setting = evaluation.rules, evaluation.setting
-    if evaluation.mode == "plan":
-        _, film = fly_once(starts, plans, rules, setting, record=True)
-    else:
-        by_second = None if noise is None else _together([of for of in heard if of is not None])
-        _, film = fly_assured(
-            starts, plans, pilot.policy, rules, setting, spread=spread(evaluation.source), noise=by_second, record=True
-        )
-    assert film is not None
-    return film
-
-
-def _together(noises: Sequence[Callable[[int], np.ndarray]]) -> Callable[[int], np.ndarray]:
-    """Return the noise of several encounters as one, ``[4, N, K]`` by step."""
-    return lambda step: np.concatenate([noise(step) for noise in noises], axis=1)
 
 
 def _names(kinds: type[IntEnum]) -> np.ndarray:

@@ -1,7 +1,6 @@
-"""What foresight could do: the shortest flight known to somebody who knows the intruders' whole future.
+"""Least-cost witnesses as flights: the shortest ones known that resolve each encounter.
 
-No resolver of an aircraft: a mark beside which deciders are seen. Whoever flies it has searched for it against the
-intruders' true motion, so that it takes no noise.
+A mark beside which deciders are compared, no resolver: the search knows the true motion of the intruders to the end.
 """
 
 from typing import NamedTuple
@@ -14,13 +13,12 @@ from agents.resolvability.witness import least_cost
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.kinematics import Limits
-from envs.observation import SIZE
 from envs.outcome import Rules
 from envs.relative import distance, leg_separation
 from envs.trees import column, mapped, take
 from eval.flights import simulate
 from eval.flights.simulate import OUTCOMES, Flights, OnStates, turned_to
-from eval.flights.trajectories import Film, Trajectories
+from eval.flights.trajectories import Trajectories, TrajectoryRecorder
 
 __all__ = ["ROUNDS", "Foresight", "ended", "fly_witnesses", "followed"]
 
@@ -51,12 +49,13 @@ def fly_witnesses(
     best = least_cost(encounters, rules, limits, rounds=foresight.rounds)
     known = np.isfinite(best.arrival)
     solved, left = np.flatnonzero(known), np.flatnonzero(~known)
-    film = followed(take(encounters, solved), take(best.manoeuvre, solved), rules, limits)
-    resolving = ended(take(encounters, solved), film, rules)
+    witnesses = followed(take(encounters, solved), take(best.manoeuvre, solved), rules, limits)
+    resolving = ended(take(encounters, solved), witnesses, rules)
 
-    nothing, endless = OnStates(Direct(limits, rules.goal_radius)), rules._replace(separation=0.0)
-    straight, second = simulate.fly(take(encounters, left), nothing, endless, limits, record=True)
-    assert second is not None
+    others = take(encounters, left)
+    unresolved, endless = OnStates(Direct(limits, rules.goal_radius)), rules._replace(separation=0.0)
+    recorder = TrajectoryRecorder(others)
+    straight = simulate.fly(others, unresolved, endless, limits, recorder=recorder)
 
     def rows(first: np.ndarray, other: np.ndarray) -> np.ndarray:
         whole = np.zeros(len(known), first.dtype)
@@ -68,16 +67,16 @@ def fly_witnesses(
         whole[: len(first), solved], whole[: len(other), left] = first, other
         return whole
 
-    return mapped(rows, resolving, straight), mapped(frames, film, second)
+    return mapped(rows, resolving, straight), mapped(frames, witnesses, recorder.stack())
 
 
 def followed(encounters: Encounter, manoeuvre: Manoeuvre, rules: Rules, limits: Limits) -> Trajectories:
-    """Return the film of manoeuvres ``[N]``, each flown in its encounter ``[N]`` to the goal or the time limit.
+    """Return the trajectories of manoeuvres ``[N]``, each flown in its encounter ``[N]`` to the goal or the time limit.
 
     The same flight as :func:`agents.resolvability.replay` of each; losses of separation do not end it here.
     """
     traffic = tracks(encounters, steps(rules), rules)
-    film, rows = Film(encounters), np.arange(len(encounters.goal_x))
+    recorder, rows = TrajectoryRecorder(encounters), np.arange(len(encounters.goal_x))
     flight, goal, mask = takeoff(encounters.own, manoeuvre), (encounters.goal_x, encounters.goal_y), encounters.mask
     for index in range(steps(rules)):
         if not rows.size:
@@ -86,28 +85,26 @@ def followed(encounters: Encounter, manoeuvre: Manoeuvre, rules: Rules, limits: 
         moved = fly(flight, manoeuvre, index * rules.dt, goal, now, mask, rules, limits)
         apart = leg_separation(column(flight.own), column(moved.own), now, after, rules.dt, np)
         separation = np.min(np.where(mask, apart, np.inf), axis=-1)
-        # A manoeuvre is no answer to an observation.
-        unseen = np.full((rows.size, SIZE), np.nan), np.full((rows.size, 2), np.nan)
-        film.expose(rows, moved.own, after, (*unseen, separation))
+        recorder.append(rows, moved.own, after, separation)
         on = distance(goal[0] - moved.own.x, goal[1] - moved.own.y, np) > rules.goal_radius
         rows, flight, manoeuvre, goal, mask = take((rows, moved, manoeuvre, goal, mask), on)
-    return film.developed()
+    return recorder.stack()
 
 
-def ended(encounters: Encounter, film: Trajectories, rules: Rules) -> Flights:
-    """Return how filmed flights ``[N]`` ended that no loss of separation has stopped: at the goal or in time-out.
+def ended(encounters: Encounter, flown: Trajectories, rules: Rules) -> Flights:
+    """Return how recorded flights ``[N]`` ended that no loss of separation stops: at the goal or in time-out.
 
     Args:
         encounters: their starts.
-        film: NaN after the end of each.
+        flown: NaN after the end of each.
         rules: of the task.
     """
-    own, first = film.own, take(film.intruders, 0)
+    own, first = flown.own, take(flown.intruders, 0)
     count = np.arange(len(encounters.goal_x))
     last = np.count_nonzero(np.isfinite(own.x), axis=0) - 1
     apart = distance(first.x - own.x[0, :, None], first.y - own.y[0, :, None], np)
     at_start = np.min(np.where(encounters.mask, apart, np.inf), axis=-1)
-    separation = np.concatenate([at_start[None], film.separation])
+    separation = np.concatenate([at_start[None], flown.separation])
     closest = np.nanargmin(separation, axis=0)
     # A running sum adds in the order of time, so that a flight's length does not depend on its company.
     length = np.nancumsum((0.5 * rules.dt) * (own.speed[:-1] + own.speed[1:]), axis=0)[-1]

@@ -15,14 +15,13 @@ from envs.encounters import Encounter
 from envs.follower import PERIOD, steer
 from envs.intruder import Intent, IntruderState
 from envs.kinematics import Limits, VehicleState, advance
-from envs.observation import SIZE
 from envs.outcome import Rules
 from envs.relative import distance, leg_separation
 from envs.tracking import offset
 from envs.trees import column, take
 from envs.waypoints import Knots, at, legs
 from eval.flights.simulate import OUTCOMES, Flights, turned_to
-from eval.flights.trajectories import Film
+from eval.flights.trajectories import TrajectoryRecorder
 
 __all__ = [
     "ROUTE_SPACING",
@@ -31,7 +30,6 @@ __all__ = [
     "Flown",
     "Second",
     "Tally",
-    "expose",
     "fly_plans",
     "fly_second",
     "request_of",
@@ -170,7 +168,7 @@ def fly_plans(
     knots: Knots,
     rules: Rules,
     limits: Limits,
-    film: Film | None = None,
+    recorder: TrajectoryRecorder | None = None,
     numbers: np.ndarray | None = None,
 ) -> Flown:
     """Fly plans once, to their ends.
@@ -182,8 +180,8 @@ def fly_plans(
         knots: of the plans, ``[N, W]``, all finite.
         rules: of the task, with a time step of 1 s.
         limits: of the vehicle that follows.
-        film: records the flights second by second until ``rules.t_max``, without observations and actions.
-        numbers: their rows on the film, ``[N]``; None: 0 to N - 1.
+        recorder: takes the flights second by second until ``rules.t_max``.
+        numbers: their rows in it, ``[N]``; None: 0 to N - 1.
     """
     tally, rows = Tally(len(encounters.goal_x)), np.arange(len(encounters.goal_x))
     air, curves = takeoff(encounters, knots.time[:, -1]), legs(knots)
@@ -195,8 +193,9 @@ def fly_plans(
         second = fly_second(air, following, references, float(clock), rules.goal_radius, limits)
         clock += 1
         tally.add(rows, second, clock, rules)
-        if film is not None and clock <= rules.t_max:
-            expose(film, rows if numbers is None else numbers[rows], second, following)
+        if recorder is not None and clock <= rules.t_max:
+            number = rows if numbers is None else numbers[rows]
+            recorder.append(number, second.own, following.vehicle, second.separation)
         air = air._replace(own=second.own, traffic=following, side=second.side)
         on = air.ends > clock
         if not on.all():
@@ -253,12 +252,6 @@ class Tally:
             self._reversals,
         )
         return Flown(flights, self._error, self._whole)
-
-
-def expose(film: Film, rows: Any, second: Second, following: IntruderState) -> None:
-    """Add a second of some flights to a film."""
-    blank = np.full((rows.size, SIZE), np.nan), np.full((rows.size, 2), np.nan)
-    film.expose(rows, second.own, following.vehicle, (*blank, second.separation))
 
 
 def verdicts(flown: Flown, refused: np.ndarray, rules: Rules) -> Flown:

@@ -13,9 +13,9 @@ from envs.perception import carried_back, perceive
 from envs.trees import take
 from eval.config import Setting
 from eval.flights.plan_flight import Flown, Tally, fly_plans, request_of, verdicts
-from eval.flights.trajectories import Film, Trajectories
+from eval.flights.trajectories import TrajectoryRecorder
 
-__all__ = ["SOURCES", "STATUSES", "believed", "fly_once", "planned"]
+__all__ = ["SOURCES", "STATUSES", "fly_once", "perceived_at_start", "plan_at_start"]
 
 SOURCES = ("none", "policy", "fallback")
 """Names of a plan's sources by their codes."""
@@ -24,7 +24,7 @@ STATUSES = ("unresolved", "safe")
 """Names of a plan's statuses by whether it is safe."""
 
 
-def believed(encounters: Encounter, noise: Any = None) -> VehicleState:
+def perceived_at_start(encounters: Encounter, noise: Any = None) -> VehicleState:
     """Return the intruders as the ownship knows them at the start, ``[N, K]``.
 
     Args:
@@ -37,27 +37,26 @@ def believed(encounters: Encounter, noise: Any = None) -> VehicleState:
     return perceive(seen, carried_back(seen, 1.0, np), carried_back(seen, 2.0, np), encounters.sensor, noise, 1.0, np)
 
 
-def planned(encounters: Encounter, policy: Policy, setting: Setting, noise: Any = None) -> Plans:
-    """Plan at the start of encounters ``[N]``; arguments as of :func:`believed`."""
-    return plan_many(request_of(encounters, believed(encounters, noise)), policy, setting.options)
+def plan_at_start(encounters: Encounter, policy: Policy, setting: Setting, noise: Any = None) -> Plans:
+    """Plan at the start of encounters ``[N]``; arguments as of :func:`perceived_at_start`."""
+    return plan_many(request_of(encounters, perceived_at_start(encounters, noise)), policy, setting.options)
 
 
 def fly_once(
-    encounters: Encounter, plans: Plans, rules: Rules, setting: Setting, *, record: bool = False
-) -> tuple[Flown, Trajectories | None]:
-    """Fly the plans of encounters ``[N]`` once.
+    encounters: Encounter, plans: Plans, rules: Rules, setting: Setting, recorder: TrajectoryRecorder | None = None
+) -> Flown:
+    """Fly the plans of encounters ``[N]`` once; a recorder takes their trajectories.
 
     An unresolved plan is flown as advised, for want of anything better, but is no success even if it arrives. Where
     there is no trajectory at all, nothing is flown and the separation is not a number.
     """
     count = len(encounters.goal_x)
     rows = np.flatnonzero(plans.proposals.last >= 0)
-    film = Film(encounters) if record else None
     begun, knots = take((encounters, plans.proposals.knots), rows)
-    flown = fly_plans(begun, knots, rules, setting.limits, film, rows)
+    flown = fly_plans(begun, knots, rules, setting.limits, recorder, rows)
     whole = Tally(count).flown(rules)
     whole.flights.min_separation[:] = np.nan
     whole.whole_separation[:] = np.nan
     for old, new in zip((*whole.flights, *whole[1:]), (*flown.flights, *flown[1:]), strict=True):
         old[rows] = new
-    return verdicts(whole, ~plans.proposals.safe, rules), None if film is None else film.developed()
+    return verdicts(whole, ~plans.proposals.safe, rules)

@@ -21,7 +21,7 @@ from envs.relative import distance
 from envs.trees import take
 from envs.world import State, StepResult, World, begin, observe, perceived, smallest
 from envs.world import step as advance
-from eval.flights.trajectories import Film, Trajectories
+from eval.flights.trajectories import TrajectoryRecorder
 
 __all__ = ["OUTCOMES", "REVERSAL_RATE", "Decider", "Flights", "OnStates", "direct", "fly", "sensor_noise", "turned_to"]
 
@@ -120,8 +120,8 @@ def fly(
     limits: Limits,
     *,
     noise: Callable[[int], np.ndarray] | None = None,
-    record: bool = False,
-) -> tuple[Flights, Trajectories | None]:
+    recorder: TrajectoryRecorder | None = None,
+) -> Flights:
     """Fly encounters to their end; the decider acts once per time step.
 
     Args:
@@ -130,17 +130,13 @@ def fly(
         rules: of the task.
         limits: of the ownship.
         noise: the sensors' noise by step, ``[4, N, K]``; None for perfect knowledge of the intruders.
-        record: keep the trajectories too (about 150 bytes an encounter and second).
-
-    Returns:
-        The flights, and the trajectories if they were recorded.
+        recorder: takes the trajectories (about 150 bytes an encounter and second).
     """
     count = len(encounters.goal_x)
     kinds = {"outcome": np.int8, "reversals": np.int32}
     result = Flights(**{name: np.zeros(count, kinds.get(name, np.float64)) for name in Flights._fields})
     dt, world = rules.dt, World(rules, limits)
     air = _takeoff(encounters, late_reports=noise is not None)
-    film = Film(encounters) if record else None
     step = 0
     while len(air.number):
         state = air.state
@@ -167,13 +163,13 @@ def fly(
             side=side,
             memory=memory,
         )
-        if film is not None:
-            decisions = observation, action, flown.separation
-            film.expose(air.number, after.own, after.intruders.vehicle, decisions)
+        if recorder is not None:
+            decisions = observation, action
+            recorder.append(air.number, after.own, after.intruders.vehicle, flown.separation, decisions)
         if after.ended.any():
             _land(result, air, flown, after.ended, step * dt)
             air = take(air, ~after.ended)
-    return result, None if film is None else film.developed()
+    return result
 
 
 def _takeoff(encounters: Encounter, *, late_reports: bool) -> _Air:

@@ -26,7 +26,7 @@ from envs.trees import take
 from envs.waypoints import Legs, legs
 from eval.config import Setting
 from eval.flights.plan_flight import request_of
-from eval.flights.plan_mode import believed
+from eval.flights.plan_mode import perceived_at_start
 from eval.flights.simulate import sensor_noise
 from eval.hifi.conditions import Drawn, Family, drawn
 from eval.hifi.errors import Errors, against, rolled
@@ -189,7 +189,7 @@ def flown(crew: Crew, number: int) -> Flown:
 def _planned(campaign: Campaign, scene: Scene, policy: Policy) -> tuple[Made, Known]:
     """Return the plan made at the start, and the intruders that it was made with."""
     noise = None if scene.noise is None else scene.noise(0)
-    ground = over_ground(believed(scene.encounter, noise), scene.wind, 0.0)
+    ground = over_ground(perceived_at_start(scene.encounter, noise), scene.wind, 0.0)
     known = Known.straight(through_air(ground, scene.frame, 0.0), scene.encounter.mask)
     own = through_air(scene.own, scene.frame, 0.0)
     return plan_for(own, known, scene.route, 0.0, scene.frame, policy, campaign.setting.options), known

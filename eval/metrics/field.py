@@ -141,9 +141,9 @@ def _warnings(made: Ratio, weight: np.ndarray, event: np.ndarray, event_without:
     return tuple(told)
 
 
-def relative(film: Trajectories) -> Relative:
+def relative(flown: Trajectories) -> Relative:
     """Return the intruders relative to the ownship, ``[T + 1, N, K]``, co-altitude; nan after an encounter's end."""
-    own, other = film.own, film.intruders
+    own, other = flown.own, flown.intruders
     vx, vy = own.speed * np.cos(own.heading), own.speed * np.sin(own.heading)
     return Relative(
         other.x - own.x[..., None],
@@ -153,22 +153,22 @@ def relative(film: Trajectories) -> Relative:
     )
 
 
-def losses(volume: Volume, film: Trajectories, mask: np.ndarray) -> np.ndarray:
+def losses(volume: Volume, flown: Trajectories, mask: np.ndarray) -> np.ndarray:
     """Return whether each flight loses a volume to any intruder, bool ``[N]``; co-altitude.
 
     A cylinder is judged on the closest approach between the steps too, a volume with tau at the steps.
 
     Args:
         volume: to be kept.
-        film: of the flights.
+        flown: trajectories.
         mask: which intruders exist, bool ``[N, K]``.
     """
     if volume.tau == 0.0:
         # Not nanmin, which warns of a flight that never began.
-        return np.fmin.reduce(film.separation, axis=0) < volume.horizontal
+        return np.fmin.reduce(flown.separation, axis=0) < volume.horizontal
     # After the end of a flight every comparison is with nan, and false.
     with np.errstate(invalid="ignore"):
-        return np.any(lost(volume, relative(film)) & mask, axis=(0, 2))
+        return np.any(lost(volume, relative(flown)) & mask, axis=(0, 2))
 
 
 class Cost(NamedTuple):
@@ -182,14 +182,14 @@ class Cost(NamedTuple):
     """Largest distance from the straight line from start to goal, m."""
 
 
-def costs(starts: Encounter, flights: Flights, film: Trajectories) -> Cost:
+def costs(starts: Encounter, flights: Flights, flown: Trajectories) -> Cost:
     """Return what flights ``[N]`` cost."""
     own = starts.own
     dx, dy = starts.goal_x - own.x, starts.goal_y - own.y
     route = np.maximum(distance(dx, dy, np), 1.0)  # a start on the goal has none
     path = np.maximum((flights.path_length + flights.goal_distance) / route - 1.0, 0.0)
-    aside = np.abs((film.own.x - own.x) * dy - (film.own.y - own.y) * dx) / route
-    last = np.nanmax(np.where(np.isfinite(film.own.x), np.arange(len(film.own.x))[:, None], -1), axis=0)
-    final = np.maximum(film.own.speed[last, np.arange(len(last))], 1e-3)
+    aside = np.abs((flown.own.x - own.x) * dy - (flown.own.y - own.y) * dx) / route
+    last = np.nanmax(np.where(np.isfinite(flown.own.x), np.arange(len(flown.own.x))[:, None], -1), axis=0)
+    final = np.maximum(flown.own.speed[last, np.arange(len(last))], 1e-3)
     time = flights.duration + flights.goal_distance / final - route / np.maximum(own.speed, 1e-3)
     return Cost(path, time, np.nanmax(aside, axis=0))

@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
-from eval.flights.chunks import Evaluation, Pilot, trajectories
+from eval.flights.chunks import Evaluation, Pilot
+from eval.flights.recorded import fly_recorded
 from eval.plots.flight_sheet import chosen, trajectory_sheet
 from eval.plots.style import MARKERS, SKY, VERMILION, kinds_of
 from eval.runner.outputs import RunFolder
@@ -27,11 +28,11 @@ def draw_all(folder: RunFolder, table: Mapping[str, np.ndarray], evaluation: Eva
     # One thread, as when they were flown for the table, so that they fly the same again.
     with threadpool_limits(1):
         pilot = Pilot.load(evaluation)
-        starts, film = trajectories(pilot, numbers)
+        flown = fly_recorded(pilot, numbers)
     figures = {
         "initial_conditions": initial_conditions(table),
         "min_separation": separation_histogram(table, evaluation.rules.separation),
-        "trajectories": trajectory_sheet(table, numbers, (starts, film), evaluation.rules),
+        "trajectories": trajectory_sheet(table, numbers, flown, evaluation.rules),
     }
     return [path for name, figure in figures.items() for path in folder.save_figure(name, figure)]
 

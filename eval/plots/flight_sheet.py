@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from envs.encounters import Encounter
 from envs.outcome import Rules
+from eval.flights.recorded import Recorded
 from eval.flights.trajectories import Trajectories
 from eval.plots.style import BLUE, GREEN, GREY, VERMILION, kinds_of
 
@@ -55,8 +56,8 @@ def _special(table: Mapping[str, np.ndarray], successes: np.ndarray) -> list[np.
     return found
 
 
-def _by_whom(table: Mapping[str, np.ndarray], number: int) -> str:
-    """Return who made the plan and how often there was a new one, for a title."""
+def _planned_by(table: Mapping[str, np.ndarray], number: int) -> str:
+    """Return the source of the plan and the number of new ones, for a title."""
     if "plan_source" not in table:
         return ""
     refused = "" if table["plan_status"][number] == "safe" else ", unresolved"
@@ -67,7 +68,7 @@ def _by_whom(table: Mapping[str, np.ndarray], number: int) -> str:
 def trajectory_sheet(
     table: Mapping[str, np.ndarray],
     numbers: Sequence[int],
-    flights: tuple[Encounter, Trajectories],
+    flights: Recorded,
     rules: Rules,
 ) -> Figure:
     """Return a sheet of flights, seen from above.
@@ -75,26 +76,25 @@ def trajectory_sheet(
     Args:
         table: of the encounters.
         numbers: of the encounters shown.
-        flights: their starts and trajectories, in the same order.
+        flights: of them, in the same order.
         rules: of the task.
     """
     columns = 4
     lines = -(-len(numbers) // columns)
     figure = Figure(figsize=(13.0, 3.55 * lines + 0.6), layout="constrained")
     kinds = kinds_of(table)
-    starts, film = flights
     for i, number in enumerate(numbers):
         axes = figure.add_subplot(lines, columns, i + 1)
-        _draw_flight(axes, starts, film, i, rules)
+        _draw_flight(axes, flights.starts, flights.trajectories, i, rules)
         closest = table["min_separation_m"][number]
         text = f"{number}: {kinds[number]}, {closest:.0f} m, {table['duration_s'][number]:.0f} s"
-        text += _by_whom(table, number)
+        text += _planned_by(table, number)
         axes.set_title(text, fontsize=8.5, color="black" if kinds[number] == "success" else "#A63C00")
         if i % columns == 0:
             axes.set_ylabel("north, km", fontsize=8)
         if i + columns >= len(numbers):
             axes.set_xlabel("east, km", fontsize=8)
-    planned = "; who planned it" if "plan_source" in table else ""
+    planned = "; source of the plan" if "plan_source" in table else ""
     figure.suptitle(f"encounter: outcome, smallest separation, duration{planned}", fontsize=10)
     figure.legend(handles=_legend(rules), loc="outside lower center", ncols=6, frameon=False, fontsize=9)
     return figure
@@ -106,9 +106,9 @@ def _spread(found: np.ndarray, count: int) -> list[int]:
     return [int(found[i * len(found) // count]) for i in range(count)]
 
 
-def _draw_flight(axes: Axes, starts: Encounter, film: Trajectories, i: int, rules: Rules) -> None:
+def _draw_flight(axes: Axes, starts: Encounter, flown: Trajectories, i: int, rules: Rules) -> None:
     """Draw the encounter in row ``i``, in km."""
-    own_x, own_y = film.own.x[:, i] / _ONE_KM, film.own.y[:, i] / _ONE_KM
+    own_x, own_y = flown.own.x[:, i] / _ONE_KM, flown.own.y[:, i] / _ONE_KM
     goal = float(starts.goal_x[i]) / _ONE_KM, float(starts.goal_y[i]) / _ONE_KM
     minute = slice(None, None, max(1, round(60.0 / rules.dt)))
     axes.plot([own_x[0], goal[0]], [own_y[0], goal[1]], color=GREY, linewidth=0.8, linestyle=":")
@@ -116,14 +116,14 @@ def _draw_flight(axes: Axes, starts: Encounter, film: Trajectories, i: int, rule
     axes.plot(own_x, own_y, color=BLUE, linewidth=1.5)
     axes.plot(own_x[minute], own_y[minute], ".", color=BLUE, markersize=4)
     axes.plot(own_x[0], own_y[0], "o", color=BLUE, markersize=5)
-    step = int(np.nanargmin(film.separation[:, i]))
+    step = int(np.nanargmin(flown.separation[:, i]))
     for k in np.flatnonzero(starts.mask[i]):
-        x, y = film.intruders.x[:, i, k] / _ONE_KM, film.intruders.y[:, i, k] / _ONE_KM
+        x, y = flown.intruders.x[:, i, k] / _ONE_KM, flown.intruders.y[:, i, k] / _ONE_KM
         axes.plot(x, y, color=VERMILION, linewidth=1.2, linestyle="--")
         axes.plot(x[minute], y[minute], ".", color=VERMILION, markersize=4)
         axes.plot(x[0], y[0], "s", color=VERMILION, markersize=4.5)
-    nearest = _nearest(starts, film, i, step)
-    at = film.intruders.x[step + 1, i, nearest] / _ONE_KM, film.intruders.y[step + 1, i, nearest] / _ONE_KM
+    nearest = _nearest(starts, flown, i, step)
+    at = flown.intruders.x[step + 1, i, nearest] / _ONE_KM, flown.intruders.y[step + 1, i, nearest] / _ONE_KM
     axes.add_patch(Circle(at, rules.separation / _ONE_KM, fill=False, edgecolor=VERMILION, linewidth=0.9))
     axes.plot(own_x[step + 1], own_y[step + 1], "D", color="black", markersize=4, markerfacecolor="white", zorder=5)
     # Room for the discs, and the same scale both ways: a turn must look like one.
@@ -136,10 +136,10 @@ def _draw_flight(axes: Axes, starts: Encounter, film: Trajectories, i: int, rule
     axes.set_axisbelow(True)
 
 
-def _nearest(starts: Encounter, film: Trajectories, i: int, step: int) -> int:
+def _nearest(starts: Encounter, flown: Trajectories, i: int, step: int) -> int:
     """Return the intruder that is nearest at the end of a step."""
-    x, y = film.intruders.x[step + 1, i], film.intruders.y[step + 1, i]
-    apart = np.hypot(x - film.own.x[step + 1, i], y - film.own.y[step + 1, i])
+    x, y = flown.intruders.x[step + 1, i], flown.intruders.y[step + 1, i]
+    apart = np.hypot(x - flown.own.x[step + 1, i], y - flown.own.y[step + 1, i])
     return int(np.argmin(np.where(starts.mask[i], apart, np.inf)))
 
 

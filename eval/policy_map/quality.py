@@ -13,6 +13,7 @@ from envs.outcome import RULES
 from envs.relative import straight_cpa
 from envs.starts import numbered
 from eval.flights.simulate import OUTCOMES, REVERSAL_RATE, Decider, fly
+from eval.flights.trajectories import TrajectoryRecorder
 
 __all__ = ["Recorded", "around_conflicts", "chatter", "lines_of", "mirror_error", "mirrored", "record"]
 
@@ -107,9 +108,11 @@ def around_conflicts(count: int, seed: int) -> np.ndarray:
 
 def record(decider: Decider, encounters: int, seed: int, limits: Limits) -> Recorded:
     """Fly a policy through ``circle`` encounters 0, 1, ... of a seed and return its decisions."""
-    flights, film = fly(numbered(SCENARIOS["circle"], seed, 0, encounters), decider, RULES, limits, record=True)
-    assert film is not None  # it is asked for
-    return Recorded(film.observation, film.action, flights.reversals, flights.outcome)
+    starts = numbered(SCENARIOS["circle"], seed, 0, encounters)
+    recorder = TrajectoryRecorder(starts)
+    flights = fly(starts, decider, RULES, limits, recorder=recorder)
+    flown = recorder.stack()
+    return Recorded(flown.observation, flown.action, flights.reversals, flights.outcome)
 
 
 def chatter(recorded: Recorded, limits: Limits) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from envs.encounters import Encounter, Scenario, sample
 from envs.outcome import Rules
 from envs.trees import take
 from eval.flights.chunks import Pilot
-from eval.flights.plan_mode import fly_once, planned
+from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import Flights, direct, fly
 from eval.flights.verdicts import verdicts
 from eval.rare.splitting import Draws
@@ -106,11 +106,11 @@ class FlightProblem:
         noise = None if not noises else _by_step(noises[0])
         rules, limits = evaluation.rules, evaluation.limits
         if self._mode == "none":
-            return fly(starts, direct(limits), rules, limits)[0]
+            return fly(starts, direct(limits), rules, limits)
         if self._mode == "policy":
-            return fly(starts, self._pilot.decide, rules, limits, noise=noise)[0]
-        plans = planned(starts, self._pilot.policy, evaluation.setting, None if noise is None else noise(0))
-        return fly_once(starts, plans, rules, evaluation.setting)[0].flights
+            return fly(starts, self._pilot.decide, rules, limits, noise=noise)
+        plans = plan_at_start(starts, self._pilot.policy, evaluation.setting, None if noise is None else noise(0))
+        return fly_once(starts, plans, rules, evaluation.setting).flights
 
 
 def _by_step(noise: np.ndarray) -> Callable[[int], np.ndarray]:

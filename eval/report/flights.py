@@ -1,32 +1,27 @@
-"""The flights of a report, flown once more: the files of a run hold where flights ended, not how they went.
+"""The flights of a report, flown once more, because the files of a run hold only how each ended.
 
-An encounter follows from seed and number alone and a flight from its encounter, so that the same flights come out
-again; each is held against its row of the table, and those that differ are named.
+Each flight is compared with its row of the table, and those that differ are marked.
 """
 
 from collections.abc import Iterator, Sequence
-from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from agents.config.load import ConfigError
-from agents.planner.planner import Plans
 from agents.policy.inference import Policy
 from agents.resolvability.classify import replay
 from agents.resolvability.witness import least_cost
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.kinematics import commands
-from envs.starts import joined
 from envs.trees import take
-from eval.flights.assured_mode import fly_assured
-from eval.flights.chunks import Evaluation, Pilot, encounters, noise_of
-from eval.flights.plan_mode import STATUSES, fly_once, planned
-from eval.flights.simulate import OUTCOMES, Flights, fly
-from eval.flights.sources import read_source, spread
-from eval.flights.trajectories import Trajectories
+from eval.flights.chunks import Evaluation, Pilot
+from eval.flights.plan_mode import STATUSES
+from eval.flights.recorded import Recorded, fly_recorded
+from eval.flights.simulate import OUTCOMES
+from eval.flights.sources import read_source
 from eval.report.folder import Run
 
 __all__ = ["Replayed", "Witness", "evaluation_of", "fly_again"]
@@ -126,56 +121,26 @@ def fly_again(run: Run, evaluation: Evaluation, numbers: Sequence[int], witnesse
 
 
 def _batch(run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int]) -> Iterator[Replayed]:
-    evaluation = pilot.evaluation
-    singles = [encounters(evaluation, number, 1) for number in numbers]
-    starts = reduce(joined, singles)
-    noises = [noise_of(evaluation, one, number) for one, number in zip(singles, numbers, strict=True)]
-    heard = [noise for noise in noises if noise is not None]  # all of them or none
-
-    def noise(step: int) -> np.ndarray:
-        return np.concatenate([of(step) for of in heard], axis=1)
-
-    plans = None
-    if evaluation.mode != "policy":
-        plans = planned(starts, pilot.policy, evaluation.setting, noise(0) if heard else None)
-    flights, film = _flown(pilot, starts, plans, noise if heard else None)
-    found = _witnesses(evaluation, starts, [i for i, number in enumerate(numbers) if number in wanted])
+    evaluation, flown = pilot.evaluation, fly_recorded(pilot, numbers)
+    flights, plans = flown.flights, flown.plans
+    found = _witnesses(evaluation, flown.starts, [i for i, number in enumerate(numbers) if number in wanted])
     for i, number in enumerate(numbers):
         if plans is not None and plans.proposals.last[i] < 0:
-            continue  # no trajectory at all: the planner had nothing to fly
+            continue  # the planner had no trajectory
         said, closest = run.table["outcome"][number], run.table["min_separation_m"][number]
         same = OUTCOMES[flights.outcome[i]] == said and abs(flights.min_separation[i] - closest) <= _SAME
-        flight = _one(evaluation, starts, film, i, plans)
-        yield flight._replace(number=number, same=bool(same), witness=found.get(i))
+        yield _one(evaluation, flown, i)._replace(number=number, same=bool(same), witness=found.get(i))
 
 
-def _flown(pilot: Pilot, starts: Encounter, plans: Plans | None, noise: Any) -> tuple[Flights, Trajectories]:
-    """Fly encounters ``[N]``; return how they ended, and the film."""
-    evaluation = pilot.evaluation
-    rules, setting = evaluation.rules, evaluation.setting
-    if plans is None:
-        flights, film = fly(starts, pilot.decide, rules, evaluation.limits, noise=noise, record=True)
-    elif evaluation.mode == "plan":
-        flown, film = fly_once(starts, plans, rules, setting, record=True)
-        flights = flown.flights
-    else:
-        assured, film = fly_assured(
-            starts, plans, pilot.policy, rules, setting, spread=spread(evaluation.source), noise=noise, record=True
-        )
-        flights = assured.flown.flights
-    assert film is not None
-    return flights, film
-
-
-def _one(evaluation: Evaluation, starts: Encounter, film: Trajectories, i: int, plans: Plans | None) -> Replayed:
+def _one(evaluation: Evaluation, batch: Recorded, i: int) -> Replayed:
     """Return the flight of encounter ``i`` of a batch."""
-    own_x = film.own.x[:, i]
-    end = int(np.count_nonzero(np.isfinite(own_x)))
-    own = take(film.own, (slice(0, end), i))
+    starts, plans, _, flown = batch
+    end = int(np.count_nonzero(np.isfinite(flown.own.x[:, i])))
+    own = take(flown.own, (slice(0, end), i))
     others = np.flatnonzero(starts.mask[i])
-    traffic = np.stack([film.intruders.x[:end, i, others].T, film.intruders.y[:end, i, others].T], axis=1)
+    traffic = np.stack([flown.intruders.x[:end, i, others].T, flown.intruders.y[:end, i, others].T], axis=1)
     if plans is None:
-        action = film.action[: end - 1, i]
+        action = flown.action[: end - 1, i]
         acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), evaluation.limits, np)
     else:
         dt = evaluation.rules.dt
@@ -191,7 +156,7 @@ def _one(evaluation: Evaluation, starts: Encounter, film: Trajectories, i: int, 
         (float(starts.goal_x[i]), float(starts.goal_y[i])),
         np.stack([own.x, own.y]),
         traffic,
-        film.separation[: end - 1, i],
+        flown.separation[: end - 1, i],
         acceleration,
         yaw_rate,
         False,

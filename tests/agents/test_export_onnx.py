@@ -25,7 +25,7 @@ from envs.encounters import SCENARIOS
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 from envs.starts import numbered
-from eval.flights.simulate import fly
+from tests.flying import fly_recorded
 
 onnx = pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -87,9 +87,8 @@ def test_it_decides_as_the_shipped_policy_on_random_observations():
 def test_it_decides_as_the_shipped_policy_in_flight():
     policy = Policy.load()
     starts = numbered(SCENARIOS["circle"], 7, 0, 60)
-    _, film = fly(starts, policy.rowwise, RULES, SURROGATE, record=True)
-    assert film is not None
-    seen = film.observation[np.isfinite(film.observation[..., 0])]
+    _, paths = fly_recorded(starts, policy.rowwise, RULES, SURROGATE)
+    seen = paths.observation[np.isfinite(paths.observation[..., 0])]
     assert len(seen) > 3_000
     np.testing.assert_allclose(decided(shipped_model(), seen), policy(seen), rtol=0.0, atol=PARITY)
 

@@ -127,7 +127,7 @@ def test_the_environment_flies_what_the_evaluator_flies(scenario):
     family = encounters.scenario(scenario)
     noise = simulate.sensor_noise(seed, 0, count, family.intruders[1]) if scenario == "noisy" else None
     drawn = starts.numbered(family, seed, 0, count)
-    flown, _ = simulate.fly(drawn, decide, RULES, SURROGATE, noise=noise)
+    flown = simulate.fly(drawn, decide, RULES, SURROGATE, noise=noise)
     env = DeconflictionEnv(scenario)
     for i in range(count):
         seen, info = env.reset(seed=seed if i == 0 else None)

@@ -16,7 +16,7 @@ from envs.starts import numbered
 from envs.trees import take
 from eval.config import Setting
 from eval.flights.assured_mode import Assured, fly_assured
-from eval.flights.plan_mode import fly_once, planned
+from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import OUTCOMES
 from eval.monte_carlo import run as monte_carlo
 
@@ -36,12 +36,12 @@ def encounters() -> Encounter:
 
 @pytest.fixture(scope="module")
 def assured(encounters: Encounter, policy: Policy) -> Assured:
-    plans = planned(encounters, policy, SETTING)
-    return fly_assured(encounters, plans, policy, RULES, SETTING)[0]
+    plans = plan_at_start(encounters, policy, SETTING)
+    return fly_assured(encounters, plans, policy, RULES, SETTING)
 
 
 def test_more_is_saved_than_by_the_plan_flown_once(encounters: Encounter, policy: Policy, assured: Assured) -> None:
-    once, _ = fly_once(encounters, planned(encounters, policy, SETTING), RULES, SETTING)
+    once = fly_once(encounters, plan_at_start(encounters, policy, SETTING), RULES, SETTING)
     outcome = assured.flown.flights.outcome
     assert (outcome == REACHED).mean() >= 0.95
     assert (outcome == REACHED).sum() > (once.flights.outcome == REACHED).sum()
@@ -55,7 +55,7 @@ def test_assured_flights_do_not_depend_on_their_company(
     encounters: Encounter, policy: Policy, assured: Assured
 ) -> None:
     few = take(encounters, slice(12, 16))
-    part, _ = fly_assured(few, planned(few, policy, SETTING), policy, RULES, SETTING)
+    part = fly_assured(few, plan_at_start(few, policy, SETTING), policy, RULES, SETTING)
     for a, b in zip(part.flown.flights, assured.flown.flights, strict=True):
         np.testing.assert_array_equal(a, b[12:16])
     np.testing.assert_array_equal(part.replans, assured.replans[12:16])

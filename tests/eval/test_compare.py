@@ -23,28 +23,30 @@ from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 from envs.starts import numbered
 from envs.traffic.tracks import TrackError
-from eval.compare import deciders as contest
+from eval.compare import deciders as comparison
 from eval.compare import run as compare
 from eval.compare import setup as compare_setup
-from eval.compare.deciders import Contest, baseline_entry, policy_entries
+from eval.compare.deciders import Comparison, baseline_entry, policy_entries
 from eval.flights import chunks, simulate
+from eval.flights import recorded as recorded_flights
 from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.optimal import Foresight
 from eval.flights.simulate import OnStates
 from eval.stats.paired import mcnemar_exact, pairs, tango
+from tests.flying import fly_recorded
 from tests.recorded import recorded
 
 
-def make(policy_path: Path, name: str, baselines: tuple[str, ...] = ("none", "mvp")) -> Contest:
+def make(policy_path: Path, name: str, baselines: tuple[str, ...] = ("none", "mvp")) -> Comparison:
     entries = policy_entries(policy_path, "ours", SURROGATE, RULES)
     entries += tuple(baseline_entry(each, SURROGATE, RULES) for each in baselines)
-    return Contest(entries, Evaluation(policy_path, scenario(name), None, 4, RULES, SURROGATE))
+    return Comparison(entries, Evaluation(policy_path, scenario(name), None, 4, RULES, SURROGATE))
 
 
 @pytest.mark.parametrize("name", ["circle", "noisy"])
 def test_a_policy_flies_here_as_in_the_evaluation(policy_path: Path, name: str) -> None:
     made = make(policy_path, name, ("none",))
-    ours = contest.columns(made, 10, 60)
+    ours = comparison.columns(made, 10, 60)
     theirs = chunks.columns(Pilot.load(made.evaluation), 10, 60)
     np.testing.assert_array_equal(ours["ours.outcome"], theirs["outcome"])
     reached = theirs["outcome"] == "reached"
@@ -62,15 +64,15 @@ def test_a_row_does_not_depend_on_its_company(policy_path: Path) -> None:
     made = make(policy_path, "multi", tuple(BASELINES))
     few = scenario("multi", intruders=(2, 3), radius=(3_000.0, 4_000.0))
     made = made._replace(evaluation=made.evaluation._replace(source=few))
-    together, apart = contest.columns(made, 0, 12), contest.columns(made, 8, 2)
+    together, apart = comparison.columns(made, 0, 12), comparison.columns(made, 8, 2)
     for name, values in apart.items():
         np.testing.assert_array_equal(values, together[name][8:10], err_msg=name)
 
 
 def test_the_resolver_none_is_the_evaluation_s_direct_flight() -> None:
     starts = numbered(scenario("circle"), 9, 0, 80)
-    ours, _ = simulate.fly(starts, OnStates(BASELINES["none"](SURROGATE, 500.0, 1_000.0)), RULES, SURROGATE)
-    theirs, _ = simulate.fly(starts, simulate.direct(SURROGATE), RULES, SURROGATE)
+    ours = simulate.fly(starts, OnStates(BASELINES["none"](SURROGATE, 500.0, 1_000.0)), RULES, SURROGATE)
+    theirs = simulate.fly(starts, simulate.direct(SURROGATE), RULES, SURROGATE)
     np.testing.assert_array_equal(ours.outcome, theirs.outcome)
     np.testing.assert_allclose(ours.min_separation, theirs.min_separation, atol=2.0)
 
@@ -78,7 +80,7 @@ def test_the_resolver_none_is_the_evaluation_s_direct_flight() -> None:
 @pytest.mark.parametrize("name", ["rules", "mvp", "mvp_speed"])
 def test_resolvers_resolve(name: str) -> None:
     starts = numbered(scenario("circle"), 9, 0, 150)
-    flown, _ = simulate.fly(starts, OnStates(BASELINES[name](SURROGATE, 500.0, 1_000.0)), RULES, SURROGATE)
+    flown = simulate.fly(starts, OnStates(BASELINES[name](SURROGATE, 500.0, 1_000.0)), RULES, SURROGATE)
     share = np.bincount(flown.outcome, minlength=3) / 150
     # Without a resolver nearly all are lost; published resolvers save nine of ten such conflicts.
     assert share[0] < 0.2
@@ -88,25 +90,20 @@ def test_resolvers_resolve(name: str) -> None:
 def test_a_held_speed_is_held(policy_path: Path) -> None:
     _, held = policy_entries(policy_path, "ours", SURROGATE, RULES)
     starts = numbered(scenario("circle"), 9, 0, 5)
-    assert not isinstance(held.decider, (contest.Plans, Foresight))
-    _, film = simulate.fly(starts, held.decider, RULES, SURROGATE, record=True)
-    assert film is not None
-    assert np.nanmax(np.abs(film.own.speed - starts.own.speed)) == 0.0
+    assert not isinstance(held.decider, (comparison.Plans, Foresight))
+    _, paths = fly_recorded(starts, held.decider, RULES, SURROGATE)
+    assert np.nanmax(np.abs(paths.own.speed - starts.own.speed)) == 0.0
     assert held.name == "ours, speed held"
 
 
 def test_replayed_intruders_fly_their_recording() -> None:
     starts = numbered(scenario("maneuvering"), 2, 0, 6)
-    plain, film = simulate.fly(starts, simulate.direct(SURROGATE), RULES, SURROGATE, record=True)
-    assert film is not None
+    plain, paths = fly_recorded(starts, simulate.direct(SURROGATE), RULES, SURROGATE)
     # What was flown, flown again as a recording, up to where an encounter ended.
-    known = [np.where(np.isnan(field), 0.0, field) for field in film.intruders]
+    known = [np.where(np.isnan(field), 0.0, field) for field in paths.intruders]
     recording = Recording(*(np.moveaxis(field, 0, -1) for field in known))
     replayed: Any = recording
-    again, second = simulate.fly(
-        starts._replace(intent=replayed), simulate.direct(SURROGATE), RULES, SURROGATE, record=True
-    )
-    assert second is not None
+    again = simulate.fly(starts._replace(intent=replayed), simulate.direct(SURROGATE), RULES, SURROGATE)
     for field in simulate.Flights._fields:
         np.testing.assert_array_equal(getattr(again, field), getattr(plain, field), err_msg=field)
 
@@ -163,8 +160,8 @@ def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["circle", "noisy"])
 def test_plans_and_the_assured_loop_fly_as_in_the_evaluation(name: str) -> None:
     entries = policy_entries(None, "ours", SURROGATE, RULES, ("plan", "assured"))
-    evaluation = Evaluation(None, scenario(name), None, 4, RULES, SURROGATE, "assured", contest.SETTING)
-    ours = contest.columns(Contest((*entries, baseline_entry("none", SURROGATE, RULES)), evaluation), 20, 25)
+    evaluation = Evaluation(None, scenario(name), None, 4, RULES, SURROGATE, "assured", comparison.SETTING)
+    ours = comparison.columns(Comparison((*entries, baseline_entry("none", SURROGATE, RULES)), evaluation), 20, 25)
     theirs = chunks.columns(Pilot.load(evaluation), 20, 25)
     for mode, columns in (("assured", ""), ("plan", "plan_")):
         np.testing.assert_array_equal(ours[f"ours, {mode}.outcome"], theirs[f"{columns}outcome"])
@@ -182,11 +179,11 @@ def test_a_request_without_any_trajectory_is_a_time_out(monkeypatch: pytest.Monk
         )
         return plans._replace(proposals=proposals)
 
-    made = contest.planned
-    monkeypatch.setattr(contest, "planned", hopeless)
+    made = recorded_flights.plan_at_start
+    monkeypatch.setattr(recorded_flights, "plan_at_start", hopeless)
     entries = policy_entries(None, "ours", SURROGATE, RULES, ("plan",))
     evaluation = Evaluation(None, scenario("circle"), None, 4, RULES, SURROGATE)
-    table = contest.columns(Contest((*entries, baseline_entry("none", SURROGATE, RULES)), evaluation), 0, 3)
+    table = comparison.columns(Comparison((*entries, baseline_entry("none", SURROGATE, RULES)), evaluation), 0, 3)
     assert set(table["ours, plan.outcome"]) == {"timeout"}
     assert np.isnan(table["ours, plan.min_separation_m"]).all()
     assert not table["ours, plan.lost_do365_terminal"].any()

@@ -12,7 +12,7 @@ from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 from envs.starts import numbered
 from envs.traffic.track_units import FOOT, NAUTICAL_MILE
-from eval.flights.simulate import direct, fly
+from eval.flights.simulate import direct
 from eval.metrics.field import costs, losses, ratio, relative
 from eval.metrics.volumes import (
     ALERTS,
@@ -26,6 +26,7 @@ from eval.metrics.volumes import (
     severity,
     time_to_loss,
 )
+from tests.flying import fly_recorded
 from tests.recorded import recorded
 
 
@@ -208,19 +209,18 @@ def test_a_sample_that_cannot_carry_the_claim_says_so() -> None:
 
 def test_costs_and_losses_of_flights() -> None:
     starts = numbered(SCENARIOS["circle"], 3, 0, 60)
-    flights, film = fly(starts, direct(SURROGATE), RULES._replace(separation=0.0), SURROGATE, record=True)
-    assert film is not None
-    found = costs(starts, flights, film)
+    flights, paths = fly_recorded(starts, direct(SURROGATE), RULES._replace(separation=0.0), SURROGATE)
+    found = costs(starts, flights, paths)
     # Without a resolver the route is flown: nothing is lost but the turn onto it.
     assert found.path_excess.max() < 1e-3
     assert np.abs(found.time_excess_s).max() < 1.0
     assert found.cross_track_m.max() < 30.0
     for name, volume in VOLUMES.items():
-        there = losses(volume, film, starts.mask)
+        there = losses(volume, paths, starts.mask)
         if volume.tau == 0.0:
             np.testing.assert_array_equal(there, flights.min_separation < volume.horizontal, err_msg=name)
         else:
             assert (there | (flights.min_separation >= volume.horizontal)).all()
-        absent = losses(volume, film, np.zeros_like(starts.mask))
+        absent = losses(volume, paths, np.zeros_like(starts.mask))
         assert volume.tau == 0.0 or not absent.any()
-    assert np.isnan(relative(film).x[-1]).sum() == (flights.duration < len(film.action)).sum()
+    assert np.isnan(relative(paths).x[-1]).sum() == (flights.duration < len(paths.action)).sum()

@@ -10,7 +10,8 @@ from agents.policy.inference import Policy
 from envs.encounters import SCENARIOS
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
-from eval.flights.chunks import Evaluation, Pilot, columns, trajectories
+from eval.flights.chunks import Evaluation, Pilot, columns
+from eval.flights.recorded import fly_recorded
 from eval.flights.simulate import OUTCOMES
 from eval.plots.encounters import draw_all, initial_conditions, separation_histogram
 from eval.plots.flight_sheet import PANELS, chosen
@@ -81,13 +82,13 @@ def test_the_sheet_flies_what_the_table_says(name: str, policy: Policy, policy_p
     pilot = Pilot(evaluation, policy)
     table = columns(pilot, 0, 40)
     numbers = [39, 4, 17]
-    starts, film = trajectories(pilot, numbers)
+    starts, _, _, paths = fly_recorded(pilot, numbers)
     assert len(starts.goal_x) == 3
     for i, number in enumerate(numbers):
         steps = int(table["duration_s"][number])
-        assert np.isfinite(film.own.x[: steps + 1, i]).all()
-        assert not np.isfinite(film.own.x[steps + 1 :, i]).any()
-        assert np.nanmin(film.separation[:, i]) == table["min_separation_m"][number]
+        assert np.isfinite(paths.own.x[: steps + 1, i]).all()
+        assert not np.isfinite(paths.own.x[steps + 1 :, i]).any()
+        assert np.nanmin(paths.separation[:, i]) == table["min_separation_m"][number]
         assert table["outcome"][number] in OUTCOMES
 
 

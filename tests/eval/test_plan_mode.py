@@ -18,7 +18,7 @@ from envs.starts import numbered
 from envs.trees import take
 from eval.config import Setting
 from eval.flights.plan_flight import Flown, request_of, verdicts
-from eval.flights.plan_mode import fly_once, planned
+from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import OUTCOMES
 from eval.monte_carlo import run as monte_carlo
 
@@ -34,12 +34,12 @@ def encounters() -> Encounter:
 
 @pytest.fixture(scope="module")
 def plans(encounters: Encounter) -> Plans:
-    return planned(encounters, Policy.load(), SETTING)
+    return plan_at_start(encounters, Policy.load(), SETTING)
 
 
 @pytest.fixture(scope="module")
 def flown(encounters: Encounter, plans: Plans) -> Flown:
-    return fly_once(encounters, plans, RULES, SETTING)[0]
+    return fly_once(encounters, plans, RULES, SETTING)
 
 
 def table_of(out: Path) -> dict[str, np.ndarray]:
@@ -62,7 +62,7 @@ def test_flights_do_not_depend_on_their_company_and_need_a_trajectory(
     few = take(plans, slice(10, 13))
     last = np.array([few.proposals.last[0], -1, few.proposals.last[2]])
     few = few._replace(proposals=few.proposals._replace(last=last))
-    part, _ = fly_once(take(encounters, slice(10, 13)), few, RULES, SETTING)
+    part = fly_once(take(encounters, slice(10, 13)), few, RULES, SETTING)
     for a, b in zip((*part.flights, *part[1:]), (*flown.flights, *flown[1:]), strict=True):
         np.testing.assert_array_equal(a[[0, 2]], b[[10, 12]])
     assert part.flights.outcome[1] == TIMEOUT

@@ -18,6 +18,7 @@ from envs.starts import numbered
 from eval.flights import simulate
 from eval.flights.conditions import conditions
 from eval.flights.simulate import OUTCOMES, sensor_noise
+from tests.flying import fly_recorded
 
 VIOLATION, REACHED, TIMEOUT = range(3)
 
@@ -45,21 +46,20 @@ FAR = (90_000, 90_000, 0, 50)
 
 def test_straight_flight_by_hand() -> None:
     start = placed((0, 0, 0, 80), (8_000, 0), FAR)
-    flight, film = simulate.fly(start, simulate.direct(SURROGATE), RULES, SURROGATE, record=True)
+    flight, paths = fly_recorded(start, simulate.direct(SURROGATE), RULES, SURROGATE)
     # The disc of 500 m is reached at the end of the first step beyond 7500 m: 94 steps of 80 m.
-    assert film is not None
     assert flight.outcome[0] == REACHED
     assert flight.score[0] == 100.0
     assert flight.duration[0] == 94.0
     assert flight.path_length[0] == pytest.approx(7_520.0)
     assert flight.goal_distance[0] == pytest.approx(480.0)
     assert flight.reversals[0] == 0
-    assert film.own.x[:, 0] == pytest.approx(80.0 * np.arange(95))
+    assert paths.own.x[:, 0] == pytest.approx(80.0 * np.arange(95))
 
 
 def test_time_out_and_the_length_of_an_accelerated_path() -> None:
     start = placed((0, 0, 0, 80), (-90_000, 0), FAR)
-    flight, _ = simulate.fly(start, steady(1.0, 0.0), RULES, SURROGATE)
+    flight = simulate.fly(start, steady(1.0, 0.0), RULES, SURROGATE)
     assert (flight.outcome[0], flight.score[0], flight.duration[0]) == (TIMEOUT, -10.0, 300.0)
     # 40 s from 80 to 100 m/s, then 260 s at 100 m/s
     assert flight.path_length[0] == pytest.approx(90.0 * 40.0 + 26_000.0, abs=0.1)
@@ -67,7 +67,7 @@ def test_time_out_and_the_length_of_an_accelerated_path() -> None:
 
 def test_violation_ends_the_flight_and_names_its_time() -> None:
     start = placed((0, 0, 0, 80), (20_000, 0), (6_000, 0, -math.pi, 100))
-    flight, _ = simulate.fly(start, simulate.direct(SURROGATE), RULES, SURROGATE)
+    flight = simulate.fly(start, simulate.direct(SURROGATE), RULES, SURROGATE)
     # 5000 m are closed at 180 m/s after 27.8 s, in the 28th step.
     assert (flight.outcome[0], flight.score[0], flight.duration[0]) == (VIOLATION, -100.0, 28.0)
     assert flight.min_separation[0] == pytest.approx(6_000.0 - 28 * 180.0)
@@ -77,24 +77,21 @@ def test_violation_ends_the_flight_and_names_its_time() -> None:
 def test_separation_is_watched_between_the_steps() -> None:
     # Crossing at right angles with the closest point half a second into a step, 995 m apart.
     start = placed((0, 0, 0, 100), (20_000, 0), (10_050, -10_050 + 1_407, math.pi / 2, 100))
-    flight, film = simulate.fly(
-        start, simulate.direct(SURROGATE), RULES._replace(separation=0.0), SURROGATE, record=True
-    )
-    assert film is not None
-    apart = np.hypot(film.own.x - film.intruders.x[..., 0], film.own.y - film.intruders.y[..., 0])
+    flight, paths = fly_recorded(start, simulate.direct(SURROGATE), RULES._replace(separation=0.0), SURROGATE)
+    apart = np.hypot(paths.own.x - paths.intruders.x[..., 0], paths.own.y - paths.intruders.y[..., 0])
     assert flight.min_separation[0] == pytest.approx(1_407.0 / math.sqrt(2.0), abs=0.1)
     assert flight.min_separation[0] <= np.nanmin(apart)
 
 
 def test_a_start_inside_the_separation_is_a_violation_at_once() -> None:
-    flight, _ = simulate.fly(placed((0, 0, 0, 80), (9_000, 0), (500, 0, 0, 100)), steady(0, 0), RULES, SURROGATE)
+    flight = simulate.fly(placed((0, 0, 0, 80), (9_000, 0), (500, 0, 0, 100)), steady(0, 0), RULES, SURROGATE)
     assert (flight.outcome[0], flight.duration[0], flight.min_separation[0]) == (VIOLATION, 1.0, 500.0)
     assert flight.time_of_min_separation[0] == 0.0
 
 
 def test_an_absent_intruder_harms_nobody() -> None:
     start = placed((0, 0, 0, 80), (8_000, 0), (4_000, 0, math.pi / 2, 0.0), present=False)
-    flight, _ = simulate.fly(start, simulate.direct(SURROGATE), RULES, SURROGATE)
+    flight = simulate.fly(start, simulate.direct(SURROGATE), RULES, SURROGATE)
     assert flight.outcome[0] == REACHED
     assert flight.min_separation[0] == math.inf
 
@@ -105,7 +102,7 @@ def test_reversals_count_changes_of_side_of_commands_that_matter() -> None:
     def decide(observation: np.ndarray) -> np.ndarray:
         return np.array([[0.0, next(commands)]], np.float32)
 
-    flight, _ = simulate.fly(placed((0, 0, 0, 80), (90_000, 0), FAR), decide, RULES, SURROGATE)
+    flight = simulate.fly(placed((0, 0, 0, 80), (90_000, 0), FAR), decide, RULES, SURROGATE)
     # Left, right, left: 0.1 of 3 deg/s is below the threshold.
     assert flight.reversals[0] == 2
 
@@ -127,53 +124,48 @@ def test_initial_conditions_by_hand() -> None:
 def flown(name: str, policy: Policy, first: int, count: int):
     starts = numbered(SCENARIOS[name], 11, first, count)
     noise = sensor_noise(11, first, *starts.mask.shape) if name == "noisy" else None
-    return simulate.fly(starts, policy.rowwise, RULES, SURROGATE, noise=noise, record=True)
+    return fly_recorded(starts, policy.rowwise, RULES, SURROGATE, noise=noise)
 
 
 @pytest.mark.parametrize("name", ["circle", "maneuvering", "noisy", "multi"])
 def test_a_flight_does_not_depend_on_its_company(name: str, policy: Policy) -> None:
-    together, film = flown(name, policy, 0, 300)
-    assert film is not None
+    together, paths = flown(name, policy, 0, 300)
     assert len(set(together.outcome)) == 3
     for first, count in ((0, 1), (7, 1), (0, 13), (250, 50), (299, 1)):
         apart, other = flown(name, policy, first, count)
-        assert other is not None
         for field in simulate.Flights._fields:
             expected = getattr(together, field)[first : first + count]
             np.testing.assert_array_equal(getattr(apart, field), expected, err_msg=field)
         steps = len(other.action)
-        np.testing.assert_array_equal(other.action, film.action[:steps, first : first + count])
+        np.testing.assert_array_equal(other.action, paths.action[:steps, first : first + count])
 
 
 def test_trajectories_end_with_the_flight(policy: Policy) -> None:
-    flights, film = flown("circle", policy, 0, 50)
-    assert film is not None
+    flights, paths = flown("circle", policy, 0, 50)
     steps = flights.duration.astype(int)
     for i, step in enumerate(steps):
-        assert np.isfinite(film.own.x[: step + 1, i]).all()
-        assert np.isnan(film.own.x[step + 1 :, i]).all()
-        assert np.isnan(film.action[step:, i]).all()
-        assert flights.min_separation[i] == pytest.approx(np.nanmin(film.separation[:, i]))
-    assert film.action.dtype == np.float64
+        assert np.isfinite(paths.own.x[: step + 1, i]).all()
+        assert np.isnan(paths.own.x[step + 1 :, i]).all()
+        assert np.isnan(paths.action[step:, i]).all()
+        assert flights.min_separation[i] == pytest.approx(np.nanmin(paths.separation[:, i]))
+    assert paths.action.dtype == np.float64
 
 
 def test_noise_changes_what_is_seen_and_nothing_else(policy: Policy) -> None:
     starts = numbered(SCENARIOS["noisy"], 3, 0, 40)
-    clear, clear_film = simulate.fly(starts, policy.rowwise, RULES, SURROGATE, record=True)
-    noisy, noisy_film = simulate.fly(
-        starts, policy.rowwise, RULES, SURROGATE, noise=sensor_noise(3, 0, *starts.mask.shape), record=True
+    clear, clear_paths = fly_recorded(starts, policy.rowwise, RULES, SURROGATE)
+    noisy, noisy_paths = fly_recorded(
+        starts, policy.rowwise, RULES, SURROGATE, noise=sensor_noise(3, 0, *starts.mask.shape)
     )
-    assert clear_film is not None
-    assert noisy_film is not None
-    difference = noisy_film.observation[0] - clear_film.observation[0]
+    difference = noisy_paths.observation[0] - clear_paths.observation[0]
     # The own state and the goal are known; the intruder is not.
     np.testing.assert_array_equal(difference[:, [0, 1, 6, 7]], 0.0)
     distance_error_m = difference[:, 5] * 10_000.0
     assert 20.0 < distance_error_m.std() < 45.0
     assert not np.array_equal(clear.duration, noisy.duration)
-    short = min(len(clear_film.separation), len(noisy_film.separation))
-    both = np.isfinite(clear_film.own.x[:short]) & np.isfinite(noisy_film.own.x[:short])
-    np.testing.assert_array_equal(clear_film.intruders.x[:short][both], noisy_film.intruders.x[:short][both])
+    short = min(len(clear_paths.separation), len(noisy_paths.separation))
+    both = np.isfinite(clear_paths.own.x[:short]) & np.isfinite(noisy_paths.own.x[:short])
+    np.testing.assert_array_equal(clear_paths.intruders.x[:short][both], noisy_paths.intruders.x[:short][both])
 
 
 def test_seeds_differ_and_repeat() -> None:
@@ -191,8 +183,7 @@ def test_parity_with_the_jax_surrogate_step_by_step(name: str, double: bool, pol
     """
     tolerance_m, tolerance_rad = (1e-4, 1e-9) if double else (0.5, 2e-5)
     starts = numbered(SCENARIOS[name], 5, 0, 64)
-    flights, film = simulate.fly(starts, policy.rowwise, RULES, SURROGATE, record=True)
-    assert film is not None
+    flights, paths = fly_recorded(starts, policy.rowwise, RULES, SURROGATE)
     with jax.enable_x64(double):
         kind = jnp.float64 if double else jnp.float32
         cast = jax.tree.map(lambda a: jnp.asarray(a) if a.dtype == bool else jnp.asarray(a, kind), starts)
@@ -201,7 +192,7 @@ def test_parity_with_the_jax_surrogate_step_by_step(name: str, double: bool, pol
         step = jax.jit(lambda state, action: surrogate.step(state, (action[:, 0], action[:, 1]), world))
         see = jax.jit(surrogate.observe)
         flying = np.ones(64, bool)
-        for t, action in enumerate(film.action):
+        for t, action in enumerate(paths.action):
             seen = np.asarray(see(state))
             state, result = step(state, jnp.asarray(np.nan_to_num(action), kind))
             own, traffic = state.own, state.intruders.vehicle
@@ -209,21 +200,21 @@ def test_parity_with_the_jax_surrogate_step_by_step(name: str, double: bool, pol
             def near(ours, theirs, tolerance: float, now=flying) -> None:
                 np.testing.assert_allclose(np.asarray(theirs)[now], ours[now], rtol=0.0, atol=tolerance)
 
-            near(film.own.x[t + 1], own.x, tolerance_m)
-            near(film.own.y[t + 1], own.y, tolerance_m)
-            near(film.own.speed[t + 1], own.speed, tolerance_m)
-            turned = np.asarray(own.heading) - film.own.heading[t + 1]
+            near(paths.own.x[t + 1], own.x, tolerance_m)
+            near(paths.own.y[t + 1], own.y, tolerance_m)
+            near(paths.own.speed[t + 1], own.speed, tolerance_m)
+            turned = np.asarray(own.heading) - paths.own.heading[t + 1]
             near(np.zeros(64), (turned + math.pi) % (2 * math.pi) - math.pi, tolerance_rad)
-            near(film.intruders.x[t + 1], traffic.x, tolerance_m)
-            near(film.separation[t], result.separation, tolerance_m)
+            near(paths.intruders.x[t + 1], traffic.x, tolerance_m)
+            near(paths.separation[t], result.separation, tolerance_m)
             if name != "multi":  # of several, which one is seen may hang on a rounding
-                off = np.abs(seen - film.observation[t])[flying]
+                off = np.abs(seen - paths.observation[t])[flying]
                 assert np.minimum(off, 2.0 - off).max() < 1e-4
             ended = np.stack(result.outcome)
             for code in range(len(OUTCOMES)):
                 ours = flying & (flights.duration == t + 1) & (flights.outcome == code)
                 # Single precision may decide a hair's breadth otherwise.
-                close = np.abs(film.separation[t] - 1_000.0) < tolerance_m
+                close = np.abs(paths.separation[t] - 1_000.0) < tolerance_m
                 assert np.array_equal((ended[code] & flying)[~close], ours[~close])
             flying &= flights.duration > t + 1
         assert not flying.any()

@@ -18,13 +18,13 @@ from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 from envs.starts import joined, numbered
 from envs.trees import take
-from eval.compare import deciders as contest
+from eval.compare import deciders as comparison
 from eval.compare import run as compare
-from eval.compare.deciders import REFERENCE, WITNESS, Contest, Entry, baseline_entry
-from eval.flights import simulate
+from eval.compare.deciders import REFERENCE, WITNESS, Comparison, Entry, baseline_entry
 from eval.flights.chunks import Evaluation
 from eval.flights.optimal import Foresight, ended, fly_witnesses, followed
 from eval.flights.simulate import OUTCOMES, OnStates
+from tests.flying import fly_recorded
 from tests.recorded import recorded
 
 SHORT = {"radius": (3_000.0, 3_600.0)}
@@ -53,22 +53,24 @@ def flown(starts: Encounter) -> Any:
     return fly_witnesses(starts, FEW, QUICK, SURROGATE)
 
 
-def contest_of(source: Any, *names: str, foresight: Foresight = FEW) -> Contest:
+def comparison_of(source: Any, *names: str, foresight: Foresight = FEW) -> Comparison:
     entries = tuple(baseline_entry(name, SURROGATE, QUICK) for name in names)
-    return Contest((*entries, Entry(WITNESS, WITNESS, foresight)), Evaluation(None, source, None, 4, QUICK, SURROGATE))
+    return Comparison(
+        (*entries, Entry(WITNESS, WITNESS, foresight)), Evaluation(None, source, None, 4, QUICK, SURROGATE)
+    )
 
 
 def test_what_is_flown_is_the_witness(starts: Encounter, best: Witnesses, flown: Any) -> None:
-    flights, film = flown
+    flights, paths = flown
     known = np.flatnonzero(np.isfinite(best.arrival))
     assert known.size >= 7
     for row in known:
         alone = replay(take(starts, row), take(best.manoeuvre, row), QUICK, SURROGATE)
         end = len(alone.time)
-        for here, there in zip(film.own, alone.own, strict=True):
+        for here, there in zip(paths.own, alone.own, strict=True):
             np.testing.assert_array_equal(here[:end, row], there)
             assert np.isnan(here[end:, row]).all()
-        np.testing.assert_array_equal(film.separation[: end - 1, row], alone.separation)
+        np.testing.assert_array_equal(paths.separation[: end - 1, row], alone.separation)
     assert (flights.outcome[known] == OUTCOMES.index("reached")).all()
     np.testing.assert_array_equal(flights.duration[known], best.arrival[known])
     np.testing.assert_array_equal(flights.min_separation[known], best.separation[known])
@@ -84,29 +86,27 @@ def test_without_a_witness_the_flight_is_that_of_none(starts: Encounter, best: W
     assert {1, 5} <= set(lost)
     none, endless = baseline_entry(REFERENCE, SURROGATE, QUICK).decider, QUICK._replace(separation=0.0)
     assert isinstance(none, OnStates)
-    straight, seen = simulate.fly(take(starts, lost), none, endless, SURROGATE, record=True)
-    assert seen is not None
-    flights, film = flown
+    straight, seen = fly_recorded(take(starts, lost), none, endless, SURROGATE)
+    flights, paths = flown
     for field, ours, theirs in zip(flights._fields, flights, straight, strict=True):
         np.testing.assert_array_equal(ours[lost], theirs, err_msg=field)
-    np.testing.assert_array_equal(film.intruders.x[: len(seen.intruders.x), lost], seen.intruders.x)
-    assert np.isnan(film.own.x[len(seen.own.x) :, lost]).all()
+    np.testing.assert_array_equal(paths.intruders.x[: len(seen.intruders.x), lost], seen.intruders.x)
+    assert np.isnan(paths.own.x[len(seen.own.x) :, lost]).all()
 
 
 def test_a_batch_without_any_witness_flies_too(starts: Encounter, flown: Any) -> None:
-    flights, film = fly_witnesses(take(starts, [1]), FEW, QUICK, SURROGATE)
+    flights, paths = fly_witnesses(take(starts, [1]), FEW, QUICK, SURROGATE)
     assert flights.min_separation[0] == flown[0].min_separation[1]
-    np.testing.assert_array_equal(film.own.x[:, 0], flown[1].own.x[: len(film.own.x), 1])
+    np.testing.assert_array_equal(paths.own.x[:, 0], flown[1].own.x[: len(paths.own.x), 1])
 
 
 @pytest.mark.parametrize("name", ["circle", "multi"])
-def test_a_film_tells_what_the_simulation_counts(name: str) -> None:
+def test_ended_counts_as_the_simulation_does(name: str) -> None:
     starts = numbered(scenario(name, **SHORT), 5, 0, 40)
     endless = RULES._replace(separation=0.0, t_max=100.0)
     decider = OnStates(BASELINES["mvp_speed"](SURROGATE, 500.0, 1_000.0))
-    counted, film = simulate.fly(starts, decider, endless, SURROGATE, record=True)
-    assert film is not None
-    told = ended(starts, film, endless)
+    counted, paths = fly_recorded(starts, decider, endless, SURROGATE)
+    told = ended(starts, paths, endless)
     assert 0 < (told.outcome == OUTCOMES.index("reached")).sum() < 40
     assert told.reversals.max() > 0
     for field, ours, theirs in zip(told._fields, told, counted, strict=True):
@@ -115,8 +115,8 @@ def test_a_film_tells_what_the_simulation_counts(name: str) -> None:
 
 
 def test_a_row_does_not_depend_on_its_company() -> None:
-    made = contest_of(scenario("multi", intruders=(2, 3), radius=(3_000.0, 4_000.0)), REFERENCE)
-    together, apart = contest.columns(made, 0, 6), contest.columns(made, 4, 1)
+    made = comparison_of(scenario("multi", intruders=(2, 3), radius=(3_000.0, 4_000.0)), REFERENCE)
+    together, apart = comparison.columns(made, 0, 6), comparison.columns(made, 4, 1)
     for name, values in apart.items():
         np.testing.assert_array_equal(values, together[name][4:5], err_msg=name)
 
@@ -124,7 +124,7 @@ def test_a_row_does_not_depend_on_its_company() -> None:
 def test_the_witness_hears_no_noise() -> None:
     loud = scenario("noisy", **SHORT)
     still = scenario("noisy", **SHORT, position_std=0.0, velocity_std=0.0)
-    table, quiet = (contest.columns(contest_of(source, "mvp", REFERENCE), 0, 5) for source in (loud, still))
+    table, quiet = (comparison.columns(comparison_of(source, "mvp", REFERENCE), 0, 5) for source in (loud, still))
     assert (table["mvp.path_excess"] != quiet["mvp.path_excess"]).any()
     for name in (name for name in table if name.startswith("witness.")):
         np.testing.assert_array_equal(table[name], quiet[name], err_msg=name)
@@ -134,20 +134,20 @@ def test_a_recorded_intruder_is_known_to_its_end(starts: Encounter, flown: Any) 
     turning = take(starts, slice(6, 10))
     states = tracks(turning, steps(QUICK), QUICK)
     recording: Any = Recording(*(np.moveaxis(field, 0, -1) for field in states))
-    again, film = fly_witnesses(turning._replace(intent=recording), FEW, QUICK, SURROGATE)
+    again, paths = fly_witnesses(turning._replace(intent=recording), FEW, QUICK, SURROGATE)
     for ours, theirs in zip(flown[0], again, strict=True):
         np.testing.assert_array_equal(ours[6:], theirs)
-    np.testing.assert_array_equal(flown[1].separation[: len(film.separation), 6:], film.separation)
+    np.testing.assert_array_equal(flown[1].separation[: len(paths.separation), 6:], paths.separation)
 
 
 def test_a_manoeuvre_is_not_stopped_by_a_loss(starts: Encounter, best: Witnesses) -> None:
     # An escape of one encounter, flown in another, where it saves nothing.
     wrong = take(best.manoeuvre, np.full(2, np.flatnonzero(np.isfinite(best.arrival))[0]))
-    film = followed(take(starts, [1, 5]), wrong, QUICK, SURROGATE)
-    flights = ended(take(starts, [1, 5]), film, QUICK)
+    paths = followed(take(starts, [1, 5]), wrong, QUICK, SURROGATE)
+    flights = ended(take(starts, [1, 5]), paths, QUICK)
     assert (flights.min_separation < QUICK.separation).all()
     assert (flights.duration > flights.time_of_min_separation).all()
-    assert len(film.own.x) > 30
+    assert len(paths.own.x) > 30
 
 
 def test_the_command_says_how_much_longer_than_the_witness(
