@@ -5,7 +5,6 @@ random loadings; speed, reproducibility and memory. Cross-track errors are those
 the published waypoints, times of arrival those at the waypoints. One core.
 """
 
-import argparse
 import hashlib
 import math
 import multiprocessing
@@ -30,6 +29,7 @@ from envs.c208.guidance import follow
 from envs.c208.gymnasium_env import C208Env
 from envs.c208.point_mass import PointMassVehicle
 from envs.c208.vehicle import C208Vehicle, FlightError, StartError
+from envs.edge.command import Parser, run_cli
 from envs.encounters import scenario
 from envs.follower import PERIOD
 from envs.gym.gymnasium_env import DeconflictionEnv
@@ -270,7 +270,7 @@ def pace() -> dict[str, float]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--plans", type=int, default=100, help="plans made; the SAFE ones are flown (default 100)")
     parser.add_argument("--scenario", default="circle", help="family of encounters (default circle)")
     parser.add_argument("--seed", type=int, default=0, help="of the encounters (default 0)")
@@ -328,4 +328,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_cli(main)

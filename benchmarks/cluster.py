@@ -5,7 +5,6 @@ the same encounters flown by one and two workers of a cluster, by one and two pr
 ratio. Needs the extra ``cluster``.
 """
 
-import argparse
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from distributed import LocalCluster
 
 from agents.policy.inference import Policy
 from benchmarks.measure import report
+from envs.edge.command import Parser, run_cli
 from envs.encounters import SCENARIOS
 from envs.outcome import RULES
 from eval.flights.chunks import Evaluation, Pilot, columns
@@ -56,7 +56,7 @@ def local(workers: int) -> Generator[tuple[Cluster, float], None, None]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--encounters", type=int, default=10_000, help="encounters of a measurement (default 10000)")
     parser.add_argument("--chunk", type=int, default=1_250, help="encounters of a chunk (default 1250)")
     parser.add_argument("--chunks", type=int, default=200, help="chunks that are not flown (default 200)")
@@ -95,4 +95,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_cli(main)

@@ -6,7 +6,6 @@ median over a run's updates without the first two; the ratio is the median of th
 JSON object.
 """
 
-import argparse
 import os
 import socket
 import statistics
@@ -17,6 +16,7 @@ from pathlib import Path
 
 from agents.config.load import load
 from benchmarks.measure import report
+from envs.edge.command import Parser, run_cli
 from rlcas_jax import metrics
 from rlcas_jax.config import TrainConfig
 
@@ -27,7 +27,7 @@ _IGNORED = 2  # updates at the beginning: compilation, first touch
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument(
         "--config",
         default="configs/best.yaml",
@@ -92,4 +92,4 @@ def _free_port() -> int:
 
 
 if __name__ == "__main__":
-    main()
+    run_cli(main)

@@ -5,7 +5,6 @@ start of the processes included), and how far that is from the limit that matrix
 policy's products alone would take as matrix products, at the rate measured in the same run by as many processes.
 """
 
-import argparse
 import itertools
 import math
 import multiprocessing
@@ -20,6 +19,7 @@ from agents.policy import features
 from agents.policy.inference import Policy
 from agents.resolvability.classify import classify
 from benchmarks.measure import report, seconds
+from envs.edge.command import Parser, run_cli
 from envs.encounters import SCENARIOS
 from envs.outcome import RULES
 from envs.starts import numbered
@@ -77,7 +77,7 @@ def stages(pilot: Pilot, count: int) -> dict[str, float]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
     parser.add_argument("--encounters", type=int, default=10_000, help="encounters of a measurement (default 10000)")
     parser.add_argument("--repeats", type=int, default=3, help="measurements (default 3)")
@@ -125,4 +125,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_cli(main)

@@ -7,7 +7,6 @@ preallocated, features excluded. ``_cpu_`` figures count the processor's time al
 does not lengthen so much.
 """
 
-import argparse
 import itertools
 import os
 import time
@@ -22,6 +21,7 @@ from agents.planner.planner import plan
 from agents.policy import features
 from agents.policy.inference import Policy
 from benchmarks.measure import report
+from envs.edge.command import Parser, run_cli
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
 from envs.starts import numbered
@@ -52,7 +52,7 @@ def floor(policy: Policy) -> Any:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
     parser.add_argument("--requests", type=int, default=2_000, help="requests timed (default 2000)")
     parser.add_argument("--scenario", default="circle", help="family of encounters (default circle)")
@@ -99,4 +99,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_cli(main)

@@ -4,13 +4,13 @@ Ready is when the page has read its data, drawn the plots and listed the flights
 start. The limit is what the browser needs to read as many bytes as JSON, measured beside it in an empty page.
 """
 
-import argparse
 import json
 import shutil
 from pathlib import Path
 from typing import Any
 
 from benchmarks.measure import report
+from envs.edge.command import Parser, run_cli
 
 _DESCRIPTION = "Measure how soon a report's page is ready in Chromium, ms from the start of its loading."
 
@@ -19,7 +19,7 @@ _PARSED = "text => { const begin = performance.now(); JSON.parse(text); return p
 
 def main(argv: list[str] | None = None) -> None:
     """Measure and print the figures."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.report_page", description=_DESCRIPTION)
+    parser = Parser(prog="python -m benchmarks.report_page", description=_DESCRIPTION)
     parser.add_argument("page", type=Path, help="report.html, as eval.report writes it")
     parser.add_argument("--repeats", type=int, default=5, metavar="N", help="how often it is opened (default 5)")
     options = parser.parse_args(argv)
@@ -56,4 +56,4 @@ def _ready_ms(launched: Any, page: Path) -> int:
 
 
 if __name__ == "__main__":
-    main()
+    run_cli(main)

@@ -6,7 +6,6 @@ within the measured time. "Naive" is the same world as it is commonly first writ
 in each step in case it ends.
 """
 
-import argparse
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
@@ -19,6 +18,7 @@ import jax.numpy as jnp
 
 from benchmarks.measure import report, seconds
 from envs import encounters, intruder, kinematics, observation, perception, relative, surrogate
+from envs.edge.command import Parser, run_cli
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 
@@ -92,7 +92,7 @@ def rate(function: Callable[[jax.Array, Any], Any], state: surrogate.State, work
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--environments", type=int, default=2048, help="encounters in parallel (default 2048)")
     parser.add_argument("--steps", type=int, default=256, help="steps a measurement (default 256)")
     parser.add_argument("--rows", type=int, default=16, help="rows of the pool of starts (default 16)")
@@ -123,4 +123,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_cli(main)

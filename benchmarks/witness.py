@@ -6,7 +6,6 @@ gradients of the world's own functions, from the witness itself and from crude f
 speeds. A flight counts only if it keeps the rules at every second. The straight line is a true lower bound.
 """
 
-import argparse
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -20,6 +19,7 @@ from agents.resolvability.classify import replay
 from agents.resolvability.witness import Witnesses, least_cost
 from benchmarks.measure import report
 from envs.angles import wrap
+from envs.edge.command import Parser, run_cli
 from envs.encounters import Encounter, scenario
 from envs.kinematics import SURROGATE, VehicleState, advance, commands
 from envs.outcome import RULES
@@ -159,7 +159,7 @@ def compare(encounter: Encounter, witnesses: Witnesses, number: int, iterations:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--encounters", type=int, default=60, help="circle encounters in conflict (default 60)")
     parser.add_argument("--seed", type=int, default=0, help="of the encounters (default 0)")
     parser.add_argument("--iterations", type=int, default=40, help="of each optimisation (default 40)")
@@ -192,4 +192,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_cli(main)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from envs.angles import sincos, wrap
+from envs.edge.command import InputError
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
@@ -18,7 +19,7 @@ from envs.relative import distance, straight_cpa
 __all__ = ["SCENARIOS", "Encounter", "EncounterError", "Scenario", "choose", "padded", "sample", "scenario"]
 
 
-class EncounterError(ValueError):
+class EncounterError(InputError):
     """An encounter or scenario that cannot be had; the message says which and why."""
 
 

@@ -1,8 +1,6 @@
 """``python -m eval.c208_figures``: see :mod:`eval.hifi.c208_figures`."""
 
-import sys
-
-from eval.hifi.c208_figures import main
+from envs.edge.command import run_cli
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_cli("eval.hifi.c208_figures:main")

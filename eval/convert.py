@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agents.config.load import ConfigError, Parser, run_cli
-from eval.runner.command import refusing
+from envs.edge.command import ConfigError, Parser, run_cli
 
 if TYPE_CHECKING:
     from envs.formats.encounter_exchange import Scene
@@ -155,4 +154,4 @@ def _write(path: Path, text: str) -> None:
 
 
 if __name__ == "__main__":
-    run_cli(refusing(main))
+    run_cli("eval.convert:main")

@@ -1,7 +1,6 @@
 """``python -m eval.hifi_gap``: see :mod:`eval.hifi.gap`."""
 
-from agents.config.load import run_cli
-from eval.hifi.gap import main
+from envs.edge.command import run_cli
 
 if __name__ == "__main__":
-    run_cli(main)
+    run_cli("eval.hifi.gap:main")

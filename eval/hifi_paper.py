@@ -1,7 +1,6 @@
 """``python -m eval.hifi_paper``: see :mod:`eval.hifi.paper`."""
 
-from agents.config.load import run_cli
-from eval.hifi.paper import main
+from envs.edge.command import run_cli
 
 if __name__ == "__main__":
-    run_cli(main)
+    run_cli("eval.hifi.paper:main")

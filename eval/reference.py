@@ -1,10 +1,6 @@
 """Writes the page of every key of an evaluation: ``python -m eval.reference DIR``."""
 
-from agents.config.keys import markdown
-from agents.config.load import run_cli
-from agents.config.pages import write_pages
-from eval.config import MonteCarloConfig, TrafficConfig
-from eval.hifi.config import HifiConfig
+from envs.edge.command import run_cli
 
 __all__ = ["PAGE", "main", "page"]
 
@@ -31,6 +27,10 @@ before anything is flown.
 
 def page() -> str:
     """Return the text of the page."""
+    from agents.config.keys import markdown
+    from eval.config import MonteCarloConfig, TrafficConfig
+    from eval.hifi.config import HifiConfig
+
     parts = [
         ("python -m eval.monte_carlo", MonteCarloConfig),
         ("python -m eval.hifi", HifiConfig),
@@ -45,8 +45,10 @@ def main() -> None:
     Raises:
         ConfigError: there is no such directory.
     """
+    from agents.config.pages import write_pages
+
     write_pages("python -m eval.reference", __doc__, {PAGE: page()})
 
 
 if __name__ == "__main__":
-    run_cli(main)
+    run_cli("eval.reference:main")

@@ -20,6 +20,8 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
+from envs.edge.command import InputError
+
 __all__ = ["CheckpointError", "latest", "restore", "restore_part", "save"]
 
 SCHEMA = "rlcas-checkpoint-1"
@@ -29,7 +31,7 @@ _NAMES = re.compile(r"checkpoint-(\d{10,})\.safetensors")
 _log = logging.getLogger(__name__)
 
 
-class CheckpointError(ValueError):
+class CheckpointError(InputError):
     """A checkpoint that cannot be used; the message says which and why."""
 
 

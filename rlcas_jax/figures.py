@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from agents.config.load import ConfigError, Parser, run_cli
+from envs.edge.command import ConfigError, Parser, run_cli
 from rlcas_jax.metrics import read
 
 if TYPE_CHECKING:
@@ -218,4 +218,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    run_cli(main)
+    run_cli("rlcas_jax.figures:main")

@@ -1,9 +1,6 @@
 """Writes the pages of the documentation that come from the code: ``python -m rlcas_jax.reference DIR``."""
 
-from agents.config.keys import markdown
-from agents.config.load import run_cli
-from agents.config.pages import write_pages
-from rlcas_jax.config import TrainConfig
+from envs.edge.command import run_cli
 from rlcas_jax.metrics import FILE, METRICS, WALL_CLOCK
 
 __all__ = ["main", "pages"]
@@ -47,6 +44,9 @@ which it was made. Two runs of one configuration on the same kind of machine and
 
 def pages() -> dict[str, str]:
     """Return the generated pages by the name of their file."""
+    from agents.config.keys import markdown
+    from rlcas_jax.config import TrainConfig
+
     rows = "".join(f"| `{name}` | {text} |\n" for name, text in METRICS.items())
     return {"configuration.md": _CONFIGURATION + markdown(TrainConfig), "metrics.md": _METRICS + rows}
 
@@ -57,8 +57,10 @@ def main() -> None:
     Raises:
         ConfigError: there is no such directory.
     """
+    from agents.config.pages import write_pages
+
     write_pages("python -m rlcas_jax.reference", __doc__, pages())
 
 
 if __name__ == "__main__":
-    run_cli(main)
+    run_cli("rlcas_jax.reference:main")

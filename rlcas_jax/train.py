@@ -3,9 +3,12 @@
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from agents.config.load import ConfigError, run_cli
-from rlcas_jax.cli import Options, parse, prepare
+from envs.edge.command import run_cli
+
+if TYPE_CHECKING:
+    from rlcas_jax.cli import Options
 
 __all__ = ["main"]
 
@@ -15,15 +18,18 @@ FAILED = 1
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status: 0 done, 1 training failed, 130 interrupted."""
+    from rlcas_jax.cli import parse
+
     return _train(parse(argv))
 
 
-def _train(options: Options) -> int:
+def _train(options: "Options") -> int:
+    from rlcas_jax.cli import prepare
+
     if options.processes is None or options.processes.number == 0:
         prepare(options)
     # Imported here: --help and bad input must not wait for JAX.
     from agents.policy.file import PolicyFileError
-    from rlcas_jax.checkpoint import CheckpointError
     from rlcas_jax.devices import connect, first
     from rlcas_jax.figures import training_figures
     from rlcas_jax.finish import finish, table
@@ -41,8 +47,6 @@ def _train(options: Options) -> int:
         reporter.note(f"training {job.config.name}, seed {job.config.seed}, in {job.directory}")
         try:
             done = run(job.config, job.directory, reporter, devices, resume=job.resume)
-        except CheckpointError as problem:
-            raise ConfigError(str(problem)) from None
         except TrainingError as problem:
             print(f"error: {problem}", file=sys.stderr)
             return FAILED
@@ -78,4 +82,4 @@ def _unwritten(directory: Path, problem: Exception) -> int:
 
 
 if __name__ == "__main__":
-    run_cli(main)
+    run_cli("rlcas_jax.train:main")

@@ -3,7 +3,6 @@
 For environments whose ROS 2 comes from wheels (``make ros``). With an ordinary ROS installation use colcon instead.
 """
 
-import argparse
 import os
 import shutil
 import subprocess
@@ -12,6 +11,8 @@ import sysconfig
 from collections.abc import Sequence
 from pathlib import Path
 
+from envs.edge.command import Parser, run_cli
+
 __all__ = ["main"]
 
 _SOURCE = Path(__file__).resolve().parent / "rlcas_msgs"
@@ -19,7 +20,7 @@ _SOURCE = Path(__file__).resolve().parent / "rlcas_msgs"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Configure, build and install."""
-    parser = argparse.ArgumentParser(prog="python -m ros_bridge.build_interfaces", description=__doc__)
+    parser = Parser(prog="python -m ros_bridge.build_interfaces", description=__doc__)
     parser.add_argument(
         "--build", type=Path, default=Path("build/rlcas_msgs"), help="folder (default build/rlcas_msgs)"
     )
@@ -71,4 +72,4 @@ def _missing() -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_cli(main)

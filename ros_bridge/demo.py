@@ -20,6 +20,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from envs.edge.command import Parser, run_cli
 from ros_bridge.transport.domains import free_domain
 
 if TYPE_CHECKING:
@@ -54,9 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m ros_bridge.demo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(prog="python -m ros_bridge.demo", description=__doc__)
     parser.add_argument(
         "--scenarios", default=",".join(FOUR), help=f"names with commas, or none (default {','.join(FOUR)})"
     )
@@ -231,4 +230,4 @@ def _stop(nodes: Sequence["subprocess.Popen[bytes]"]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_cli(main)

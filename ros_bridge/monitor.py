@@ -1,10 +1,6 @@
 """The monitor node: ``python -m ros_bridge.monitor``."""
 
-import sys
-
-from ros_bridge.nodes.monitor import main
-
-__all__ = ["main"]
+from envs.edge.command import run_cli
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_cli("ros_bridge.nodes.monitor:main")

@@ -19,8 +19,9 @@ Parameters:
 """
 
 import gc
-import sys
 from collections.abc import Sequence
+
+from envs.edge.command import run_cli
 
 __all__ = ["main"]
 
@@ -36,4 +37,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_cli("ros_bridge.runner:main")

@@ -1,10 +1,6 @@
 """The simulator node: ``python -m ros_bridge.simulator``."""
 
-import sys
-
-from ros_bridge.nodes.simulator import main
-
-__all__ = ["main"]
+from envs.edge.command import run_cli
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_cli("ros_bridge.nodes.simulator:main")

@@ -24,6 +24,7 @@ import numpy as np
 
 from agents.baselines.baselines import Sight, checked, homeward, steered, way_back
 from envs.angles import wrap
+from envs.edge.command import InputError
 from envs.kinematics import SURROGATE, Limits
 from envs.observation import CRITICAL_RADIUS, most_critical
 
@@ -39,7 +40,7 @@ _MOST = 100_000_000
 _PREVIOUS = re.compile(r"(pra(?=[0-4]_)|v2a_(?=[1-5]_)|run2a_(?=[1-5]_))(\d)")
 
 
-class NnetError(ValueError):
+class NnetError(InputError):
     """A file that is no network; the message says file, line, and what was expected."""
 
 

@@ -4,26 +4,20 @@ Every application of the toolkit reads its settings through this module. It need
 part of the flight path.
 """
 
-import argparse
-import os
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
 from agents.config.keys import expected, field_at, nearest, nested_model, shown
 from agents.config.yaml import YamlError, coerced, read, write
+from envs.edge.command import ConfigError, Parser, run_cli
 
 __all__ = ["ConfigError", "Parser", "Strict", "dump", "load", "run_cli"]
 
 Model = TypeVar("Model", bound="Strict")
-
-
-class ConfigError(ValueError):
-    """Bad input of a user; the message is one sentence that names key, value and what was expected."""
 
 
 class Strict(BaseModel):
@@ -53,19 +47,6 @@ class Strict(BaseModel):
         return {k: coerced(v, fields[k].annotation) if k in fields else v for k, v in data.items()}
 
 
-class Parser(argparse.ArgumentParser):
-    """An argument parser that raises :class:`ConfigError` where argparse would print its usage and exit."""
-
-    def __init__(self, **settings: Any) -> None:
-        settings.setdefault("allow_abbrev", False)
-        settings.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
-        super().__init__(**settings)
-
-    def error(self, message: str) -> NoReturn:
-        """Raise instead of exiting."""
-        raise ConfigError(f"{message} (see {self.prog} --help)")
-
-
 def load(model: type[Model], path: Path | None = None, overrides: Sequence[str] = ()) -> Model:
     """Read a configuration.
 
@@ -93,29 +74,6 @@ def load(model: type[Model], path: Path | None = None, overrides: Sequence[str] 
 def dump(model: BaseModel) -> str:
     """Return a configuration as YAML text with every key; :func:`load` of it gives an equal model."""
     return write(model.model_dump())
-
-
-def run_cli(main: Callable[[], int | None], *user_errors: type[Exception]) -> NoReturn:
-    """Run a program's main function and exit with its status.
-
-    Args:
-        main: returns the exit status; None counts as 0.
-        user_errors: exceptions that, as :class:`ConfigError` always does, mean bad input: their message goes to
-            stderr as one line and the exit status is 2. Everything else is a defect and keeps its traceback.
-    """
-    try:
-        status = main() or 0
-    except (ConfigError, *user_errors) as problem:
-        print("error:", " ".join(str(problem).split()), file=sys.stderr)
-        status = 2
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        status = 130
-    except BrokenPipeError:
-        # Whoever read the output has had enough (``| head``); what is still buffered must not complain at the exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        status = 0
-    sys.exit(status)
 
 
 def _override(model: type[BaseModel], values: dict[str, Any], text: str) -> list[str]:

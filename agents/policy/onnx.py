@@ -20,6 +20,7 @@ from agents.policy.inference import PARITY_TOLERANCE, Policy
 from agents.policy.onnx_trace import Graph, Traced
 from agents.policy.schema import canonical
 from agents.policy.versions import versions
+from envs.edge.command import InputError
 from envs.observation import SIZE
 
 __all__ = ["INPUT", "IR_VERSION", "OPSET", "OUTPUT", "ExportError", "export", "main", "model"]
@@ -45,7 +46,7 @@ Contracts, limits, architecture and digest are in the model's metadata (docs/ref
 jax nor onnxruntime is needed; the extra "onnx" installs onnx and onnxruntime."""
 
 
-class ExportError(ValueError):
+class ExportError(InputError):
     """A model that cannot be made or written; the message says why."""
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from agents.policy.features import FEATURE_SETS, size
+from envs.edge.command import InputError
 from envs.kinematics import Limits
 from envs.observation import NAMES, SIZE
 
@@ -32,7 +33,7 @@ __all__ = [
 ]
 
 
-class PolicyFileError(ValueError):
+class PolicyFileError(InputError):
     """A policy file that cannot be used; the message says which file, what is wrong, where, what was expected."""
 
 

@@ -1,7 +1,6 @@
 """``python -m benchmarks.learning``."""
 
-from agents.config.load import run_cli
-from benchmarks.learning.run import main
+from envs.edge.command import run_cli
 
 if __name__ == "__main__":
-    run_cli(main)
+    run_cli("benchmarks.learning.run:main")

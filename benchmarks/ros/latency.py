@@ -24,6 +24,7 @@ import numpy as np
 
 from benchmarks.measure import report
 from benchmarks.ros.graph import ORIGIN, PATIENCE, cores_stolen, placed, resident, scheduled, start, way
+from envs.edge.command import Parser, run_cli
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
 from envs.starts import numbered
@@ -235,7 +236,7 @@ def activated() -> Start:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--calls", type=int, default=1000, help="calls of each kind (default 1000)")
     parser.add_argument("--serve-empty", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -288,4 +289,4 @@ def flown(calls: int) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    main()
+    run_cli(main)

@@ -22,6 +22,7 @@ import numpy as np
 from benchmarks.measure import report
 from benchmarks.ros.graph import ORIGIN, PATIENCE, placed, resident, start, way
 from envs.angles import wrap
+from envs.edge.command import Parser, run_cli
 from envs.kinematics import VehicleState
 from ros_bridge.transport.domains import free_domain
 
@@ -174,7 +175,7 @@ class World:
 
 def main() -> int:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--requests", type=int, default=10_000, help="how many (default 10000)")
     parser.add_argument("--hours", type=float, default=1.0, help="of simulated time (default 1)")
     parser.add_argument("--rate", type=float, default=10.0, help="times real time, at most (default 10)")
@@ -258,4 +259,4 @@ def soaked(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_cli(main)

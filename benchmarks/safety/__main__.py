@@ -1,8 +1,6 @@
 """``python -m benchmarks.safety``."""
 
-import sys
-
-from benchmarks.safety.run import main
+from envs.edge.command import run_cli
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_cli("benchmarks.safety.run:main")

@@ -6,7 +6,6 @@ flown by the follower as well. ``--first N --requests 1`` repeats request N: the
 from its number. The last line is one JSON object; exit status 1 means that a violation was found.
 """
 
-import argparse
 import json
 import multiprocessing
 import signal
@@ -20,6 +19,7 @@ from agents.policy.inference import Policy
 from benchmarks.measure import report
 from benchmarks.safety.adversary import FAMILIES
 from benchmarks.safety.attack import HUNDRED, Batch, Tally, attack, tasks
+from envs.edge.command import Parser
 from eval.runner.workers import cores
 
 __all__ = ["BLOCK", "main"]
@@ -62,7 +62,7 @@ def _results(batches: list[Batch], workers: int, path: Path | None) -> Iterator[
 
 def main(arguments: list[str] | None = None) -> int:
     """Attack and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--requests", type=int, default=1_000_000, help="requests to the batch core (default 1000000)")
     parser.add_argument(
         "--single", type=int, default=10_000, help="how many of them go through plan too (default 10000)"

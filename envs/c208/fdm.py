@@ -5,16 +5,14 @@ JSBSim answers 0 for a property that does not exist and creates it where one wri
 
 import tempfile
 from pathlib import Path
-from typing import Any
-
-try:
-    import jsbsim
-except ImportError as problem:
-    raise ImportError("the true aircraft needs JSBSim: install the toolkit with its extra `sim`") from problem
+from typing import TYPE_CHECKING, Any
 
 from envs.c208.conditions import NOMINAL, Loading, checked
 from envs.c208.facts import VARIANTS, Variant
 from envs.c208.model import DATA, aircraft
+
+if TYPE_CHECKING:
+    import jsbsim
 
 __all__ = ["STEP", "Fdm", "FdmError"]
 
@@ -26,26 +24,36 @@ class FdmError(RuntimeError):
     """JSBSim could not be had, or a name that it does not know."""
 
 
-class _Silence(jsbsim.FGLogger):
-    """Takes JSBSim's messages and drops them."""
-
-    def set_level(self, level: Any) -> None:
-        pass
-
-    def file_location(self, filename: str, line: int) -> None:
-        pass
-
-    def message(self, message: str) -> None:
-        pass
-
-    def format(self, format: Any) -> None:  # noqa: A002 - JSBSim's name
-        pass
-
-    def flush(self) -> None:
-        pass
+_silence: list[Any] = []  # JSBSim keeps no reference of its own
 
 
-_silence: list[_Silence] = []  # JSBSim keeps no reference of its own
+def _jsbsim() -> Any:
+    """Return the module jsbsim, whose messages are dropped."""
+    import jsbsim
+
+    if not _silence:
+
+        class Silence(jsbsim.FGLogger):
+            """Takes JSBSim's messages and drops them."""
+
+            def set_level(self, level: Any) -> None:
+                pass
+
+            def file_location(self, filename: str, line: int) -> None:
+                pass
+
+            def message(self, message: str) -> None:
+                pass
+
+            def format(self, format: Any) -> None:  # noqa: A002 - JSBSim's name
+                pass
+
+            def flush(self) -> None:
+                pass
+
+        _silence.append(Silence())
+        jsbsim.set_logger(_silence[0])
+    return jsbsim
 
 
 class Fdm:
@@ -65,13 +73,10 @@ class Fdm:
         self.variant = self.variant_of(variant)
         checked(loading)
         self.loading = loading
-        if not _silence:
-            _silence.append(_Silence())
-            jsbsim.set_logger(_silence[0])
         needed = root / "engine" / f"{self.variant.engine}.xml"
         if not needed.is_file():
             raise FdmError(f"{needed} is missing; python -m envs.c208.model writes it")
-        self.exec = jsbsim.FGFDMExec(str(root))
+        self.exec = _jsbsim().FGFDMExec(str(root))
         self.exec.set_engine_path("engine")
         self.exec.set_systems_path("systems")
         if loading == NOMINAL:
@@ -102,7 +107,7 @@ class Fdm:
         if not self.exec.load_model(self.variant.name):
             raise FdmError(f"JSBSim does not load {folder / self.variant.name}; python -m envs.c208.model writes it")
 
-    def node(self, name: str) -> jsbsim.FGPropertyNode:
+    def node(self, name: str) -> "jsbsim.FGPropertyNode":
         """Return the node of a property.
 
         Raises:

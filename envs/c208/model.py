@@ -3,9 +3,7 @@
 Frames as JSBSim has them: station, butt line and water line in inches, x aft; body axes x forward, y right, z down.
 """
 
-import argparse
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +12,8 @@ from envs.c208 import propulsion
 from envs.c208.aerodynamics import aerodynamics
 from envs.c208.conditions import NOMINAL, Loading, checked
 from envs.c208.facts import VARIANTS, Variant, value
+from envs.edge.command import Parser, run_cli
+from envs.edge.files import write
 
 __all__ = ["DATA", "aircraft", "current", "engine", "files", "main"]
 
@@ -221,17 +221,13 @@ def current() -> bool:
 
 def main() -> int:
     """Write the files that ship; return the exit code."""
-    argparse.ArgumentParser(prog="python -m envs.c208.model", description=__doc__).parse_args()
-    try:
-        for path, text in files().items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
-            print(f"wrote {path}")
-    except OSError as problem:
-        print(f"the files under {DATA} cannot be written: {problem.strerror}", file=sys.stderr)
-        return 2
+    Parser(prog="python -m envs.c208.model", description=__doc__).parse_args()
+    for path, text in files().items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path, text)
+        print(f"wrote {path}")
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_cli(main)

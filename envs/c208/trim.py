@@ -5,10 +5,8 @@ equilibria at the reference altitude are stored (``data/trim.csv``), and the aut
 ``python -m envs.c208.trim`` renews the file.
 """
 
-import argparse
 import csv
 import math
-import sys
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +15,8 @@ from envs.c208.aerodynamics import stall_angle
 from envs.c208.facts import value
 from envs.c208.fdm import Fdm
 from envs.c208.model import DATA
+from envs.edge.command import Parser, run_cli
+from envs.edge.files import write
 
 __all__ = ["REFERENCE_ALTITUDE", "TABLE_SPEEDS", "Table", "Trim", "TrimError", "level_table", "read", "solve", "stored"]
 
@@ -184,19 +184,15 @@ def read(text: str) -> Table:
 
 def main() -> int:
     """Write the file that ships; return the exit code."""
-    argparse.ArgumentParser(prog="python -m envs.c208.trim", description=__doc__).parse_args()
+    Parser(prog="python -m envs.c208.trim", description=__doc__).parse_args()
     table = level_table(Fdm())
     lines = ["# Level flight of the EX at 8807 lb, 2500 m: m/s, rad, rad, N. Written by python -m envs.c208.trim."]
     lines.append(",".join(Table._fields))
     lines += [",".join(f"{number:.9g}" for number in row) for row in zip(*table, strict=True)]
-    try:
-        _FILE.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as problem:
-        print(f"{_FILE} cannot be written: {problem.strerror}", file=sys.stderr)
-        return 2
+    write(_FILE, "\n".join(lines) + "\n")
     print(f"wrote {_FILE}")
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_cli(main)

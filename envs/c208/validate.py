@@ -6,13 +6,10 @@ linearisation, judged by level 1 of MIL-F-8785C (class I, cruise), because no me
 aircraft does at idle is reported only: nothing reliable is published.
 """
 
-import argparse
 import math
-import sys
 from collections.abc import Iterator
 from typing import NamedTuple
 
-import jsbsim
 import numpy as np
 
 from envs.c208.conditions import Loading
@@ -20,6 +17,7 @@ from envs.c208.facts import POINTS, Point
 from envs.c208.fdm import STEP, Fdm
 from envs.c208.propulsion import DENSITY_0, HORSEPOWER, idle_thrust, maximum_thrust, thrust
 from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve
+from envs.edge.command import Parser, run_cli
 
 __all__ = ["Mode", "Verdict", "envelope", "main", "measured", "modes", "verdicts"]
 
@@ -145,6 +143,8 @@ def modes(speed: float = 70.0, variant: str = "ex", loading: Loading | None = No
     # A throw-away executive: JSBSim's linearisation leaves the engine changed.
     fdm = Fdm(variant, loading or Loading())
     solve(fdm, speed)
+    import jsbsim
+
     linear = jsbsim.FGLinearization(fdm.exec)
     names, matrix = list(linear.x_names), np.array(linear.system_matrix)
 
@@ -250,7 +250,7 @@ def verdicts() -> list[Verdict]:
 
 def main() -> int:
     """Print the comparison; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m envs.c208.validate", description=__doc__)
+    parser = Parser(prog="python -m envs.c208.validate", description=__doc__)
     parser.parse_args()
     print(f"{'':58}{'model':>9} {'published':>11} {'unit':8}{'tolerance':>10} {'use':7}")
     missed = []
@@ -265,4 +265,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_cli(main)

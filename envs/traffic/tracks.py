@@ -10,6 +10,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from envs.angles import wrap
+from envs.edge.command import InputError
 
 __all__ = ["Repairs", "Rows", "Track", "TrackError", "TrackFile", "at_times", "ordered", "summed"]
 
@@ -19,7 +20,7 @@ Rows: TypeAlias = list[tuple[int, dict[str, float]]]
 """Rows of one aircraft: number of the line, and values by our names, ``time`` among them."""
 
 
-class TrackError(ValueError):
+class TrackError(InputError):
     """Tracks that cannot be used; the message says file, line, field, and what was expected."""
 
 

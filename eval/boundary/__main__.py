@@ -1,7 +1,6 @@
 """``python -m eval.boundary``."""
 
-from agents.config.load import run_cli
-from eval.boundary.run import main
+from envs.edge.command import run_cli
 
 if __name__ == "__main__":
-    run_cli(main)
+    run_cli("eval.boundary.run:main")

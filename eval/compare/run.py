@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.config.load import ConfigError, Parser
+from agents.config.load import Parser
 from eval.plots import save as picture_folder
 
 if TYPE_CHECKING:
@@ -177,15 +177,3 @@ def _write(out: Path, summary: Mapping[str, Any], table: "Mapping[str, np.ndarra
     with mpl.rc_context({"svg.hashsalt": "rlcas"}):
         figure.savefig(out / "compare.png", dpi=130)
         figure.savefig(out / "compare.svg", metadata={"Date": None})
-
-
-def cli() -> int:
-    from agents.baselines.acas_nnet import NnetError
-    from agents.policy.file import PolicyFileError
-    from envs.encounters import EncounterError
-    from envs.traffic.tracks import TrackError
-
-    try:
-        return main()
-    except (PolicyFileError, NnetError, EncounterError, TrackError) as problem:
-        raise ConfigError(str(problem)) from None

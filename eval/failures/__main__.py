@@ -1,8 +1,6 @@
 """``python -m eval.failures``."""
 
-from agents.config.load import run_cli
-from eval.failures.run import main
-from eval.runner.command import refusing
+from envs.edge.command import run_cli
 
 if __name__ == "__main__":
-    run_cli(refusing(main))
+    run_cli("eval.failures.run:main")

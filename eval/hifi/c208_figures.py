@@ -5,7 +5,6 @@ points; the answer to a step of the bank. ``steps``: air speed and acceleration 
 and down, as in the paper's appendix. ``envelope``: the same limits over weights and altitudes.
 """
 
-import argparse
 import math
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from envs.c208.conditions import Conditions, Loading
 from envs.c208.facts import POINTS, value
 from envs.c208.validate import envelope, measured
 from envs.c208.vehicle import LOG_COLUMNS, C208Vehicle
+from envs.edge.command import Parser
 from envs.follower import PERIOD
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION
@@ -172,7 +172,7 @@ def margins(weight: float, altitude: float) -> tuple[float, float, float, float]
 
 def main() -> int:
     """Draw; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m eval.c208_figures", description=__doc__)
+    parser = Parser(prog="python -m eval.c208_figures", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/c208"), help="folder (default runs/c208)")
     options = parser.parse_args()
     if options.out.exists() and not options.out.is_dir():

@@ -1,7 +1,6 @@
 """``python -m eval.monte_carlo``."""
 
-from agents.config.load import run_cli
-from eval.monte_carlo.run import cli
+from envs.edge.command import run_cli
 
 if __name__ == "__main__":
-    run_cli(cli)
+    run_cli("eval.monte_carlo.run:main")

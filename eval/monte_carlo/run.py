@@ -17,7 +17,6 @@ from eval.runner.command import (
     loaded,
     named_policy,
     named_source,
-    refusing,
     whole,
     whole_table,
 )
@@ -180,7 +179,3 @@ def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: f
         "encounters_per_s": flown / wall_s if flown else None,
         "versions": versions("numpy", "safetensors", "pyarrow", "scipy"),
     }
-
-
-cli = refusing(main)
-"""The command with refusals told as such."""

@@ -1,7 +1,6 @@
 """``python -m eval.policy_map``."""
 
-from agents.config.load import run_cli
-from eval.policy_map.run import cli
+from envs.edge.command import run_cli
 
 if __name__ == "__main__":
-    run_cli(cli)
+    run_cli("eval.policy_map.run:main")

@@ -164,12 +164,3 @@ def _examine(policy: "Policy", scenes: "Sequence[Scene]", options: argparse.Name
         "versions": versions("numpy", "matplotlib"),
     }
     return policy_map(maps, limits, RULES.separation, f"{name} ({policy.sha256[:8]})"), found
-
-
-def cli() -> int:
-    from agents.policy.file import PolicyFileError
-
-    try:
-        return main()
-    except PolicyFileError as problem:
-        raise ConfigError(str(problem)) from None

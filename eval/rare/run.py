@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.config.load import ConfigError, Parser
 from eval.plots import save as picture_folder
-from eval.runner.command import loaded, named_policy, refusing, whole
+from eval.runner.command import loaded, named_policy, whole
 
 if TYPE_CHECKING:
     from eval.config import MonteCarloConfig
@@ -297,7 +297,3 @@ def _many(value: float | None) -> str:
 
 def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
-
-
-cli = refusing(main)
-"""The command with refusals told as such."""

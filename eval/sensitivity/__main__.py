@@ -1,7 +1,6 @@
 """``python -m eval.sensitivity``."""
 
-from agents.config.load import run_cli
-from eval.sensitivity.run import cli
+from envs.edge.command import run_cli
 
 if __name__ == "__main__":
-    run_cli(cli)
+    run_cli("eval.sensitivity.run:main")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from agents.config.load import ConfigError, Parser
 from eval.plots import save as picture_folder
-from eval.runner.command import refusing, whole
+from eval.runner.command import whole
 
 if TYPE_CHECKING:
     from eval.sensitivity.bins import Run
@@ -254,7 +254,3 @@ def _percent(share: dict[str, Any]) -> str:
 
 def _n(value: int) -> str:
     return f"{value:,}".replace(",", " ")
-
-
-cli = refusing(main)
-"""The command with refusals told as such."""

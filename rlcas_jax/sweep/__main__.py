@@ -1,7 +1,6 @@
 """``python -m rlcas_jax.sweep``."""
 
-from agents.config.load import run_cli
-from rlcas_jax.sweep.run import main
+from envs.edge.command import run_cli
 
 if __name__ == "__main__":
-    run_cli(main)
+    run_cli("rlcas_jax.sweep.run:main")

@@ -11,6 +11,7 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from agents.assurance.thresholds import Thresholds
 from agents.planner.request import MARGIN, Options, gentle
 from agents.planner.traffic import Requirement
+from envs.edge.command import Parser, run_cli
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, within
 from ros_bridge.core.situation import Settings
 from ros_bridge.core.tracks import Rules
@@ -293,5 +294,11 @@ def _shown(default: Any) -> str:
     return str(default).lower() if isinstance(default, bool) else str(default) or '""'
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Print the tables."""
+    Parser(prog="python -m ros_bridge.transport.parameters", description=__doc__).parse_args()
     print(reference(), end="")
+
+
+if __name__ == "__main__":
+    run_cli(main)

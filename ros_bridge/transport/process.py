@@ -1,7 +1,6 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """A node as a process: arguments, spinning, an orderly end, and one line and exit code 2 for bad input."""
 
-import argparse
 import gc
 import signal
 import sys
@@ -14,6 +13,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.utilities import remove_ros_args
 
+from envs.edge.command import Parser
 from ros_bridge.transport.discovery import apart, introduce
 
 __all__ = ["main"]
@@ -41,9 +41,7 @@ def main(make: Callable[[], Any], program: str, text: str, arguments: Sequence[s
 
 def _run(make: Callable[[], Any], program: str, text: str, arguments: Sequence[str] | None) -> int:
     given = [program, *(sys.argv[1:] if arguments is None else arguments)]
-    parser = argparse.ArgumentParser(
-        prog=program, description=text, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
-    )
+    parser = Parser(prog=program, description=text)
     alive = _has_life_cycle(make)
     if alive:
         parser.add_argument("--manual", action="store_true", help="wait to be configured and activated by others")

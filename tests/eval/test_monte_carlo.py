@@ -317,7 +317,7 @@ def test_mistakes_end_before_the_run_with_one_sentence(
         out = [] if "--out" in arguments or "--resume" in arguments else ["--out", str(tmp_path / "run")]
         sys.argv = ["eval.monte_carlo", *policy, *out, *arguments]
         with pytest.raises(SystemExit) as ended:
-            run_cli(monte_carlo.cli)
+            run_cli(monte_carlo.main)
         output, errors = capsys.readouterr()
         assert ended.value.code == 2, (name, errors)
         assert sentence in errors, (name, errors)

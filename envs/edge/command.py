@@ -1,0 +1,149 @@
+"""A command line that refuses in one sentence, and the guard around every program's main function.
+
+Nothing but the standard library is imported here, so that the guard also catches what is not installed.
+"""
+
+import argparse
+import errno
+import importlib
+import os
+import sys
+import traceback
+from collections.abc import Callable, Iterable
+from importlib import metadata
+from pathlib import Path
+from typing import Any, NoReturn
+
+from envs.edge.installation import extra_of, foreign
+
+__all__ = ["ConfigError", "InputError", "Parser", "run_cli"]
+
+
+class InputError(ValueError):
+    """Bad input of a user; the message is one sentence: what is wrong, where, what was expected."""
+
+
+class ConfigError(InputError):
+    """A command line or a configuration that cannot be used."""
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser that raises :class:`ConfigError` where argparse would print its usage and exit.
+
+    It also refuses what argparse accepts silently: an option that stands twice, of which it takes the last, and
+    arguments that are no text. Every parser knows ``--version``.
+    """
+
+    def __init__(self, **settings: Any) -> None:
+        settings.setdefault("allow_abbrev", False)
+        settings.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
+        super().__init__(**settings)
+        self.given: set[str] = set()
+        for name in (None, "store"):
+            self.register("action", name, _Once)
+        self.add_argument("--version", action="version", version=_version())
+
+    def error(self, message: str) -> NoReturn:
+        """Raise instead of exiting."""
+        raise ConfigError(f"{message} (see {self.prog} --help)")
+
+    def parse_known_args(self, args: Iterable[str] | None = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Parse arguments, those of the process by default."""
+        given = sys.argv[1:] if args is None else list(args)
+        for word in given:
+            try:
+                word.encode()
+            except UnicodeEncodeError:
+                self.error(f"argument {word!r} holds bytes that are not UTF-8; expected a text")
+        self.given.clear()
+        return super().parse_known_args(given, namespace)
+
+
+class _Once(argparse.Action):
+    """Stores a value; an option that stands twice is refused."""
+
+    def __call__(
+        self, parser: Any, namespace: argparse.Namespace, values: Any, option_string: str | None = None
+    ) -> None:
+        if option_string is not None and self.dest in parser.given:
+            parser.error(f"argument {option_string} stands twice; expected it once")
+        parser.given.add(self.dest)
+        setattr(namespace, self.dest, values)
+
+
+def run_cli(main: Callable[[], int | None] | str, *user_errors: type[Exception]) -> NoReturn:
+    """Run a program's main function and exit with its status.
+
+    Bad input (:class:`InputError`) ends with one line on stderr and status 2; a missing extra, a full disk and what
+    no machine holds with one line and status 1; Ctrl-C with 130. Everything else is a defect and keeps its traceback.
+
+    Args:
+        main: returns the exit status, None counts as 0; or its name, ``package.module:function``, which is imported
+            under the guard.
+        user_errors: exceptions that mean bad input too.
+    """
+    try:
+        status = _run(main)
+        sys.stdout.flush()
+    except (InputError, *user_errors) as problem:
+        status = _say(str(problem), 2)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        status = 130
+    except BrokenPipeError:
+        # What reads the output has ended (``| head``); what is still buffered must not complain at the exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = 0
+    except ModuleNotFoundError as problem:
+        extra = extra_of(problem.name, main if isinstance(main, str) else "")
+        if extra is None:
+            raise
+        status = _say(f"{problem.name} is not installed; expected the extra: pip install 'rlcas-toolkit[{extra}]'", 1)
+    except OSError as problem:
+        if problem.errno is None:
+            raise
+        status = _say(f"{problem.filename or 'a file'}: {os.strerror(problem.errno)}", 1)
+        if problem.errno == errno.ENOSPC:
+            # Buffered output to the full disk must not complain again at the exit.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (MemoryError, RecursionError, OverflowError) as problem:
+        what = {MemoryError: "out of memory", RecursionError: "nested too deeply", OverflowError: "a number too large"}
+        words = next(text for kind, text in what.items() if isinstance(problem, kind))
+        status = _say(f"{words}: {str(problem) or type(problem).__name__}, {_place(problem)}", 1)
+    sys.exit(status)
+
+
+def _run(main: Callable[[], int | None] | str) -> int:
+    if sys.argv[1:] == ["--version"]:  # also where the command itself cannot be imported
+        print(_version())
+        return 0
+    refusal, warning = foreign()
+    if refusal:
+        raise InputError(refusal)
+    if warning:
+        print(f"warning: {warning}", file=sys.stderr)
+    if not isinstance(main, str):
+        return main() or 0
+    module, _, name = main.partition(":")
+    return getattr(importlib.import_module(module), name)() or 0
+
+
+def _version() -> str:
+    try:
+        return f"rlcas-toolkit {metadata.version('rlcas-toolkit')}"
+    except metadata.PackageNotFoundError:
+        return "rlcas-toolkit, not installed"
+
+
+def _say(sentence: str, status: int) -> int:
+    print("error:", " ".join(sentence.split()), file=sys.stderr)
+    return status
+
+
+def _place(problem: BaseException) -> str:
+    """Return where it was raised: the innermost line of the toolkit."""
+    root = Path(__file__).resolve().parents[2]
+    frames = traceback.extract_tb(problem.__traceback__)
+    ours = [frame for frame in frames if Path(frame.filename).is_relative_to(root)]
+    last = (ours or frames)[-1]
+    return f"{Path(last.filename).name}, line {last.lineno}"

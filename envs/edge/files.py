@@ -1,0 +1,64 @@
+"""Files: written whole or not at all, and read only where they are regular ones."""
+
+import errno
+import os
+import stat
+import tempfile
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+__all__ = ["check_regular", "write", "written"]
+
+
+@contextmanager
+def written(target: str | os.PathLike[str]) -> Generator[Path, None, None]:
+    """Give the path of a new file that takes the name ``target`` when the block ends well, even over a power cut.
+
+    Readers see the old file or the whole new one; where the block raises, nothing is left behind.
+
+    Raises:
+        OSError: it cannot be written, with the target as its file name; the folder is tried before the block.
+    """
+    target = Path(target)
+    temporary: Path | None = None
+    try:
+        if target.is_dir():
+            raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
+        # In the same folder, because a rename is atomic only within one file system.
+        descriptor, name = tempfile.mkstemp(prefix=f".{target.name[:200]}.", suffix=".tmp", dir=target.parent)
+        temporary = Path(name)
+        os.close(descriptor)
+        yield temporary
+        temporary.chmod(0o644)  # mkstemp's files are the owner's only
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except OSError as problem:
+        others = problem.filename is not None and Path(problem.filename).parent != target.parent
+        if others or problem.errno is None:
+            raise  # about another file
+        raise OSError(problem.errno, os.strerror(problem.errno), str(target)) from problem
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def write(target: str | os.PathLike[str], content: str | bytes) -> None:
+    """Write a text, in UTF-8 and with line feeds alone, or bytes as :func:`written` does.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with written(target) as path:
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def check_regular(path: str | os.PathLike[str]) -> None:
+    """Refuse what would be waited for, or has no end: a named pipe, a device, a folder.
+
+    Raises:
+        OSError: there is no such file, or it is none that can be read whole.
+    """
+    if not stat.S_ISREG(Path(path).stat().st_mode):
+        raise OSError(errno.EINVAL, "not a regular file", os.fspath(path))

@@ -1,0 +1,162 @@
+"""Every program's edge: options that are refused, the guard, and a base installation without extras."""
+
+import os
+import re
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from envs.edge.command import ConfigError, InputError, Parser, run_cli
+from envs.edge.installation import EXTRAS, PACKAGES, extra_of
+
+ROOT = Path(__file__).resolve().parents[3]
+BLOCKER = """
+import sys
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {names!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+sys.meta_path.insert(0, Blocker())
+"""
+
+
+def parser() -> Parser:
+    made = Parser(prog="prog")
+    made.add_argument("--scenario")
+    made.add_argument("--set", action="append", default=[])
+    made.add_argument("--repair", action="store_true")
+    return made
+
+
+def program(body: str, *arguments: str, before: str = "") -> subprocess.CompletedProcess[str]:
+    text = f"from envs.edge.command import *\n{before}\ndef main():\n    {body}\nrun_cli(main)"
+    command = [sys.executable, "-c", text, *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["--scenario", "a", "--scenario", "b"], "--scenario stands twice"),
+        (["--scenario=a", "--scenario=a"], "--scenario stands twice"),
+        (["--scenario", "\udcff"], "UTF-8"),
+        (["--scen", "a"], "unrecognized"),
+    ],
+)
+def test_arguments_that_argparse_takes_silently_are_refused(arguments: list[str], word: str):
+    with pytest.raises(ConfigError, match=word):
+        parser().parse_args(arguments)
+
+
+def test_an_option_may_be_given_once_in_every_parse():
+    made = parser()
+    for _ in range(2):
+        found = made.parse_args(["--scenario", "a", "--set", "x=1", "--set", "y=2", "--repair"])
+        assert (found.scenario, found.set, found.repair) == ("a", ["x=1", "y=2"], True)
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "start"),
+    [
+        ("raise ConfigError('bad\\n  thing')", 2, "error: bad thing"),
+        ("raise MemoryError", 1, "error: out of memory: MemoryError"),
+        ("raise OverflowError('int too large')", 1, "error: a number too large: int too large"),
+        ("main()", 1, "error: nested too deeply"),
+        ("raise OSError(28, 'No space left on device', 'runs/x.png')", 1, "error: runs/x.png: No space left"),
+        ("import pyarrow_ as x", 1, "Traceback"),
+        ("1 / 0", 1, "Traceback"),
+    ],
+)
+def test_what_a_user_can_cause_is_one_sentence(body: str, status: int, start: str):
+    result = program(body)
+    assert (result.returncode, result.stdout) == (status, "")
+    assert result.stderr.startswith(start)
+    assert start == "Traceback" or result.stderr.count("\n") == 1
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_disk_under_the_output_is_one_sentence():
+    text = "from envs.edge.command import run_cli; run_cli(lambda: print('x' * 10_000))"
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-c", text]
+        result = subprocess.run(command, cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert result.returncode == 1
+    assert re.fullmatch(r"error: .*No space left on device\n", result.stderr)
+
+
+def test_a_package_of_the_same_name_in_front_is_refused(tmp_path: Path):
+    (tmp_path / "agents").mkdir()
+    (tmp_path / "agents" / "__init__.py").touch()
+    result = program("pass", before=f"import sys; sys.path.insert(0, {str(tmp_path)!r})")
+    assert result.returncode == 2
+    assert result.stderr.startswith("error: the package agents is ")
+
+
+def test_a_distribution_with_the_same_package_names_is_named(tmp_path: Path):
+    for package in PACKAGES:
+        (tmp_path / package).symlink_to(ROOT / package)
+    for name, package in (("swarm-1.0", "agents"), ("rlcas_toolkit-0.1.0", "agents"), ("other-2.0", "other")):
+        (tmp_path / f"{name}.dist-info").mkdir()
+        (tmp_path / f"{name}.dist-info" / "RECORD").write_text(f"{package}/__init__.py,,\n", encoding="utf-8")
+    text = (
+        "from envs.edge import installation; from pathlib import Path\n"
+        "Path.resolve = lambda path: path.absolute()\n"
+        "print(installation.foreign())"
+    )
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    command = [sys.executable, "-c", text]
+    result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    assert "swarm (agents) installed" in result.stdout
+    assert "other" not in result.stdout.replace("another", "")
+
+
+def commands() -> list[str]:
+    """Return every module of the five packages that is a program."""
+    found = []
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            if '\nif __name__ == "__main__":' in path.read_text(encoding="utf-8"):
+                parts = path.relative_to(ROOT).with_suffix("").parts
+                found.append(".".join(parts[:-1] if parts[-1] == "__main__" else parts))
+    return sorted(found)
+
+
+def test_without_extras_every_program_names_what_to_install(tmp_path: Path):
+    names = {module for modules in EXTRAS.values() for module in modules}
+    (tmp_path / "sitecustomize.py").write_text(BLOCKER.format(names=names), encoding="utf-8")
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+
+    def start(module: str, option: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", module, option]
+        return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+
+    modules = commands()
+    assert len(modules) > 20
+    with ThreadPoolExecutor(2) as pool:
+        for module, result in zip(modules, pool.map(lambda module: start(module, "--help"), modules), strict=True):
+            installs = re.fullmatch(r"error: \w+ is not installed; .*rlcas-toolkit\[\w+\]'\n", result.stderr)
+            assert (result.returncode == 0 and not result.stderr) or (result.returncode == 1 and installs), (
+                module,
+                result.stderr,
+            )
+        for module, result in zip(modules, pool.map(lambda module: start(module, "--version"), modules), strict=True):
+            assert result.stdout.startswith("rlcas-toolkit"), (module, result.stderr)
+
+
+def test_the_extra_is_that_of_the_command():
+    assert extra_of("pydantic", "eval.rare.run:main") == "report"
+    assert extra_of("pydantic", "rlcas_jax.train:main") == "train"
+    assert extra_of("jax.numpy", "") == "train"
+    assert extra_of("agents.nothing", "") is None
+
+
+def test_a_refused_policy_is_bad_input():
+    def main() -> None:
+        raise InputError("no such policy file")
+
+    with pytest.raises(SystemExit) as ended:
+        run_cli(main)
+    assert ended.value.code == 2
