@@ -71,7 +71,7 @@ class _Once(argparse.Action):
         setattr(namespace, self.dest, values)
 
 
-def run_cli(main: Callable[[], int | None] | str, *user_errors: type[Exception]) -> NoReturn:
+def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
     """Run a program's main function and exit with its status.
 
     Bad input (:class:`InputError`) ends with one line on stderr and status 2; a missing extra, a full disk and what
@@ -80,12 +80,11 @@ def run_cli(main: Callable[[], int | None] | str, *user_errors: type[Exception])
     Args:
         main: returns the exit status, None counts as 0; or its name, ``package.module:function``, which is imported
             under the guard.
-        user_errors: exceptions that mean bad input too.
     """
     try:
         status = _run(main)
         sys.stdout.flush()
-    except (InputError, *user_errors) as problem:
+    except InputError as problem:
         status = _say(str(problem), 2)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

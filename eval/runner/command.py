@@ -34,7 +34,6 @@ __all__ = [
     "loaded",
     "named_policy",
     "named_source",
-    "refusing",
     "whole",
     "whole_table",
 ]
@@ -306,22 +305,6 @@ def concluded(run: Callable[[argparse.Namespace], int], options: argparse.Namesp
     except UnfinishedError as end:
         print(end, file=sys.stderr)
         return end.status
-
-
-def refusing(main: Callable[[], int]) -> Callable[[], int]:
-    """Return a command whose refused policies and encounters are bad input, as a bad configuration is."""
-
-    def command() -> int:
-        from agents.policy.file import PolicyFileError
-        from envs.encounters import EncounterError
-        from envs.traffic.tracks import TrackError
-
-        try:
-            return main()
-        except (PolicyFileError, EncounterError, TrackError) as problem:
-            raise ConfigError(str(problem)) from None
-
-    return command
 
 
 @contextmanager

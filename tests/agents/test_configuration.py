@@ -246,23 +246,6 @@ def test_help_and_documentation_list_every_key_with_its_text():
     assert "| `items[].name` | a text | `required` | Name. |\n" in markdown(Outer)
 
 
-def program(body: str) -> subprocess.CompletedProcess[str]:
-    text = f"from agents.config.load import *\ndef main():\n    {body}\nrun_cli(main, KeyError)"
-    return subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
-
-
-def test_a_program_turns_bad_input_into_one_line_and_exit_status_2():
-    result = program("raise ConfigError('bad\\n  thing')")
-    assert (result.returncode, result.stdout, result.stderr) == (2, "", "error: bad thing\n")
-    assert program("raise KeyError('k')").returncode == 2
-
-
-def test_a_program_keeps_the_traceback_of_a_defect():
-    result = program("1 / 0")
-    assert result.returncode == 1
-    assert "ZeroDivisionError" in result.stderr
-
-
 @pytest.mark.parametrize(("status", "expected"), [(None, 0), (0, 0), (3, 3)])
 def test_a_program_exits_with_its_status(status: int | None, expected: int):
     with pytest.raises(SystemExit) as caught:
