@@ -32,11 +32,12 @@ def page() -> str:
     from eval.hifi.config import HifiConfig
 
     parts = [
-        ("python -m eval.monte_carlo", MonteCarloConfig),
-        ("python -m eval.hifi", HifiConfig),
-        ("changes of lincoln:PATH", TrafficConfig),
+        f"## `python -m eval.monte_carlo`\n\n{markdown(MonteCarloConfig)}",
+        f"## `python -m eval.hifi`\n\nAll keys above have the same meaning here, but for `mode`. Besides:\n\n"
+        f"{markdown(HifiConfig, beside=MonteCarloConfig)}",
+        f"## `changes` of `lincoln:PATH`\n\n{markdown(TrafficConfig)}",
     ]
-    return _HEAD + "\n".join(f"## `{title}`\n\n{markdown(model)}" for title, model in parts)
+    return _HEAD + "\n".join(parts)
 
 
 def main() -> None:

@@ -62,10 +62,13 @@ def help_text(model: type[BaseModel]) -> str:
     return "\n".join(lines)
 
 
-def markdown(model: type[BaseModel], prefix: str = "") -> str:
-    """Return the keys as a Markdown table, with a prefix before each."""
+def markdown(model: type[BaseModel], prefix: str = "", *, beside: type[BaseModel] | None = None) -> str:
+    """Return the keys as a Markdown table, with a prefix before each, but for those that ``beside`` has as well."""
     rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
+    known = set(keys(beside)) if beside is not None else set[Key]()
     for key in keys(model, prefix):
+        if key in known:
+            continue
         cells = (f"`{key.name}`", key.expected, f"`{key.default}`", key.text)
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(rows) + "\n"
