@@ -17,7 +17,6 @@ PENDING = (
     "benchmarks/",
     "configs/",
     "docs/reference/configuration",
-    "docs/runs/",
     "docs/reference/ros-parameters.md",
     "envs/",
     "eval/",
