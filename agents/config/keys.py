@@ -13,7 +13,33 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-__all__ = ["Key", "expected", "field_at", "help_text", "keys", "markdown", "nearest", "nested_model", "shown"]
+__all__ = [
+    "RENAMED",
+    "Key",
+    "expected",
+    "field_at",
+    "help_text",
+    "keys",
+    "markdown",
+    "nearest",
+    "nested_model",
+    "shown",
+]
+
+RENAMED = {
+    "calm": "smoothness_weight",
+    "critic_first": "critic_warmup_steps",
+    "delay": "lateness",
+    "detour": "path_excess_cost",
+    "doubtful": "fallback_cost_threshold",
+    "escape": "escape_margin",
+    "noise_memory": "noise_correlation_time",
+    "rejoin": "rejoin_turn_cost",
+    "roomy": "clearance",
+    "swing": "heading_change_cost",
+    "thorough": "exhaustive",
+}
+"""New names of keys by their old ones, each the last part of a dotted key; a refusal names the new one."""
 
 _KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", Path: "a path"}
 _BOUNDS = {
