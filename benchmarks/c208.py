@@ -243,7 +243,7 @@ def outcomes(count: int, seed: int) -> dict[str, float]:
             seen, info = environment.reset(seed=seed, options={"encounter": number})
             while info["outcome"] == "flying":
                 seen, *_, info = environment.step(policy(seen))
-            solved[name] += info["outcome"] == "goal"
+            solved[name] += info["outcome"] == "reached"
             lost[name] += info["outcome"] == "violation"
     figures: dict[str, float] = {"policy_encounters": count}
     for name in environments:

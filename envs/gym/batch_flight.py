@@ -66,7 +66,7 @@ def step(
     Returns:
         The state to go on with and, packed as float32 ``[N, 22]``, because a transfer costs more than what it
         carries: observation (8), observation at the end of the step (8), reward, code of the outcome (0 flying,
-        1 violation, 2 goal, 3 timeout), smallest separation in the step, goal distance, and of the fresh start the
+        1 violation, 2 reached, 3 timeout), smallest separation in the step, goal distance, and of the fresh start the
         distance to the nearest intruder and to the goal, m.
     """
     final, result = surrogate.step(state, (actions[:, 0], actions[:, 1]), setting.world)

@@ -1,5 +1,7 @@
 """What the single and the vectorised Gymnasium environment have in common: spaces, names and checks of input."""
 
+import os
+import sys
 from difflib import get_close_matches
 from typing import Any
 
@@ -17,13 +19,19 @@ __all__ = [
     "checked_latency",
     "checked_options",
     "family",
+    "has_display",
     "observation_space",
 ]
 
-OUTCOMES = ("flying", "violation", "goal", "timeout")
+OUTCOMES = ("flying", "violation", "reached", "timeout")
 """Names of the outcomes in ``info``."""
 
 _OPTIONS = ("scenario", "encounter")
+
+
+def has_display() -> bool:
+    """Return whether this process may open a window: on Linux, whether it is given a display."""
+    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 def observation_space() -> spaces.Box:

@@ -32,7 +32,7 @@ _NOSE_TO_TAIL = [(0.5, 0.0), (0.42, 0.08), (0.2, 0.1), (0.1, 0.5), (-0.08, 0.5),
 _OUTLINE = np.array([*_NOSE_TO_TAIL, (-0.34, 0.24), (-0.48, 0.24), (-0.44, 0.0)])
 _AIRCRAFT = np.concatenate([_OUTLINE, _OUTLINE[-2:0:-1] * (1.0, -1.0)])
 _VERDICTS = {
-    "goal": ("goal reached", GOAL),
+    "reached": ("goal reached", GOAL),
     "violation": ("separation lost", VIOLATION),
     "timeout": ("out of time", _INK),
 }

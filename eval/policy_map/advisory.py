@@ -1,7 +1,7 @@
 """What a policy commands wherever the intruder is: the numbers behind the advisory map.
 
 The picture has the ownship at its origin, heading up: x to the right, y ahead, in metres. Relative headings and the
-bearing of the goal count as aviation does, clockwise as seen from above, in radians here.
+bearing of the goal count counter-clockwise as seen from above, left positive, in radians, as everywhere in the toolkit.
 """
 
 import math
@@ -28,9 +28,9 @@ class Scene(NamedTuple):
     intruder_speed: float
     """m/s."""
     relative_heading: float
-    """Intruder's heading less the own one, rad clockwise: +pi/2 comes from the left."""
+    """Intruder's heading less the own one, rad counter-clockwise: +pi/2 comes from the right."""
     goal_bearing: float
-    """From the own heading, rad clockwise."""
+    """From the own heading, rad counter-clockwise."""
     goal_distance: float
     """m."""
 
@@ -61,9 +61,9 @@ def advise(decider: Decider, scene: Scene, extent: float, cells: int, limits: Li
     y, x = (side.ravel() for side in np.meshgrid(place, place, indexing="ij"))
     zero = np.zeros_like(x)
     own = VehicleState(zero, zero, zero + _UP, zero + scene.own_speed)
-    heading = math.remainder(_UP - scene.relative_heading, 2.0 * math.pi)
+    heading = math.remainder(_UP + scene.relative_heading, 2.0 * math.pi)
     intruder = VehicleState(x, y, zero + heading, zero + scene.intruder_speed)
-    goal_x = zero + scene.goal_distance * math.sin(scene.goal_bearing)
+    goal_x = zero - scene.goal_distance * math.sin(scene.goal_bearing)
     goal_y = zero + scene.goal_distance * math.cos(scene.goal_bearing)
     action = decider(observe(own, intruder, goal_x, goal_y, np).astype(np.float32)).astype(np.float64)
     acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
@@ -92,13 +92,13 @@ def shares(advisory: Advisory, separation: float) -> dict[str, Any]:
 def relative_velocity(scene: Scene) -> tuple[float, float]:
     """Return the intruder's velocity less the own one, to the right and ahead, m/s."""
     ahead = scene.intruder_speed * math.cos(scene.relative_heading) - scene.own_speed
-    return scene.intruder_speed * math.sin(scene.relative_heading), ahead
+    return -scene.intruder_speed * math.sin(scene.relative_heading), ahead
 
 
 def name_of(relative_heading: float) -> str:
     """Return the geometry in words; the limits between them are those of the paper's scenarios."""
     degrees = math.degrees(relative_heading)
-    size, side = abs(degrees), "left" if degrees > 0.0 else "right"
+    size, side = abs(degrees), "right" if degrees > 0.0 else "left"
     if size <= 20.0:
         return "same course"
     if size >= 160.0:

@@ -67,7 +67,7 @@ def policy_map(advisories: Sequence[Advisory], limits: Limits, separation: float
         f"Advisory map of {policy}: the command for every place of the intruder\n"
         f"ownship at the origin, heading up, {scene.own_speed:g} m/s; intruder {scene.intruder_speed:g} m/s; "
         f"goal at {_KM * scene.goal_distance:g} km, {_bearing(scene.goal_bearing)}\n"
-        "in brackets: heading of the intruder less own heading, clockwise",
+        "in brackets: heading of the intruder less own heading, counter-clockwise",
         fontsize=11,
     )
     ncols = 4 if columns > 2 else 2
@@ -87,7 +87,7 @@ def _geometry(axes: Any, advisory: Advisory, separation: float) -> None:
     """Draw the aircraft, the required separation, the conflicts on straight courses and the goal."""
     edge, scene = _extent_km(advisory), advisory.scene
     radius = _KM * separation
-    # Whoever is in there has lost already, and no flight goes on: the advice is shown faintly.
+    # Inside, the separation is lost already and the flight is over: the advice is shown faintly.
     axes.add_patch(Circle((0.0, 0.0), radius, facecolor="white", alpha=0.45, linewidth=0.0))
     axes.add_patch(Circle((0.0, 0.0), radius, fill=False, edgecolor="black", path_effects=_HALO, **_RING))
     east, north = relative_velocity(scene)
@@ -110,9 +110,9 @@ def _geometry(axes: Any, advisory: Advisory, separation: float) -> None:
 
 
 def _arrow(axes: Any, start: tuple[float, float], direction: float, speed: float, name: str) -> None:
-    """Draw what is flown in 12 s, direction clockwise from up, and the name to the lower right of the start."""
+    """Draw what is flown in 12 s, direction counter-clockwise from up, and the name to the lower right of the start."""
     way = _KM * _WAY_S * speed
-    end = (start[0] + way * math.sin(direction), start[1] + way * math.cos(direction))
+    end = (start[0] - way * math.sin(direction), start[1] + way * math.cos(direction))
     style: dict[str, Any] = {
         "arrowstyle": "-|>",
         "linewidth": 2.0,
@@ -128,7 +128,7 @@ def _arrow(axes: Any, start: tuple[float, float], direction: float, speed: float
 
 def _goal(axes: Any, edge: float, scene: Scene) -> None:
     """Draw a tick at the edge where the goal lies, and a star at the goal if it is on the map."""
-    direction = np.array([math.sin(scene.goal_bearing), math.cos(scene.goal_bearing)])
+    direction = np.array([-math.sin(scene.goal_bearing), math.cos(scene.goal_bearing)])
     outer = edge / max(abs(direction)) * direction
     tick = np.stack([0.92 * outer, outer]).T
     axes.plot(*tick, color="black", linewidth=3.5, solid_capstyle="butt", path_effects=_WIDE_HALO, zorder=5.0)
@@ -158,11 +158,11 @@ def _handles(separation: float) -> list[Line2D]:
     ]
 
 
-def _bearing(clockwise: float) -> str:
-    degrees = math.degrees(clockwise)
+def _bearing(counter_clockwise: float) -> str:
+    degrees = math.degrees(counter_clockwise)
     if abs(degrees) < 0.5:
         return "straight ahead"
-    return f"{abs(degrees):.0f}° to the {'right' if degrees > 0.0 else 'left'}"
+    return f"{abs(degrees):.0f}° to the {'left' if degrees > 0.0 else 'right'}"
 
 
 def _signed(degrees: float) -> str:

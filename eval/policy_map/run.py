@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["HEADINGS", "main"]
 
-HEADINGS = (180.0, 90.0, -90.0, 30.0)
-"""Relative headings of the default columns, degrees clockwise."""
+HEADINGS = (180.0, -90.0, 90.0, -30.0)
+"""Relative headings of the default columns, degrees counter-clockwise."""
 
 _MOST_COLUMNS = 8
 
@@ -34,8 +34,8 @@ examples:
   python -m eval.policy_map --policy runs/best/policy.safetensors --own-speed 60 --intruder-speed 95 --out runs/fast
   python -m eval.policy_map --relative-heading 0 --relative-heading 15 --goal-bearing -60 --out runs/parallel
 
-Angles count clockwise as seen from above, as aviation does: an intruder of relative heading +90 flies to the right and
-comes from the left; a goal bearing of +90 is to the right."""
+Angles count counter-clockwise as seen from above, as in the tables of runs: an intruder of relative heading 90 flies to
+the left and comes from the right; a goal bearing of 90 is to the left."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -79,11 +79,17 @@ def _parser() -> argparse.ArgumentParser:
         "--relative-heading",
         float,
         "DEG",
-        "intruder's heading less the own one, degrees clockwise; may be repeated, a column each "
-        "(default: 180, 90, -90 and 30)",
+        "intruder's heading less the own one, degrees counter-clockwise; may be repeated, a column each "
+        "(default: 180, -90, 90 and -30)",
         action="append",
     )
-    add("--goal-bearing", float, "DEG", "of the goal from the own heading, degrees clockwise (default: 0)", default=0.0)
+    add(
+        "--goal-bearing",
+        float,
+        "DEG",
+        "of the goal from the own heading, degrees counter-clockwise (default: 0)",
+        default=0.0,
+    )
     add("--goal-distance", float, "M", "of the goal (default: 8000)", default=8_000.0)
     add("--extent", float, "M", "how far the map reaches to each side (default: 6000)", default=6_000.0)
     add("--cells", int, "N", "along each side of the map (default: 181)", default=181)

@@ -62,12 +62,25 @@ def vector(count: int, **options) -> DeconflictionVectorEnv:
 @pytest.mark.parametrize("scenario", ["circle", "noisy", "multi"])
 def test_the_environment_passes_gymnasiums_own_check(render_mode, scenario):
     env = gymnasium.make(f"envs.gym.gymnasium_env:{ENV_ID}", scenario=scenario, render_mode=render_mode)
-    # Every declared mode, "human" too, is checked where there is a display: test_rendering.py.
+    # Every mode is checked once in the test below, and "human", where there is a display, in test_rendering.py.
     check_env(env.unwrapped, skip_render_check=True)
     if render_mode:
         env.reset(seed=0)
         env_render_passive_checker(env.unwrapped)
     env.close()
+
+
+def test_check_env_passes_without_a_display(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    env = gymnasium.make(f"envs.gym.gymnasium_env:{ENV_ID}")
+    assert env.unwrapped.metadata["render_modes"] == ["rgb_array"]
+    check_env(env.unwrapped)
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert gymnasium.make(f"envs.gym.gymnasium_env:{ENV_ID}").unwrapped.metadata["render_modes"] == [
+        "rgb_array",
+        "human",
+    ]
 
 
 def test_the_single_environment_needs_neither_jax_nor_matplotlib():
@@ -137,7 +150,7 @@ def test_the_environment_flies_what_the_evaluator_flies(scenario):
             seen, _, terminated, truncated, info = env.step(decide(seen[None])[0])
             over = terminated or truncated
         assert info["time"] == flown.duration[i]
-        assert info["outcome"].replace("goal", "reached") == simulate.OUTCOMES[flown.outcome[i]]
+        assert info["outcome"] == simulate.OUTCOMES[flown.outcome[i]]
         # To the last bit: the same numbers in the same order.
         assert info["min_separation"] == flown.min_separation[i]
 
@@ -271,11 +284,11 @@ def test_noise_differs_from_step_to_step_and_goes_on_after_a_reset():
     ("name", "start", "rules", "reward", "terminated"),
     [
         ("violation", encounter(intruder=(-3000.0, 0.0, -math.pi, 75.0)), RULES, -100.0, True),
-        ("goal", encounter(goal=(-3900.0, 0.0)), RULES, 100.0, True),
+        ("reached", encounter(goal=(-3900.0, 0.0)), RULES, 100.0, True),
         ("timeout", encounter(), SHORT, -10.0, False),
         # A violation outweighs the goal, and the goal the time limit, in the same step.
         ("violation", encounter(intruder=(-4100.0, 0.0, 0.0, 75.0), goal=(-4450.0, 0.0)), RULES, -100.0, True),
-        ("goal", encounter(goal=(-4300.0, 0.0)), SHORT, 100.0, True),
+        ("reached", encounter(goal=(-4300.0, 0.0)), SHORT, 100.0, True),
     ],
 )
 def test_how_an_encounter_ends(name, start, rules, reward, terminated):

@@ -63,7 +63,7 @@ def test_trails_turn_red_where_separation_is_lost():
     assert pixels(frame(before, SIZE), VIOLATION) == 0
 
 
-@pytest.mark.parametrize(("outcome", "colour"), [("goal", GOAL), ("violation", VIOLATION)])
+@pytest.mark.parametrize(("outcome", "colour"), [("reached", GOAL), ("violation", VIOLATION)])
 def test_the_verdict_is_written_in_its_colour(outcome, colour):
     header = SIZE // 14
     flying, ended = (frame(scene(outcome=name), SIZE)[:header] for name in ("flying", outcome))
@@ -78,7 +78,7 @@ def test_the_goal_has_its_radius():
 
 def test_a_drawing_used_again_draws_what_a_new_one_draws():
     drawing = Drawing(SIZE)
-    scenes = [scene(intruders=4), scene(steps=0), scene(steps=90, outcome="goal"), scene(intruders=2, miss=0.0)]
+    scenes = [scene(intruders=4), scene(steps=0), scene(steps=90, outcome="reached"), scene(intruders=2, miss=0.0)]
     pictures = [drawing.frame(one) for one in scenes]
     for one, picture in zip(scenes, pictures, strict=True):
         np.testing.assert_array_equal(picture, frame(one, SIZE))

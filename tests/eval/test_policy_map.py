@@ -27,7 +27,7 @@ from eval.policy_map.quality import (
 )
 
 LIMITS = SURROGATE
-SCENE = Scene(75.0, 90.0, math.radians(90.0), math.radians(-30.0), 8_000.0)
+SCENE = Scene(75.0, 90.0, math.radians(-90.0), math.radians(30.0), 8_000.0)
 SMALL = ["--cells", "31", "--samples", "200", "--encounters", "4"]
 
 
@@ -61,12 +61,12 @@ def test_a_map_is_what_the_policy_commands_at_each_place():
     assert advisory.acceleration[4, 1] == pytest.approx(-0.5 * abs(distance), rel=1e-6)
 
 
-def test_an_intruder_of_relative_heading_90_comes_from_the_left():
+def test_a_relative_heading_of_minus_90_comes_from_the_left():
     right, ahead = relative_velocity(SCENE)
     assert (right, ahead) == pytest.approx((90.0, -75.0))
     assert name_of(SCENE.relative_heading) == "crossing from the left"
-    words = {180: "head-on", -170: "head-on", 0: "same course", -30: "converging from the right"}
-    words |= {-90: "crossing from the right", 150: "oncoming from the left"}
+    words = {180: "head-on", -170: "head-on", 0: "same course", 30: "converging from the right"}
+    words |= {90: "crossing from the right", -150: "oncoming from the left"}
     assert {degrees: name_of(math.radians(degrees)) for degrees in words} == words
 
 
@@ -77,7 +77,7 @@ def test_shares_leave_out_the_disc():
     yaw_rate[0, 0], yaw_rate[0, 1] = -0.05, 0.001
     acceleration = np.full((3, 3), -0.3)
     found = shares(Advisory(SCENE, place, yaw_rate, acceleration), 1_000.0)
-    assert found["relative_heading_deg"] == 90.0
+    assert found["relative_heading_deg"] == -90.0
     assert [found[f"{side}_share"] for side in ("left", "right", "straight")] == [6 / 8, 1 / 8, 1 / 8]
     assert [found[f"{kind}_share"] for kind in ("accelerate", "brake", "steady")] == [0.0, 1.0, 0.0]
 
