@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-__all__ = ["recorded"]
+__all__ = ["case", "recorded"]
 
 
 def recorded(name: str) -> Path:
@@ -14,4 +14,12 @@ def recorded(name: str) -> Path:
     path = Path(os.environ.get("RLCAS_DATA") or beside) / name
     if not path.exists():
         pytest.skip(f"{name} is not part of the project: set RLCAS_DATA to a folder that has it")
+    return path
+
+
+def case(name: str) -> Path:
+    """Return the path of a synthetic case beside the recorded data, or skip the test."""
+    path = recorded(".").parent / "cases" / name
+    if not path.exists():
+        pytest.skip(f"{name} is not part of the project: put it beside the folder of RLCAS_DATA")
     return path

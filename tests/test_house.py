@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("rlcas_jax", "envs", "agents", "eval", "ros_bridge")
 FLIGHT_LIBRARIES = {"numpy", "safetensors"}
-HEAVY_LIBRARIES = {"jax", "flax", "optax", "gymnasium", "matplotlib", "scipy", "pydantic"}
+HEAVY_LIBRARIES = {"jax", "flax", "optax", "gymnasium", "matplotlib", "scipy", "pydantic", "pyproj"}
 
 
 def flight_path() -> list[str]:

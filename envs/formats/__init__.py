@@ -1,4 +1,4 @@
-"""Files of encounters and tracks: read, checked, written."""
+"""Files of encounters and tracks: read, checked, written. Geographic positions need pyproj (the extra ``report``)."""
 
 from envs.formats.adsb_file import read_adsb
 from envs.formats.adsb_pairs import adsb_pairs

@@ -1,21 +1,25 @@
 """Encounters in ADS-B reports: pairs of aircraft that came near each other, from a while before their closest approach.
 
 Reports on the ground are left out. Reports of an aircraft more than :data:`APART` seconds apart are of different
-flights. Distances are those of straight lines between the reports, at each whole second.
+flights. Distances are chords of the ellipsoid between points on straight lines between the reports, at each whole
+second at which the altitudes differ little enough.
 """
 
 import itertools
 import math
 import os
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from envs.formats.adsb_file import ordered_flights, track_of
-from envs.formats.local_frame import local
+from envs.formats.local_frame import geocentric
+from envs.formats.track_rows import Rows
 from envs.kinematics import SURROGATE, Limits
-from envs.traffic.tracks import Repairs, Rows, Track, TrackError, summed
+from envs.traffic.replay import HORIZON
+from envs.traffic.tracks import Repairs, Track, TrackError, at_times, summed
 
 __all__ = ["APART", "Nearby", "adsb_pairs"]
 
@@ -42,8 +46,8 @@ class _Flight(NamedTuple):
     rows: Rows
     time: np.ndarray
     """Whole seconds, ``[T]``."""
-    x: np.ndarray
-    y: np.ndarray
+    place: np.ndarray
+    """Cartesian about the Earth's centre, m, ``[T, 3]``: these distances are the same for every reference."""
     altitude: np.ndarray
 
 
@@ -63,7 +67,7 @@ def adsb_pairs(
         path: of the file, as :func:`envs.formats.adsb_file.read_adsb` reads it.
         nearby: what counts as an encounter.
         limits: of the ownship.
-        repair: drop rows without a value or out of order, and fill gaps, instead of refusing the file.
+        repair: drop rows that are incomplete, out of order or impossible, and fill gaps, instead of refusing the file.
         max_gap: longest time between two reports of a flight, s.
 
     Raises:
@@ -71,38 +75,45 @@ def adsb_pairs(
     """
     source = os.fspath(path)
     flights, repairs = [], []
-    for name, rows, found in ordered_flights(source, APART, repair=repair, max_gap=max_gap):
-        repairs.append(found)
-        if rows and rows[-1][1]["time"] - rows[0][1]["time"] >= _SHORTEST:
-            flights.append((name, rows))
+    for name, found, done in ordered_flights(source, APART, repair=repair, max_gap=max_gap):
+        repairs.append(done)
+        flights += [_flight(name, rows) for rows in found if rows and _lasts(rows) >= _SHORTEST]
     if not flights:
         raise TrackError(f"{source}: no flight of {_SHORTEST:g} s, expected at least two")
-    reference = flights[0][1][0][1]["lat"], flights[0][1][0][1]["lon"]
-    known = [_flight(name, rows, reference) for name, rows in flights]
-    met = sorted(_met(known, nearby), key=lambda one: (one[0], one[1].name, one[2].name))
+    met = sorted(_met(flights, nearby), key=lambda one: (one[0], one[1].name, one[2].name))
     return [_encounter(*one, nearby.lead, limits) for one in met], summed(repairs)
 
 
-def _flight(name: str, rows: Rows, reference: tuple[float, float]) -> _Flight:
-    time = np.array([values["time"] for _, values in rows])
+def _lasts(rows: Rows) -> float:
+    return rows[-1][1]["time"] - rows[0][1]["time"]
+
+
+def _flight(name: str, rows: Rows) -> _Flight:
+    time, latitude, longitude, altitude = (
+        np.array([values[key] for _, values in rows]) for key in ("time", "lat", "lon", "alt")
+    )
     whole = np.arange(math.ceil(time[0]), math.floor(time[-1]) + 1, dtype=np.float64)
-    latitude, longitude, altitude = (np.array([values[key] for _, values in rows]) for key in ("lat", "lon", "alt"))
-    x, y = local(latitude, longitude, reference)
-    return _Flight(name, rows, whole, *(np.interp(whole, time, field) for field in (x, y, altitude)))
+    place = np.stack([np.interp(whole, time, axis) for axis in geocentric(latitude, longitude).T], axis=-1)
+    return _Flight(name, rows, whole, place, np.interp(whole, time, altitude))
 
 
 def _met(flights: Sequence[_Flight], nearby: Nearby) -> Iterator[tuple[float, _Flight, _Flight]]:
-    """Yield the time of the closest approach of every pair that came near."""
+    """Yield the time of the closest approach at one level of every pair that came near."""
     for one, other in itertools.combinations(flights, 2):
         begin, end = max(one.time[0], other.time[0]), min(one.time[-1], other.time[-1])
         if one.name == other.name or end - begin < _SHORTEST:
             continue
         mine, theirs = (slice(int(begin - each.time[0]), int(end - each.time[0]) + 1) for each in (one, other))
-        apart = np.hypot(one.x[mine] - other.x[theirs], one.y[mine] - other.y[theirs])
-        closest = int(np.argmin(apart))
-        level = abs(one.altitude[mine][closest] - other.altitude[theirs][closest]) <= nearby.vertical
-        if level and apart[closest] <= nearby.within and closest >= _SHORTEST:
-            yield begin + closest, one, other
+        apart = np.linalg.norm(one.place[mine] - other.place[theirs], axis=-1)
+        near = (abs(one.altitude[mine] - other.altitude[theirs]) <= nearby.vertical) & (apart <= nearby.within)
+        while near.any():
+            closest = int(np.argmin(np.where(near, apart, np.inf)))
+            if closest >= _SHORTEST:
+                yield begin + closest, one, other
+                break
+            # Too early: what is left of this approach is no other one.
+            after = np.flatnonzero(~near[closest:])
+            near[: closest + after[0] if after.size else None] = False
 
 
 def _encounter(
@@ -112,27 +123,27 @@ def _encounter(
     begin = max(time - lead, one.time[0], other.time[0])
     pair = sorted((one, other), key=lambda flight: flight.name)
     fits = [limits.speed_min <= _speed(flight, begin) <= limits.speed_max for flight in pair]
-    own, intruder = pair[::-1] if fits[1] and not fits[0] else pair
-    reference = tuple(_at(own, begin, key) for key in ("lat", "lon"))
-    tracks = [
-        _cut(track_of(flight.name, flight.rows, (reference[0], reference[1])), begin) for flight in (own, intruder)
-    ]
-    return f"{own.name}-{intruder.name}-{time:.0f}", tracks[0], [tracks[1]]
+    pair = pair[::-1] if fits[1] and not fits[0] else pair
+    rows = [_during(flight.rows, begin) for flight in pair]
+    reference = rows[0][0][1]["lat"], rows[0][0][1]["lon"]
+    tracks = [_cut(track_of(each.name, some, reference), begin) for each, some in zip(pair, rows, strict=True)]
+    x, y = tracks[0].x[0], tracks[0].y[0]
+    mine, theirs = (track._replace(x=track.x - x, y=track.y - y) for track in tracks)
+    return f"{mine.name}-{theirs.name}-{time:.0f}", mine, [theirs]
 
 
-def _at(flight: _Flight, time: float, key: str) -> float:
-    times = [values["time"] for _, values in flight.rows]
-    return float(np.interp(time, times, [values[key] for _, values in flight.rows]))
+def _during(rows: Rows, begin: float) -> Rows:
+    """Return the rows from the last one before a time on, as long as a replay lasts."""
+    times = [values["time"] for _, values in rows]
+    return rows[max(bisect_right(times, begin) - 1, 0) : bisect_left(times, begin + HORIZON) + 1]
 
 
 def _speed(flight: _Flight, time: float) -> float:
-    return _at(flight, time, "gs")
+    times = [values["time"] for _, values in flight.rows]
+    return float(np.interp(time, times, [values["gs"] for _, values in flight.rows]))
 
 
 def _cut(track: Track, begin: float) -> Track:
     """Return a track from a time on, which it covers."""
-    fields = ("x", "y", "altitude", "vx", "vy", "vertical_rate")
-    after = track.time > begin
-    first = {name: np.interp(begin, track.time, getattr(track, name)) for name in fields}
-    cut = {name: np.concatenate([[first[name]], getattr(track, name)[after]]) for name in fields}
-    return Track(name=track.name, time=np.concatenate([[begin], track.time[after]]), extra={}, **cut)
+    times = np.concatenate([[begin], track.time[track.time > begin]])
+    return at_times(track, times)

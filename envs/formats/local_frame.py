@@ -1,40 +1,54 @@
-"""Geographic positions to a local frame: WGS 84 to east, north and up of a reference point."""
+"""Geographic positions on the WGS-84 ellipsoid as metres east and north of a reference point.
 
-import math
-from typing import Any
+The map is azimuthal equidistant about the reference, as in the ROS bridge: a point lies at its geodesic distance, in
+the direction in which the geodesic leaves the reference. Heights do not enter. Away from the reference the map's north
+is not true north; the angle between them, the convergence, turns velocities at the point where they were measured.
+"""
+
+from typing import Any, NamedTuple
 
 import numpy as np
+from pyproj import Geod, Transformer
 
-__all__ = ["local"]
+from envs.angles import wrap
 
-_SEMI_MAJOR, _FLATTENING = 6_378_137.0, 1.0 / 298.257223563
-_SQUARE = _FLATTENING * (2.0 - _FLATTENING)
+__all__ = ["WGS84", "Place", "geocentric", "local"]
+
+WGS84 = Geod(ellps="WGS84")
+
+_TO_CARTESIAN = Transformer.from_pipeline("+proj=cart +ellps=WGS84")
 
 
-def local(latitude: Any, longitude: Any, reference: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Return east and north of a reference point, m, on the plane that touches the ellipsoid there.
+class Place(NamedTuple):
+    """Points of the map; fields ``[...]``."""
 
-    Exact up to the projection onto the plane, which shortens 50 km by 0.5 m. Heights are not taken into account.
+    x: np.ndarray
+    """East, m."""
+    y: np.ndarray
+    """North, m."""
+    convergence: np.ndarray
+    """Direction of the map's north, rad clockwise from true north."""
+
+    def velocity(self, east: np.ndarray, north: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return velocities, given by true east and north at the points, along the map's x and y."""
+        cosine, sine = np.cos(self.convergence), np.sin(self.convergence)
+        return east * cosine - north * sine, east * sine + north * cosine
+
+
+def local(latitude: Any, longitude: Any, reference: tuple[float, float]) -> Place:
+    """Return where points are on the map.
 
     Args:
-        latitude, longitude: rad, ``[...]``.
+        latitude, longitude: rad, ``[...]``; 2 pi more or less of longitude make no difference.
         reference: latitude and longitude of the origin, rad.
     """
-    x, y, z = _geocentric(np.asarray(latitude), np.asarray(longitude))
-    x0, y0, z0 = _geocentric(*map(np.asarray, reference))
-    dx, dy, dz = x - x0, y - y0, z - z0
-    sine, cosine = math.sin(reference[0]), math.cos(reference[0])
-    sine_east, cosine_east = math.sin(reference[1]), math.cos(reference[1])
-    east = cosine_east * dy - sine_east * dx
-    north = cosine * dz - sine * (cosine_east * dx + sine_east * dy)
-    return east, north
+    latitude, longitude = np.asarray(latitude, np.float64), np.asarray(longitude, np.float64)
+    start = np.full(latitude.shape, reference[1]), np.full(latitude.shape, reference[0])
+    out, back, length = map(np.asarray, WGS84.inv(*start, longitude, latitude, radians=True))
+    convergence = np.where(length > 1e-6, wrap(back + np.pi - out, np), 0.0)
+    return Place(length * np.sin(out), length * np.cos(out), convergence)
 
 
-def _geocentric(latitude: np.ndarray, longitude: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    sine, cosine = np.sin(latitude), np.cos(latitude)
-    normal = _SEMI_MAJOR / np.sqrt(1.0 - _SQUARE * sine * sine)
-    return (
-        normal * cosine * np.cos(longitude),
-        normal * cosine * np.sin(longitude),
-        normal * (1.0 - _SQUARE) * sine,
-    )
+def geocentric(latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
+    """Return points of the ellipsoid in Cartesian coordinates about the Earth's centre, m, ``[..., 3]``."""
+    return np.stack(_TO_CARTESIAN.transform(longitude, latitude, np.zeros_like(latitude), radians=True), axis=-1)

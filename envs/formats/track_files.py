@@ -12,9 +12,10 @@ import re
 import numpy as np
 
 from envs.formats.local_frame import local
+from envs.formats.track_rows import DISTANT, Reading, Rows, check_distances, track_rows
 from envs.traffic.text_file import lines_of
-from envs.traffic.track_units import FAMILIES, si
-from envs.traffic.tracks import Repairs, Rows, Track, TrackError, TrackFile, ordered, summed
+from envs.traffic.track_units import FAMILIES, FOOT, KNOT, si
+from envs.traffic.tracks import Track, TrackError, TrackFile, summed
 
 __all__ = ["read_daidalus"]
 
@@ -41,6 +42,19 @@ _COLUMNS: dict[str, tuple[str, str]] = {
 }
 """Names of columns, in lower case, with the name that we use and what they measure."""
 
+_RANGES: dict[str, tuple[float, float]] = {
+    "lat": (-0.5 * math.pi, 0.5 * math.pi),
+    "alt": (-5_000.0 * FOOT, 100_000.0 * FOOT),
+    "gs": (0.0, 2_000.0 * KNOT),
+    "airspeed": (0.0, 2_000.0 * KNOT),
+    "vs": (-50_000.0 * FOOT / 60.0, 50_000.0 * FOOT / 60.0),
+    "time": (-1e11, 1e11),
+    **dict.fromkeys(("sx", "sy"), (-DISTANT, DISTANT)),
+    **dict.fromkeys(("lon", "trk", "heading"), (-2.0 * math.pi, 2.0 * math.pi)),
+    **dict.fromkeys(("vx", "vy"), (-2_000.0 * KNOT, 2_000.0 * KNOT)),
+}
+"""What is accepted, in SI units and radians; of other columns 0 to 1e6."""
+
 _NEEDED = ("name", "alt", "vs", "time")
 _CHOICES = ((("lat", "lon"), ("sx", "sy")), (("trk", "gs"), ("vx", "vy")))
 
@@ -52,7 +66,8 @@ def read_daidalus(path: str | os.PathLike[str], *, repair: bool = False, max_gap
 
     Args:
         path: of the file.
-        repair: drop rows that are not finite or out of order, and fill gaps, instead of refusing the file.
+        repair: drop rows that are not finite, out of range, out of order or impossible, and fill gaps, instead of
+            refusing the file.
         max_gap: longest time between two rows of an aircraft, s.
 
     Raises:
@@ -76,13 +91,17 @@ def read_daidalus(path: str | os.PathLike[str], *, repair: bool = False, max_gap
             if key == "name":
                 name = cell
                 continue
-            values[key] = _number(cell, f"{where}, field {key}") * scale
+            values[key] = _number(cell, key, scale, f"{where}, field {key}", repair)
         if not name:
             raise TrackError(f"{where}, field name: empty, expected the name of an aircraft")
         rows.setdefault(name, []).append((number, values))
-    reference = _reference(source, next(iter(rows.values())))
-    made = [_track(source, name, each, reference, (repair, max_gap)) for name, each in rows.items()]
-    return TrackFile(tuple(track for track, _ in made), summed([found for _, found in made]))
+    how = Reading(source, repair, max_gap)
+    made = {name: track_rows(name, each, how) for name, each in rows.items()}
+    first = next(iter(made.values()))[0][0][1]
+    reference = (first["lat"], first["lon"]) if "lat" in first else None
+    tracks = tuple(_track(name, each, reference) for name, (each, _) in made.items())
+    check_distances(source, tracks)
+    return TrackFile(tracks, summed([repairs for _, repairs in made.values()]))
 
 
 def _lines(source: str) -> list[tuple[int, list[str]]]:
@@ -133,46 +152,36 @@ def _known(family: str) -> str:
     return ", ".join(FAMILIES[family])
 
 
-def _number(cell: str, where: str) -> float:
-    """Return a number, which may be none of the finite ones: those are dealt with row by row."""
+def _number(cell: str, key: str, scale: float, where: str, repair: bool) -> float:
+    """Return a number in SI units; it may be not finite: those are for the check of the rows."""
     try:
         if "_" in cell:
             raise ValueError
-        return float(cell)
+        value = float(cell)
     except ValueError:
-        raise TrackError(f"{where}: {cell!r}, expected a number") from None
+        raise TrackError(f"{where}: {cell[:40]!r}, expected a number") from None
+    low, high = _RANGES.get(key, (0.0, 1e6))
+    if math.isfinite(value) and not low <= value * scale <= high:
+        if repair:
+            return math.nan
+        hint = " (are these degrees?)" if _COLUMNS[key][1] == "angle" and scale == 1.0 else ""
+        raise TrackError(f"{where}: {cell[:40]}, expected {low / scale:.6g} to {high / scale:.6g}{hint}")
+    return value * scale
 
 
-def _reference(source: str, rows: Rows) -> tuple[float, float] | None:
-    """Return the ownship's first geographic position, None where positions are local already."""
-    if "lat" not in rows[0][1]:
-        return None
-    for number, values in rows:
-        where = values["lat"], values["lon"]
-        if all(map(math.isfinite, where)):
-            if abs(where[0]) > 0.5 * math.pi or abs(where[1]) > 2.0 * math.pi:
-                raise TrackError(
-                    f"{source} line {number}, field lat or lon: {math.degrees(where[0]):g}, {math.degrees(where[1]):g} "
-                    "degrees, expected a place on the Earth"
-                )
-            return where
-    raise TrackError(f"{source}: the ownship has no finite position")
-
-
-def _track(
-    source: str, name: str, rows: Rows, reference: tuple[float, float] | None, how: tuple[bool, float]
-) -> tuple[Track, Repairs]:
-    """Return the track of an aircraft's rows."""
-    rows, repairs = ordered(source, name, rows, *how)
+def _track(name: str, rows: Rows, reference: tuple[float, float] | None) -> Track:
+    """Return the track of an aircraft's ordered rows, local to a latitude and longitude if they have such."""
     columns = {key: np.array([values[key] for _, values in rows]) for key in rows[0][1]}
-    if reference is None:
-        x, y = columns.pop("sx"), columns.pop("sy")
-    else:
-        x, y = local(columns.pop("lat"), columns.pop("lon"), reference)
     if "gs" in columns:
         track, speed = columns.pop("trk"), columns.pop("gs")
         vx, vy = speed * np.sin(track), speed * np.cos(track)
     else:
         vx, vy = columns.pop("vx"), columns.pop("vy")
+    if reference is None:
+        x, y = columns.pop("sx"), columns.pop("sy")
+    else:
+        place = local(columns.pop("lat"), columns.pop("lon"), reference)
+        x, y = place.x, place.y
+        vx, vy = place.velocity(vx, vy)
     time, altitude, rate = (columns.pop(key) for key in ("time", "alt", "vs"))
-    return Track(name, time, x, y, altitude, vx, vy, rate, columns), repairs
+    return Track(name, time, x, y, altitude, vx, vy, rate, columns)

@@ -1,22 +1,67 @@
-"""Reading a text file, whatever is wrong with it told in one sentence."""
+"""Reading text and JSON files: regular files of bounded size, plain or gzipped; every fault is one sentence."""
 
-from pathlib import Path
+import gzip
+import json
+import os
+import stat
+import zlib
+from typing import Any
 
-__all__ = ["lines_of"]
+__all__ = ["json_of", "lines_of", "text_of"]
+
+_MOST_BYTES = 128 * 2**20
+"""Of the text, after unpacking."""
+
+_MOST_LINES = 2_000_000
+_MOST_PARTS = 10_000_000
+"""Lists and objects in a JSON file."""
 
 
-def lines_of(source: str, error: type[Exception]) -> list[str]:
-    """Return the lines of a file in UTF-8, with or without a byte order mark.
+def text_of(source: str, error: type[Exception]) -> str:
+    """Return the text of a file in UTF-8, with or without a byte order mark, plain or gzipped.
 
     Args:
         source: its path.
         error: what is raised, with a sentence that names the file, where it cannot be read.
     """
     try:
-        return Path(source).read_text(encoding="utf-8-sig").splitlines()
+        # Without O_NONBLOCK, opening a FIFO waits for a writer.
+        with os.fdopen(os.open(source, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise error(f"{source}: cannot be read, because it is not a regular file")
+            packed = file.peek(2)[:2] == b"\x1f\x8b"
+            data = (gzip.GzipFile(fileobj=file) if packed else file).read(_MOST_BYTES + 1)
     except FileNotFoundError:
         raise error(f"{source}: there is no such file") from None
+    except (EOFError, zlib.error, gzip.BadGzipFile) as problem:
+        raise error(f"{source}: not a gzip file, or cut off: {problem}") from None
+    except OSError as problem:
+        raise error(f"{source}: cannot be read: {problem.strerror or problem}") from None
+    if len(data) > _MOST_BYTES:
+        unpacked = " unpacked" if packed else ""
+        raise error(f"{source}: more than {_MOST_BYTES >> 20} MiB{unpacked}, expected at most so much: divide the file")
+    try:
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         raise error(f"{source}: not a text in UTF-8 (byte {problem.start})") from None
-    except OSError as problem:
-        raise error(f"{source}: cannot be read: {problem.strerror}") from None
+
+
+def lines_of(source: str, error: type[Exception]) -> list[str]:
+    """Return the lines of a file; arguments as of :func:`text_of`."""
+    text = text_of(source, error)
+    if text.count("\n") > _MOST_LINES:
+        raise error(f"{source}: more than {_MOST_LINES} lines, expected at most so many: divide the file")
+    return text.splitlines()
+
+
+def json_of(source: str, error: type[Exception]) -> Any:
+    """Return the content of a JSON file, NaN and Infinity allowed; arguments as of :func:`text_of`."""
+    text = text_of(source, error)
+    if text.count("{") + text.count("[") > _MOST_PARTS:
+        raise error(f"{source}: more than {_MOST_PARTS} lists and objects, expected at most so many: divide the file")
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as problem:
+        raise error(f"{source} line {problem.lineno}: not JSON, or cut off: {problem.msg}") from None
+    except (ValueError, RecursionError) as problem:
+        raise error(f"{source}: not usable as JSON: {problem}") from None

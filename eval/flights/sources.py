@@ -26,10 +26,12 @@ from eval.config import FILE, MODEL, MonteCarloConfig, TracksConfig, TrafficConf
 __all__ = ["Source", "drawn", "read_model_traffic", "read_source", "read_tracks", "said", "say", "spread"]
 
 _DONE = {
-    "not_finite": "rows without a value dropped",
+    "not_finite": "rows without a valid value dropped",
     "out_of_order": "rows out of order dropped",
     "filled": "rows filled into gaps",
     "stale": "repeated positions dropped",
+    "impossible": "rows that no aircraft could fly dropped",
+    "split": "flights divided",
 }
 
 Source: TypeAlias = Scenario | Encounter | Replay | ModelTraffic

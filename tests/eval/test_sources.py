@@ -16,7 +16,7 @@ from envs.intruder import Recording
 from envs.kinematics import SURROGATE, VehicleState
 from envs.outcome import RULES
 from envs.traffic.replay import encounters_of
-from envs.traffic.tracks import TrackError
+from envs.traffic.tracks import Repairs, TrackError
 from eval.compare import run as compare
 from eval.flights import verdicts as hindsight
 from eval.metrics.weighted import summarise_weighted
@@ -120,8 +120,8 @@ def test_repairs_are_made_only_if_asked_for_and_counted(tmp_path: Path, capsys: 
         fly(tmp_path / "refused", *common)
     assert not (tmp_path / "refused").exists()
     summary = fly(tmp_path / "repaired", *common, "--repair")
-    assert summary["repairs"] == {"not_finite": 1, "out_of_order": 1, "filled": 0, "stale": 0}
-    assert "repaired: 1 rows without a value dropped, 1 rows out of order dropped" in capsys.readouterr().err
+    assert summary["repairs"] == Repairs(not_finite=1, out_of_order=1)._asdict()
+    assert "repaired: 1 rows without a valid value dropped, 1 rows out of order dropped" in capsys.readouterr().err
     assert (
         compare.main(["--scenario", f"tracks:{path}", "--baseline", "none", "--repair", "--out", str(tmp_path / "c")])
         == 0
@@ -159,19 +159,19 @@ def test_pairs_of_adsb_reports_become_encounters(tmp_path: Path) -> None:
     table = pq.read_table(tmp_path / "run/encounters.parquet").to_pydict()
     assert summary["encounters"] == 1
     assert table["name"] == ["aaa-bbb-1000070"]
-    # 0.01 degrees of latitude, and what the parallel bends away from its tangent over 0.14 degrees, x^2 tan(lat) / 2 R.
-    assert table["d_cpa_m"][0] == pytest.approx(1_112.0 + 10_230.0**2 * 1.1504 / 2 / 6.39e6, abs=2.0)
+    # 0.01 degrees of latitude: both leave their parallel, due east and due west, by the same until they meet.
+    assert table["d_cpa_m"][0] == pytest.approx(1_112.0, abs=2.0)
     assert table["t_cpa_s"][0] == pytest.approx(70.0, abs=1.0)
     assert table["own_speed_m_s"][0] == pytest.approx(73.17, abs=0.05)
 
     found[80]["latitude"], found[81]["longitude"] = found[79]["latitude"], found[79]["longitude"]
     found[80]["longitude"], found[81]["latitude"] = found[79]["longitude"], found[79]["latitude"]
-    found[30]["altitude"] = None
+    found[100]["altitude"] = None
     path.write_text(json.dumps(found))
     with pytest.raises(TrackError, match="report 81, field latitude: the position of 1000080 s is that of 1000079 s"):
         fly(tmp_path / "refused", "--scenario", f"tracks:{path}")
     again = fly(tmp_path / "again", "--scenario", f"tracks:{path}", "--repair")
-    assert again["repairs"] == {"not_finite": 1, "out_of_order": 0, "filled": 0, "stale": 2}
+    assert again["repairs"] == Repairs(not_finite=1, stale=2)._asdict()
     assert again["encounters"] == 1
 
 
