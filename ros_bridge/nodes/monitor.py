@@ -75,6 +75,7 @@ class Monitor(ListeningNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to listen."""
         self._start()
+        self.get_logger().info(f"aircraft {parameters.aircraft(self)}")
         self._hear(AircraftState, f"{_RUNNER}/input/ownship", self._on_ownship, qos.SENSOR)
         self._hear(AircraftState, f"{_RUNNER}/input/traffic", self._on_traffic, qos.TRAFFIC)
         self._hear(GeoReference, f"{_RUNNER}/input/geo_reference", self._on_geo_reference, qos.LATCHED)
@@ -283,7 +284,8 @@ class Monitor(ListeningNode):
             level, message = DiagnosticStatus.WARN, "not active"
         if self._misfits:
             level, message = DiagnosticStatus.ERROR, "; ".join(self._misfits.values())
-        values = {"state": state.name, "flown": fly(self._watching).name, "silence of the runner, s": f"{silence:.2f}"}
+        values = {"aircraft": parameters.aircraft(self)}
+        values |= {"state": state.name, "flown": fly(self._watching).name, "silence of the runner, s": f"{silence:.2f}"}
         self._health.publish(views.diagnostics(now, self.get_fully_qualified_name(), level, message, values))
 
 

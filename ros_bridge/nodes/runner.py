@@ -66,10 +66,11 @@ class Runner(ListeningNode):
         durability = self.get_parameter("route_durability").value
         try:
             route_quality = qos.route_input(durability)
-            self._policy = Policy.load(file or None)
+            self._policy = _pinned(Policy.load(file or None), file, self.get_parameter("policy_sha256").value)
         except (PolicyFileError, OSError, ValueError) as error:
             self.get_logger().error(f"cannot be configured: {error}")
             return TransitionCallbackReturn.FAILURE
+        self.get_logger().info(f"policy {self._policy.sha256}; aircraft {parameters.aircraft(self)}")
         self._hear(AircraftState, "~/input/ownship", self._on_ownship, qos.SENSOR)
         self._hear(AircraftState, "~/input/traffic", self._on_traffic, qos.TRAFFIC)
         self._hear(TrafficAlert, "~/input/alerts", self._on_alert, qos.EVENTS)
@@ -328,7 +329,9 @@ class Runner(ListeningNode):
             level, message = DiagnosticStatus.WARN, "not active"
         if self._misfits:
             level, message = DiagnosticStatus.ERROR, "; ".join(self._misfits.values())
-        values = {"own age, s": f"{picture.own.age(now):.3f}", "intruders": str(len(picture.traffic))}
+        values = {"policy sha256": "" if self._policy is None else self._policy.sha256}
+        values |= {"aircraft": parameters.aircraft(self)}
+        values |= {"own age, s": f"{picture.own.age(now):.3f}", "intruders": str(len(picture.traffic))}
         values |= {f"age of {name}, s": f"{track.age(now):.3f}" for name, track in sorted(picture.traffic.items())}
         values |= {f"answers {name}": str(count) for name, count in sorted(self._answers.items())}
         values |= {"last answer": self._last_answer, "revision": str(self._revision)}
@@ -339,6 +342,17 @@ class Runner(ListeningNode):
                 if kind is not Verdict.TAKEN
             }
         return views.diagnostics(now, self.get_fully_qualified_name(), level, message, values)
+
+
+def _pinned(policy: Policy, file: str, digest: str) -> Policy:
+    """Return a policy if it has the digest that is asked for, or if none is.
+
+    Raises:
+        ValueError: it has another.
+    """
+    if digest and digest.lower() != policy.sha256:
+        raise ValueError(f"policy_sha256 is {digest!r}, but {file or 'the policy that ships'} has {policy.sha256}")
+    return policy
 
 
 def _planned(wanted: Task, policy: Policy, *, thorough: bool) -> Plan:

@@ -13,6 +13,8 @@ from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from ros_bridge.transport.parameters import MARGIN
+
 __all__ = ["ARGUMENTS", "SHARED", "declared", "node", "value"]
 
 ARGUMENTS = (
@@ -21,7 +23,7 @@ ARGUMENTS = (
     ("params_file", "", "YAML with parameters of the nodes, which go before those given here; empty: none"),
     ("log_level", "info", "debug, info, warn, error or fatal"),
     ("separation", "1000.0", "m, least distance to every intruder; of runner and monitor"),
-    ("margin", "25.0", "m, added for what the autopilot leaves of the plan; of runner and monitor"),
+    ("margin", str(MARGIN), "m, added for what the autopilot leaves of the plan; of runner and monitor"),
     ("sigmas", "2.0", "standard deviations of the intruders' positions added; of runner and monitor"),
 )
 """Name, default and meaning of the arguments of every launch file."""

@@ -9,14 +9,16 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 
 from agents.assurance.thresholds import Thresholds
-from agents.planner.request import MARGIN, Options, gentle
+from agents.planner.request import Options, gentle
 from agents.planner.traffic import Requirement
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, within
 from ros_bridge.core.situation import Settings
 from ros_bridge.core.tracks import Rules
+from ros_bridge.transport.overrides import refuse_unknown_parameters
 
 __all__ = [
+    "MARGIN",
     "MONITOR_NUMBERS",
     "MONITOR_OTHERS",
     "NODES",
@@ -29,6 +31,7 @@ __all__ = [
     "TRANSLATOR_NUMBERS",
     "TRANSLATOR_OTHERS",
     "Number",
+    "aircraft",
     "declare",
     "help_text",
     "limits",
@@ -51,8 +54,15 @@ class Number:
     meaning: str
 
 
+MARGIN = 145.0
+"""Default margin, m: 99 % of the flights of a Cessna 208B in moderate turbulence stay so close to their plans, at 95 %
+confidence (docs/howto/hifi.md)."""
+
 _YAW_RATE = round(math.degrees(C208_PUBLISHED.yaw_rate_max), 9)
 
+_MARGIN_MEANING = (
+    "added to it for what the autopilot leaves of the plan; the default is the Cessna 208B's in turbulence"
+)
 NUMBERS = (
     Number("ownship_max_age", 1.5, 0.05, 10.0, "s", "oldest state of the ownship that is planned with"),
     Number("intruder_max_age", 5.0, 0.1, 60.0, "s", "oldest state of an intruder that is planned with"),
@@ -64,7 +74,7 @@ NUMBERS = (
     Number("jump_speed", 50.0, 0.0, 400.0, "m/s", "... which grows so fast with the time between reports"),
     Number("wind_max", 20.0, 0.0, 20.0, "m/s", "strongest wind that is planned in"),
     Number("separation", 1000.0, 1000.0, 20_000.0, "m", "least distance to every intruder"),
-    Number("margin", MARGIN, 0.0, 5_000.0, "m", "added to it for what the autopilot leaves of the plan"),
+    Number("margin", MARGIN, 0.0, 5_000.0, "m", _MARGIN_MEANING),
     Number("sigmas", 2.0, 0.0, 10.0, "", "standard deviations of the intruders' positions added to it"),
     Number("speed_min", C208_PUBLISHED.speed_min, 10.0, 190.0, "m/s", "lowest air speed of the aircraft"),
     Number("speed_max", C208_PUBLISHED.speed_max, 20.0, 200.0, "m/s", "highest; wind narrows both"),
@@ -83,6 +93,7 @@ OTHERS: tuple[tuple[str, Any, str], ...] = (
         "whether the slow stages of the search are tried before giving up, but for the monitor's requests",
     ),
     ("policy_file", "", "policy file; empty: the one that ships; read at the configuration"),
+    ("policy_sha256", "", "digest that the policy must have, 64 digits; empty: any; read at the configuration"),
     ("map_frame", "map", "frame of path and markers: x east, y north of the geo-reference; read at the configuration"),
     (
         "route_durability",
@@ -185,7 +196,11 @@ NODES = (
 
 
 def declare(node: Any, numbers: Sequence[Number] = NUMBERS, others: Sequence[tuple[str, Any, str]] = OTHERS) -> None:
-    """Declare parameters on a node; a value out of its range is refused by ROS, with the range."""
+    """Declare parameters on a node; a value out of its range, NaN too, is refused by ROS.
+
+    Raises:
+        ValueError: a value was given for a parameter that the node does not have.
+    """
     for one in numbers:
         unit = f", {one.unit}" if one.unit else ""
         span = FloatingPointRange(from_value=float(one.low), to_value=float(one.high))
@@ -194,6 +209,20 @@ def declare(node: Any, numbers: Sequence[Number] = NUMBERS, others: Sequence[tup
     for name, default, meaning in others:
         fixed = isinstance(default, str) or "read at the start" in meaning
         node.declare_parameter(name, default, ParameterDescriptor(description=meaning, read_only=fixed))
+    refuse_unknown_parameters(node, [*(one.name for one in numbers), *(name for name, *_ in others)])
+
+
+def aircraft(node: Any) -> str:
+    """Return the aircraft that a node's parameters describe, and what is kept from others, for people."""
+
+    def value(name: str) -> float:
+        return node.get_parameter(name).value
+
+    speed, acceleration = (
+        f"{value(f'{name}_min'):g} to {value(f'{name}_max'):g}" for name in ("speed", "acceleration")
+    )
+    kept = f"separation {value('separation'):g} m, margin {value('margin'):g} m"
+    return f"{speed} m/s, {acceleration} m/s^2, {value('yaw_rate_max'):g} deg/s; {kept}"
 
 
 def limits(value: Callable[[str], Any]) -> tuple[Limits, Limits]:

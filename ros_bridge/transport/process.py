@@ -14,7 +14,9 @@ from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.utilities import remove_ros_args
 
 from envs.edge.command import Parser
+from ros_bridge.transport import parameters
 from ros_bridge.transport.discovery import apart, introduce
+from ros_bridge.transport.overrides import refuse_unknown_nodes
 
 __all__ = ["main"]
 
@@ -47,6 +49,7 @@ def _run(make: Callable[[], Any], program: str, text: str, arguments: Sequence[s
         parser.add_argument("--manual", action="store_true", help="wait to be configured and activated by others")
     try:
         options = parser.parse_args(remove_ros_args(given)[1:])
+        refuse_unknown_nodes(given, [f"rlcas_{name}" for name, *_ in parameters.NODES])
         introduce()
         rclpy.init(args=given)
         with apart():

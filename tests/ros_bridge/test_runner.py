@@ -24,6 +24,7 @@ from rlcas_msgs.srv import GenerateTrajectory
 from rosgraph_msgs.msg import Clock
 from visualization_msgs.msg import MarkerArray
 
+from agents.policy.inference import Policy
 from ros_bridge.core.conversions import trajectory
 from ros_bridge.core.situation import Code
 from ros_bridge.transport import qos
@@ -230,9 +231,18 @@ def test_limits_of_the_aircraft_that_contradict_each_other_are_refused(client: C
 
 def test_parameters_have_ranges(client: Client):
     assert set_to(client, "alert_max_age", 11.0).successful
-    result = set_to(client, "separation", 999.0)
-    assert not result.successful
-    assert "separation" in result.reason
+    for value in (999.0, math.nan):
+        result = set_to(client, "separation", value)
+        assert not result.successful
+        assert "separation" in result.reason
+
+
+def test_diagnostics_name_policy_and_aircraft(client: Client):
+    health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
+    client.spin(lambda: health)
+    values = {one.key: one.value for one in health[-1].status[0].values}
+    assert values["policy sha256"] == Policy.load().sha256
+    assert values["aircraft"].endswith("separation 1000 m, margin 145 m")
 
 
 def test_a_publisher_that_does_not_fit_is_reported(client: Client):
@@ -281,6 +291,11 @@ def test_the_process_ends_in_order(how: signal.Signals):
     ("arguments", "says"),
     [
         (["--bogus"], "unrecognized arguments: --bogus"),
+        (
+            ["--ros-args", "-p", "separaton:=2000.0"],
+            "separaton is no parameter of rlcas_runner; the nearest is separation",
+        ),
+        (["--ros-args", "-p", "policy_sha256:=" + 32 * "ab"], "policy_sha256 is 'abab"),
         (["--ros-args", "-p", "separation:=10.0"], "separation out of range"),
         pytest.param(["--ros-args", "-p", "separation:=many"], "separation", marks=pytest.mark.slow),
         (["--ros-args", "-p", "policy_file:=/nowhere/policy"], "no such policy file"),

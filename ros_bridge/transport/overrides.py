@@ -1,0 +1,67 @@
+# pyright: reportMissingImports=false
+"""Parameters given to a node that it does not have, and sections of parameter files for nodes that there are not.
+
+ROS passes over both without a word: with ``separaton: 2000.0`` in a file a node would plan with its default.
+"""
+
+import difflib
+import itertools
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+__all__ = ["refuse_unknown_nodes", "refuse_unknown_parameters"]
+
+_OURS = "rlcas_"
+
+
+def refuse_unknown_parameters(node: Any, known: Iterable[str]) -> None:
+    """Refuse values given for parameters that a node does not have; all of its own must have been declared.
+
+    Raises:
+        ValueError: there are some; the message names each, and the nearest one that exists.
+    """
+    # rclpy keeps what was given, on the command line or in files, for parameters that are declared later.
+    unknown = [name for name in node._parameter_overrides if not node.has_parameter(name)]
+    if unknown:
+        raise ValueError(
+            "; ".join(f"{name} is no parameter of {node.get_name()}{_near(name, known)}" for name in unknown)
+        )
+
+
+def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None:
+    """Refuse parameter files with a section for a node of ours that there is not.
+
+    Args:
+        arguments: of the command line.
+        known: names of our nodes.
+
+    Raises:
+        ValueError: a file has one.
+    """
+    for flag, file in itertools.pairwise(arguments):
+        if flag != "--params-file":
+            continue
+        try:
+            content = yaml.safe_load(Path(file).read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, yaml.YAMLError):
+            continue  # ROS says so itself
+        for name in _sections(content):
+            if name.startswith(_OURS) and name not in known:
+                raise ValueError(f"{file} has parameters for {name}, which is no node{_near(name, known)}")
+
+
+def _sections(content: Any) -> Iterable[str]:
+    """Yield the names of the nodes that a file's sections are for; sections in others stand in a namespace."""
+    for key, value in content.items() if isinstance(content, dict) else ():
+        if isinstance(value, dict) and "ros__parameters" in value:
+            yield str(key).rpartition("/")[2]
+        elif isinstance(value, dict):
+            yield from _sections(value)
+
+
+def _near(name: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(name, list(known), 1)
+    return f"; the nearest is {near[0]}" if near else ""
