@@ -9,7 +9,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from agents.config.keys import nearest
 from agents.config.load import ConfigError, Strict
 from agents.config.world import RulesConfig, ScenarioConfig, VehicleConfig
-from agents.planner.request import MARGIN, Options, gentle
+from agents.planner.options import MARGIN, Options, comfort_limits
 from agents.planner.traffic import Requirement
 from envs.encounters import SCENARIOS, Scenario
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, within
@@ -60,9 +60,9 @@ class PlannerConfig(Strict):
     """Points of the route that are tried, the next one first."""
     direct: bool = True
     """Whether the policy's flight ends as soon as the direct way to the goal is clear; otherwise only at the goal."""
-    doubtful: float | None = Field(default=1_500.0, ge=0.0)
+    fallback_cost_threshold: float | None = Field(default=1_500.0, ge=0.0)
     """Cost of a safe plan of the policy's above which the fallback is searched too, m; 0: always, null: never."""
-    thorough: bool = True
+    exhaustive: bool = True
     """Whether the slow refinement is tried before a request is given up."""
     vehicle: VehicleConfig | None = Field(
         default=None, json_schema_extra={"expected": "null, the path of a YAML file, or a group of keys"}
@@ -78,7 +78,7 @@ class PlannerConfig(Strict):
         """
         limits = C208_PUBLISHED if self.vehicle is None else self.vehicle.limits()
         try:
-            manoeuvre = gentle(within(SURROGATE, limits))
+            manoeuvre = comfort_limits(within(SURROGATE, limits))
         except ValueError as problem:
             raise ConfigError(f"planner.vehicle: {problem}") from None
         options = Options(
@@ -89,8 +89,8 @@ class PlannerConfig(Strict):
             rejoin_by=self.rejoin_by,
             direct=self.direct,
             goals=self.goals,
-            doubtful=math.inf if self.doubtful is None else self.doubtful,
-            thorough=self.thorough,
+            fallback_cost_threshold=math.inf if self.fallback_cost_threshold is None else self.fallback_cost_threshold,
+            exhaustive=self.exhaustive,
         )
         return Setting(options, limits)
 

@@ -163,7 +163,7 @@ def search(
 
 def _safe(found: Findings) -> Any:
     """Return whether nothing is wrong. A start inside the margin owes its present distance, to the last digit."""
-    return ~found.wrong[:-1].any(axis=0) & (found.clearance >= -_SLACK)
+    return found.legal & (found.clearance >= -_SLACK)
 
 
 def _estimate(

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from enum import IntFlag
 
-from agents.planner.request import MARGIN
+from agents.planner.options import MARGIN
 from agents.planner.traffic import Requirement
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits
 

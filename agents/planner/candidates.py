@@ -1,33 +1,19 @@
-"""Proposals: manoeuvres completed to whole plans, judged by the validator, and compared."""
+"""From manoeuvres to plans: each is completed, validated, and kept where it is the best of its request so far."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import Task
 from agents.planner.completion import complete
-from agents.planner.request import Options, Request
+from agents.planner.options import Options, task_of
+from agents.planner.request import Request
 from agents.planner.rollout import Rollout
-from agents.planner.validator import validate
+from agents.planner.validator import Findings, validate
 from envs.trees import mapped, take
 from envs.waypoints import Knots
 
-__all__ = [
-    "REJOIN_RESERVE",
-    "REVERSAL_WEIGHT",
-    "TIME_WEIGHT",
-    "Proposals",
-    "better",
-    "nothing",
-    "propose",
-    "put",
-    "task_of",
-]
+__all__ = ["REVERSAL_WEIGHT", "TIME_WEIGHT", "Proposals", "empty", "evaluate", "is_better", "keep_best", "scatter"]
 
-REJOIN_RESERVE = 50.0
-"""By how much deeper than ``goal_radius`` manoeuvres enter the goal's disc, m, so that the smoothed plan does too."""
-
-_TURN_SHARE = 2.0 / 3.0  # of the turn rate, for turns along the route
 TIME_WEIGHT = 0.25
 """Cost of a metre that the time beyond the straight line would have covered."""
 
@@ -44,18 +30,10 @@ class Proposals(NamedTuple):
     """Number of the route's point at which it is rejoined; -1 without a plan."""
     last: Any
     """Number of the route's point that ends the plan; -1 without one."""
-    safe: Any
-    """Whether the validator found nothing wrong, bool."""
-    legal: Any
-    """Whether it found nothing wrong but separation, bool."""
+    findings: Findings
+    """Of the validator; everything is wrong with what is no plan."""
     too_short: Any
     """Whether the route ended too soon for this plan or one that it was chosen from, bool."""
-    clearance: Any
-    """Smallest distance less the required one, m; -inf without a plan."""
-    min_separation: Any
-    """m; nan without a plan."""
-    time_of_min_separation: Any
-    """s; nan without one."""
     rejoin_time: Any
     """s; nan without a plan."""
     path: Any
@@ -64,29 +42,42 @@ class Proposals(NamedTuple):
     """m; inf without a plan. Length until the rejoining beyond the straight line, a quarter of what the time beyond
     the straight line at the present speed would cover, and 100 m for each change of the turn's side."""
 
+    @property
+    def safe(self) -> Any:
+        """Whether the validator found nothing wrong, bool."""
+        return self.findings.safe
 
-def nothing(count: int) -> Proposals:
+    @property
+    def legal(self) -> Any:
+        """Whether it found nothing wrong but separation, bool."""
+        return self.findings.legal
+
+    @property
+    def clearance(self) -> Any:
+        """Smallest distance less the required one, m; -inf without a plan."""
+        return self.findings.clearance
+
+    @property
+    def min_separation(self) -> Any:
+        """Smallest distance, m; nan without a plan."""
+        return self.findings.min_separation
+
+    @property
+    def time_of_min_separation(self) -> Any:
+        """s; nan without one."""
+        return self.findings.time_of_min_separation
+
+
+def empty(count: int) -> Proposals:
     """Return that there is no plan, ``[count]``."""
-    nan, no, none = np.full(count, np.nan), np.zeros(count, dtype=bool), np.full(count, -1)
+    nan, none = np.full(count, np.nan), np.full(count, -1)
     knots = Knots(*(np.full((count, 21), np.nan) for _ in range(5)))
-    return Proposals(
-        knots,
-        none,
-        none.copy(),
-        no,
-        no.copy(),
-        no.copy(),
-        np.full(count, -np.inf),
-        nan,
-        nan.copy(),
-        nan.copy(),
-        nan.copy(),
-        np.full(count, np.inf),
-    )
+    no, never = np.zeros(count, dtype=bool), np.full(count, np.inf)
+    return Proposals(knots, none, none.copy(), Findings.empty(count), no, nan, nan.copy(), never)
 
 
-def propose(request: Request, rollout: Rollout, goal: Any, options: Options) -> Proposals:
-    """Complete manoeuvres to plans and judge them.
+def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) -> Proposals:
+    """Complete manoeuvres to plans and validate them.
 
     Args:
         request: ``[M]``, of each manoeuvre.
@@ -99,53 +90,53 @@ def propose(request: Request, rollout: Rollout, goal: Any, options: Options) -> 
     whole = complete(rollout, route, request.points, goal, task_of(options), extend=options.extend_route)
     rows = np.flatnonzero(whole.last >= 0)
     if rows.size == 0:
-        return nothing(count)._replace(too_short=whole.too_short)
+        return empty(count)._replace(too_short=whole.too_short)
     knots = take(whole.knots, rows)
-    found = validate(knots, take(request.traffic, rows), options.requirement, options.limits)
+    findings = validate(knots, take(request.traffic, rows), options.requirement, options.limits)
     goal_x, goal_y = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
     straight = np.hypot(goal_x - request.own.x[rows], goal_y - request.own.y[rows]) - options.goal_radius
     time, path = whole.rejoin_time[rows], whole.path[rows]
     excess = np.maximum(path - np.maximum(straight, 0.0), 0.0)
     late = np.maximum(time * request.own.speed[rows] - np.maximum(straight, 0.0), 0.0)
     cost = excess + TIME_WEIGHT * late + REVERSAL_WEIGHT * whole.reversals[rows]
-    legal = ~found.wrong[:-1].any(axis=0)
-    values = (
-        knots,
-        goal[rows],
-        whole.last[rows],
-        found.safe,
-        legal,
-        whole.too_short[rows],
-        found.clearance,
-        found.min_separation,
-        found.time_of_min_separation,
-        time,
-        path,
-        cost,
-    )
+    made = Proposals(knots, goal[rows], whole.last[rows], findings, whole.too_short[rows], time, path, cost)
     if rows.size == count:
-        return Proposals(*values)
-    proposals = nothing(count)._replace(too_short=whole.too_short)
-    put(proposals, rows, Proposals(*values))
+        return made
+    proposals = empty(count)._replace(too_short=whole.too_short)
+    scatter(proposals, rows, made)
     return proposals
 
 
-def task_of(options: Options) -> Task:
-    """Return what manoeuvres are flown for."""
-    radius = options.goal_radius - REJOIN_RESERVE
-    rate = _TURN_SHARE * options.manoeuvre.yaw_rate_max
-    return Task(options.manoeuvre, radius, options.rejoin_by, rate, options.direct)
+def keep_best(best: Proposals, rows: Any, plans: Proposals) -> Any:
+    """Write, per request, the best of some plans into the best so far where it is better.
+
+    Args:
+        best: ``[N]``, changed in place.
+        rows: number of the request of each plan, ``[M]``.
+        plans: ``[M]``.
+
+    Returns:
+        The numbers of the requests that have a better plan now.
+    """
+    key = np.where(plans.safe, plans.cost, np.where(plans.legal, 1e6, 2e6) - np.clip(plans.clearance, -1e5, 1e5) * 0.1)
+    order = np.lexsort((key, ~plans.safe, rows))
+    row, first = np.unique(rows[order], return_index=True)
+    chosen = take(plans, order[first])
+    gain = is_better(chosen, take(best, row))
+    scatter(best, row[gain], take(chosen, gain))
+    return row[gain]
 
 
-def better(a: Proposals, b: Proposals) -> Any:
+def is_better(a: Proposals, b: Proposals) -> Any:
     """Return where ``a`` is better than ``b``: safe and cheaper; if neither is safe, legal and clearer, ``[N]``."""
-    unsafe = ~a.safe & ~b.safe
-    cheaper = a.safe & (~b.safe | (a.cost < b.cost))
-    clearer = (a.legal > b.legal) | ((a.legal == b.legal) & (a.clearance > b.clearance))
-    return cheaper | (unsafe & clearer)
+    a_safe, b_safe = a.safe, b.safe
+    a_legal, b_legal = a.legal, b.legal
+    cheaper = a_safe & (~b_safe | (a.cost < b.cost))
+    clearer = (a_legal > b_legal) | ((a_legal == b_legal) & (a.clearance > b.clearance))
+    return cheaper | (~a_safe & ~b_safe & clearer)
 
 
-def put(into: Proposals, rows: Any, values: Proposals) -> None:
+def scatter(into: Proposals, rows: Any, values: Proposals) -> None:
     """Write proposals into some rows of others."""
 
     def write(old: Any, new: Any) -> None:

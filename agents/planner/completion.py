@@ -101,7 +101,7 @@ def complete(
             entered = turned + _duration(straight, state.speed, speed, task)
             whole.rejoin_time[there] = entered[which]
             whole.path[there] += (np.abs(arc) * state.speed / task.turn_rate + straight)[which]
-            whole.reversals[there] += np.sign(arc[which]) * rollout.side[there] < 0.0
+            whole.reversals[there] += np.sign(arc[which]) * rollout.turn_sign[there] < 0.0
         none = np.zeros(left.size)
         pieces.add(left, np.where(reached, at, np.inf), state, np.sign(arc) * task.turn_rate, none)
         middle = _turned(state, arc, task.turn_rate)

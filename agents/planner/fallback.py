@@ -15,9 +15,10 @@ import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre
 from agents.manoeuvres.escape_search import CHILDREN, COARSE, ELITES, SPREAD, STAGES, concatenated, within_range
-from agents.planner.candidates import REVERSAL_WEIGHT, TIME_WEIGHT, Proposals, better, nothing, propose, put
+from agents.planner.candidates import REVERSAL_WEIGHT, TIME_WEIGHT, Proposals, empty, evaluate, keep_best
 from agents.planner.fallback_flight import SMOOTHING, fly_out
-from agents.planner.request import Options, Request, bold
+from agents.planner.options import Options, aggressive_limits
+from agents.planner.request import Request
 from envs.draws import normals, uniforms
 from envs.trees import take
 
@@ -41,10 +42,10 @@ def search(request: Request, goal: Any, options: Options) -> Proposals:
         goal: number of the route's point to rejoin at, ``[N]``.
         options: how plans shall be.
     """
-    best = nothing(goal.size)
-    last = replace(options, manoeuvre=bold(options))
+    best = empty(goal.size)
+    last = replace(options, manoeuvre=aggressive_limits(options))
     stages = [(_FIRST, options, _SOON), (_SEEDS, last, _SOON)]
-    stages += [(STAGES[3], last, np.inf)] if options.thorough else []
+    stages += [(STAGES[3], last, np.inf)] if options.exhaustive else []
     for stage, asked, longest in stages:
         left = np.flatnonzero(~best.safe)
         for part in _parts(left, stage.turn.size):
@@ -54,7 +55,7 @@ def search(request: Request, goal: Any, options: Options) -> Proposals:
 
 def refine(request: Request, goal: Any, options: Options) -> Proposals:
     """Return the best plan of a random refinement of the nearest misses, ``[N]``."""
-    best, options = nothing(goal.size), replace(options, manoeuvre=bold(options))
+    best, options = empty(goal.size), replace(options, manoeuvre=aggressive_limits(options))
     changes = normals(0, 0, _ROUNDS, (len(SPREAD), CHILDREN))
     parents = (uniforms(0, 0, _ROUNDS, (CHILDREN,), stream=1) * ELITES).astype(int)
     history = np.full((goal.size, _ROUNDS + 1), -np.inf)
@@ -106,9 +107,9 @@ def _tried(best: Proposals, left: Any, request: Request, goal: Any, tried: Any, 
     if not judge:
         fault = np.where(np.isfinite(flown.rollout.time), 0.0, 1e6)
         return (np.minimum(flown.clearance, 1e4) - fault).reshape(left.size, each)
-    plans = propose(take(request, which), flown.rollout, goal[which], options)
-    _keep(best, left[which], plans)
-    # Who misses the goal or a limit comes after all who do not.
+    plans = evaluate(take(request, which), flown.rollout, goal[which], options)
+    keep_best(best, left[which], plans)
+    # What misses the goal or a limit comes after all that do not.
     fault = np.where(plans.legal, 0.0, np.where(np.isfinite(plans.clearance), 1e5, 1e6))
     clearance = np.where(np.isfinite(plans.clearance), plans.clearance, flown.clearance)
     return (np.minimum(clearance, 1e4) - fault).reshape(left.size, each)
@@ -137,18 +138,8 @@ def _improve(
     rows = np.flatnonzero(picked.ravel() & arrived)
     if rows.size:
         owners = which[rows]
-        plans = propose(take(request, owners), take(rollout, rows), goal[owners], options)
-        _keep(best, part[owners], plans)
-
-
-def _keep(best: Proposals, owners: Any, plans: Proposals) -> None:
-    """Write, per request, the best of the plans into the best so far."""
-    key = np.where(plans.safe, plans.cost, np.where(plans.legal, 1e6, 2e6) - np.clip(plans.clearance, -1e5, 1e5) * 0.1)
-    order = np.lexsort((key, ~plans.safe, owners))
-    owner, first = np.unique(owners[order], return_index=True)
-    chosen = take(plans, order[first])
-    gain = better(chosen, take(best, owner))
-    put(best, owner[gain], take(chosen, gain))
+        plans = evaluate(take(request, owners), take(rollout, rows), goal[owners], options)
+        keep_best(best, part[owners], plans)
 
 
 _FIRST = concatenated(*STAGES[:2])

@@ -1,7 +1,7 @@
 """Manoeuvres of the fallback in the air: many at once, until the direct way to the goal is clear.
 
-They fly several strides at once in a few calls on arrays, because a call costs more than the strides that somebody
-who ends among them is flown for nothing.
+They fly several strides at once in a few calls on arrays, because a call costs more than the strides that those which
+end among them are flown for nothing.
 """
 
 from typing import Any, NamedTuple
@@ -10,8 +10,8 @@ import numpy as np
 
 from agents.manoeuvres.direct_to_goal import clear
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly_away, takeoff
-from agents.planner.candidates import task_of
-from agents.planner.request import Options, Request, keeping
+from agents.planner.options import Options, task_of
+from agents.planner.request import Request, required_separation
 from agents.planner.rollout import Rollout
 from agents.planner.traffic import predicted, uncertainty
 from envs.angles import wrap
@@ -25,7 +25,7 @@ STRIDE = 5.0
 """Time step of the search, s."""
 
 SMOOTHING = 25.0
-"""What legs may take from the flown clearance, m; less than that makes a manoeuvre doubtful."""
+"""What legs may take from the flown clearance, m; less than that makes a manoeuvre uncertain."""
 
 _PER_SPACING = 4  # strides between knots
 _AT_ONCE = 6  # strides flown at once at first
@@ -71,8 +71,8 @@ def fly_out(
     rows, of, arrivals, first = np.arange(which.size), which, np.zeros(goal.size, dtype=int), 0
     flight, closest = takeoff(take(request.own, of), manoeuvre), np.full(which.size, np.inf)
     while rows.size and first <= last:
-        count = min(_at_once(rows.size * scene.owed.shape[-1], first), last + 1 - first)
-        # Whoever ends in one of these strides is flown to the last of them for nothing; calls cost more than that.
+        count = min(_at_once(rows.size * scene.required.shape[-1], first), last + 1 - first)
+        # What ends in one of these strides is flown to the last of them for nothing; calls cost more than that.
         strides = np.arange(first, first + count)
         flown, flight = fly_away(flight, manoeuvre, first, count, STRIDE, task.limits)
         spare = scene.spare(flown, first, of)
@@ -80,19 +80,19 @@ def fly_out(
         nearest = np.minimum.accumulate(np.concatenate([closest[None], spare]), axis=0)
         closest, nearest = nearest[-1], nearest[:-1]
         hopeful = nearest >= least
-        homing = hopeful & (strides[:, None] * STRIDE >= manoeuvre.resume)
-        at, asking = np.nonzero(homing)
+        turning_back = hopeful & (strides[:, None] * STRIDE >= manoeuvre.resume)
+        at, asking = np.nonzero(turning_back)
         own = VehicleState(*(field[at, asking][:, None] for field in flown))
         there, owner = strides[at], of[asking]
         seen = VehicleState(*(field[there, owner] for field in scene.others))
-        keep = scene.owed[owner] + manoeuvre.slack[asking, None]
+        required = scene.required[owner] + manoeuvre.slack[asking, None]
         to = goal_x[owner, None], goal_y[owner, None]
-        homing[at, asking] = np.all(clear(own, to, seen, keep, there[:, None] * STRIDE, task, np), axis=-1)
+        turning_back[at, asking] = np.all(clear(own, to, seen, required, there[:, None] * STRIDE, task, np), axis=-1)
 
-        end, ended = _first(homing | ~hopeful)
+        end, ended = _first(turning_back | ~hopeful)
         each = np.arange(rows.size)
-        home = ended & homing[end, each] & (nearest[end, each] >= max(least, SMOOTHING))
-        # Whoever is under way for longer than so many others costs more than they.
+        home = ended & turning_back[end, each] & (nearest[end, each] >= max(least, SMOOTHING))
+        # A manoeuvre that is under way for longer than so many others costs more than they.
         well = np.zeros((count, goal.size), dtype=int)
         np.add.at(well, (end[home], of[home]), 1)
         well = arrivals + np.cumsum(well, axis=0)
@@ -101,7 +101,7 @@ def fly_out(
         over = np.minimum(np.where(ended, end, count), np.where(enough_there, full, count)[of])
         on = over == count
         over = np.minimum(over, count - 1)
-        done = ~on & homing[over, each]
+        done = ~on & turning_back[over, each]
         landed.note(rows, strides, flown, over, done, nearest[over, each])
         if not on.all():
             rows, of, manoeuvre, flight, closest = take((rows, of, manoeuvre, flight, closest), on)
@@ -124,13 +124,13 @@ class _Scene(NamedTuple):
 
     others: VehicleState
     """``[S, N, K]``."""
-    owed: Any
-    """Distance to keep from each at first, m, ``[N, K]``; -inf of who is not there."""
+    required: Any
+    """Separation required from each at first, m, ``[N, K]``; -inf of absent ones."""
     growth: Any
     """What uncertainty adds to it by the end of each stride, m, ``[S - 1, N, K]``; None: nothing."""
 
     def spare(self, flown: VehicleState, first: int, of: Any) -> Any:
-        """Return the least distance less the owed one in each stride, ``[S, M]``, inf without intruders.
+        """Return the least distance less the required one in each stride, ``[S, M]``, inf without intruders.
 
         Args:
             flown: states before and after them, ``[S + 1, M]``.
@@ -139,12 +139,12 @@ class _Scene(NamedTuple):
         """
         count = len(flown.x) - 1
         # The intruders of a single request are seen by all of its manoeuvres.
-        of = slice(None) if len(self.owed) == 1 else of
+        of = slice(None) if len(self.required) == 1 else of
         own = VehicleState(*(field[..., None] for field in flown))
         seen = VehicleState(*(field[first : first + count + 1, of] for field in self.others))
         before, after = slice(-1), slice(1, None)
         spare = leg_separation(take(own, before), take(own, after), take(seen, before), take(seen, after), STRIDE, np)
-        spare = spare - self.owed[of]
+        spare = spare - self.required[of]
         if self.growth is not None:
             spare = spare - self.growth[first : first + count, of]
         return np.min(spare, axis=-1, initial=np.inf)
@@ -157,7 +157,9 @@ def _scene(request: Request, options: Options, last: int) -> _Scene:
     growth = None
     if traffic.position_std.any() or traffic.velocity_std.any():
         growth = options.requirement.sigmas * (uncertainty(traffic, times[1:]) - traffic.position_std)
-    return _Scene(predicted(traffic, times), np.where(traffic.mask, keeping(request, options), -np.inf), growth)
+    return _Scene(
+        predicted(traffic, times), np.where(traffic.mask, required_separation(request, options), -np.inf), growth
+    )
 
 
 class _Landed:

@@ -21,7 +21,7 @@ from envs.observation import CRITICAL_RADIUS, criticality, most_critical, observ
 from envs.relative import distance
 from envs.trees import take
 
-__all__ = ["SPACING", "STEP", "Rollout", "roll", "roll_one"]
+__all__ = ["SPACING", "STEP", "Rollout", "roll"]
 
 STEP = 1.0
 """Between decisions, s."""
@@ -45,31 +45,51 @@ class Rollout(NamedTuple):
     """Whether the goal still lies ahead, on the direct way, bool."""
     path: Any
     """Length flown until the end, m."""
-    side: Any
+    turn_sign: Any
     """Of the last turn: 1 left, -1 right, 0 none."""
     reversals: Any
     """How often the turn changed side."""
 
 
-def roll(own: VehicleState, traffic: Traffic, goal: tuple[Any, Any], keep: Any, policy: Policy, task: Task) -> Rollout:
-    """Roll many requests.
+def roll(
+    own: VehicleState,
+    traffic: Traffic,
+    goal: tuple[Any, Any],
+    required: Any,
+    policy: Policy,
+    task: Task,
+    *,
+    floats: bool = False,
+) -> Rollout:
+    """Roll the policy ahead.
 
     Args:
         own: ``[N]``.
         traffic: ``[N, K]``.
         goal: its position, m, ``[N]`` each.
-        keep: distance to keep from the intruders on the direct way, m, ``[N, K]``.
+        required: separation from the intruders on the direct way, m, ``[N, K]``.
         policy: decides.
         task: limits and end.
+        floats: roll a single request (N = 1) in plain floats.
     """
+    if floats:
+        start = VehicleState(*(float(field[0]) for field in own))
+        return _roll_one(start, traffic, (float(goal[0][0]), float(goal[1][0])), required, policy, task)
+    return _roll_many(own, traffic, goal, required, policy, task)
+
+
+def _roll_many(
+    own: VehicleState, traffic: Traffic, goal: tuple[Any, Any], required: Any, policy: Policy, task: Task
+) -> Rollout:
+    """Roll ``[N]`` requests over arrays."""
     limits = task.limits
     count = np.size(own.x)
     steps = int(task.until / STEP)
     result = _empty(count, steps)
     state = VehicleState(*(np.array(field, dtype=float) for field in own))
     rows, goal_x, goal_y = np.arange(count), np.asarray(goal[0], float), np.asarray(goal[1], float)
-    path, side, reversals = np.zeros(count), np.zeros(count), np.zeros(count)
-    nobody = not traffic.mask.any(axis=-1).all()
+    path, turn_sign, reversals = np.zeros(count), np.zeros(count), np.zeros(count)
+    lonely = not traffic.mask.any(axis=-1).all()
     for step in range(steps + 1):
         if step % SPACING == 0:
             for field, value in zip(result.knots, state, strict=True):
@@ -78,53 +98,45 @@ def roll(own: VehicleState, traffic: Traffic, goal: tuple[Any, Any], keep: Any, 
         arrived = distance(goal_x - state.x, goal_y - state.y, np) <= task.radius
         ended = arrived
         if task.direct and step % EVERY == 0:
-            ended = ended | _all_clear(state, (goal_x, goal_y), seen, traffic.mask, keep, step * STEP, task)
+            ended = ended | _all_clear(state, (goal_x, goal_y), seen, traffic.mask, required, step * STEP, task)
         if ended.any():
             done = rows[ended]
             for field, value in zip(result.end, state, strict=True):
                 field[done] = value[ended]
             result.time[done], result.direct[done] = step * STEP, ~arrived[ended]
-            result.path[done], result.side[done], result.reversals[done] = path[ended], side[ended], reversals[ended]
-            rows, goal_x, goal_y, traffic, seen, keep, state, path, side, reversals = take(
-                (rows, goal_x, goal_y, traffic, seen, keep, state, path, side, reversals), ~ended
+            for field, value in zip(result[4:], (path, turn_sign, reversals), strict=True):
+                field[done] = value[ended]
+            rows, goal_x, goal_y, traffic, seen, required, state, path, turn_sign, reversals = take(
+                (rows, goal_x, goal_y, traffic, seen, required, state, path, turn_sign, reversals), ~ended
             )
         if rows.size == 0 or step == steps:
             break
-        if nobody:
-            seen = _or_nobody(seen, traffic.mask, state)
+        if lonely:
+            seen = _or_absent(seen, traffic.mask, state)
         chosen = most_critical(state, seen, traffic.mask, CRITICAL_RADIUS, np)
         action = policy.rowwise(observe(state, chosen, goal_x, goal_y, np).astype(np.float32)).astype(float)
         acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
         moved = advance(state, acceleration, yaw_rate, STEP, limits, np)
         path += 0.5 * STEP * (state.speed + moved.speed)
-        turning = np.where(np.abs(yaw_rate) >= 0.1 * limits.yaw_rate_max, np.sign(yaw_rate), side)
-        reversals += turning * side < 0.0
-        side, state = turning, moved
+        turning = np.where(np.abs(yaw_rate) >= 0.1 * limits.yaw_rate_max, np.sign(yaw_rate), turn_sign)
+        reversals += turning * turn_sign < 0.0
+        turn_sign, state = turning, moved
     return result
 
 
-def roll_one(
-    own: VehicleState, traffic: Traffic, goal: tuple[float, float], keep: Any, policy: Policy, task: Task
+def _roll_one(
+    own: VehicleState, traffic: Traffic, goal: tuple[float, float], required: Any, policy: Policy, task: Task
 ) -> Rollout:
-    """Roll one request in plain floats: :func:`roll` of one row, fields ``[1]`` and ``[1, S]``.
-
-    Args:
-        own: plain floats.
-        traffic: ``[1, K]``.
-        goal: its position, m.
-        keep: distance to keep from the intruders on the direct way, m, ``[1, K]``.
-        policy: decides.
-        task: limits and end.
-    """
+    """Roll one request in plain floats: its state and goal, intruders ``[1, K]``; fields ``[1]`` and ``[1, S]``."""
     limits, steps = task.limits, int(task.until / STEP)
     result = _empty(1, steps)
     present = np.flatnonzero(traffic.mask[0])
     flown = _tracks(traffic, present, steps)
     alone = flown[0] if len(flown) == 1 else None
-    owed = keep[0, present].tolist()
+    required = required[0, present].tolist()
     state = VehicleState(*(float(field) for field in own))
     goal_x, goal_y = goal
-    path, side, reversals = 0.0, 0.0, 0
+    path, turn_sign, reversals = 0.0, 0.0, 0
     square = task.radius * task.radius
     threshold = 0.1 * limits.yaw_rate_max
     decide = policy.decide
@@ -139,14 +151,14 @@ def roll_one(
             and step % EVERY == 0
             and all(
                 clear(state, goal, track[step], far, step * STEP, task, FLOATS)
-                for track, far in zip(flown, owed, strict=True)
+                for track, far in zip(flown, required, strict=True)
             )
-            and (flown or clear(state, goal, _nobody(state, FLOATS), 0.0, step * STEP, task, FLOATS))
+            and (flown or clear(state, goal, _absent(state, FLOATS), 0.0, step * STEP, task, FLOATS))
         ):
             for field, value in zip(result.end, state, strict=True):
                 field[0] = value
             result.time[0], result.direct[0] = step * STEP, not arrived
-            result.path[0], result.side[0], result.reversals[0] = path, side, reversals
+            result.path[0], result.turn_sign[0], result.reversals[0] = path, turn_sign, reversals
             break
         if step == steps:
             break
@@ -156,8 +168,8 @@ def roll_one(
         moved = advance(state, acceleration, yaw_rate, STEP, limits, FLOATS)
         path += 0.5 * STEP * (state.speed + moved.speed)
         if abs(yaw_rate) >= threshold:
-            reversals += yaw_rate * side < 0.0
-            side = 1.0 if yaw_rate > 0.0 else -1.0
+            reversals += yaw_rate * turn_sign < 0.0
+            turn_sign = 1.0 if yaw_rate > 0.0 else -1.0
         state = moved
     for number, field in enumerate(result.knots):
         field[0, : len(knots)] = [knot[number] for knot in knots]
@@ -175,41 +187,41 @@ def _tracks(traffic: Traffic, present: Any, steps: int) -> list[list[VehicleStat
 
 
 def _all_clear(
-    state: VehicleState, goal: tuple[Any, Any], seen: VehicleState, mask: Any, keep: Any, time: float, task: Task
+    state: VehicleState, goal: tuple[Any, Any], seen: VehicleState, mask: Any, required: Any, time: float, task: Task
 ) -> Any:
     """Return whether the direct way is clear of all intruders, ``[N]``."""
     if mask.shape[-1] == 0:
-        return clear(state, goal, _nobody(state, np), 0.0, time, task, np)
+        return clear(state, goal, _absent(state, np), 0.0, time, task, np)
     own = VehicleState(*(field[:, None] for field in state))
     to = (goal[0][:, None], goal[1][:, None])
-    # Nobody is in the way of a request without intruders, but its goal may be inside the turning circle.
-    owed = np.where(mask, keep, -np.inf)
-    return np.all(clear(own, to, seen, owed, time, task, np), axis=-1)
+    # Without intruders nothing is in the way, but the goal may be inside the turning circle.
+    required = np.where(mask, required, -np.inf)
+    return np.all(clear(own, to, seen, required, time, task, np), axis=-1)
 
 
 def _empty(count: int, steps: int) -> Rollout:
     knots = VehicleState(*(np.full((count, steps // SPACING + 1), np.nan) for _ in range(4)))
     end = VehicleState(*(np.full(count, np.nan) for _ in range(4)))
-    time, path, side, reversals = (np.full(count, np.nan) for _ in range(4))
-    return Rollout(knots, end, time, np.zeros(count, dtype=bool), path, side, reversals)
+    time, path, turn_sign, reversals = (np.full(count, np.nan) for _ in range(4))
+    return Rollout(knots, end, time, np.zeros(count, dtype=bool), path, turn_sign, reversals)
 
 
-def _nobody(own: VehicleState, xp: Any) -> VehicleState:
-    """Return an intruder that matters to nobody: as far behind as an observation can say, flying away."""
+def _absent(own: VehicleState, xp: Any) -> VehicleState:
+    """Return an intruder without effect: as far behind as an observation can say, flying away."""
     sine, cosine = sincos(own.heading, xp)
     away = wrap(own.heading + math.pi, xp)
     return VehicleState(own.x - _BEHIND * cosine, own.y - _BEHIND * sine, away, own.speed * 0.0 + 50.0)
 
 
-def _or_nobody(seen: VehicleState, mask: Any, own: VehicleState) -> VehicleState:
+def _or_absent(seen: VehicleState, mask: Any, own: VehicleState) -> VehicleState:
     """Return the intruders ``[N, K]``, those of requests without any replaced."""
     empty = ~mask.any(axis=-1, keepdims=True)
-    behind = _nobody(own, np)
+    behind = _absent(own, np)
     return VehicleState(*(np.where(empty, alone[:, None], field) for field, alone in zip(seen, behind, strict=True)))
 
 
 def _most_critical(own: VehicleState, others: list[VehicleState]) -> VehicleState:
-    """Return the most urgent of several intruders; one that matters to nobody if there are none."""
+    """Return the most urgent of several intruders; one without effect if there are none."""
     if not others:
-        return _nobody(own, FLOATS)
+        return _absent(own, FLOATS)
     return min(others, key=lambda other: criticality(own, other, CRITICAL_RADIUS, FLOATS))

@@ -83,21 +83,21 @@ FAMILIES = (
 _CAREFUL = Requirement(margin=0.1)
 
 VARIANTS: dict[str, Options] = {
-    "default": Options(thorough=False),
-    "no margin": Options(Requirement(margin=0.0), thorough=False),
-    "margin 50 m": Options(Requirement(margin=50.0), thorough=False),
-    "extended route": Options(_CAREFUL, extend_route=True, thorough=False),
-    "one goal": Options(_CAREFUL, goals=1, thorough=False),
-    "not direct": Options(_CAREFUL, direct=False, thorough=False),
-    "cheapest": Options(_CAREFUL, doubtful=0.0, extend_route=True, thorough=False),
-    "rejoin by 60 s": Options(_CAREFUL, rejoin_by=60.0, extend_route=True, thorough=False),
-    "rejoin by 340 s": Options(Requirement(margin=10.0), rejoin_by=340.0, goals=2, thorough=False),
-    "thorough": Options(_CAREFUL, extend_route=True),
+    "default": Options(exhaustive=False),
+    "no margin": Options(Requirement(margin=0.0), exhaustive=False),
+    "margin 50 m": Options(Requirement(margin=50.0), exhaustive=False),
+    "extended route": Options(_CAREFUL, extend_route=True, exhaustive=False),
+    "one goal": Options(_CAREFUL, goals=1, exhaustive=False),
+    "not direct": Options(_CAREFUL, direct=False, exhaustive=False),
+    "cheapest": Options(_CAREFUL, fallback_cost_threshold=0.0, extend_route=True, exhaustive=False),
+    "rejoin by 60 s": Options(_CAREFUL, rejoin_by=60.0, extend_route=True, exhaustive=False),
+    "rejoin by 340 s": Options(Requirement(margin=10.0), rejoin_by=340.0, goals=2, exhaustive=False),
+    "exhaustive": Options(_CAREFUL, extend_route=True),
 }
 """How requests are planned; only the last with the slow last stages of the fallback."""
 
 _TURNS = np.concatenate([np.tile(np.arange(len(VARIANTS) - 1), 7), [len(VARIANTS) - 1]])
-"""Variants of successive hundreds of requests: each alike often, thorough planning for 1 in 64."""
+"""Variants of successive hundreds of requests: each alike often, exhaustive planning for 1 in 64."""
 
 _CYCLE = np.random.default_rng(1).permutation(np.repeat(np.arange(len(FAMILIES)), [one.share for one in FAMILIES]))
 

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.request import MARGIN, Request
+from agents.planner.options import MARGIN
+from agents.planner.request import Request
 from agents.planner.traffic import Requirement
 from benchmarks.safety.resimulation import VehicleColumns, kept
 from envs.follower import PERIOD, steer

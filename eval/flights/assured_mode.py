@@ -9,7 +9,7 @@ import numpy as np
 from agents.assurance import monitor as assurance
 from agents.assurance.monitor import Thresholds
 from agents.assurance.tracker import Tracks, begin, follow
-from agents.planner.candidates import Proposals, nothing, put
+from agents.planner.candidates import Proposals, empty, scatter
 from agents.planner.planner import Plans, plan_many
 from agents.planner.request import Options, Request
 from agents.planner.traffic import Traffic
@@ -122,13 +122,13 @@ def fly_assured(
 
 def _planned_again(request: Request, reached: Any, left: float, policy: Policy, options: Options) -> Proposals:
     """Plan from the middle of a flight: to the goal in the time left if it is still ahead, else along the route."""
-    best, rows = nothing(reached.size), np.flatnonzero(~reached)
+    best, rows = empty(reached.size), np.flatnonzero(~reached)
     # The refinement takes longer than a monitor can wait.
-    along = replace(options, thorough=False)
+    along = replace(options, exhaustive=False)
     if rows.size and left >= _LEAST_TIME:
         in_time = replace(along, goals=1, rejoin_by=min(left, options.rejoin_by))
-        put(best, rows, plan_many(take(request, rows), policy, in_time).proposals)
+        scatter(best, rows, plan_many(take(request, rows), policy, in_time).proposals)
     rest = np.flatnonzero(~best.safe)
     if rest.size:
-        put(best, rest, plan_many(take(request, rest), policy, along).proposals)
+        scatter(best, rest, plan_many(take(request, rest), policy, along).proposals)
     return best

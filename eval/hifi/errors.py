@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import SLACK
-from agents.planner.candidates import task_of
-from agents.planner.request import Options, Request, keeping
-from agents.planner.rollout import STEP, roll_one
+from agents.planner.options import Options, task_of
+from agents.planner.request import Request, required_separation
+from agents.planner.rollout import STEP, roll
 from agents.planner.traffic import predicted
 from agents.policy.inference import Policy
 from envs.backend import FLOATS
@@ -94,10 +94,11 @@ def rolled(request: Request, goal: int, policy: Policy, options: Options) -> Veh
         policy: that decided.
         options: that the plan was made with.
     """
-    task, keep = task_of(options), keeping(request, options) + SLACK
+    task, required = task_of(options), required_separation(request, options) + SLACK
     state = VehicleState(*(float(field[0]) for field in request.own))
     to = float(request.route_x[0, goal]), float(request.route_y[0, goal])
-    until = float(roll_one(state, request.traffic, to, keep, policy, task).time[0])
+    there = request.route_x[:, goal], request.route_y[:, goal]
+    until = float(roll(request.own, request.traffic, there, required, policy, task, floats=True).time[0])
     states = [state]
     for step in range(0 if math.isnan(until) else round(until / STEP)):
         seen = predicted(request.traffic, step * STEP)

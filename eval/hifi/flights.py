@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.assurance.thresholds import Thresholds
-from agents.planner.candidates import nothing
+from agents.planner.candidates import empty
 from agents.planner.planner import Plans
 from agents.planner.traffic import Traffic as Known
 from agents.policy.inference import Policy
@@ -208,7 +208,7 @@ def _assured(campaign: Campaign, scene: Scene, plans: Plans, known: Known, polic
         intruder_velocity=usual.intruder_velocity + 3.0 * family.velocity_std,
     )
     if int(plans.proposals.last[0]) < 0:
-        plans = plans._replace(proposals=nothing(1))
+        plans = plans._replace(proposals=empty(1))
     flown_with = scene.frame, lookahead_of(campaign.aircraft), None if scene.noise is None else scene.encounter.sensor
     return Assured(plans, known, scene.route, policy, options, campaign.rules, thresholds, flown_with)
 

@@ -9,7 +9,7 @@ import numpy as np
 from agents.assurance import monitor as assurance
 from agents.assurance.monitor import Thresholds
 from agents.assurance.tracker import Tracks, begin, follow
-from agents.planner.candidates import nothing
+from agents.planner.candidates import empty
 from agents.planner.planner import Plans
 from agents.planner.request import Options
 from agents.planner.traffic import Traffic as Known
@@ -185,12 +185,12 @@ class Assured:
     def _planned_again(self, clock: int, here: VehicleState, traffic: Known) -> Any:
         """Plan from the middle of a flight: to the goal in the time left if it is still ahead, else along the route."""
         # The refinement takes longer than a monitor can wait.
-        along = replace(self._options, thorough=False)
+        along = replace(self._options, exhaustive=False)
         left, tries = self._rules.t_max - clock, [along]
         if not self._reached and left >= _LEAST_TIME:
             in_time = replace(along, goals=1, rejoin_by=min(left, along.rejoin_by))
             tries.insert(0, in_time)
-        found = nothing(1)
+        found = empty(1)
         for options in tries:
             made = plan_for(here, traffic, self._route, float(clock), self._frame, self._policy, options)
             if made.problem is None:

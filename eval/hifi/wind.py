@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.candidates import REJOIN_RESERVE
+from agents.planner.candidates import empty
+from agents.planner.options import REJOIN_RESERVE
 from agents.planner.planner import Plans, plan_many
 from agents.planner.request import SPEED_TOLERANCE, Options, Request
 from agents.planner.traffic import Traffic
@@ -67,7 +68,7 @@ def plan_for(
         options: how the plan shall be.
     """
     low, high = SURROGATE.speed_min - SPEED_TOLERANCE, SURROGATE.speed_max + SPEED_TOLERANCE
-    nothing = _nothing()
+    nothing = Plans(empty(1), np.zeros(1, dtype=np.int8), np.zeros(1, dtype=bool))
     if not low <= own.speed <= high:
         return Made(nothing, None, f"own air speed is {own.speed:.1f} m/s, expected {low:g} to {high:g} m/s")
     course = math.atan2(route.y[-1] - route.y[0], route.x[-1] - route.x[0])
@@ -137,9 +138,3 @@ def _ahead(own: VehicleState, route: Route, course: float, clock: float, wind: W
     """Return how far each point lies ahead along the route, m."""
     x, y = own.x + wind[0] * clock, own.y + wind[1] * clock
     return (route.x - x) * math.cos(course) + (route.y - y) * math.sin(course)
-
-
-def _nothing() -> Plans:
-    from agents.planner.candidates import nothing
-
-    return Plans(nothing(1), np.zeros(1, dtype=np.int8), np.zeros(1, dtype=bool))

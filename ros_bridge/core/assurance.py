@@ -13,10 +13,9 @@ from agents.assurance import single as watch
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import Flown, State
 from agents.assurance.thresholds import Thresholds
-from agents.planner.answer import Plan, Source, Status
+from agents.planner.publish import received
 from agents.planner.request import Altitude, Intruder
 from envs.kinematics import VehicleState
-from envs.waypoints import Waypoint
 from ros_bridge.core.conversions import PlanPoint
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.geodesy import ACCURATE, LocalFrame, carried, distance
@@ -95,7 +94,7 @@ def activated(watching: Watching, picture: Picture, published: Published) -> Wat
         for name, track in tracks
         if track is not None and track.last is not None
     }
-    began = watch.activate(watching.watch, _plan(waypoints), own, intruders, _clock(zero, published.began))
+    began = watch.activate(watching.watch, received(waypoints), own, intruders, _clock(zero, published.began))
     return replace(watching, watch=began, held=published, revision=published.revision)
 
 
@@ -106,8 +105,7 @@ def withdrawn(watching: Watching, revision: int) -> Watching:
     watching = replace(watching, revision=revision, held=None)
     if watching.frame is None or _state(watching) is State.IDLE:
         return watching
-    nothing = Plan(Status.UNRESOLVED, Source.NONE, (), math.nan, math.nan, None, math.nan, (), ())
-    return replace(watching, watch=watch.activate(watching.watch, nothing, _UNKNOWN, {}, 0.0))
+    return replace(watching, watch=watch.activate(watching.watch, received(()), _UNKNOWN, {}, 0.0))
 
 
 def stepped(watching: Watching, picture: Picture, now: int, vertical_filter: float) -> tuple[Watching, Verdict | None]:
@@ -160,14 +158,13 @@ def answered(watching: Watching, number: int, published: Published | None) -> tu
     if frame is None or ask is None:
         return watching, False
     if published is None:
-        nothing = Plan(Status.UNRESOLVED, Source.NONE, (), math.nan, math.nan, None, math.nan, (), ())
-        after, _ = watch.answer(watching.watch, number, nothing)
+        after, _ = watch.answer(watching.watch, number, received(()))
         return replace(watching, watch=after), False
     _, waypoints = flown(frame, published.began, published.start, published.points)
     # The runner began when the request arrived; the monitor counts from when it asked.
     late = (published.began - watching.asked) / SECOND
     shifted = tuple(replace(point, time=point.time + late) for point in waypoints)
-    after, taken_up = watch.answer(watching.watch, number, _plan(shifted))
+    after, taken_up = watch.answer(watching.watch, number, received(shifted))
     revision = max(watching.revision, published.revision)
     held = published if taken_up else watching.held
     return replace(watching, watch=after, held=held, revision=revision), taken_up
@@ -209,10 +206,6 @@ def _left_out(picture: Picture, now: int, limits: Thresholds, vertical_filter: f
 
 def _state(watching: Watching) -> State:
     return State(int(watching.watch.monitor.state[0]))
-
-
-def _plan(waypoints: tuple[Waypoint, ...]) -> Plan:
-    return Plan(Status.SAFE, Source.NONE, (), math.nan, math.nan, None, math.nan, (), waypoints)
 
 
 def _clock(zero: int, time: int) -> float:

@@ -217,7 +217,7 @@ class Runner(ListeningNode):
             result = _planned(wanted, self._policy, thorough=False)
             # A monitor cannot wait for the slow stages: it asks again, and has its backup meanwhile.
             patient = request.reason != request.REASON_REPLAN and not self._searching
-            if not result.safe and settings.options.thorough and patient:
+            if not result.safe and settings.options.exhaustive and patient:
                 result = await self._searched(wanted, self._policy, asked)
         except RequestError as error:
             raise refusal_of(error, wanted) from error
@@ -356,5 +356,5 @@ def _pinned(policy: Policy, file: str, digest: str) -> Policy:
 
 
 def _planned(wanted: Task, policy: Policy, *, thorough: bool) -> Plan:
-    options = replace(wanted.options, thorough=thorough)
+    options = replace(wanted.options, exhaustive=thorough)
     return plan(wanted.own, wanted.intruders, wanted.points, policy, options, own_altitude=wanted.own_altitude)

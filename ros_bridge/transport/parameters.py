@@ -9,7 +9,7 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 
 from agents.assurance.thresholds import Thresholds
-from agents.planner.request import Options, gentle
+from agents.planner.options import Options, comfort_limits
 from agents.planner.traffic import Requirement
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, within
@@ -254,12 +254,12 @@ def settings(node: Any) -> Settings:
     options = Options(
         requirement=Requirement(value("separation"), value("margin"), value("sigmas")),
         limits=legs,
-        manoeuvre=gentle(flown),
+        manoeuvre=comfort_limits(flown),
         rejoin_by=value("rejoin_by"),
         extend_route=value("extend_route"),
         vertical_filter=value("vertical_filter"),
         max_age=value("intruder_max_age"),
-        thorough=value("thorough"),
+        exhaustive=value("thorough"),
     )
     return Settings(
         ownship_age=value("ownship_max_age"),

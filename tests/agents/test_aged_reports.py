@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from agents.assurance import single
 from agents.planner import Intruder, Options, RequestError, plan
 from agents.planner.request import checked, reported
+from agents.planner.separation import same_flight
 from agents.planner.traffic import advanced, predicted
-from agents.planner.validator import same_flight
 from agents.policy.inference import Policy
 from benchmarks.safety.resimulation import travelled
 from envs.kinematics import VehicleState

@@ -12,7 +12,8 @@ from agents.manoeuvres.escape_manoeuvre import Flight, Manoeuvre, fly, fly_away,
 from agents.manoeuvres.escape_search import COARSE, STAGES, concatenated
 from agents.planner import fallback_flight as fallback
 from agents.planner.fallback_flight import STRIDE, Flown, fly_out
-from agents.planner.request import MARGIN, Options, Request
+from agents.planner.options import MARGIN, Options
+from agents.planner.request import Request
 from agents.planner.traffic import Requirement
 from envs.encounters import scenario
 from envs.kinematics import SURROGATE, VehicleState
@@ -162,5 +163,5 @@ def test_knots_and_sums_are_those_of_the_flight() -> None:
         speed = states.speed[: last + 1, row]
         np.testing.assert_allclose(found.path[row], STRIDE * (speed.sum() - 0.5 * (speed[0] + speed[-1])))
         turn = every.turn_after[row]
-        assert found.side[row] == np.sign(turn)
+        assert found.turn_sign[row] == np.sign(turn)
         assert found.reversals[row] == 0

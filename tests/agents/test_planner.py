@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from agents.planner.answer import WAYPOINTS, Kind, Plan, RequestError, Source, Status
-from agents.planner.candidates import task_of
+from agents.planner.options import task_of
 from agents.planner.planner import eligible, plan, plan_many
 from agents.planner.request import Altitude, Intruder, Options, Request
-from agents.planner.rollout import roll, roll_one
+from agents.planner.rollout import roll
 from agents.planner.traffic import Requirement, Traffic
 from agents.policy.inference import Policy
 from envs.encounters import Encounter, scenario
@@ -128,10 +128,8 @@ def test_the_two_rollouts_agree(policy: Policy) -> None:
         many = roll(request.own, request.traffic, goal, keep, exact, task)
         for number in range(5):
             row = take(request, slice(number, number + 1))
-            own = VehicleState(*(float(field[0]) for field in row.own))
-            one = roll_one(
-                own, row.traffic, (float(goal[0][number]), float(goal[1][number])), keep[[number]], exact, task
-            )
+            there = goal[0][[number]], goal[1][[number]]
+            one = roll(row.own, row.traffic, there, keep[[number]], exact, task, floats=True)
             # The arrays' arctangent is a polynomial, 4e-8 rad off; in closed loop that grows to some metres.
             np.testing.assert_allclose(one.time[0], many.time[number], atol=1.0)
             np.testing.assert_allclose(one.knots.x[0], many.knots.x[number], atol=20.0)
@@ -149,15 +147,17 @@ def test_the_fallback_finds_a_plan_where_the_policy_has_none(policy: Policy) -> 
     # Several intruders are more than a policy can see at once.
     request = request_of(numbered(scenario("multi"), 7, 0, 24))
     # One point alone: to the next but one the policy may know a way that it does not know to the next.
-    plans = plan_many(request, policy, Options(thorough=False, goals=1))
+    plans = plan_many(request, policy, Options(exhaustive=False, goals=1))
     saved = plans.proposals.safe & ~plans.policy_safe
     assert saved.sum() >= 3
     assert np.all(plans.source[saved] == 2)
 
 
-def test_a_doubtful_plan_is_compared_with_the_fallback(policy: Policy, encounters: Encounter) -> None:
+def test_a_costly_plan_is_compared_with_the_fallback(policy: Policy, encounters: Encounter) -> None:
     request = request_of(take(encounters, slice(0, 60)))
-    never, always = (plan_many(request, policy, Options(doubtful=limit)).proposals for limit in (math.inf, 0.0))
+    never, always = (
+        plan_many(request, policy, Options(fallback_cost_threshold=limit)).proposals for limit in (math.inf, 0.0)
+    )
     both = never.safe & always.safe
     assert np.all(always.cost[both] <= never.cost[both] + 1e-6)
     assert always.cost[both].mean() < never.cost[both].mean()

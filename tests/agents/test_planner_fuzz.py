@@ -23,7 +23,7 @@ from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState
 from envs.trees import take
 from envs.waypoints import RoutePoint
 
-QUICK = Options(thorough=False, goals=1)
+QUICK = Options(exhaustive=False, goals=1)
 POLICY = Policy.load()
 
 GOOD: dict[str, Any] = {
@@ -229,8 +229,8 @@ asked = st.builds(
     goals=st.sampled_from([1, 2, 100]),
     extend_route=st.booleans(),
     vertical_filter=st.sampled_from([0.0, 600.0]),
-    doubtful=st.sampled_from([0.0, 1_500.0, math.inf]),
-    thorough=st.just(False),
+    fallback_cost_threshold=st.sampled_from([0.0, 1_500.0, math.inf]),
+    exhaustive=st.just(False),
 )
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.planner import planner
+from agents.planner import publish
 from agents.planner.answer import WAYPOINTS, Kind, Status
 from agents.planner.audit import audit
 from agents.planner.planner import plan
@@ -86,14 +86,14 @@ def test_another_number_of_waypoints_is_told(count: int) -> None:
 
 
 def test_a_plan_that_is_published_wrongly_is_not_safe(monkeypatch: pytest.MonkeyPatch) -> None:
-    policy, right = Policy.load(), planner._waypoints
+    policy, right = Policy.load(), publish._waypoints
     assert plan(OWN, [], ROUTE * 1, policy, Options(extend_route=True)).safe
 
     def twice(*values: object) -> tuple[Waypoint, ...]:
         points = right(*values)  # pyright: ignore[reportArgumentType]
         return (*points[:5], replace(points[5], index=points[4].index), *points[6:])
 
-    monkeypatch.setattr(planner, "_waypoints", twice)
+    monkeypatch.setattr(publish, "_waypoints", twice)
     answer = plan(OWN, [], ROUTE, policy, Options(extend_route=True))
     assert answer.status is Status.UNRESOLVED
     assert {one.kind for one in answer.reasons} == {Kind.INDICES}

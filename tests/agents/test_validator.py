@@ -58,7 +58,7 @@ def test_the_separation_is_a_tight_lower_bound(turning: bool) -> None:
     # Samples 0.02 s apart miss a closest approach by at most 0.02 m wherever it is 100 m or more.
     assert np.all(found.min_separation <= truth + 1e-6)
     assert np.all(found.min_separation >= truth - 0.05)
-    first = found.wrong[CHECKS.index("separation")]
+    first = found.wrong[:, CHECKS.index("separation")]
     np.testing.assert_array_equal(first, found.clearance < 0.0)
     base = np.minimum(300.0, sampled(knots, intruders, 1e9)[0])
     assert np.all((truth < 299.9) <= (first | (base.min(axis=-1) < 300.0)))
@@ -86,10 +86,10 @@ def test_the_first_violation_is_told_with_time_and_place() -> None:
     one = Traffic.straight(VehicleState(*(np.array([[value]]) for value in (8_000.0, 0.0, math.pi, 80.0))))
     found = validate(knots, one, Requirement(1_000.0), C208_PUBLISHED)
     row = CHECKS.index("separation")
-    assert found.time[row, 0] == pytest.approx(43.75, abs=0.1)
-    assert found.x[row, 0] == pytest.approx(3_500.0, abs=10.0)
+    assert found.time[0, row] == pytest.approx(43.75, abs=0.1)
+    assert found.x[0, row] == pytest.approx(3_500.0, abs=10.0)
     assert found.intruder[0] == 0
-    assert found.leg[row, 0] == 2
+    assert found.leg[0, row] == 2
     assert found.min_separation[0] == pytest.approx(0.0, abs=0.01)
     assert found.time_of_min_separation[0] == pytest.approx(50.0, abs=0.1)
 
@@ -122,7 +122,7 @@ def test_every_fault_is_found(name: str, change: Any, checks: set[str]) -> None:
     found = validate(spoilt(good, name, change), intruders, Requirement(), C208_PUBLISHED)
     told = np.zeros(40, dtype=bool)
     for check in checks:
-        told |= found.wrong[CHECKS.index(check)]
+        told |= found.wrong[:, CHECKS.index(check)]
     assert told.all()
     assert not found.safe.any()
 
@@ -135,11 +135,11 @@ def test_rounding_does_not_add_up_beyond_a_limit(speed: float, sign: float) -> N
     creeping = np.full_like(curves.acceleration, sign * 0.4e-6 / 2.0)  # 0.4 um/s an arc of 2 s
     gained = np.arange(curves.speed.size).reshape(curves.speed.shape) * sign * 0.4e-6
     intruders, check = traffic(1, 0, 0), CHECKS.index("speed")
-    assert not validate(knots, intruders, Requirement(), C208_PUBLISHED, curves).wrong[check, 0]
+    assert not validate(knots, intruders, Requirement(), C208_PUBLISHED, curves).wrong[0, check]
     found = validate(
         knots, intruders, Requirement(), C208_PUBLISHED, curves._replace(acceleration=creeping, speed=speed + gained)
     )
-    assert found.wrong[check, 0] and found.leg[check, 0] == 0
+    assert found.wrong[0, check] and found.leg[0, check] == 0
 
 
 def test_no_plans_are_no_trouble() -> None:
@@ -157,7 +157,7 @@ def test_plans_are_judged_one_by_one() -> None:
         C208_PUBLISHED,
     )
     np.testing.assert_array_equal(part.min_separation, whole.min_separation[20:30])
-    np.testing.assert_array_equal(part.wrong, whole.wrong[:, 20:30])
+    np.testing.assert_array_equal(part.wrong, whole.wrong[20:30])
 
 
 @pytest.mark.parametrize("margin", [0.1, 5.0, pytest.param(50.0, marks=pytest.mark.slow)])
@@ -189,7 +189,7 @@ def test_absent_intruders_do_not_count() -> None:
     none = intruders._replace(mask=np.zeros_like(intruders.mask))
     found = validate(knots, none, Requirement(), C208_PUBLISHED)
     assert np.all(np.isinf(found.min_separation))
-    assert not found.wrong[CHECKS.index("separation")].any()
+    assert not found.wrong[:, CHECKS.index("separation")].any()
 
 
 def test_uncertainty_enlarges_what_is_required() -> None:
@@ -203,7 +203,7 @@ def test_uncertainty_enlarges_what_is_required() -> None:
     vague = abeam._replace(position_std=np.array([[30.0]]), velocity_std=np.array([[2.0]]))
     found = validate(knots, vague, Requirement(1_000.0, 0.0), C208_PUBLISHED)
     assert not found.safe[0]
-    assert found.time[CHECKS.index("separation"), 0] == pytest.approx(73.5, abs=2.1)
+    assert found.time[0, CHECKS.index("separation")] == pytest.approx(73.5, abs=2.1)
 
 
 @pytest.mark.parametrize("distance", [1_000.0, 1_000.01, 1_020.0, 1_049.99, 1_050.0, 1_500.0])

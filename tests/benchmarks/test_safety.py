@@ -26,7 +26,7 @@ from envs.trees import take
 from envs.waypoints import Knots, at, legs
 from eval.flights.plan_flight import request_of
 
-OPTIONS = Options(thorough=False)
+OPTIONS = Options(exhaustive=False)
 
 
 class Plans(NamedTuple):

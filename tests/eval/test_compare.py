@@ -15,6 +15,7 @@ import pytest
 from agents.baselines.acas_nnet import NnetError
 from agents.baselines.baselines import BASELINES
 from agents.config.load import ConfigError
+from agents.planner.validator import Findings
 from agents.policy import file as policy_file
 from envs.encounters import EncounterError, scenario
 from envs.formats import encounter_file
@@ -175,7 +176,7 @@ def test_a_request_without_any_trajectory_is_a_time_out(monkeypatch: pytest.Monk
     def hopeless(*given: Any) -> Any:
         plans = made(*given)
         proposals = plans.proposals._replace(
-            last=np.full_like(plans.proposals.last, -1), safe=np.zeros_like(plans.proposals.safe)
+            last=np.full_like(plans.proposals.last, -1), findings=Findings.empty(len(plans.source))
         )
         return plans._replace(proposals=proposals)
 

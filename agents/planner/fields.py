@@ -1,0 +1,50 @@
+"""Values of a request, checked one by one: each refusal names the field, the value and what was expected."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from agents.planner.answer import RequestError
+from envs.kinematics import VehicleState
+
+__all__ = ["real", "sequence", "shown"]
+
+_LONGEST_TEXT = 60  # of a value in a message
+
+
+def sequence(name: str, given: Any) -> Sequence[Any]:
+    """Return a sequence that is neither a text nor a single state.
+
+    Raises:
+        RequestError: it is none.
+    """
+    if isinstance(given, (str, bytes, VehicleState)) or not isinstance(given, Sequence):
+        raise RequestError(name, f"is {type(given).__name__}, expected a sequence")
+    return given
+
+
+def shown(value: Any) -> str:
+    """Return a value for a message, however long or odd it is."""
+    if isinstance(value, int) and not isinstance(value, bool) and abs(value) > 10**18:
+        return "an integer of more than 18 digits"
+    text = repr(value)
+    return text if len(text) <= _LONGEST_TEXT else text[:_LONGEST_TEXT] + "..."
+
+
+def real(name: str, value: Any, low: float, high: float, unit: str) -> float:
+    """Return a number in [low, high] as a plain float.
+
+    Raises:
+        RequestError: it is none; the message names it.
+    """
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise RequestError(name, f"is {shown(value)}, expected a number")
+    try:
+        result = float(value)
+    except OverflowError:
+        raise RequestError(name, f"is {shown(value)}, expected {low:g} to {high:g} {unit}") from None
+    # NaN fails every comparison.
+    if not low <= result <= high:
+        raise RequestError(name, f"is {result:g}, expected {low:g} to {high:g} {unit}")
+    return result

@@ -1,0 +1,197 @@
+"""What leaves the planner: the best plan of a request as waypoints, SAFE or with the reasons why not.
+
+SAFE is decided here and nowhere else: the validator has found nothing wrong with the plan's knots, and the audit
+nothing with the waypoints as they are published.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.planner.answer import Excluded, Kind, Plan, Reason, RequestError, Source, Status
+from agents.planner.audit import audit
+from agents.planner.candidates import Proposals
+from agents.planner.goals import eligible
+from agents.planner.options import Options
+from agents.planner.request import Altitude, Intruder, Request, checked
+from agents.planner.validator import CHECKS, Findings, validate
+from envs.kinematics import VehicleState
+from envs.trees import take
+from envs.waypoints import Knots, RoutePoint, Waypoint
+from envs.waypoints import knots as knots_of
+
+__all__ = ["JOIN", "Plans", "published", "received", "rechecked"]
+
+JOIN = 5.0
+"""Least time to the waypoint at which a late plan is joined, s: a shorter leg would make a hard turn of any error."""
+
+_SOURCES = (Source.NONE, Source.POLICY, Source.FALLBACK)
+
+
+class Plans(NamedTuple):
+    """Answers to many requests; fields ``[N]``."""
+
+    proposals: Proposals
+    source: Any
+    """0 none, 1 policy, 2 fallback; int8."""
+    policy_safe: Any
+    """Whether the policy's own plan for the next point was safe, bool."""
+
+
+def published(
+    request: Request,
+    plans: Plans,
+    route: Sequence[RoutePoint],
+    excluded: tuple[Excluded, ...],
+    kept: list[int],
+    options: Options,
+) -> Plan:
+    """Write the plan of one request.
+
+    Args:
+        request: ``[1]``.
+        plans: ``[1]``.
+        route: as it was asked for.
+        excluded: intruders that were left out.
+        kept: numbers of the others.
+        options: how plans shall be.
+    """
+    best = take(plans.proposals, 0)
+    waypoints = _waypoints(best, route)
+    slips = audit(waypoints, route, extended=options.extend_route) if waypoints else []
+    valid = bool(best.findings.safe)
+    safe = valid and not slips
+    reasons = tuple(slips) if valid else (*_reasons(request, best, kept, options), *slips)
+    advisory = None
+    if safe and not plans.policy_safe[0]:
+        advisory = "the policy's own plan to the next point of the route was not safe"
+    return Plan(
+        Status.SAFE if safe else Status.UNRESOLVED,
+        _SOURCES[int(plans.source[0])] if waypoints else Source.NONE,
+        reasons,
+        float(best.min_separation),
+        float(best.time_of_min_separation),
+        route[int(best.goal)].index if waypoints else None,
+        float(best.rejoin_time),
+        excluded,
+        waypoints,
+        float(best.cost) if waypoints else float("nan"),
+        advisory,
+    )
+
+
+def received(waypoints: tuple[Waypoint, ...]) -> Plan:
+    """Return a plan as a receiver of its waypoints has it: only SAFE ones have any."""
+    nan, status = float("nan"), Status.SAFE if waypoints else Status.UNRESOLVED
+    return Plan(status, Source.NONE, (), nan, nan, None, nan, (), waypoints)
+
+
+def rechecked(
+    plan: Plan,
+    late: float,
+    own: VehicleState,
+    intruders: Sequence[VehicleState | Intruder],
+    route: Sequence[RoutePoint],
+    options: Options,
+    own_altitude: Altitude | None = None,
+) -> Plan:
+    """Return a plan as it is worth some time after its request: SAFE only if it still is from the present state on.
+
+    Args:
+        plan: as it was made.
+        late: time since its request, s.
+        own: present state of the ownship.
+        intruders: as reported by now.
+        route: what is left of it.
+        options: how the plan shall be.
+        own_altitude: for the vertical filter.
+    """
+    if not plan.safe or late <= 0.0:
+        return plan
+    left = [replace(point, time=point.time - late) for point in plan.waypoints if point.time - late >= JOIN]
+    try:
+        request, _, _ = checked(own, intruders, route, options, own_altitude)
+    except RequestError as error:
+        return _void(plan, late, str(error))
+    curve = Knots(*(field[None] for field in knots_of(own, left)))
+    found = validate(curve, request.traffic, options.requirement, options.limits)
+    if bool(found.safe[0]):
+        return plan
+    wrong = ", ".join(CHECKS[number] for number in np.flatnonzero(found.wrong[0]))
+    return _void(plan, late, f"from the states by then it fails the checks: {wrong}")
+
+
+def _void(plan: Plan, late: float, why: str) -> Plan:
+    message = f"plan was found {late:.1f} s after the request and is too late: {why}"
+    return replace(plan, status=Status.UNRESOLVED, reasons=(Reason(Kind.SEPARATION, "plan", message),))
+
+
+def _waypoints(best: Proposals, route: Sequence[RoutePoint]) -> tuple[Waypoint, ...]:
+    """Return the published waypoints of one plan; none if there is none."""
+    if best.last < 0:
+        return ()
+    taken = {point.index for point in route}
+    beyond = int(best.last) - len(route)
+    free = (index for index in range(len(route) + 64) if index not in taken)
+    fresh = [next(free) for _ in range(20)]
+    rows = np.stack(best.knots, axis=-1)[1:].tolist()
+    last = route[int(best.last)].index if beyond < 0 else fresh[19]
+    indices = [*fresh[:19], last]
+    return tuple(Waypoint(index, *row) for index, row in zip(indices, rows, strict=True))
+
+
+def _reasons(request: Request, best: Proposals, kept: list[int], options: Options) -> list[Reason]:
+    """Return everything that is wrong with one request ``[1]`` and its best plan ``[]``."""
+    reasons = []
+    requirement = options.requirement
+    own, traffic = request.own, request.traffic
+    apart = np.hypot(traffic.state.x - own.x[:, None], traffic.state.y - own.y[:, None])[0]
+    for number, far in zip(kept, apart, strict=True):
+        if far < requirement.separation:
+            what = f"is {far:.1f} m away at the request, expected {requirement.separation:.1f} m or more"
+            name = f"intruders[{number}]"
+            reasons.append(
+                Reason(Kind.START_IN_VIOLATION, name, f"{name} {what}", 0.0, float(own.x[0]), float(own.y[0]))
+            )
+    if eligible(request, options)[0, 0] < 0:
+        return [*reasons, _no_goal(request)]
+    if best.last < 0 and best.too_short:
+        what = "ends before the plan does and may not be extended"
+        return [*reasons, Reason(Kind.ROUTE_TOO_SHORT, "route", f"route {what}")]
+    if best.last < 0:
+        what = f"cannot be rejoined within {options.rejoin_by:g} s by any manoeuvre that was tried"
+        return [*reasons, Reason(Kind.NO_REJOIN, "route", f"route {what}")]
+    wanted = requirement.separation + requirement.margin
+    return [
+        *reasons,
+        *(_finding(best.findings, check, kept, wanted) for check in np.flatnonzero(best.findings.wrong).tolist()),
+    ]
+
+
+def _no_goal(request: Request) -> Reason:
+    own, x, y = request.own, request.route_x[0], request.route_y[0]
+    nearest = float(np.min(np.hypot(x - own.x[0], y - own.y[0])))
+    ahead = eligible(request, Options(rejoin_by=1e9))[0, 0] >= 0
+    if ahead:
+        what = f"has no point that can be reached in time; the nearest is {nearest:.0f} m away"
+        return Reason(Kind.GOAL_TOO_FAR, "route", f"route {what}")
+    return Reason(Kind.GOAL_BEHIND, "route", "route lies behind: the ownship has passed all of its points")
+
+
+def _finding(found: Findings, check: int, kept: list[int], wanted: float) -> Reason:
+    """Return one finding of the validator as a reason."""
+    kind = Kind(CHECKS[check])
+    leg, time = int(found.leg[check]), float(found.time[check])
+    x, y = float(found.x[check]), float(found.y[check])
+    if kind is Kind.SEPARATION:
+        name = f"intruders[{kept[int(found.intruder)]}]"
+        least, when = float(found.min_separation), float(found.time_of_min_separation)
+        message = (
+            f"{name} comes closer than required from {time:.1f} s on; the smallest distance to any intruder is "
+            f"{least:.1f} m at {when:.1f} s, expected {wanted:.1f} m or more"
+        )
+        return Reason(kind, name, message, time, x, y)
+    name = f"waypoints[{leg}]"
+    return Reason(kind, name, f"the leg to {name} fails the check of {kind.value} from {time:.1f} s on", time, x, y)

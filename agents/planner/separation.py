@@ -1,0 +1,127 @@
+"""Distances between a plan's curves and the intruders: the validator's own arithmetic.
+
+Nothing here is shared with the modules that make plans, nor with their prediction of the intruders.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from agents.planner.traffic import Requirement, Traffic
+from envs.trees import mapped, take
+
+__all__ = ["FINE", "along", "chords", "growth", "same_flight"]
+
+FINE = 32
+"""Parts into which an arc of a leg is cut where it matters: 0.06 s of a leg of 20 s, 4 mm of uncertainty."""
+
+_NODES = list(zip(*(part.tolist() for part in np.polynomial.legendre.leggauss(4)), strict=True))
+_SAME_PLACE = 0.01  # m by which an intruder may leave its report's flight for rounding's sake
+
+
+def same_flight(reports: Traffic, age: Any, traffic: Traffic) -> Any:
+    """Return whether intruders as of the request fly on as their reports say, ``[N, K]``.
+
+    They are looked at where they stand, half-way through the turn, at its end and long after it: two arcs of one rate
+    through the same points are the same, two straight lines too.
+
+    Args:
+        reports: as of the reports' own times, ``[N, K]``.
+        age: of the reports at the request, s, ``[N, K]``.
+        traffic: what plans are made and checked with, as of the request, ``[N, K]``.
+    """
+    said, used = (mapped(np.ravel, given) for given in (reports, traffic))
+    turn = used.turn_time[:, None]
+    times = np.concatenate([turn * np.array([0.0, 0.5, 1.0]), turn + 500.0], axis=1)
+    there, here = _flown(said, times + np.ravel(age)[:, None]), _flown(used, times)
+    near = np.hypot(there[0] - here[0], there[1] - here[1]).max(axis=1) <= _SAME_PLACE
+    alike = (used.turn_time == 0.0) | (said.turn_rate == used.turn_rate)
+    return (near & alike & (said.mask == used.mask)).reshape(np.shape(age))
+
+
+def chords(
+    begin: Any, length: Any, start: tuple[Any, Any], end: tuple[Any, Any], traffic: Traffic, pull: Any
+) -> tuple[Any, Any]:
+    """Return a lower bound and an attained value of the distance in each part, m, ``[n, A, K]``.
+
+    Args:
+        begin, length: of the parts, s, ``[n, A]``.
+        start, end: own positions there, m, ``[n, A]`` each.
+        traffic: ``[n, K]``.
+        pull: largest relative acceleration, m/s^2, broadcasts against ``[n, A, K]``.
+    """
+    x0, y0 = _relative(start, begin, traffic)
+    x1, y1 = _relative(end, begin + length, traffic)
+    dx, dy = x1 - x0, y1 - y0
+    s = np.clip(-(x0 * dx + y0 * dy) / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
+    near, first, last = (np.sqrt(x * x + y * y) for x, y in ((x0 + s * dx, y0 + s * dy), (x0, y0), (x1, y1)))
+    # A share s of the part from its beginning, the motion leaves the chord by 4 bow s (1 - s) at most. Where the chord
+    # is nearest at an end, from which the range opens by at least g s, the distance is smaller than there by at most
+    # (4 bow - g)^2 / (16 bow).
+    bow = np.maximum(pull * (0.125 * length[..., None] ** 2), 1e-12)
+    opening = np.where(s <= 0.0, (x0 * dx + y0 * dy) / np.maximum(first, 1e-9), 0.0)
+    opening = np.where(s >= 1.0, -(x1 * dx + y1 * dy) / np.maximum(last, 1e-9), opening)
+    loss = np.maximum(4.0 * bow - np.maximum(opening, 0.0), 0.0) ** 2 / (16.0 * bow)
+    return near - loss, np.minimum(first, last)
+
+
+def _relative(own: tuple[Any, Any], time: Any, traffic: Traffic) -> tuple[Any, Any]:
+    """Return the intruders' positions less the own ones, m, ``[n, A, K]``.
+
+    An intruder turns about a centre, then flies on.
+    """
+    heading, speed = traffic.state.heading[:, None], traffic.state.speed[:, None]
+    t = time[..., None]
+    x = traffic.state.x[:, None] + speed * np.cos(heading) * t
+    y = traffic.state.y[:, None] + speed * np.sin(heading) * t
+    # Only turning ones are treated apart, so that the rounding of one does not depend on the others.
+    n, k = np.nonzero((np.abs(traffic.turn_rate) > 1e-9) & (traffic.turn_time > 0.0))
+    if n.size:
+        x[n, :, k], y[n, :, k] = _turning(take(traffic, (n, k)), time[n])
+    return x - own[0][..., None], y - own[1][..., None]
+
+
+def _flown(traffic: Traffic, time: Any) -> tuple[Any, Any]:
+    """Return the positions of intruders ``[m]`` at times ``[m, A]``, m."""
+    state = mapped(lambda field: field[:, None], traffic.state)
+    x, y = (start + state.speed * part(state.heading) * time for start, part in ((state.x, np.cos), (state.y, np.sin)))
+    turns = np.flatnonzero((np.abs(traffic.turn_rate) > 1e-9) & (traffic.turn_time > 0.0))
+    x[turns], y[turns] = _turning(take(traffic, turns), time[turns])
+    return x, y
+
+
+def _turning(traffic: Traffic, time: Any) -> tuple[Any, Any]:
+    """Return the positions of intruders ``[m]`` that turn about a centre and then fly on, at times ``[m, A]``."""
+    one = mapped(lambda field: field[:, None], traffic)
+    turning = np.minimum(time, one.turn_time)
+    radius = one.state.speed / one.turn_rate
+    before, after = one.state.heading, one.state.heading + one.turn_rate * turning
+    straight = one.state.speed * (time - turning)
+    x = one.state.x + radius * (np.sin(after) - np.sin(before)) + straight * np.cos(after)
+    y = one.state.y + radius * (np.cos(before) - np.cos(after)) + straight * np.sin(after)
+    return x, y
+
+
+def growth(traffic: Traffic, time: Any, requirement: Requirement) -> Any:
+    """Return what uncertainty adds to the required distance by a time since the request, m, ``[n, A, K]``."""
+    if not traffic.velocity_std.any():
+        return np.zeros((1, 1, 1))
+    first = traffic.position_std[:, None]
+    spread = np.hypot(first, traffic.velocity_std[:, None] * time[..., None])
+    return requirement.sigmas * (spread - first)
+
+
+def along(x: Any, y: Any, heading: Any, speed: Any, yaw_rate: Any, acceleration: Any, part: Any) -> tuple[Any, Any]:
+    """Return positions on arcs ``[m, 1]`` after 0 to :data:`FINE` parts of some seconds: Gauss-Legendre's rule."""
+    time = np.arange(FINE + 1) * part
+    # Velocities as complex numbers: the course at a node of the rule turns by the same from part to part, and turning
+    # it takes less than half the time of another sine and cosine. The error grows to some 1e-14.
+    start = np.cos(heading) + 1j * np.sin(heading)
+    moved: Any = np.zeros(time.shape, dtype=complex)
+    for node, weight in _NODES:
+        share = 0.5 * (1.0 + node)
+        turn = yaw_rate * (share * part)
+        turns = np.broadcast_to(np.cos(turn) + 1j * np.sin(turn), (len(time), FINE))
+        courses = np.multiply.accumulate(np.concatenate([start, turns], axis=1), axis=1)
+        moved += (speed + acceleration * (share * time)) * (0.5 * weight) * courses
+    return x + moved.real * time, y + moved.imag * time
