@@ -15,15 +15,16 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from envs.edge.command import Parser, run_cli
+from ros_bridge.transport.children import started, stopped
 from ros_bridge.transport.domains import free_domain
 
 if TYPE_CHECKING:
+    from ros_bridge.nodes.simulator import Simulator
     from ros_bridge.sim.flight_log import FlightLog
 
 __all__ = ["FOUR", "MARGINS", "main"]
@@ -33,8 +34,6 @@ FOUR = ("crossing_left", "crossing_right", "head_on", "same_course")
 
 MARGINS = {"kinematic": 25.0, "point_mass": 50.0, "c208": 50.0}
 """Added to the separation for what each vehicle leaves of its plan, m (docs/howto/ros.md)."""
-
-_PATIENCE = 15.0  # s in which a process must end
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -46,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with free_domain() as domain:
             # Before ROS is loaded: nobody else's graph is disturbed.
             os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-            return _flown(options, encounters)
+            return _run(options, encounters)
     except (ValueError, RuntimeError) as error:
         print(f"{parser.prog}: error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
@@ -100,21 +99,17 @@ def _encounters(options: argparse.Namespace) -> Iterator[tuple[str, Any, int]]:
             yield f"{name} {number}", take(every, [number]), number
 
 
-def _flown(options: argparse.Namespace, encounters: Sequence[tuple[str, Any, int]]) -> int:
+def _simulator(options: argparse.Namespace, level: str) -> "Simulator":
+    """Return the simulator, in this process."""
     try:
         import rclpy
         import rlcas_msgs  # noqa: F401
     except ModuleNotFoundError as error:
         raise ValueError(f"{error.name} is not installed; to have it: make ros") from error
     from rclpy.exceptions import ParameterException
-    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
     from ros_bridge.nodes.simulator import Simulator
-    from ros_bridge.sim.flight_log import kept, table
-    from ros_bridge.transport.recording import Recorder
 
-    margin = MARGINS[options.vehicle] if options.margin is None else options.margin
-    level = "info" if options.verbose else "fatal"
     settings = {
         "vehicle": options.vehicle,
         "rate": float(options.rate),
@@ -124,18 +119,53 @@ def _flown(options: argparse.Namespace, encounters: Sequence[tuple[str, Any, int
     }
     given = [part for name, value in settings.items() for part in ("-p", f"{name}:={value}")]
     rclpy.init(args=["--ros-args", "--log-level", level, *given])
-    nodes: list[subprocess.Popen[bytes]] = []
-    recorder = None
     try:
-        simulator = Simulator()
+        return Simulator()
     except ValueError:
         rclpy.try_shutdown()
         raise
     except ParameterException as error:
         rclpy.try_shutdown()
         raise ValueError(f"{error} (times real time: 0.1 to 1000; noise: 0 to 500 m, 0 to 50 m/s)") from error
+
+
+def _run(options: argparse.Namespace, encounters: Sequence[tuple[str, Any, int]]) -> int:
+    from ros_bridge.sim.flight_log import kept, table
+
+    margin = MARGINS[options.vehicle] if options.margin is None else options.margin
+    level = "info" if options.verbose else "fatal"
+    simulator = _simulator(options, level)
+    recording, unrecorded = _flown(simulator, options, encounters, margin, level)
+    if unrecorded:
+        print(f"\npython -m ros_bridge.demo: error: {unrecorded}", file=sys.stderr)
+    elif not simulator.logs:
+        raise ValueError("nothing was flown to its end")
+    if simulator.logs:
+        _evaluate(simulator.logs, [one for _, one, _ in encounters], margin)
+        print(f"vehicle {options.vehicle}, margin {margin:g} m, seed {options.seed}, runner and monitor as processes\n")
+        print(table(simulator.logs))
+    if recording is not None and recording.exists():
+        print(f"recorded: {recording} ({recording.stat().st_size / 1e6:.1f} MB)")
+    return 0 if not unrecorded and kept(simulator.logs) and len(simulator.logs) == len(encounters) else 1
+
+
+def _flown(
+    simulator: "Simulator",
+    options: argparse.Namespace,
+    encounters: Sequence[tuple[str, Any, int]],
+    margin: float,
+    level: str,
+) -> "tuple[Path | None, str]":
+    """Fly encounters; return the recording, if there is one, and why it could not be written, or ""."""
+    import rclpy
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+    from ros_bridge.transport.recording import Recorder
+
     executor = SingleThreadedExecutor()
     executor.add_node(simulator)
+    nodes: list[subprocess.Popen[bytes]] = []
+    recorder, unrecorded = None, ""
     try:
         if options.record is not None:
             recorder = Recorder(simulator, options.record, lambda: simulator.now)
@@ -152,27 +182,31 @@ def _flown(options: argparse.Namespace, encounters: Sequence[tuple[str, Any, int
         print(file=sys.stderr)
     except (KeyboardInterrupt, ExternalShutdownException):
         print("\ninterrupted; what was flown:", file=sys.stderr)
+    except OSError as error:
+        unrecorded = _unwritten(error)
     finally:
         # A second Ctrl-C must not break the cleaning up.
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-        _stop(nodes)
-        if recorder is not None:
-            recorder.close()
+        stopped(nodes)
         executor.shutdown()
         simulator.destroy_node()
         rclpy.try_shutdown()
         signal.signal(signal.SIGINT, before)
-    if not simulator.logs:
-        raise ValueError("nothing was flown to its end")
-    _judge(simulator.logs, [one for _, one, _ in encounters], margin)
-    print(f"vehicle {options.vehicle}, margin {margin:g} m, seed {options.seed}, two nodes in processes of their own\n")
-    print(table(simulator.logs))
-    if options.record is not None:
-        print(f"recorded: {options.record} ({options.record.stat().st_size / 1e6:.1f} MB)")
-    return 0 if kept(simulator.logs) and len(simulator.logs) == len(encounters) else 1
+    try:
+        if recorder is not None:
+            recorder.close()
+    except OSError as error:
+        unrecorded = _unwritten(error)
+    return (None if recorder is None else recorder.path), unrecorded
 
 
-def _judge(logs: "Sequence[FlightLog]", encounters: Sequence[Any], margin: float) -> None:
+def _unwritten(error: OSError) -> str:
+    if error.filename is None:
+        raise error
+    return f"{error.filename} cannot be written: {error.strerror}"
+
+
+def _evaluate(logs: "Sequence[FlightLog]", encounters: Sequence[Any], margin: float) -> None:
     """Note which encounters can be resolved at the separation that was planned with.
 
     What is not proven unresolvable counts as resolvable; nothing is said where nobody had to ask for a plan.
@@ -208,25 +242,13 @@ def _borne(options: argparse.Namespace, encounters: Sequence[tuple[str, Any, int
 def _start(name: str, level: str, settings: dict[str, float]) -> "subprocess.Popen[bytes]":
     given = ["-p", "use_sim_time:=true"]
     given += [part for key, value in settings.items() for part in ("-p", f"{key}:={float(value)}")]
-    return subprocess.Popen([sys.executable, "-m", f"ros_bridge.{name}", "--ros-args", "--log-level", level, *given])
+    return started(f"ros_bridge.{name}", "--ros-args", "--log-level", level, *given)
 
 
 def _alive(nodes: Sequence["subprocess.Popen[bytes]"]) -> None:
     for node in nodes:
         if node.poll() is not None:
             raise ValueError(f"runner or monitor ended with exit code {node.returncode} (--verbose shows why)")
-
-
-def _stop(nodes: Sequence["subprocess.Popen[bytes]"]) -> None:
-    for node in nodes:
-        node.terminate()
-    end = time.monotonic() + _PATIENCE
-    for node in nodes:
-        try:
-            node.wait(max(end - time.monotonic(), 0.1))
-        except subprocess.TimeoutExpired:
-            node.kill()
-            node.wait()
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from rclpy.utilities import remove_ros_args
 
 from envs.edge.command import Parser
 from ros_bridge.transport import parameters
+from ros_bridge.transport.children import FLAG, end_with_parent
 from ros_bridge.transport.discovery import apart, introduce
 from ros_bridge.transport.overrides import refuse_unknown_nodes
 
@@ -44,11 +45,14 @@ def main(make: Callable[[], Any], program: str, text: str, arguments: Sequence[s
 def _run(make: Callable[[], Any], program: str, text: str, arguments: Sequence[str] | None) -> int:
     given = [program, *(sys.argv[1:] if arguments is None else arguments)]
     parser = Parser(prog=program, description=text)
+    parser.add_argument(FLAG, action="store_true", help="end when standard input is closed")
     alive = _has_life_cycle(make)
     if alive:
         parser.add_argument("--manual", action="store_true", help="wait to be configured and activated by others")
     try:
         options = parser.parse_args(remove_ros_args(given)[1:])
+        if options.end_with_parent:
+            end_with_parent()
         refuse_unknown_nodes(given, [f"rlcas_{name}" for name, *_ in parameters.NODES])
         introduce()
         rclpy.init(args=given)

@@ -2,6 +2,8 @@
 
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ from tests.ros_bridge.graph import MISSING, ROOT, Process, domain
 
 pytest.importorskip("rclpy", reason=MISSING)
 
+from agents.policy.inference import Policy
 from ros_bridge import demo
 
 
@@ -40,7 +43,58 @@ def test_an_encounter_is_flown_safely_and_the_recording_tells_the_same(tmp_path:
     assert plans[0].min_separation >= 1_025.0
     assert {said.fly for said in messages["/rlcas_monitor/output/status"]} == {0, 1}
     assert messages["/rlcas_runner/input/traffic"][0].id == "4b0001"
+    values = {one.key: one.value for said in messages["/diagnostics"] for one in said.status[0].values}
+    assert values["policy sha256"] == Policy.load().sha256
     assert len(messages["/clock"]) > 500 and messages["/rlcas_runner/output/markers"]
+
+
+def children(process: int) -> list[int]:
+    found = Path(f"/proc/{process}/task").glob("*/children")
+    return [int(one) for file in found for one in file.read_text().split()]
+
+
+def alive(process: int) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def eventually(holds: Callable[[], object], seconds: float = 30.0) -> None:
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end, "it did not come to pass in time"
+        time.sleep(0.1)
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
+def test_killed_demo_leaves_no_process_and_a_readable_recording(tmp_path: Path):
+    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
+    file = tmp_path / "flight.mcap"
+    command = [sys.executable, "-m", "ros_bridge.demo", "--random", "9", "--rate", "5", "--record", str(file)]
+    with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL) as demo:
+        eventually(lambda: len(children(demo.pid)) == 2)
+        nodes = children(demo.pid)
+        eventually(lambda: file.stat().st_size > 30_000)
+        demo.kill()
+    eventually(lambda: not any(map(alive, nodes)))
+    with file.open("rb") as stream:
+        topics = {channel.topic for _, channel, _ in reader.make_reader(stream).iter_messages()}
+    assert {"/clock", "/rlcas_runner/input/ownship"} <= topics
+
+
+def test_recording_that_cannot_go_on_ends_in_one_sentence_and_keeps_what_it_holds(tmp_path: Path):
+    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
+    file = tmp_path / "flight.mcap"
+    command = ["--scenarios", "head_on", "--each", "9", "--rate", "20", "--record", str(file)]
+    # Files may grow to so many blocks only: what a full disk does, without one.
+    limited = ["bash", "-c", 'ulimit -f 64; exec "$@"', "bash", sys.executable, "-m", "ros_bridge.demo", *command]
+    done = subprocess.run(limited, cwd=ROOT, capture_output=True, text=True, timeout=120.0, check=False)
+    assert done.returncode == 1, done.stderr
+    assert f"{file} cannot be written: File too large" in done.stderr and "Traceback" not in done.stderr
+    assert not file.exists()
+    with (tmp_path / "flight.partial.mcap").open("rb") as stream:
+        assert sum(1 for _ in reader.make_reader(stream).iter_messages()) > 100
 
 
 @pytest.mark.parametrize(
