@@ -153,7 +153,8 @@
   // Filter and list
 
   const fixed = (value, digits, unit) => (Number.isFinite(value) ? `${value.toFixed(digits)} ${unit}` : "-");
-  const nameOf = (row) => (data.names && data.names[row] !== null ? ` "${data.names[row]}"` : "");
+  // Isolated, so that a name written from right to left leaves what follows alone.
+  const nameOf = (row) => (data.names && data.names[row] !== null ? ` "\u2068${data.names[row]}\u2069"` : "");
   const titleOf = (row) =>
     `${numbers[row]}${nameOf(row)} · ${data.kinds[kinds[row]]} · ${fixed(columns.min_separation_m[row], 0, "m")} · ${fixed(columns.duration_s[row], 0, "s")}`;
 

@@ -15,6 +15,7 @@ from eval.plots.style import MARKERS
 from eval.report.choice import NEAR
 from eval.report.flights import Replayed
 from eval.report.folder import Run
+from eval.report.headline import visible
 
 __all__ = ["flight_data", "json_text", "page_data", "weight"]
 
@@ -57,7 +58,7 @@ def page_data(run: Run, shown: np.ndarray, flights: Mapping[int, Mapping[str, An
         "kind": _packed(codes),
         "columns": {name: _packed(table[name][shown].astype("<f4")) for name in _NUMBERS if name in table},
         "texts": texts,
-        "names": [table["name"][number] for number in shown] if named else None,
+        "names": [None if name is None else visible(name) for name in table["name"][shown]] if named else None,
         "flights": {str(number): flight for number, flight in flights.items()},
     }
 

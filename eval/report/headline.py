@@ -1,9 +1,10 @@
 """The numbers at the head of a report: what each is called, its value, its interval and what it counts."""
 
+import unicodedata
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-__all__ = ["Line", "headline", "spaced"]
+__all__ = ["Line", "headline", "spaced", "visible"]
 
 _RATES = (
     ("success, of all encounters", "success_rate"),
@@ -43,14 +44,20 @@ class Line(NamedTuple):
     counted: str
 
 
-def headline(summary: Mapping[str, Any]) -> list[Line]:
-    """Return the lines for a summary (as in ``summary.json``); those that its mode does not have are left out."""
+def headline(summary: Mapping[str, Any], unresolvable: Mapping[str, int]) -> list[Line]:
+    """Return the lines for a summary (as in ``summary.json``); those that its mode does not have are left out.
+
+    Args:
+        summary: of the run.
+        unresolvable: how many of those that a rate counts are proven unresolvable, by the rate's key.
+    """
     lines = []
     for label, key in _RATES:
         rate = summary.get(key)
         if isinstance(rate, dict):
             ends = f"{_percent(rate['low'])} to {_percent(rate['high'])}"
-            lines.append(Line(key, label, _percent(rate["value"]), ends, _of(rate["count"], rate["total"])))
+            part = f", {spaced(unresolvable[key])} of them proven unresolvable" if unresolvable.get(key) else ""
+            lines.append(Line(key, label, _percent(rate["value"]), ends, _of(rate["count"], rate["total"]) + part))
     for label, key, form, factor, unit in _MEANS:
         low, high = (_plain(summary[f"{key}_interval"][end], form, factor, unit) for end in ("low", "high"))
         ends = "" if summary[f"{key}_interval"]["low"] is None else f"{low} to {high}"
@@ -64,6 +71,14 @@ def headline(summary: Mapping[str, Any]) -> list[Line]:
 def spaced(value: int) -> str:
     """Return a whole number with thin spaces between its thousands."""
     return f"{value:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
+
+
+def visible(text: str) -> str:
+    """Return a text with its control and format characters, which may reverse what follows, as their codes."""
+    hidden = {"Cc", "Cf", "Zl", "Zp"}
+    return "".join(
+        f"\\u{ord(each):04x}" if unicodedata.category(each) in hidden and each != "\n" else each for each in text
+    )
 
 
 def _of(count: int, total: int) -> str:

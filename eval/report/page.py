@@ -11,11 +11,13 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
+import numpy as np
+
 from eval.plots.style import MARKERS
 from eval.report.choice import NEAR, NEAREST, POINTS, Choice
 from eval.report.data import json_text
 from eval.report.folder import Run
-from eval.report.headline import Line, headline, spaced
+from eval.report.headline import Line, headline, spaced, visible
 
 __all__ = ["page"]
 
@@ -24,6 +26,9 @@ _CAPTIONS = {
     "min_separation": "The smallest separation of every flight, with and without the resolver.",
     "trajectories": "Flights seen from above, failures first.",
 }
+_LISTED = 50
+"""Encounters that a sentence names at most."""
+
 _TILES = ("success_given_resolvable", "violation_rate", "risk_ratio", "score_mean")
 
 
@@ -43,22 +48,25 @@ def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -
     library, script, style = (_asset(name) for name in ("echarts.min.js", "report.js", "report.css"))
     allowed = " ".join(f"'sha256-{_digest(code)}'" for code in (library, script))
     summary = run.summary
-    lines = headline(summary)
-    title = f"{spaced(run.config.wanted)} encounters, scenario {summary['scenario']}, mode {summary['mode']}"
+    lines = headline(summary, _lost_causes(run))
+    scenario = escape(visible(summary["scenario"]))
+    head, tail = f"{spaced(run.config.wanted)} encounters, scenario ", escape(f", mode {summary['mode']}")
     return _Page(_asset("report.html")).substitute(
         allowed=allowed,
-        title=escape(title),
+        title=head + scenario + tail,
+        heading=f"{head}<bdi>{scenario}</bdi>{tail}",
         about=_about(run),
         confidence=escape(f"{100.0 * summary['confidence']:g}"),
         tiles="\n".join(_tile(line, summary["confidence"]) for key in _TILES for line in lines if line.key == key),
         lines="\n".join(_row(line) for line in lines),
+        unresolvable=_unresolvable(run),
         kinds="\n".join(_kind(run, place, kind) for place, kind in reversed(list(enumerate(MARKERS)))),
         near=escape(f"{NEAR * run.config.rules.separation:.0f}"),
         points=_points(run, data["count"]),
         tracks=_tracks(chosen, data),
         figures="\n".join(_figure(name, png) for name, png in run.figures.items())
         or "<p>This run drew no figures (its key <code>figures</code> is false).</p>",
-        config=escape(run.config_text),
+        config=escape(visible(run.config_text)),
         versions=", ".join(escape(f"{name} {version}") for name, version in summary["versions"].items()),
         by=escape(by),
         style=style,
@@ -87,7 +95,7 @@ def _about(run: Run) -> str:
     ]
     if summary.get("changes"):
         said.append("changed: " + ", ".join(f"{key} {value}" for key, value in summary["changes"].items()))
-    return escape(" · ".join(said))
+    return escape(visible(" · ".join(said)))
 
 
 def _tile(line: Line, confidence: float) -> str:
@@ -101,6 +109,25 @@ def _tile(line: Line, confidence: float) -> str:
 def _row(line: Line) -> str:
     cells = "".join(f"<td>{escape(text)}</td>" for text in (line.value, line.interval, line.counted))
     return f'<tr><th scope="row">{escape(line.label)}</th>{cells}</tr>'
+
+
+def _lost_causes(run: Run) -> dict[str, int]:
+    """Return how many violations and time-outs are proven unresolvable, by the key of their rate."""
+    lost = run.kinds == "proven unresolvable"
+    return {f"{name}_rate": int((lost & (run.table["outcome"] == name)).sum()) for name in ("violation", "timeout")}
+
+
+def _unresolvable(run: Run) -> str:
+    """Return which encounters are proven unresolvable, as HTML; nothing where none is."""
+    numbers = [int(number) for number in np.flatnonzero(run.kinds == "proven unresolvable")]
+    if not numbers:
+        return ""
+    listed = ", ".join(f'<a href="#{number}">{number}</a>' for number in numbers[:_LISTED])
+    more = f" and {spaced(len(numbers) - _LISTED)} more" if len(numbers) > _LISTED else ""
+    return (
+        f"<p>Proven unresolvable, and therefore a kind of their own in filter and plots: {listed}{more} "
+        f"({spaced(len(numbers))} in all). The table counts their violations and time-outs too.</p>"
+    )
 
 
 def _kind(run: Run, place: int, kind: str) -> str:

@@ -13,7 +13,7 @@ from eval.report import run as report
 __all__ = ["HOSTILE", "TRACKS", "report_page", "report_run"]
 
 COUNT, TRACKS = 24, 18
-HOSTILE = "</script><img src=x onerror=\"document.title='lost'\">{b}<b>&amp;"
+HOSTILE = "</script><img src=x onerror=\"document.title='lost'\">{b}<b>&amp;\u202etfel ot thgir"
 
 
 @pytest.fixture(scope="session")

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import unicodedata
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,13 +20,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.config.load import ConfigError
-from eval.plots.style import MARKERS
+from eval.plots.style import MARKERS, kinds_of
 from eval.report import run as report
 from eval.report.choice import NEAREST, OTHERS, POINTS, choose, points
 from eval.report.data import flight_data, json_text, page_data
 from eval.report.flights import Replayed, Witness, evaluation_of, fly_again
 from eval.report.folder import read_run
 from eval.report.headline import headline
+from eval.report.page import page
 from tests.eval.report_runs import TRACKS, report_page, report_run
 
 __all__ = ["report_page", "report_run"]
@@ -269,7 +271,7 @@ def test_the_page_says_what_the_summary_says(report_run: Path, report_page: Path
     rows = dict(re.findall(r'<tr><th scope="row">([^<]*)</th><td>([^<]*)</td>', text))
     assert rows["success, of all encounters"] == f"{100 * summary['success_rate']['value']:.2f} %"
     assert rows["risk ratio: violations with the resolver / without it"] == f"{summary['risk_ratio']:.4f}"
-    assert len(rows) == len(headline(summary))
+    assert len(rows) == len(headline(summary, {}))
     violations = summary["violation_rate"]
     assert f"{violations['count']} of {violations['total']}" in text
     data = json.loads(re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1])
@@ -278,6 +280,27 @@ def test_the_page_says_what_the_summary_says(report_run: Path, report_page: Path
     kinds = np.frombuffer(base64.b64decode(data["kind"]), np.uint8)
     assert [data["kinds"][code] for code in kinds] == run.kinds.tolist()
     assert set(np.flatnonzero(run.kinds != "success")) <= {int(number) for number in data["flights"]}
+
+
+def test_table_and_filter_count_the_unresolvable_alike(report_run: Path) -> None:
+    run = read_run(report_run)
+    lost = np.flatnonzero(run.table["outcome"] == "violation")
+    assert len(lost) > 2
+    verdict = run.table["verdict"].copy()
+    verdict[lost[:2]] = "unresolvable"
+    table = {**run.table, "verdict": verdict}
+    run = run._replace(table=table, kinds=kinds_of(table))
+    text = page(run, [], page_data(run, np.arange(len(verdict)), {}), "nothing")
+    assert f"{len(lost)} of {len(verdict)}, 2 of them proven unresolvable" in text
+    assert f"> violation ({len(lost) - 2})</label>" in text
+    assert "> proven unresolvable (2)</label>" in text
+    assert f'<a href="#{lost[0]}">{lost[0]}</a>, <a href="#{lost[1]}">{lost[1]}</a>' in text
+
+
+def test_no_name_reverses_the_text_after_it(report_page: Path) -> None:
+    text = report_page.read_text(encoding="utf-8")
+    assert r"\u202etfel ot thgir" in text  # the code in words, escaped once more as JSON
+    assert not {each for each in text if unicodedata.category(each) == "Cf"}
 
 
 def test_the_page_holds_everything_and_asks_for_nothing(report_page: Path) -> None:

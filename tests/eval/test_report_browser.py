@@ -13,6 +13,7 @@ import pytest
 from eval.report.choice import choose
 from eval.report.data import page_data
 from eval.report.folder import read_run
+from eval.report.headline import visible
 from eval.report.page import page
 from tests.eval.report_runs import HOSTILE, TRACKS, report_page, report_run
 
@@ -155,7 +156,7 @@ def test_a_fragment_names_the_encounter(browser: Any, report_page: Path) -> None
 
 
 def test_names_from_the_data_stay_text(opened: Opened) -> None:
-    assert HOSTILE in opened.text("#chosen")
+    assert f"\u2068{opened.chosen()} {visible(HOSTILE)}\u2069" in opened.text("#chosen")
     assert opened.page.title() != "lost"
     assert opened.page.eval_on_selector_all("main img, main b", "found => found.length") == 0
 
