@@ -10,8 +10,9 @@ import numpy as np
 from eval.compare.deciders import REFERENCE, WITNESS, Entry
 from eval.metrics.field import Ratio, ratio
 from eval.metrics.volumes import ALERTS, VOLUMES
-from eval.stats.intervals import mean_interval, rate
+from eval.stats.intervals import mean_interval
 from eval.stats.paired import mcnemar_exact, pairs, tango
+from eval.stats.plain import number, share
 
 __all__ = ["SCHEMA_VERSION", "summarise"]
 
@@ -50,7 +51,7 @@ def summarise(
     possible = total if lost_cause is None else total - int(np.count_nonzero(lost_cause))
     return {
         "encounters": total,
-        "resolvable_rate": None if lost_cause is None else _rate(possible, total, confidence),
+        "resolvable_rate": None if lost_cause is None else share(possible, total, confidence),
         "late_at_first_speed": int(np.count_nonzero(table["late_at_first_speed"])),
         "volumes": {name: volume._asdict() for name, volume in VOLUMES.items()},
         "altitude": "co-altitude is assumed: every loss is given that the altitudes do not separate",
@@ -70,23 +71,23 @@ def _row(
 
     def mean(name: str) -> dict[str, float | None]:
         found = mean_interval(table[f"{entry.name}.{name}"][reached], confidence, resamples, seed)
-        return {key: _number(value) for key, value in found._asdict().items()}
+        return {key: number(value) for key, value in found._asdict().items()}
 
     closest = table[f"{entry.name}.min_separation_m"]
     return {
         "name": entry.name,
         "kind": entry.kind,
         "sha256": entry.sha256,
-        "success_rate": _rate(count, total, confidence),
-        "success_given_resolvable": None if lost_cause is None else _rate(count, possible, confidence),
-        "violation_rate": _rate(int(np.count_nonzero(outcome == "violation")), total, confidence),
-        "timeout_rate": _rate(int(np.count_nonzero(outcome == "timeout")), total, confidence),
+        "success_rate": share(count, total, confidence),
+        "success_given_resolvable": None if lost_cause is None else share(count, possible, confidence),
+        "violation_rate": share(int(np.count_nonzero(outcome == "violation")), total, confidence),
+        "timeout_rate": share(int(np.count_nonzero(outcome == "timeout")), total, confidence),
         "path_excess_mean": mean("path_excess"),
         "time_excess_mean_s": mean("time_excess_s"),
         "cross_track_max_mean_m": mean("cross_track_m"),
         "heading_reversals_mean": float(np.mean(table[f"{entry.name}.heading_reversals"])),
-        "min_separation_m": _number(float(np.fmin.reduce(closest))),
-        "severity_mean_of_losses": _number(_mean_positive(table[f"{entry.name}.severity"])),
+        "min_separation_m": number(float(np.fmin.reduce(closest))),
+        "severity_mean_of_losses": number(_mean_positive(table[f"{entry.name}.severity"])),
         "severity_max": float(np.max(table[f"{entry.name}.severity"])),
         "lead_times_s": {level: _leads(table[f"{entry.name}.lead_{level}_s"]) for level in ALERTS},
     }
@@ -132,7 +133,7 @@ def _longer(
     """Return the entry's mean path excess less the other's, where both succeed, with its interval."""
     both = np.logical_and(*(table[f"{name}.outcome"] == "reached" for name in (entry.name, other.name)))
     excess = table[f"{entry.name}.path_excess"] - table[f"{other.name}.path_excess"]
-    return {key: _number(value) for key, value in mean_interval(excess[both], *how)._asdict().items()}
+    return {key: number(value) for key, value in mean_interval(excess[both], *how)._asdict().items()}
 
 
 def _leads(seconds: np.ndarray) -> dict[str, float | int | None]:
@@ -153,18 +154,8 @@ def _mean_positive(values: np.ndarray) -> float:
     return float(np.mean(positive)) if len(positive) else math.nan
 
 
-def _rate(count: int, total: int, confidence: float) -> dict[str, Any]:
-    found = asdict(rate(count, total, confidence))
-    return found | {"value": _number(found["value"])}
-
-
 def _plain(found: Ratio) -> dict[str, Any]:
     return {
-        key: _number(value) if isinstance(value, float) else list(value) if isinstance(value, tuple) else value
+        key: number(value) if isinstance(value, float) else list(value) if isinstance(value, tuple) else value
         for key, value in asdict(found).items()
     }
-
-
-def _number(value: float) -> float | None:
-    """Return the value, None for what JSON has no word for."""
-    return float(value) if math.isfinite(value) else None

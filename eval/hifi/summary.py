@@ -3,15 +3,14 @@
 import re
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from eval.hifi.rows import HIFI_OUTCOMES, WAYPOINTS
-from eval.stats.intervals import rate
+from eval.stats.plain import quantiles, share
 
-__all__ = ["SCHEMA_VERSION", "quantiles", "summarise"]
+__all__ = ["SCHEMA_VERSION", "summarise"]
 
 SCHEMA_VERSION = 1
 
@@ -33,22 +32,21 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, A
     outcome, total = table["outcome"], len(table["outcome"])
     safe = table["plan_status"] == "safe"
 
-    def share(mask: Any, of: int = total) -> dict[str, Any]:
-        found = asdict(rate(int(np.count_nonzero(mask)), of, confidence))
-        return found | {"value": None if of == 0 else found["value"]}
+    def rate(mask: Any, of: int = total) -> dict[str, Any]:
+        return share(np.count_nonzero(mask), of, confidence)
 
     # Refusing is no success: a plan that was not flown for the wind resolves nothing.
     flyable = safe & (outcome != "refused")
     bound = ~np.isin(table["verdict"], ("unresolvable", "outside"))
     safe_total, begun = int(np.count_nonzero(safe)), outcome != "refused"
-    rates = {"success_rate": share(outcome == "reached")}
-    rates |= {f"{name}_rate": share(outcome == name) for name in HIFI_OUTCOMES[1:]}
+    rates = {"success_rate": rate(outcome == "reached")}
+    rates |= {f"{name}_rate": rate(outcome == name) for name in HIFI_OUTCOMES[1:]}
     rates |= {
-        "success_of_begun": share(outcome == "reached", int(np.count_nonzero(begun))),
-        "plan_safe_rate": share(safe),
-        "safe_of_resolvable": share(flyable & bound, int(np.count_nonzero(bound))),
-        "success_of_safe": share(safe & (outcome == "reached"), safe_total),
-        "violation_of_safe": share(safe & (outcome == "violation"), safe_total),
+        "success_of_begun": rate(outcome == "reached", int(np.count_nonzero(begun))),
+        "plan_safe_rate": rate(safe),
+        "safe_of_resolvable": rate(flyable & bound, int(np.count_nonzero(bound))),
+        "success_of_safe": rate(safe & (outcome == "reached"), safe_total),
+        "violation_of_safe": rate(safe & (outcome == "violation"), safe_total),
     }
     whole = table["whole_min_separation_m"][safe]
     summary: dict[str, Any] = {
@@ -64,14 +62,8 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, A
     }
     if "replans" in table:
         summary["replans_mean"] = float(np.mean(table["replans"]))
-        summary["backup_used_rate"] = share(table["backup_s"] > 0)
+        summary["backup_used_rate"] = rate(table["backup_s"] > 0)
     return summary
-
-
-def quantiles(values: np.ndarray, at: tuple[float, ...]) -> dict[str, float | None]:
-    """Return quantiles of those values ``[M]`` that are finite, by their share, which is the key."""
-    known = values[np.isfinite(values)]
-    return {f"{q:g}": float(np.quantile(known, q)) if known.size else None for q in at}
 
 
 def _pooled(table: Mapping[str, np.ndarray], rows: Any, kind: str) -> np.ndarray:

@@ -11,6 +11,7 @@ from envs.relative import distance
 from eval.flights.simulate import Flights
 from eval.flights.trajectories import Trajectories
 from eval.metrics.volumes import Relative, Volume, lost
+from eval.stats.bootstrap import percentiles, resampled_sums
 from eval.stats.intervals import clopper_pearson
 
 __all__ = ["Cost", "Ratio", "costs", "losses", "ratio", "relative"]
@@ -20,9 +21,6 @@ _FEW_EVENTS = 10
 
 _DOMINANT = 0.1
 """Share of the weighted events beyond which a single encounter decides the ratio."""
-
-_TOGETHER = 5_000_000
-"""Numbers drawn at a time by the bootstrap."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +80,8 @@ def ratio(
     effective = float(weight.sum() ** 2 / np.sum(weight**2))
     without = float(weight @ event_without)
     if without == 0.0:
-        told = ("there is no event without the resolver: the ratio is undefined",)
-        return Ratio(math.nan, math.nan, math.nan, math.nan, math.nan, *counts, effective, told)
+        warning = ("there is no event without the resolver: the ratio is undefined",)
+        return Ratio(math.nan, math.nan, math.nan, math.nan, math.nan, *counts, effective, warning)
     unresolved = float(weight @ (event & event_without)) / without
     induced = float(weight @ (event & ~event_without)) / without
     value = unresolved + induced
@@ -91,7 +89,9 @@ def ratio(
         share = without / float(weight.sum())
         low, high = 0.0, clopper_pearson(0, max(math.floor(effective), 1), confidence)[1] / share
     else:
-        low, high = _bootstrap(weight, event, event_without, confidence, resamples, seed)
+        sums = resampled_sums(np.stack([weight * event, weight * event_without], axis=-1), resamples, seed)
+        known = sums[:, 1] > 0.0
+        low, high = percentiles(sums[known, 0] / sums[known, 1], confidence)
     made = Ratio(value, low, high, unresolved, induced, *counts, effective, ())
     return replace(made, warnings=_warnings(made, weight, event, event_without))
 
@@ -109,36 +109,17 @@ def _weights(weights: np.ndarray | None, count: int) -> np.ndarray:
     return weight
 
 
-def _bootstrap(
-    weight: np.ndarray, event: np.ndarray, event_without: np.ndarray, confidence: float, resamples: int, seed: int
-) -> tuple[float, float]:
-    """Return the ends of the interval; only encounters with an event are drawn one by one, the others as one lot."""
-    matters = np.flatnonzero(event | event_without)
-    total = len(weight)
-    shares = np.append(np.full(len(matters), 1.0 / total), 1.0 - len(matters) / total)
-    rng = np.random.default_rng(seed)
-    both = np.stack([weight * event, weight * event_without], axis=-1)[matters]
-    ratios = []
-    size = max(_TOGETHER // len(shares), 1)
-    for first in range(0, resamples, size):
-        drawn = rng.multinomial(total, np.clip(shares, 0.0, 1.0), size=min(size, resamples - first))[:, :-1] @ both
-        ratios.append(drawn[drawn[:, 1] > 0.0, 0] / drawn[drawn[:, 1] > 0.0, 1])
-    tail = 0.5 * (1.0 - confidence)
-    low, high = np.quantile(np.concatenate(ratios), [tail, 1.0 - tail])
-    return float(low), float(high)
-
-
 def _warnings(made: Ratio, weight: np.ndarray, event: np.ndarray, event_without: np.ndarray) -> tuple[str, ...]:
-    told = []
+    found = []
     if made.events_without < _FEW_EVENTS:
-        told.append(f"only {made.events_without} events without the resolver, expected at least {_FEW_EVENTS}")
+        found.append(f"only {made.events_without} events without the resolver, expected at least {_FEW_EVENTS}")
     if made.high - made.low > made.value:
-        told.append("the interval is wide: half of it exceeds half the ratio; use more encounters")
+        found.append("the interval is wide: half of it exceeds half the ratio; use more encounters")
     for which, name in ((event, "with"), (event_without, "without")):
         largest, total = float(np.max(weight * which)), float(weight @ which)
         if total > 0.0 and largest > _DOMINANT * total and which.sum() >= 1.0 / _DOMINANT:
-            told.append(f"one encounter carries {largest / total:.0%} of the weight of the events {name} the resolver")
-    return tuple(told)
+            found.append(f"one encounter carries {largest / total:.0%} of the weight of the events {name} the resolver")
+    return tuple(found)
 
 
 def relative(flown: Trajectories) -> Relative:

@@ -13,6 +13,7 @@ import numpy as np
 
 from eval.metrics.summary import summarise
 from eval.stats.intervals import Interval, clopper_pearson
+from eval.stats.plain import ends
 
 __all__ = ["ratio_interval", "replicated"]
 
@@ -72,11 +73,11 @@ def replicated(table: Mapping[str, np.ndarray], replicates: int, confidence: flo
     of = {key: np.array([part["counts"][key] for part in parts]) for key in parts[0]["counts"]}
     sizes = np.array([np.count_nonzero(number == each) for each in range(replicates)])
     scores = np.array([part["score_mean"] for part in parts]) * sizes
-    found["score_mean_interval"] = _ends(ratio_interval(scores, sizes, confidence))
+    found["score_mean_interval"] = ends(ratio_interval(scores, sizes, confidence))
     excess = np.array([part["path_excess_mean"] or 0.0 for part in parts]) * of["success"]
-    found["path_excess_mean_interval"] = _ends(ratio_interval(excess, of["success"], confidence), 0.0)
+    found["path_excess_mean_interval"] = ends(ratio_interval(excess, of["success"], confidence), 0.0)
     risk = ratio_interval(of["violation"], of["baseline_violation"], confidence)
-    found["risk_ratio_interval"] = _ends(risk, 0.0)
+    found["risk_ratio_interval"] = ends(risk, 0.0)
     if risk.value == 0.0:
         high = clopper_pearson(0, int(sizes.sum()), confidence)[1] * float(sizes.sum() / of["baseline_violation"].sum())
         found["risk_ratio_interval"] = {"low": 0.0, "high": high}
@@ -92,10 +93,3 @@ def _rate(count: np.ndarray, total: np.ndarray, confidence: float) -> dict[str, 
         if 0 < successes < trials:
             low, high = max(below, 0.0), min(above, 1.0)
     return {"value": value, "low": low, "high": high, "count": successes, "total": trials}
-
-
-def _ends(interval: Interval, least: float = -math.inf) -> dict[str, float | None]:
-    """Return the ends, None for not-a-number, which JSON has no word for."""
-    if math.isnan(interval.value):
-        return {"low": None, "high": None}
-    return {"low": max(interval.low, least), "high": interval.high}

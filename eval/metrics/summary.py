@@ -1,13 +1,12 @@
 """From the table of encounters to the numbers that matter; docs/reference/monte-carlo-files.md defines every key."""
 
-import math
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from eval.stats.intervals import Interval, Rate, mean_interval, rate, risk_ratio
+from eval.stats.intervals import mean_interval, risk_ratio
+from eval.stats.plain import ends, number, quantiles, share
 
 __all__ = ["SCHEMA_VERSION", "summarise"]
 
@@ -42,8 +41,8 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float, resamples: int
     }
     counted = {name: int(np.count_nonzero(mask)) for name, mask in counts.items()}
 
-    def share(count: int, of: int = total) -> dict[str, Any]:
-        return _rate(rate(count, of, confidence))
+    def rate(count: int, of: int = total) -> dict[str, Any]:
+        return share(count, of, confidence)
 
     possible = total - counted["unresolvable"]
     score = mean_interval(table["score"], confidence, resamples, seed)
@@ -52,51 +51,49 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float, resamples: int
     risk = risk_ratio(violation, bare_violation, confidence, resamples, seed)
     bare = counted["baseline_violation"]
     return {
-        "success_rate": share(counted["success"]),
-        "violation_rate": share(counted["violation"]),
-        "timeout_rate": share(counted["timeout"]),
-        "resolvable_rate": share(possible),
-        "success_given_resolvable": share(counted["success"], possible),
-        "undecided_rate": share(counted["undecided"]),
-        "unresolvable_rate": share(counted["unresolvable"]),
+        "success_rate": rate(counted["success"]),
+        "violation_rate": rate(counted["violation"]),
+        "timeout_rate": rate(counted["timeout"]),
+        "resolvable_rate": rate(possible),
+        "success_given_resolvable": rate(counted["success"], possible),
+        "undecided_rate": rate(counted["undecided"]),
+        "unresolvable_rate": rate(counted["unresolvable"]),
         "counts": counted,
-        "score_mean": _number(score.value),
-        "score_mean_interval": _ends(score),
-        "risk_ratio": _number(risk.value),
-        "risk_ratio_interval": _ends(risk),
+        "score_mean": number(score.value),
+        "score_mean_interval": ends(score),
+        "risk_ratio": number(risk.value),
+        "risk_ratio_interval": ends(risk),
         "risk_ratio_unresolved": int(np.count_nonzero(violation & bare_violation)) / bare if bare else None,
         "risk_ratio_induced": int(np.count_nonzero(violation & ~bare_violation)) / bare if bare else None,
-        "baseline_violation_rate": share(bare),
-        "path_excess_mean": _number(path.value),
-        "path_excess_mean_interval": _ends(path),
-        "path_excess_quantiles": _quantiles(excess, (0.5, 0.95, 1.0)),
-        "min_separation_m_quantiles": _quantiles(
-            table["min_separation_m"][~np.isnan(table["min_separation_m"])], (0.0, 0.01, 0.05, 0.5)
-        ),
-        **_of_others(table, share, possible),
-        **_of_plans(table, share, possible),
+        "baseline_violation_rate": rate(bare),
+        "path_excess_mean": number(path.value),
+        "path_excess_mean_interval": ends(path),
+        "path_excess_quantiles": quantiles(excess, (0.5, 0.95, 1.0)),
+        "min_separation_m_quantiles": quantiles(table["min_separation_m"], (0.0, 0.01, 0.05, 0.5)),
+        **_of_others(table, rate, possible),
+        **_of_plans(table, rate, possible),
         "duration_mean_s": float(np.mean(table["duration_s"])),
         "heading_reversals_mean": float(np.mean(table["heading_reversals"])),
     }
 
 
-def _of_others(table: Mapping[str, np.ndarray], share: Any, possible: int) -> dict[str, Any]:
+def _of_others(table: Mapping[str, np.ndarray], rate: Any, possible: int) -> dict[str, Any]:
     """Return how the weaker modes fared that are flown beside: the policy alone, the plan flown once."""
     rates = {}
     for name in ("policy", "plan"):
         if f"{name}_outcome" in table:
             success = int(np.count_nonzero(table[f"{name}_outcome"] == "reached"))
-            rates[f"{name}_success_rate"] = share(success)
-            rates[f"{name}_success_given_resolvable"] = share(success, possible)
+            rates[f"{name}_success_rate"] = rate(success)
+            rates[f"{name}_success_given_resolvable"] = rate(success, possible)
             lost = int(np.count_nonzero(table[f"{name}_outcome"] == "violation"))
-            rates[f"{name}_violation_rate"] = share(lost)
+            rates[f"{name}_violation_rate"] = rate(lost)
     if "replans" in table:
         rates["replans_mean"] = float(np.mean(table["replans"]))
-        rates["backup_used_rate"] = share(int(np.count_nonzero(table["backup_s"])))
+        rates["backup_used_rate"] = rate(int(np.count_nonzero(table["backup_s"])))
     return rates
 
 
-def _of_plans(table: Mapping[str, np.ndarray], share: Any, possible: int) -> dict[str, Any]:
+def _of_plans(table: Mapping[str, np.ndarray], rate: Any, possible: int) -> dict[str, Any]:
     """Return how often plans were safe, whose they were, and what became of the safe ones."""
     if "plan_status" not in table:
         return {}
@@ -106,29 +103,10 @@ def _of_plans(table: Mapping[str, np.ndarray], share: Any, possible: int) -> dic
     named = {name: int(np.count_nonzero(safe & (table["plan_source"] == name))) for name in ("policy", "fallback")}
     error = table["follower_error_m"][safe]
     return {
-        "plan_safe_rate": share(int(np.count_nonzero(safe))),
-        "plan_safe_given_resolvable": share(int(np.count_nonzero(safe & ~lost_cause)), possible),
+        "plan_safe_rate": rate(int(np.count_nonzero(safe))),
+        "plan_safe_given_resolvable": rate(int(np.count_nonzero(safe & ~lost_cause)), possible),
         "safe_plans_violated": int(np.count_nonzero(lost)),
         "safe_plans_by_source": named,
-        "follower_error_m_quantiles": _quantiles(error, (0.5, 0.99, 1.0)),
-        "whole_min_separation_m": _number(float(np.min(table["whole_min_separation_m"][safe]))) if safe.any() else None,
+        "follower_error_m_quantiles": quantiles(error, (0.5, 0.99, 1.0)),
+        "whole_min_separation_m": number(float(np.min(table["whole_min_separation_m"][safe]))) if safe.any() else None,
     }
-
-
-def _rate(rate: Rate) -> dict[str, Any]:
-    return asdict(rate) | {"value": _number(rate.value)}
-
-
-def _ends(interval: Interval) -> dict[str, Any]:
-    return {"low": _number(interval.low), "high": _number(interval.high)}
-
-
-def _number(value: float) -> float | None:
-    """Return the value, None for not-a-number, which JSON has no word for."""
-    return None if math.isnan(value) else float(value)
-
-
-def _quantiles(values: np.ndarray, at: tuple[float, ...]) -> dict[str, float | None]:
-    """Return quantiles of values ``[M]`` by their share, which is the key."""
-    found = np.quantile(values, at) if len(values) else np.full(len(at), np.nan)
-    return {f"{q:g}": _number(float(value)) for q, value in zip(at, found, strict=True)}

@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 
 from eval.metrics.field import ratio
+from eval.stats.bootstrap import percentiles, resampled_sums
 from eval.stats.intervals import clopper_pearson
+from eval.stats.plain import number
 
 __all__ = ["summarise_weighted"]
-
-_TOGETHER = 2_000_000
-"""Numbers drawn at a time."""
 
 
 def summarise_weighted(
@@ -47,7 +46,8 @@ def summarise_weighted(
             reached = table[f"{name}_outcome"] == "reached"
             wanted[f"{name}_success_rate"] = (reached, everyone)
             wanted[f"{name}_success_given_resolvable"] = (reached & possible, possible)
-    sums = _resampled(weight, wanted, resamples, seed)
+    parts = np.stack([weight * mask for pair in wanted.values() for mask in pair], axis=1)
+    sums = resampled_sums(parts, resamples, seed)
     rates = {
         name: _rate(weight, *pair, part, confidence)
         for (name, pair), part in zip(wanted.items(), np.split(sums, len(wanted), axis=1), strict=True)
@@ -58,26 +58,12 @@ def summarise_weighted(
         "effective_sample_size": _effective(weight),
         "largest_share": float(weight.max() / weight.sum()),
         **rates,
-        "risk_ratio": _number(found.value),
-        "risk_ratio_interval": {"low": _number(found.low), "high": _number(found.high)},
-        "risk_ratio_unresolved": _number(found.unresolved),
-        "risk_ratio_induced": _number(found.induced),
+        "risk_ratio": number(found.value),
+        "risk_ratio_interval": {"low": number(found.low), "high": number(found.high)},
+        "risk_ratio_unresolved": number(found.unresolved),
+        "risk_ratio_induced": number(found.induced),
         "warnings": list(found.warnings),
     }
-
-
-def _resampled(
-    weight: np.ndarray, wanted: Mapping[str, tuple[np.ndarray, np.ndarray]], resamples: int, seed: int
-) -> np.ndarray:
-    """Return numerator and denominator of each rate in each resample, ``[B, 2 R]``."""
-    parts = np.stack([weight * mask for pair in wanted.values() for mask in pair], axis=1)
-    total, rng = len(weight), np.random.default_rng(seed)
-    size = max(_TOGETHER // total, 1)
-    sums = []
-    for first in range(0, resamples, size):
-        chosen = rng.integers(0, total, (min(size, resamples - first), total))
-        sums += [np.bincount(row, minlength=total) @ parts for row in chosen]
-    return np.stack(sums)
 
 
 def _rate(
@@ -93,16 +79,10 @@ def _rate(
     if (counted == of).all():
         return {"value": value, "low": clopper_pearson(effective, effective, confidence)[0], "high": 1.0}
     known = sums[:, 1] > 0.0
-    tail = 0.5 * (1.0 - confidence)
-    low, high = np.quantile(sums[known, 0] / sums[known, 1], [tail, 1.0 - tail])
-    return {"value": value, "low": float(low), "high": float(high)}
+    low, high = percentiles(sums[known, 0] / sums[known, 1], confidence)
+    return {"value": value, "low": low, "high": high}
 
 
 def _effective(weight: np.ndarray) -> float:
     """Return Kish's effective sample size, (sum w)^2 / sum w^2."""
     return float(weight.sum() ** 2 / np.sum(weight**2))
-
-
-def _number(value: float) -> float | None:
-    """Return the value, None for what JSON has no word for."""
-    return float(value) if np.isfinite(value) else None

@@ -1,7 +1,6 @@
 """Success as a function of what a run varies: its table cut into bins of one quantity, or of two."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,7 +9,7 @@ import numpy as np
 
 from agents.config.load import ConfigError
 from agents.config.yaml import YamlError, read
-from eval.stats.intervals import rate
+from eval.stats.plain import share
 
 __all__ = ["QUANTITIES", "Quantity", "Run", "binned", "mapped", "rates", "read_run", "successes"]
 
@@ -199,5 +198,4 @@ def _cells(values: np.ndarray, quantity: Quantity) -> list[tuple[dict[str, Any],
 
 
 def _share(mask: np.ndarray, of: np.ndarray, confidence: float) -> dict[str, Any]:
-    found = asdict(rate(int(np.count_nonzero(mask)), int(np.count_nonzero(of)), confidence))
-    return found | {"value": found["value"] if found["total"] else None}
+    return share(np.count_nonzero(mask), np.count_nonzero(of), confidence)

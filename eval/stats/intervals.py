@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eval.stats.bootstrap import percentiles, resampled_sums
+
 __all__ = ["Interval", "Rate", "clopper_pearson", "mean_interval", "rate", "risk_ratio"]
 
 
@@ -63,20 +65,12 @@ def rate(count: int, total: int, confidence: float = 0.95) -> Rate:
 
 
 def mean_interval(values: np.ndarray, confidence: float = 0.95, resamples: int = 2_000, seed: int = 0) -> Interval:
-    """Return the mean of ``values [N]`` and its percentile bootstrap interval.
-
-    Few distinct values (a score) are resampled as counts, which is the same distribution at a fraction of the cost.
-    """
+    """Return the mean of ``values [N]`` and its percentile bootstrap interval."""
     total = len(values)
     if total == 0:
         return Interval(math.nan, math.nan, math.nan)
-    rng = np.random.default_rng(seed)
-    distinct, counts = np.unique(values, return_counts=True)
-    if len(distinct) * 8 <= total:
-        means = rng.multinomial(total, counts / total, size=resamples) @ distinct / total
-    else:
-        means = np.array([values[rng.integers(0, total, total)].mean() for _ in range(resamples)])
-    low, high = _percentiles(means, confidence)
+    sums = resampled_sums(np.asarray(values)[:, None], resamples, seed)
+    low, high = percentiles(sums[:, 0] / total, confidence)
     return Interval(float(np.mean(values)), low, high)
 
 
@@ -109,15 +103,7 @@ def risk_ratio(
     count = int(np.count_nonzero(violated))
     if count == 0:
         return Interval(0.0, 0.0, clopper_pearson(0, total, confidence)[1] * total / bare)
-    cells = np.bincount(2 * violated.astype(int) + violated_without.astype(int), minlength=4)
-    drawn = np.random.default_rng(seed).multinomial(total, cells / total, size=resamples)
-    with_resolver, without = drawn[:, 2] + drawn[:, 3], drawn[:, 1] + drawn[:, 3]
-    ratios = with_resolver[without > 0] / without[without > 0]
-    low, high = _percentiles(ratios, confidence)
+    sums = resampled_sums(np.stack([violated, violated_without], axis=-1).astype(float), resamples, seed)
+    known = sums[:, 1] > 0.0
+    low, high = percentiles(sums[known, 0] / sums[known, 1], confidence)
     return Interval(count / bare, low, high)
-
-
-def _percentiles(samples: np.ndarray, confidence: float) -> tuple[float, float]:
-    tail = 0.5 * (1.0 - confidence)
-    low, high = np.quantile(samples, [tail, 1.0 - tail])
-    return float(low), float(high)
