@@ -85,3 +85,47 @@ def test_pages_are_short() -> None:
     }
     assert not {page: lines for page, lines in lengths.items() if lines > 250}
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 140
+
+
+NAME = re.compile(rf"`((?:{'|'.join(OURS)}|benchmarks)(?:\.\w+)+)")
+COMMAND = re.compile(r"python -m ((?:\w+\.)*\w+)")
+FILE = re.compile(r"`((?:agents|benchmarks|configs|docs|envs|eval|rlcas_jax|ros_bridge|tests)/[\w./-]+\.\w+)`")
+
+
+def names_of(module: Path) -> set[str]:
+    """Return the names that a module defines or imports at its top, and those of its classes."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            found |= {alias.asname or alias.name for alias in node.names}
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            found.add(node.id)
+    return found
+
+
+def exists(name: str) -> bool:
+    """Say whether a dotted name leads to a module of ours, or to a name in one."""
+    path, rest = ROOT, name.split(".")
+    while rest and (path / rest[0]).is_dir():
+        path /= rest.pop(0)
+    module = path / "__init__.py"
+    if rest and (path / f"{rest[0]}.py").is_file():
+        module = path / f"{rest.pop(0)}.py"
+    return module.is_file() and (not rest or rest[0] in names_of(module))
+
+
+def test_names_and_files_in_pages_exist() -> None:
+    paths = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    gone: list[str] = []
+    for path in paths:
+        text, page = path.read_text(encoding="utf-8"), path.relative_to(ROOT).as_posix()
+        gone += [f"{page}: {name}" for name in NAME.findall(text) if not exists(name)]
+        gone += [
+            f"{page}: python -m {name}"
+            for name in COMMAND.findall(text)
+            if name.split(".")[0] in (*OURS, "benchmarks") and not exists(name)
+        ]
+        gone += [f"{page}: {name}" for name in FILE.findall(text) if not (ROOT / name).exists()]
+    assert not gone, "\n".join(gone)
