@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from envs.edge.command import ConfigError, Parser, run_cli
+from envs.edge.files import write_file
 
 if TYPE_CHECKING:
     from envs.formats.encounter_exchange import Scene
@@ -148,7 +149,7 @@ def _read(options: argparse.Namespace) -> "list[Scene]":
 
 def _write(path: Path, text: str) -> None:
     try:
-        path.write_text(text, encoding="utf-8")
+        write_file(path, text)
     except OSError as problem:
         raise ConfigError(f"{path}: cannot be written: {problem.strerror}") from None
 

@@ -7,7 +7,6 @@ leaves the checkpoints before it as they were. A digest tells a damaged file fro
 import hashlib
 import json
 import logging
-import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,6 +20,7 @@ from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 from envs.edge.command import InputError
+from envs.edge.files import write_file
 
 __all__ = ["CheckpointError", "latest", "restore", "restore_part", "save"]
 
@@ -54,7 +54,7 @@ def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any], *, ke
     header = {"schema": SCHEMA, "meta": written, "sha256": _digest(tensors, written)}
     path = directory / _NAME.format(number)
     # All under one key: safetensors writes several in an order that changes from run to run.
-    _write_atomically(path, save_tensors(tensors, {_HEADER: json.dumps(header)}))
+    write_file(path, save_tensors(tensors, {_HEADER: json.dumps(header)}))
     for old in _stored(directory)[keep:]:
         old.unlink()
     return path
@@ -193,18 +193,3 @@ def _stored(directory: Path) -> list[Path]:
     """Return the checkpoints of a directory, newest first."""
     found = [path for path in directory.glob("*.safetensors") if _NAMES.fullmatch(path.name)]
     return sorted(found, key=lambda path: int(path.stem.rpartition("-")[2]), reverse=True)
-
-
-def _write_atomically(path: Path, content: bytes) -> None:
-    # One fixed name: what a killed run left behind is overwritten by the next save.
-    temporary = path.with_name("checkpoint.partial")
-    with temporary.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)  # makes the new name itself survive a power cut
-    finally:
-        os.close(folder)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from agents.config.keys import help_text
 from agents.config.load import ConfigError, Parser, dump, load
+from envs.edge.files import write_file
 from rlcas_jax.config import SEED_END, TrainConfig
 
 __all__ = ["Job", "Options", "Processes", "new_directory", "parse", "prepare"]
@@ -119,7 +120,7 @@ def prepare(options: Options) -> None:
         try:
             job.directory.mkdir(parents=True, exist_ok=True)
             if not file.exists():
-                file.write_text(dump(job.config), encoding="utf-8")
+                write_file(file, dump(job.config))
         except OSError as problem:
             raise ConfigError(f"--out {job.directory} cannot be written ({problem.strerror})") from None
 

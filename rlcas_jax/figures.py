@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from agents.config.figures import save_figure
 from envs.edge.command import ConfigError, Parser, run_cli
 from rlcas_jax.metrics import read
 
@@ -78,8 +79,10 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
         raise ValueError(f"no metrics to draw in {', '.join(map(str, runs))}")
     out.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(STYLE):
-        files = [file for name, panel in FIGURES.items() for file in _save(_side_by_side(logs, panel), out / name)]
-        return files + _save(_sheet(logs), out / "training")
+        files = [
+            file for name, panel in FIGURES.items() for file in save_figure(_side_by_side(logs, panel), out / name)
+        ]
+        return files + save_figure(_sheet(logs), out / "training")
 
 
 def _side_by_side(logs: Sequence[dict[str, np.ndarray]], panel: _Panel) -> "Figure":
@@ -188,13 +191,6 @@ def stretches(
     first = np.arange(0, len(steps), length)
     means = np.add.reduceat(weights * values, first) / np.add.reduceat(weights, first)
     return steps[np.minimum(first + length, len(steps)) - 1], means
-
-
-def _save(figure: "Figure", path: Path) -> list[Path]:
-    files = [path.with_suffix(".png"), path.with_suffix(".svg")]
-    figure.savefig(files[0], dpi=150)
-    figure.savefig(files[1], metadata={"Date": None})
-    return files
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

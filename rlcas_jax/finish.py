@@ -14,6 +14,7 @@ import numpy as np
 from agents.learning.export import write
 from agents.policy import file as policy_file
 from agents.resolvability.classify import Verdict, classify
+from envs.edge.files import write_file
 from envs.encounters import SCENARIOS, Encounter
 from envs.outcome import Outcome, Rules
 from envs.starts import numbered
@@ -43,7 +44,7 @@ def finish(run: Run) -> dict[str, Any]:
         "policy_sha256": policy_file.read(path).sha256,
         "figures": sorted(str(figure.relative_to(run.directory)) for figure in figures),
     }
-    (run.directory / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_file(run.directory / "summary.json", json.dumps(summary, indent=2) + "\n")
     return summary
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from agents.config.load import ConfigError, dump
 from agents.policy.versions import versions
 from envs.draws import uniforms
+from envs.edge.files import write_file
 from envs.encounters import SCENARIOS, Encounter, sample
 from envs.outcome import Outcome, Rules, reward
 from envs.starts import numbered
@@ -85,7 +86,7 @@ def run(
     elif config.start_from is not None:
         state = place(state._replace(learner=begun(config, state.learner)), task.placed)
     if writes and not resume:
-        (directory / "versions.json").write_text(json.dumps(made_with(), indent=2) + "\n", encoding="utf-8")
+        write_file(directory / "versions.json", json.dumps(made_with(), indent=2) + "\n")
 
     update = int(state.update)
     per_update = task.steps_per_update

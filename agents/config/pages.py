@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from agents.config.load import ConfigError, Parser
+from envs.edge.files import write_file
 
 __all__ = ["write_pages"]
 
@@ -26,5 +27,5 @@ def write_pages(program: str, description: str | None, pages: Mapping[str, str])
     if not directory.is_dir():
         raise ConfigError(f"{directory}: there is no such directory")
     for name, text in pages.items():
-        (directory / name).write_text(text, encoding="utf-8")
+        write_file(directory / name, text)
         print(directory / name, file=sys.stderr)

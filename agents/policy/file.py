@@ -7,7 +7,6 @@ a file is ever executed, and all of it is checked before any of it is used.
 import json
 import os
 import stat
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,6 +27,7 @@ from agents.policy.schema import (
     digest,
     tensor_shapes,
 )
+from envs.edge.files import write_file
 from envs.kinematics import Limits
 
 __all__ = ["MAX_BYTES", "PolicyFile", "PolicyFileError", "claims", "parse", "read", "serialise", "write"]
@@ -170,23 +170,10 @@ def write(path: str | os.PathLike[str], policy: PolicyFile) -> None:
         PolicyFileError: the content would be refused on reading, or the file cannot be written.
     """
     data = serialise(policy)
-    target = Path(path)
-    temporary: str | None = None
     try:
-        # In the same directory, because a rename is atomic only within one file system.
-        descriptor, temporary = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent)
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(temporary).chmod(0o644)  # mkstemp's files are the owner's only
-        Path(temporary).replace(target)
-        temporary = None
+        write_file(path, data)
     except OSError as error:
-        raise PolicyFileError(f"{target}: cannot be written: {error.strerror}") from error
-    finally:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
+        raise PolicyFileError(f"{os.fspath(path)}: cannot be written: {error.strerror}") from error
 
 
 def _header(data: bytes, source: str) -> dict[str, Any]:

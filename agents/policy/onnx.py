@@ -7,7 +7,6 @@ definition.
 
 import importlib
 import os
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,8 @@ from agents.policy.inference import PARITY_TOLERANCE, Policy
 from agents.policy.onnx_trace import Graph, Traced
 from agents.policy.schema import canonical
 from agents.policy.versions import versions
-from envs.edge.command import InputError
+from envs.edge.command import InputError, Parser
+from envs.edge.files import check_regular, write_file
 from envs.observation import SIZE
 
 __all__ = ["INPUT", "IR_VERSION", "OPSET", "OUTPUT", "ExportError", "export", "main", "model"]
@@ -85,7 +85,7 @@ def export(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> fl
 
     Args:
         source: the policy file.
-        target: the model's file; one that is there is replaced.
+        target: the model's file; a model that is there is replaced, anything else is left alone.
 
     Returns:
         The largest difference of an action from :class:`agents.inference.Policy` on the policy's parity vectors, both
@@ -93,9 +93,11 @@ def export(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> fl
 
     Raises:
         PolicyFileError: the policy file is refused.
-        ExportError: the onnx package is not installed, the model disagrees, or it cannot be written.
+        ExportError: the onnx package is not installed, the model disagrees, the target is the policy or another file
+            that is no ONNX model, or it cannot be written.
     """
     content = read(source)
+    _check_target(Path(source), Path(target))
     made = model(content)
     evaluator = importlib.import_module("onnx.reference").ReferenceEvaluator(made)
     (actions,) = evaluator.run(None, {INPUT: content.parity_observation})
@@ -104,7 +106,10 @@ def export(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> fl
     # Inverted, so that NaN is refused.
     if not difference <= PARITY_TOLERANCE:
         raise ExportError(f"{source}: the model's actions differ by {difference:.1e}, expected {PARITY_TOLERANCE}")
-    _write(Path(target), made.SerializeToString(deterministic=True))
+    try:
+        write_file(target, made.SerializeToString(deterministic=True))
+    except OSError as problem:
+        raise ExportError(f"{target}: cannot be written: {problem.strerror}") from None
     return difference
 
 
@@ -114,11 +119,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Raises:
         ConfigError: bad usage; also ``PolicyFileError`` and ``ExportError``.
     """
-    from agents.config.load import Parser
-
     parser = Parser(prog="python -m agents.export_onnx", description=_DESCRIPTION, epilog=_EPILOG)
     parser.add_argument("policy", type=Path, metavar="POLICY.safetensors", help="policy file")
-    parser.add_argument("out", type=Path, metavar="OUT.onnx", help="model to write; replaced if it is there")
+    parser.add_argument("out", type=Path, metavar="OUT.onnx", help="model to write; replaced if one is there")
     options = parser.parse_args(arguments)
     difference = export(options.policy, options.out)
     print(f"{options.out}: opset {OPSET}, largest difference from the policy {difference:.1e} on its parity vectors")
@@ -157,6 +160,23 @@ def _properties(content: PolicyFile) -> dict[str, str]:
     }
 
 
+def _check_target(source: Path, target: Path) -> None:
+    """Refuse to replace what is no ONNX model, the policy itself first."""
+    if not target.exists():
+        return
+    if target.samefile(source):
+        raise ExportError(f"{target}: is the policy file itself; expected another file for the model")
+    onnx = _onnx()
+    try:
+        check_regular(target)
+        found = onnx.load(target, load_external_data=False)
+        is_model = bool(found.opset_import) and bool(found.graph.node)
+    except Exception:  # what decodes a foreign file can fail in any way
+        is_model = False
+    if not is_model:
+        raise ExportError(f"{target}: holds something that is no ONNX model; expected a new file or a model to replace")
+
+
 def _onnx() -> Any:
     try:
         return importlib.import_module("onnx")
@@ -164,19 +184,3 @@ def _onnx() -> Any:
         raise ExportError(
             "onnx is not installed, expected the extra 'onnx': pip install 'rlcas-toolkit[onnx]'"
         ) from None
-
-
-def _write(target: Path, data: bytes) -> None:
-    temporary: Path | None = None
-    try:
-        descriptor, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent)
-        temporary = Path(name)
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(data)
-        temporary.chmod(0o644)  # mkstemp's files are the owner's only
-        temporary.replace(target)
-    except OSError as problem:
-        raise ExportError(f"{target}: cannot be written: {problem.strerror}") from None
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)

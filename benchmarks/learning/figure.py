@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
+from agents.config.figures import save_figure
 from benchmarks.learning.curves import CONFIDENCE, Axis, Point, t_mean
 from rlcas_jax.figures import STYLE
 
@@ -52,10 +53,7 @@ def draw(curves: Mapping[str, Sequence[Sequence[Point]]], scores: Sequence[float
         note = "one seed" if seeds == 1 else f"mean and {CONFIDENCE:.0%} t interval of {seeds} seeds, each a thin line"
         handles, labels = left.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=len(handles), title=note, title_fontsize=8.0)
-        files = [path.with_suffix(".png"), path.with_suffix(".svg")]
-        figure.savefig(files[0], dpi=150)
-        figure.savefig(files[1], metadata={"Date": None})
-    return files
+        return save_figure(figure, path)
 
 
 def _panel(axes: "Axes", curves: Mapping[str, Sequence[Sequence[Point]]], scores: Sequence[float], along: Axis) -> None:

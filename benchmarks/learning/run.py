@@ -29,6 +29,7 @@ from benchmarks.learning.task import check
 from benchmarks.learning.training import Log
 from benchmarks.learning.trials import Trial, best, described
 from benchmarks.measure import machine, report
+from envs.edge.files import write_file
 from eval.stats.intervals import Interval
 from rlcas_jax.config import SEED_END, TrainConfig
 
@@ -109,7 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     curves = {name: [log.curve for log in logs] for name, logs in runs.seeds.items()}
     files = learning_figure.draw(curves, SCORES, options.out / "learning")
     _write_curves(runs, options.out / "curves.parquet")
-    (options.out / "summary.json").write_text(json.dumps(figures | {"machine": machine()}, indent=2) + "\n")
+    write_file(options.out / "summary.json", json.dumps(figures | {"machine": machine()}, indent=2) + "\n")
     print(_table(figures))
     print(f"written: {', '.join(map(str, files))}, {options.out / 'curves.parquet'}, {options.out / 'summary.json'}")
     report(figures, tuple(dict.fromkeys(package for name in learners for package in PACKAGES[name])))

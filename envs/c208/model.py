@@ -13,7 +13,7 @@ from envs.c208.aerodynamics import aerodynamics
 from envs.c208.conditions import NOMINAL, Loading, checked
 from envs.c208.facts import VARIANTS, Variant, value
 from envs.edge.command import Parser, run_cli
-from envs.edge.files import write
+from envs.edge.files import write_file
 
 __all__ = ["DATA", "aircraft", "current", "engine", "files", "main"]
 
@@ -224,7 +224,7 @@ def main() -> int:
     Parser(prog="python -m envs.c208.model", description=__doc__).parse_args()
     for path, text in files().items():
         path.parent.mkdir(parents=True, exist_ok=True)
-        write(path, text)
+        write_file(path, text)
         print(f"wrote {path}")
     return 0
 

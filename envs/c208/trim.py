@@ -16,7 +16,7 @@ from envs.c208.facts import value
 from envs.c208.fdm import Fdm
 from envs.c208.model import DATA
 from envs.edge.command import Parser, run_cli
-from envs.edge.files import write
+from envs.edge.files import write_file
 
 __all__ = ["REFERENCE_ALTITUDE", "TABLE_SPEEDS", "Table", "Trim", "TrimError", "level_table", "read", "solve", "stored"]
 
@@ -189,7 +189,7 @@ def main() -> int:
     lines = ["# Level flight of the EX at 8807 lb, 2500 m: m/s, rad, rad, N. Written by python -m envs.c208.trim."]
     lines.append(",".join(Table._fields))
     lines += [",".join(f"{number:.9g}" for number in row) for row in zip(*table, strict=True)]
-    write(_FILE, "\n".join(lines) + "\n")
+    write_file(_FILE, "\n".join(lines) + "\n")
     print(f"wrote {_FILE}")
     return 0
 

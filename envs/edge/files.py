@@ -8,7 +8,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["check_regular", "write", "written"]
+__all__ = ["check_regular", "write_file", "written"]
 
 
 @contextmanager
@@ -34,6 +34,11 @@ def written(target: str | os.PathLike[str]) -> Generator[Path, None, None]:
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
         temporary.replace(target)
+        folder = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)  # the new name too
+        finally:
+            os.close(folder)
     except OSError as problem:
         others = problem.filename is not None and Path(problem.filename).parent != target.parent
         if others or problem.errno is None:
@@ -44,7 +49,7 @@ def written(target: str | os.PathLike[str]) -> Generator[Path, None, None]:
             temporary.unlink(missing_ok=True)
 
 
-def write(target: str | os.PathLike[str], content: str | bytes) -> None:
+def write_file(target: str | os.PathLike[str], content: str | bytes) -> None:
     """Write a text, in UTF-8 and with line feeds alone, or bytes as :func:`written` does.
 
     Raises:

@@ -8,7 +8,6 @@ and degrees. Positions are local ENU, x east and y north; headings counter-clock
 import csv
 import math
 import os
-import tempfile
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from envs.angles import wrap
+from envs.edge.files import written
 from envs.encounters import Encounter, EncounterError
 from envs.intruder import INTRUDER_LIMITS, Intent
 from envs.kinematics import SURROGATE, Limits, VehicleState
@@ -134,19 +134,11 @@ def write(path: str | os.PathLike[str], encounters: Encounter, names: Sequence[s
         if not present:
             raise EncounterError(f"{target}: encounter {name!r} has no intruder")
         lines += [[name, *(_text(v, c) for v, c in zip(_row(encounters, i, k), COLUMNS, strict=True))] for k in present]
-    temporary: str | None = None
     try:
-        descriptor, temporary = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent)
-        with os.fdopen(descriptor, "w", newline="", encoding="utf-8") as file:
+        with written(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file, lineterminator="\n").writerows(lines)
-        Path(temporary).chmod(0o644)  # mkstemp's files are the owner's only
-        Path(temporary).replace(target)
-        temporary = None
     except OSError as error:
         raise EncounterError(f"{target}: cannot be written: {error.strerror}") from error
-    finally:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
 
 
 def _lines(source: str) -> list[tuple[int, list[str]]]:

@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from agents.config.figures import save_figure
 from agents.config.load import Parser
+from envs.edge.files import write_file, written
 from eval.plots import save as picture_folder
 
 if TYPE_CHECKING:
@@ -161,19 +163,13 @@ def _flown(comparison: "Comparison", total: int) -> "dict[str, np.ndarray]":
 
 def _write(out: Path, summary: Mapping[str, Any], table: "Mapping[str, np.ndarray]") -> None:
     """Write the files of the comparison."""
-    import matplotlib as mpl
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     from eval.compare.figure import draw
 
-    (out / "summary.json").write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_file(out / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
     kinds = {name: pa.string() if values.dtype == object else None for name, values in table.items()}
-    pq.write_table(
-        pa.table({name: pa.array(v, type=kinds[name]) for name, v in table.items()}), out / "encounters.parquet"
-    )
-    figure = draw(summary)
-    # Neither a date nor random names, so that the same call gives the same files.
-    with mpl.rc_context({"svg.hashsalt": "rlcas"}):
-        figure.savefig(out / "compare.png", dpi=130)
-        figure.savefig(out / "compare.svg", metadata={"Date": None})
+    with written(out / "encounters.parquet") as path:
+        pq.write_table(pa.table({name: pa.array(v, type=kinds[name]) for name, v in table.items()}), path)
+    save_figure(draw(summary), out / "compare", 130)

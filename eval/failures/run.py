@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.config.load import ConfigError, Parser
+from envs.edge.files import written
 from eval.plots import save as picture_folder
 from eval.runner.command import whole
 
@@ -106,7 +107,7 @@ def _title(number: int, group: "Group", table: "Mapping[str, np.ndarray]") -> st
 
 def _write_rows(path: Path, table: "Mapping[str, np.ndarray]", failed: "np.ndarray") -> None:
     columns = {name: values[failed].tolist() for name, values in table.items()}
-    with path.open("w", encoding="utf-8", newline="") as file:
+    with written(path) as new, new.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
         writer.writerows(zip(*columns.values(), strict=True))

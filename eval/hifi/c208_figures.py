@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from agents.config.figures import save_figure
 from envs.c208.autopilot import GRAVITY
 from envs.c208.conditions import Conditions, Loading
 from envs.c208.facts import POINTS, value
@@ -179,9 +180,6 @@ def main() -> int:
         parser.error(f"--out is {options.out}, a file; expected a folder")
     options.out.mkdir(parents=True, exist_ok=True)
     for name, draw in (("aircraft", figure), ("steps", steps_figure), ("envelope", limits_figure)):
-        picture = draw()
-        for kind in ("png", "svg"):
-            path = options.out / f"{name}.{kind}"
-            picture.savefig(path, dpi=150)
+        for path in save_figure(draw(), options.out / name):
             print(f"wrote {path}")
     return 0

@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from agents.config.figures import save_figure
 from agents.config.load import ConfigError, Parser, load
 
 __all__ = ["main"]
@@ -65,9 +66,7 @@ def _draw(options: argparse.Namespace) -> int:
     picture = sheet(flights, config.rules.rules())
     try:
         options.out.mkdir(parents=True, exist_ok=True)
-        for kind in ("png", "svg"):
-            path = options.out / f"paper_{options.condition}.{kind}"
-            picture.savefig(path, dpi=130)
+        for path in save_figure(picture, options.out / f"paper_{options.condition}", 130):
             print(f"wrote {path}")
     except OSError as problem:
         raise ConfigError(f"--out {options.out}: cannot be written: {problem.strerror}") from None

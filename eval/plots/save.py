@@ -4,7 +4,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+from agents.config.figures import save_figure
 from agents.config.load import ConfigError
+from envs.edge.files import write_file
 
 __all__ = ["create", "write", "write_found"]
 
@@ -33,15 +35,10 @@ def write(folder: Path, name: str, found: dict[str, Any], figure: Any, dpi: int)
         figure: matplotlib's.
         dpi: of the PNG, pixels per inch.
     """
-    import matplotlib as mpl
-
     write_found(folder, name, found)
-    # Neither a date nor random names, so that the same call gives the same files.
-    with mpl.rc_context({"svg.hashsalt": "rlcas"}):
-        figure.savefig(folder / f"{name}.png", dpi=dpi)
-        figure.savefig(folder / f"{name}.svg", dpi=150, metadata={"Date": None})
+    save_figure(figure, folder / name, dpi)
 
 
 def write_found(folder: Path, name: str, found: dict[str, Any]) -> None:
     """Write ``name.json`` alone: the figures, in JSON types."""
-    (folder / f"{name}.json").write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_file(folder / f"{name}.json", json.dumps(found, indent=2, allow_nan=False) + "\n")

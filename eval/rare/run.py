@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agents.config.load import ConfigError, Parser
+from envs.edge.files import write_file
 from eval.plots import save as picture_folder
 from eval.runner.command import loaded, named_policy, whole
 
@@ -85,7 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from eval.rare.figure import levels_figure
 
     found["wall_s"] = time.perf_counter() - begun
-    (options.out / "config.yaml").write_text(dump(config), encoding="utf-8")
+    write_file(options.out / "config.yaml", dump(config))
     picture_folder.write(options.out, "rare", found, levels_figure(found), dpi=130)
     _show(found, options.out)
     return 0

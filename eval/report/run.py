@@ -1,16 +1,14 @@
 """The report of an evaluation as one page: ``python -m eval.report runs/first`` writes ``runs/first/report.html``."""
 
 import argparse
-import os
 import sys
-import tempfile
 import time
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.config.load import ConfigError, Parser
+from envs.edge.files import written
 
 if TYPE_CHECKING:
     from eval.report.choice import Choice
@@ -50,9 +48,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for number in options.show:
         if number >= len(run.kinds):
             raise ConfigError(f"--show: {number}; expected numbers of encounters, 0 to {len(run.kinds) - 1}")
-    with _target(options.folder / "report.html") as temporary:
-        text = _made(run, options)
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    try:
+        with written(options.folder / "report.html") as temporary:
+            text = _made(run, options)
+            temporary.write_bytes(text.encode())
+    except OSError as problem:
+        raise ConfigError(f"{problem.filename}: cannot be written: {problem.strerror}") from None
     print(f"{options.folder / 'report.html'}: {len(text.encode()) / 1e6:.1f} MB")
     return 0
 
@@ -78,31 +79,6 @@ def _numbers(text: str) -> list[int]:
     if not all(part.isascii() and part.isdecimal() and len(part) <= 9 for part in parts):
         raise argparse.ArgumentTypeError(f"{text!r}; expected numbers of encounters with commas between them")
     return list(dict.fromkeys(int(part) for part in parts))
-
-
-@contextmanager
-def _target(path: Path) -> Generator[Path]:
-    """Give a file to write that becomes ``path`` at the end, so that it is whole or not there.
-
-    Raises:
-        ConfigError: it cannot be written; this is found out at once, not after the work.
-    """
-    if path.is_dir():
-        raise ConfigError(f"{path} is a folder, expected a file or nothing")
-    try:
-        descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
-    except OSError as problem:
-        raise ConfigError(f"{path}: cannot be written: {problem.strerror}") from None
-    os.close(descriptor)
-    temporary = Path(name)
-    try:
-        yield temporary
-        temporary.chmod(0o644)  # mkstemp's files are the owner's only
-        temporary.replace(path)
-    except OSError as problem:
-        raise ConfigError(f"{path}: cannot be written: {problem.strerror}") from None
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _made(run: "Run", options: argparse.Namespace) -> str:

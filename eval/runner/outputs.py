@@ -5,17 +5,17 @@ Every file is written under another name and renamed, so that it is whole or not
 
 import hashlib
 import json
-import os
 import shutil
-import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from agents.config.figures import save_figure
 from agents.config.load import ConfigError, dump, load
 from agents.policy.versions import versions
+from envs.edge.files import write_file, written
 from eval.config import MonteCarloConfig
 
 __all__ = ["RunFolder"]
@@ -62,7 +62,7 @@ class RunFolder:
                 hint = "--resume to finish the run in it, or another --out"
                 raise ConfigError(f"--out {self.path}: is not empty, expected a folder that is new or empty ({hint})")
             (self.path / _PARTS).mkdir(parents=True)
-            self._write(_CONFIG, lambda path: path.write_text(dump(self._config), encoding="utf-8"))
+            write_file(self.path / _CONFIG, dump(self._config))
         except OSError as problem:
             raise ConfigError(f"--out {self.path}: cannot be written: {problem.strerror}") from None
 
@@ -86,7 +86,7 @@ class RunFolder:
             (self.path / _PARTS).mkdir(exist_ok=True)
             for left in self.path.glob(".*.tmp"):
                 left.unlink()
-            self._write(_CONFIG, lambda new: new.write_text(dump(self._config), encoding="utf-8"))
+            write_file(self.path / _CONFIG, dump(self._config))
         except OSError as problem:
             raise ConfigError(f"--out {self.path}: cannot be written: {problem.strerror}") from None
 
@@ -120,34 +120,27 @@ class RunFolder:
         import pyarrow.parquet as pq
 
         table = _table(columns).replace_schema_metadata({b"rlcas_run": self._identity().encode()})
-        self._write(f"{_PARTS}/{first:09d}.parquet", lambda path: pq.write_table(table, path))
+        with written(self.path / _PARTS / f"{first:09d}.parquet") as path:
+            pq.write_table(table, path)
 
     def finish(self) -> Mapping[str, np.ndarray]:
         """Join the parts, all of which must be there, and return the whole table, whose columns are read when used."""
         target = self.path / self.table
         if not target.is_file():
-            self._write(self.table, self._join)
+            with written(target) as path:
+                self._join(path)
         shutil.rmtree(self.path / _PARTS, ignore_errors=True)
         return _Columns(target)
 
     def write_summary(self, summary: Mapping[str, Any]) -> Path:
         """Write ``summary.json`` and return its path."""
         text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
-        self._write(_SUMMARY, lambda path: path.write_text(text, encoding="utf-8"))
+        write_file(self.path / _SUMMARY, text)
         return self.path / _SUMMARY
 
     def save_figure(self, name: str, figure: Any) -> list[Path]:
         """Write a matplotlib figure as PNG and as SVG and return the paths."""
-        import matplotlib as mpl
-
-        # Neither a date nor random names, so that the same run gives the same files.
-        with mpl.rc_context({"svg.hashsalt": "rlcas"}):
-            self._write(f"{name}.png", lambda path: figure.savefig(path, format="png", dpi=150))
-            figure.set_layout_engine("none")  # keep what has just been laid out: it takes half of the time
-            self._write(
-                f"{name}.svg", lambda path: figure.savefig(path, format="svg", dpi=200, metadata={"Date": None})
-            )
-        return [self.path / f"{name}.{kind}" for kind in ("png", "svg")]
+        return save_figure(figure, self.path / name)
 
     def _join(self, path: Path) -> None:
         """Write the parts as one file, a group of rows at a time, however many there are."""
@@ -172,17 +165,6 @@ class RunFolder:
             "versions": {k: versions("numpy")[k] for k in ("rlcas-toolkit", "numpy")},
         }
         return hashlib.sha256(json.dumps(made, sort_keys=True, default=str).encode()).hexdigest()
-
-    def _write(self, name: str, write: Callable[[Path], Any]) -> None:
-        target = self.path / name
-        descriptor, temporary = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent)
-        os.close(descriptor)
-        try:
-            write(Path(temporary))
-            Path(temporary).chmod(0o644)  # mkstemp's files are the owner's only
-            Path(temporary).replace(target)
-        finally:
-            Path(temporary).unlink(missing_ok=True)
 
 
 class _Columns(Mapping[str, np.ndarray]):

@@ -8,7 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from agents.config.figures import save_figure
 from agents.config.load import ConfigError, Parser
+from envs.edge.files import write_file
 from eval.plots import save as picture_folder
 from eval.runner.command import whole
 
@@ -79,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     paths = _draw(options, run, found)
     found["wall_s"] = time.perf_counter() - begun
     text = json.dumps(found, indent=2, allow_nan=False) + "\n"
-    (options.out / "sensitivity.json").write_text(text, encoding="utf-8")
+    write_file(options.out / "sensitivity.json", text)
     _show(found)
     print(f"files: {options.out}: " + ", ".join(["sensitivity.json", *paths]))
     return 0
@@ -213,14 +215,7 @@ def _draw(options: argparse.Namespace, run: "Run | None", found: dict[str, Any])
         titles.append(title if run is None else f"sweeps: {title}")
         figures |= {f"vary_{one['name']}": sweep_figure(one, f"{title}; {bars}") for one in found["sweeps"]}
     figures["overview"] = overview(found["quantities"], found["sweeps"], "\n".join([*titles, bars]))
-    import matplotlib as mpl
-
-    # Neither a date nor random names, so that the same input gives the same files.
-    with mpl.rc_context({"svg.hashsalt": "rlcas"}):
-        for name, figure in figures.items():
-            figure.savefig(options.out / f"{name}.png", dpi=130)
-            figure.savefig(options.out / f"{name}.svg", metadata={"Date": None})
-    return [f"{name}.{kind}" for name in figures for kind in ("png", "svg")]
+    return [path.name for name, figure in figures.items() for path in save_figure(figure, options.out / name, 130)]
 
 
 def _show(found: dict[str, Any]) -> None:

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from agents.config.load import ConfigError, Parser, Strict, dump, load
 from agents.config.yaml import YamlError, read
+from envs.edge.files import write_file
 from rlcas_jax.config import SEED_END, TrainConfig
 from rlcas_jax.sweep.space import Objective, Parameter, check
 from rlcas_jax.sweep.space import parse as parse_space
@@ -110,9 +111,7 @@ def prepare(options: Options) -> None:
     try:
         options.directory.mkdir(parents=True, exist_ok=True)
         for name, text in ((CONFIG, dump(options.base)), (SETTINGS, dump(options.settings))):
-            partial = options.directory / f"{name}.partial"
-            partial.write_text(text, encoding="utf-8")
-            partial.replace(options.directory / name)
+            write_file(options.directory / name, text)
     except OSError as problem:
         raise ConfigError(f"--out {options.directory} cannot be written ({problem.strerror})") from None
 

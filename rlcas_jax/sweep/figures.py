@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from agents.config.figures import save_figure
 from rlcas_jax.figures import STYLE
 from rlcas_jax.sweep.space import Choices, Parameter
 
@@ -47,8 +48,8 @@ def sweep_figures(
     out.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(_STYLE):
         return [
-            *_save(_history(rows, objective), out / "history"),
-            *_save(_slices(rows, space, objective, importance), out / "slices"),
+            *save_figure(_history(rows, objective), out / "history"),
+            *save_figure(_slices(rows, space, objective, importance), out / "slices"),
         ]
 
 
@@ -128,10 +129,3 @@ def _scaled(value: float | None, objective: str) -> float:
 
 def _short(text: str) -> str:
     return text if len(text) <= 14 else f"{text[:13]}…"
-
-
-def _save(figure: "Figure", path: Path) -> list[Path]:
-    files = [path.with_suffix(".png"), path.with_suffix(".svg")]
-    figure.savefig(files[0], dpi=150)
-    figure.savefig(files[1], metadata={"Date": None})
-    return files

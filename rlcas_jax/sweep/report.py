@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from agents.config.load import dump, load
 from agents.policy.versions import versions
+from envs.edge.files import write_file, written
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.sweep.cli import CONFIG, Options
 from rlcas_jax.sweep.space import Choices, Parameter, overrides
@@ -108,7 +109,7 @@ def write(options: Options, found: Sequence[Row], study: "Study", *, finished: b
         head = (
             f"# Trial {best.trial} of {len(found)}: {settings.objective} {shown_value(best.value, settings.objective)}"
         )
-        (directory / "best.yaml").write_text(f"{head}, {', '.join(chosen)}\n{dump(config)}", encoding="utf-8")
+        write_file(directory / "best.yaml", f"{head}, {', '.join(chosen)}\n{dump(config)}")
     files = sweep_figures(found, options.space, settings.objective, shares, directory / "figures")
     counts = {state: sum(row.state == state for row in found) for state in dict.fromkeys(row.state for row in found)}
     report = {
@@ -126,7 +127,7 @@ def write(options: Options, found: Sequence[Row], study: "Study", *, finished: b
         "figures": [str(file.relative_to(directory)) for file in files],
         "versions": versions("optuna", "jax", "jaxlib"),
     }
-    (directory / "sweep.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    write_file(directory / "sweep.json", json.dumps(report, indent=2) + "\n")
     text = _table(found, options.space, settings.objective)
     if best is not None:
         text += f"\nbest: trial {best.trial}, {shown_value(best.value, settings.objective)}: {directory / 'best.yaml'}"
@@ -150,7 +151,8 @@ def _columns(found: Sequence[Row], space: Sequence[Parameter], path: Path) -> No
     for parameter in space:
         kind = pa.string() if isinstance(parameter, Choices) else pa.int64() if parameter.whole else pa.float64()
         columns[parameter.key] = pa.array([row.parameters.get(parameter.key) for row in found], kind)
-    parquet.write_table(pa.table(columns), path)
+    with written(path) as new:
+        parquet.write_table(pa.table(columns), new)
 
 
 def _table(found: Sequence[Row], space: Sequence[Parameter], objective: str) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.config.load import ConfigError, dump, load
+from envs.edge.files import write_file
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.progress import duration
 from rlcas_jax.sweep.cli import CONFIG, Options, parse, prepare
@@ -174,7 +175,7 @@ def _trained(config: TrainConfig, directory: Path, watch: Watch) -> dict[str, An
     directory.mkdir(parents=True, exist_ok=True)
     resume = any((directory / "checkpoints").glob("checkpoint-*.safetensors"))
     if not resume:
-        (directory / "config.yaml").write_text(dump(config), encoding="utf-8")
+        write_file(directory / "config.yaml", dump(config))
     try:
         done = run(config, directory, watch, resume=resume)
     except CheckpointError as problem:

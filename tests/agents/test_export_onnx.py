@@ -184,7 +184,7 @@ def test_a_model_that_disagrees_is_not_written(tmp_path: Path, monkeypatch: pyte
 
 def test_the_command_needs_no_training_framework(tmp_path: Path):
     target = tmp_path / "policy.onnx"
-    target.write_bytes(b"old")
+    target.write_bytes(model(random_policy("none")).SerializeToString())
     program = (
         "import sys; from agents.policy.onnx import main; main(sys.argv[1:]); "
         "print(sorted({'jax', 'flax', 'onnxruntime'} & set(sys.modules)))"
@@ -212,7 +212,7 @@ def test_bad_input_ends_with_one_sentence(tmp_path: Path, capsys: pytest.Capture
         ([str(tmp_path / "none.safetensors"), "out.onnx"], "no such policy file"),
         ([str(damaged), str(tmp_path / "out.onnx")], "damaged.safetensors"),
         ([str(SHIPPED), str(tmp_path / "none" / "out.onnx")], "cannot be written: No such file or directory"),
-        ([str(SHIPPED), str(tmp_path)], "cannot be written"),
+        ([str(SHIPPED), str(tmp_path)], "no ONNX model"),
         ([str(SHIPPED)], "required: OUT.onnx"),
     ):
         with pytest.raises(SystemExit) as ended:
@@ -222,6 +222,25 @@ def test_bad_input_ends_with_one_sentence(tmp_path: Path, capsys: pytest.Capture
         assert words in error
         assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == [damaged]
+
+
+@pytest.mark.parametrize("content", [b"", b"text\n", SHIPPED.read_bytes()[:4096]])
+def test_what_is_no_model_is_not_replaced(tmp_path: Path, content: bytes):
+    target = tmp_path / "kept"
+    target.write_bytes(content)
+    with pytest.raises(ExportError, match="no ONNX model"):
+        export(SHIPPED, target)
+    assert target.read_bytes() == content
+
+
+def test_the_policy_is_not_replaced_by_its_model(tmp_path: Path):
+    policy, link = tmp_path / "policy.safetensors", tmp_path / "link"
+    policy.write_bytes(SHIPPED.read_bytes())
+    link.symlink_to(policy)
+    for target in (policy, link):
+        with pytest.raises(ExportError, match="policy file itself"):
+            export(policy, target)
+    assert policy.read_bytes() == SHIPPED.read_bytes()
 
 
 def test_without_onnx_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch):

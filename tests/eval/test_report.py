@@ -88,7 +88,7 @@ SPOILT = {
     "initial_conditions.png: cannot be read": lambda folder: (folder / "config.yaml").write_text(
         (folder / "config.yaml").read_text().replace("figures: false", "figures: true")
     ),
-    "report.html is a folder": lambda folder: (folder / "report.html").mkdir(),
+    "report.html: cannot be written": lambda folder: (folder / "report.html").mkdir(),
 }
 
 
@@ -136,7 +136,7 @@ def test_an_unwritable_target_fails_before_anything_is_flown(copy: Path, monkeyp
     def refuse(**_: Any) -> Any:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(report.tempfile, "mkstemp", refuse)
+    monkeypatch.setattr("tempfile.mkstemp", refuse)
     monkeypatch.setattr(report, "_made", lambda *_: pytest.fail("the work has begun"))
     with pytest.raises(ConfigError, match="cannot be written: Permission denied"):
         report.main([str(copy)])

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from envs.edge.files import check_regular, write, written
+from envs.edge.files import check_regular, write_file, written
 
 
 def test_a_file_is_replaced_whole(tmp_path: Path):
     target = tmp_path / "a.txt"
-    write(target, "old")
-    write(target, b"new")
+    write_file(target, "old")
+    write_file(target, b"new")
     assert target.read_bytes() == b"new"
     assert target.stat().st_mode & 0o777 == 0o644
     assert list(tmp_path.iterdir()) == [target]
@@ -25,7 +25,7 @@ def fail(path: Path) -> None:
 
 def test_a_full_disk_leaves_the_old_file_and_names_it(tmp_path: Path):
     target = tmp_path / "a.txt"
-    write(target, "old")
+    write_file(target, "old")
     with pytest.raises(OSError, match=r"a\.txt") as caught, written(target) as path:
         fail(path)
     assert caught.value.errno == errno.ENOSPC
