@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from envs.edge.command import ConfigError, Parser, run_cli
-from envs.edge.files import write_file
+from envs.edge.files import written
 
 if TYPE_CHECKING:
     from envs.formats.encounter_exchange import Scene
@@ -22,7 +22,8 @@ Turn encounters from one form of file into another; the names' ends say which:
   .json        two-aircraft encounters of MIT Lincoln Laboratory's form
   .daa, .xyz   one encounter in the form of NASA's DAIDALUS; written with local positions
 
-What the other form cannot hold is refused in one sentence; with --lossy it is left out, and named."""
+What the other form cannot hold is refused in one sentence; with --lossy it is left out, counted and named. What was
+written is read again before the file gets its name."""
 
 _EPILOG = """\
 examples:
@@ -69,89 +70,91 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _convert(options: argparse.Namespace) -> int:
-    from envs.formats.encounter_exchange import daidalus_text, encounters_of_scenes, lincoln_objects
-    from envs.traffic.track_units import FOOT
+    from envs.formats.encounter_exchange import is_number
 
-    scenes = _read(options)
+    source, target = options.source, options.target.suffix
+    scenes = _read(source, source.suffix, options.seconds, options.repair)
     if options.encounter is not None:
         known = [scene.name for scene in scenes]
         scenes = [scene for scene in scenes if scene.name == options.encounter]
         if not scenes:
-            raise ConfigError(
-                f"--encounter: {options.encounter!r} is not in {options.source}; it holds {known[:5]} ..."
-            )
+            raise ConfigError(f"--encounter: {options.encounter!r} is not in {source}; it holds {known[:5]} ...")
     lost: list[str] = []
-    target = options.target.suffix
 
     def losing(what: str, which: "Sequence[Scene]") -> None:
         if which:
             lost.append(f"{what} of {len(which)} of {len(scenes)} encounters, the first {which[0].name!r}")
 
+    for kind in sorted({kind for scene in scenes for kind, rows in scene.left_out.items() if rows}):
+        which = [scene for scene in scenes if scene.left_out.get(kind)]
+        losing(f"{sum(scene.left_out[kind] for scene in which)} {kind}", which)
     if target == ".csv":
         losing("altitudes", [scene for scene in scenes if scene.altitudes])
         losing("the ownship's motion after the start", [scene for scene in scenes if not scene.straight(0)])
-        losing("the weight", [scene for scene in scenes if scene.weight != 1.0])
     else:
         losing("the goal", [scene for scene in scenes if scene.goal is not None])
         losing("the noise of reports", [scene for scene in scenes if any(scene.sensor)])
-        if target in _TRACKS:
-            losing("the weight", [scene for scene in scenes if scene.weight != 1.0])
-        else:
-            losing("the name", [scene for scene in scenes if not _whole(scene.name)])
+    if target == ".json":
+        losing("the name", [scene for scene in scenes if not is_number(scene.name)])
+    else:
+        losing("the weight", [scene for scene in scenes if scene.weight != 1.0])
     if lost and not options.lossy:
         raise ConfigError(f"{options.target} cannot hold {'; '.join(lost)}; expected --lossy to leave it out")
-    altitude = None if options.altitude_ft is None else options.altitude_ft * FOOT
-    if target == ".csv":
-        from envs.formats import encounter_file
-
-        encounter_file.write(options.target, *encounters_of_scenes(scenes, options.ahead))
-    elif target == ".json":
-        _write(options.target, json.dumps(lincoln_objects(scenes, altitude), allow_nan=False) + "\n")
-    else:
-        if len(scenes) != 1:
-            raise ConfigError(
-                f"{options.source} holds {len(scenes)} encounters and {target} files one, expected --encounter NAME"
-            )
-        _write(options.target, daidalus_text(scenes[0], altitude))
+    if target in _TRACKS and len(scenes) != 1:
+        raise ConfigError(f"{source} holds {len(scenes)} encounters and {target} files one, expected --encounter NAME")
+    _write(options, scenes)
     for sentence in lost:
         print(f"left out: {sentence}", file=sys.stderr)
     return len(scenes)
 
 
-def _whole(name: str) -> bool:
-    return name.isascii() and name.isdecimal() and str(int(name)) == name
-
-
-def _read(options: argparse.Namespace) -> "list[Scene]":
+def _read(path: Path, form: str, seconds: int, repair: bool) -> "list[Scene]":
+    from envs.formats import encounter_file
     from envs.formats.encounter_exchange import scenes_of, scenes_of_tracks
     from envs.formats.lincoln_file import read_lincoln, tracks_of
     from envs.formats.track_files import read_daidalus
-    from envs.traffic.tracks import Repairs, summed
+    from envs.traffic.tracks import summed
 
-    path = options.source
-    if path.suffix == ".csv":
-        from envs.formats import encounter_file
-
-        encounters, names = encounter_file.read(path)
-        return scenes_of(encounters, names, options.seconds)
-    repairs = Repairs()
-    if path.suffix == ".json":
-        found = read_lincoln(path, repair=options.repair)
+    if form == ".csv":
+        return scenes_of(*encounter_file.read(path), seconds)
+    if form == ".json":
+        found = read_lincoln(path, repair=repair)
         repairs = summed([each.repairs for each in found])
         recorded = [(str(each.number), tracks_of(each), each.weight) for each in found]
     else:
-        tracks, repairs = read_daidalus(path, repair=options.repair)
+        tracks, repairs = read_daidalus(path, repair=repair)
         recorded = [(path.stem, tracks, 1.0)]
     if any(repairs):
         print("repaired: " + ", ".join(f"{v} {k}" for k, v in repairs._asdict().items() if v), file=sys.stderr)
     return scenes_of_tracks(recorded)
 
 
-def _write(path: Path, text: str) -> None:
+def _write(options: argparse.Namespace, scenes: "list[Scene]") -> None:
+    """Write encounters, read them again as a check, and only then give the file its name."""
+    from envs.encounters import EncounterError
+    from envs.formats import encounter_file
+    from envs.formats.encounter_exchange import check_same, daidalus_text, encounters_of_scenes, lincoln_objects
+    from envs.traffic.track_units import FOOT
+    from envs.traffic.tracks import TrackError
+
+    target, form = options.target, options.target.suffix
+    altitude = None if options.altitude_ft is None else options.altitude_ft * FOOT
+    longest = max(len(scene.tracks[0].time) for scene in scenes) - 1
     try:
-        write_file(path, text)
+        with written(target) as new:
+            try:
+                if form == ".csv":
+                    encounter_file.write(new, *encounters_of_scenes(scenes, options.ahead))
+                elif form == ".json":
+                    new.write_text(json.dumps(lincoln_objects(scenes, altitude), allow_nan=False) + "\n", "utf-8")
+                else:
+                    new.write_text(daidalus_text(scenes[0], altitude), "utf-8")
+                again = _read(new, form, longest, repair=False)
+                check_same(scenes, again, own=form != ".csv", altitudes=form != ".csv")
+            except (EncounterError, TrackError) as problem:
+                raise EncounterError(str(problem).replace(str(new), f"{target}, as it would be:")) from None
     except OSError as problem:
-        raise ConfigError(f"{path}: cannot be written: {problem.strerror}") from None
+        raise ConfigError(f"{target}: cannot be written: {problem.strerror}") from None
 
 
 if __name__ == "__main__":

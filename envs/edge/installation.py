@@ -8,7 +8,7 @@ __all__ = ["EXTRAS", "PACKAGES", "extra_of", "foreign"]
 PACKAGES = ("rlcas_jax", "envs", "agents", "eval", "ros_bridge")
 
 EXTRAS = {
-    "report": ("matplotlib", "pyarrow", "pydantic", "rich", "scipy", "threadpoolctl", "yaml"),
+    "report": ("matplotlib", "pyarrow", "pydantic", "pyproj", "rich", "scipy", "threadpoolctl", "yaml"),
     "train": ("flax", "jax", "optax"),
     "sim": ("gymnasium", "jsbsim"),
     "tensorboard": ("tensorboardX",),
@@ -16,7 +16,7 @@ EXTRAS = {
     "sweep": ("optuna",),
     "onnx": ("onnx", "onnxruntime"),
     "peers": ("sbx", "stable_baselines3", "torch"),
-    "ros": ("builtin_interfaces", "mcap", "mcap_ros2", "pyproj", "rclpy", "rlcas_msgs"),
+    "ros": ("builtin_interfaces", "mcap", "mcap_ros2", "rclpy", "rlcas_msgs"),
 }
 """Modules that the optional dependencies of pyproject.toml install."""
 

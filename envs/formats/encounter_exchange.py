@@ -9,19 +9,19 @@
 | goal, noise | yes | no | no |
 | altitudes | no | yes | yes |
 
-Numbers are exact where the form has them. Motion is turned into events or into a row a second, and is held against
-what a reader would make of it: an encounter whose motion another form cannot hold within :data:`EXACT` is refused.
+Numbers are exact where the form has them. Motion is turned into events or into a row a second. :func:`check_same` holds
+what a reader makes of a written file against what went in: an encounter that another form cannot hold within
+:data:`EXACT` is refused.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from envs import intruder
 from envs.encounters import Encounter, EncounterError
-from envs.formats.lincoln_file import LincolnEncounter, tracks_of
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
@@ -31,8 +31,10 @@ from envs.traffic.tracks import Track, at_times
 __all__ = [
     "EXACT",
     "Scene",
+    "check_same",
     "daidalus_text",
     "encounters_of_scenes",
+    "is_number",
     "lincoln_objects",
     "scenes_of",
     "scenes_of_tracks",
@@ -60,6 +62,8 @@ class Scene(NamedTuple):
     altitudes: bool = True
     """Whether they are known; otherwise those of the tracks are 0."""
     weight: float = 1.0
+    left_out: Mapping[str, int] = {}
+    """How many rows or values of the recorded tracks, by kind, are not in these."""
 
     def straight(self, which: int) -> bool:
         """Return whether an aircraft flies straight on at its first speed, within :data:`EXACT`."""
@@ -115,17 +119,23 @@ def scenes_of_tracks(encounters: Sequence[tuple[str, Sequence[Track], float]]) -
             raise EncounterError(
                 f"encounter {name!r}: {which} does not cover the ownship's first second, expected all to"
             )
-        times = np.arange(begin, end + 1e-9)
+        times = np.minimum(np.arange(begin, end + 1e-6), end)
         rows = [at_times(track, times)._replace(time=times - begin, extra={}) for track in tracks]
-        scenes.append(Scene(name, tuple(rows), None, None, weight=weight))
+        outside = sum(int(np.sum((track.time < begin) | (track.time > times[-1] + 1e-6))) for track in tracks)
+        columns = sorted({column for track in tracks for column in track.extra})
+        left_out = {"rows at times that not all tracks cover": outside}
+        left_out |= {f"values of column {column}": sum(len(track.time) for track in tracks) for column in columns}
+        scenes.append(Scene(name, tuple(rows), None, None, weight=weight, left_out=left_out))
     return scenes
 
 
 def encounters_of_scenes(scenes: Sequence[Scene], ahead: float) -> tuple[Encounter, list[str]]:
     """Return scenes as encounters of ours; where a form has no goal, it lies some seconds ahead.
 
+    Intruders whose intent is not known fly straight on: whether that is their motion is for :func:`check_same`.
+
     Raises:
-        EncounterError: an intruder does more than one turn of ours.
+        EncounterError: a scene has no intruder.
     """
     most = max(len(scene.tracks) for scene in scenes) - 1
     if not most:
@@ -154,18 +164,31 @@ def encounters_of_scenes(scenes: Sequence[Scene], ahead: float) -> tuple[Encount
         Intent(*np.moveaxis(np.array(turns), -1, 0)),
         Sensor(*np.array(noise).T[:, :, None]),
     )
-    names = [scene.name for scene in scenes]
-    flown = scenes_of(made, names, max(len(scene.tracks[0].time) for scene in scenes) - 1)
-    for scene, again in zip(scenes, flown, strict=True):
-        for one, other in zip(scene.tracks[1:], again.tracks[1:], strict=True):
-            rows = len(one.time)
-            off = float(np.max(np.hypot(one.x - other.x[:rows], one.y - other.y[:rows])))
-            if off > EXACT:
+    return made, [scene.name for scene in scenes]
+
+
+def check_same(scenes: Sequence[Scene], again: Sequence[Scene], *, own: bool = True, altitudes: bool = True) -> None:
+    """Raise an EncounterError where scenes that were written and read again are not the same within :data:`EXACT`.
+
+    Args:
+        scenes: as they were written.
+        again: as they were read.
+        own: whether the ownship's motion is compared.
+        altitudes: whether altitudes are.
+    """
+    if [len(scene.tracks) for scene in scenes] != [len(scene.tracks) for scene in again]:
+        raise EncounterError(f"{len(scenes)} encounters, of which {len(again)} are read again, or other aircraft")
+    for scene, other in zip(scenes, again, strict=True):
+        for one, two in list(zip(scene.tracks, other.tracks, strict=True))[0 if own else 1 :]:
+            rows = min(len(one.time), len(two.time))
+            fields = ("x", "y", "altitude") if altitudes and scene.altitudes else ("x", "y")
+            apart = [getattr(one, field)[:rows] - getattr(two, field)[:rows] for field in fields]
+            off = float(np.sqrt(np.sum(np.square(apart), axis=0)).max())
+            if off > EXACT or rows < len(one.time):
                 raise EncounterError(
-                    f"encounter {scene.name!r}: {one.name!r} comes {off:.0f} m off a straight flight, expected at most "
-                    f"{EXACT:g} m, because a .csv file holds no other motion"
+                    f"encounter {scene.name!r}: read again, {one.name!r} is {off:.1f} m off its track for {rows} of "
+                    f"{len(one.time)} s, expected at most {EXACT:g} m: this form holds no such motion"
                 )
-    return made, names
 
 
 def lincoln_objects(scenes: Sequence[Scene], altitude: float | None) -> list[dict[str, Any]]:
@@ -176,13 +199,17 @@ def lincoln_objects(scenes: Sequence[Scene], altitude: float | None) -> list[dic
         altitude: of scenes that have none, m.
 
     Raises:
-        EncounterError: a scene has more intruders, no altitude, or a motion that events cannot hold.
+        EncounterError: a scene has more intruders or no altitude.
     """
     names = [scene.name for scene in scenes]
-    # Names that are whole numbers are kept; where some are not, all come back as places in the file.
-    whole = all(name.isascii() and name.isdecimal() and str(int(name)) == name for name in names)
-    numbers = [int(name) for name in names] if whole else range(1, len(names) + 1)
+    # Names that are numbers are kept; where some are not, all come back as places in the file.
+    numbers = [int(name) for name in names] if all(map(is_number, names)) else range(1, len(names) + 1)
     return [_lincoln(number, scene, altitude) for number, scene in zip(numbers, scenes, strict=True)]
+
+
+def is_number(name: str) -> bool:
+    """Return whether a name can be an encounter's number in Lincoln Laboratory's form."""
+    return name.isascii() and name.isdecimal() and len(name) <= 12 and str(int(name)) == name
 
 
 def _lincoln(number: int, scene: Scene, altitude: float | None) -> dict[str, Any]:
@@ -193,7 +220,7 @@ def _lincoln(number: int, scene: Scene, altitude: float | None) -> dict[str, Any
         )
     heights = _heights(scene, altitude)
     states = [_lincoln_state(track) for track in scene.tracks]
-    made = {
+    return {
         "id": number,
         "n_ft": [float(track.y[0]) / FOOT for track in scene.tracks],
         "e_ft": [float(track.x[0]) / FOOT for track in scene.tracks],
@@ -204,8 +231,6 @@ def _lincoln(number: int, scene: Scene, altitude: float | None) -> dict[str, Any
         _EVENTS: [events.tolist() for _, _, events in states],
         "meta": {"w": scene.weight},
     }
-    _check_lincoln(made, scene)
-    return made
 
 
 def _lincoln_state(track: Track) -> tuple[float, float, np.ndarray]:
@@ -218,34 +243,6 @@ def _lincoln_state(track: Track) -> tuple[float, float, np.ndarray]:
     # An event holds until the next: rows that command the same again are left out.
     changes = np.concatenate([[True], np.any(np.abs(np.diff(rows[:, 1:], axis=0)) > 1e-12, axis=1)])
     return float(along[0]), float(course[0]), rows[changes]
-
-
-def _check_lincoln(made: dict[str, Any], scene: Scene) -> None:
-    """Raise if a reader's flight of the events is not the scene's."""
-    north, east, up, speed = (np.array(made[key]) * FOOT for key in ("n_ft", "e_ft", "h_ft", "v_ftps"))
-    own, other = (np.array(rows) * (1.0, FOOT, 1.0, FOOT) for rows in made[_EVENTS])
-    again = LincolnEncounter(
-        number=made["id"],
-        north=north,
-        east=east,
-        altitude=up,
-        speed=speed,
-        track=np.array(made["heading_rad"]),
-        duration=made["runTime_s"],
-        events=(own, other),
-        miss=math.nan,
-        vertical_miss=math.nan,
-        time=math.nan,
-        weight=scene.weight,
-    )
-    for track, flown in zip(scene.tracks, tracks_of(again), strict=True):
-        known = at_times(flown, np.minimum(track.time, flown.time[-1]))
-        off = float(np.max(np.hypot(known.x - track.x, known.y - track.y)))
-        if off > EXACT:
-            raise EncounterError(
-                f"encounter {scene.name!r}: {track.name!r} comes {off:.1f} m off what its turn rates and accelerations "
-                f"make of it, expected at most {EXACT:g} m, because Lincoln Laboratory's form holds nothing else"
-            )
 
 
 def daidalus_text(scene: Scene, altitude: float | None) -> str:

@@ -6,6 +6,7 @@ and degrees. Positions are local ENU, x east and y north; headings counter-clock
 """
 
 import csv
+import io
 import math
 import os
 from collections.abc import Sequence
@@ -21,11 +22,15 @@ from envs.encounters import Encounter, EncounterError
 from envs.intruder import INTRUDER_LIMITS, Intent
 from envs.kinematics import SURROGATE, Limits, VehicleState
 from envs.perception import Sensor
+from envs.traffic.text_file import text_of
 
 __all__ = ["COLUMNS", "MOST_INTRUDERS", "Column", "read", "write"]
 
 MOST_INTRUDERS = 64
 """More rows for one encounter are refused as a mistake."""
+
+_MOST_PLACES = 2_000_000
+"""Encounters times the intruders of the fullest one."""
 
 _FAR = 1_000_000.0
 _DEGREES = math.radians(1.0)
@@ -107,6 +112,12 @@ def read(path: str | os.PathLike[str], limits: Limits = SURROGATE) -> tuple[Enco
         group.append((number, values))
     if not groups:
         raise EncounterError(f"{source}: no encounter, expected at least one line below the header")
+    places = len(groups) * max(map(len, groups.values()))
+    if places > _MOST_PLACES:
+        raise EncounterError(
+            f"{source}: {len(groups)} encounters of up to {places // len(groups)} intruders, expected a product of at "
+            f"most {_MOST_PLACES}: divide the file"
+        )
     return _encounters([[values for _, values in group] for group in groups.values()]), list(groups)
 
 
@@ -119,7 +130,8 @@ def write(path: str | os.PathLike[str], encounters: Encounter, names: Sequence[s
         names: of the encounters, distinct; None for 0, 1, 2, ...
 
     Raises:
-        EncounterError: a name is empty or stands twice, an encounter has no intruder, or the file cannot be written.
+        EncounterError: a name is empty or stands twice, an encounter has no intruder, a value is out of its column's
+            range, or the file cannot be written.
     """
     target = Path(path)
     count = len(encounters.goal_x)
@@ -133,29 +145,26 @@ def write(path: str | os.PathLike[str], encounters: Encounter, names: Sequence[s
         present = np.flatnonzero(encounters.mask[i]).tolist()
         if not present:
             raise EncounterError(f"{target}: encounter {name!r} has no intruder")
-        lines += [[name, *(_text(v, c) for v, c in zip(_row(encounters, i, k), COLUMNS, strict=True))] for k in present]
+        if len(present) > MOST_INTRUDERS:
+            raise EncounterError(f"{target}: encounter {name!r} has more than {MOST_INTRUDERS} intruders")
+        lines += [[name, *_texts(_row(encounters, i, k), f"{target}: encounter {name!r}")] for k in present]
     try:
-        with written(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        with written(target) as new, new.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file, lineterminator="\n").writerows(lines)
-    except OSError as error:
-        raise EncounterError(f"{target}: cannot be written: {error.strerror}") from error
+    except OSError as problem:
+        raise EncounterError(f"{target}: cannot be written: {problem.strerror}") from problem
+    except UnicodeEncodeError as problem:
+        raise EncounterError(f"{target}: {ascii(problem.object)[:40]}, expected names that UTF-8 can hold") from None
 
 
 def _lines(source: str) -> list[tuple[int, list[str]]]:
     """Return the lines that hold something, split into cells, with their numbers from 1."""
+    reader = csv.reader(io.StringIO(text_of(source, EncounterError), newline=""), strict=True)
     try:
-        with Path(source).open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file, strict=True)
-            # A quoted cell may span lines: its row is named by its last one.
-            lines = [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
-    except FileNotFoundError:
-        raise EncounterError(f"{source}: there is no such file") from None
-    except UnicodeDecodeError as error:
-        raise EncounterError(f"{source}: not a text in UTF-8 (byte {error.start})") from None
+        # A quoted cell may span lines: its row is named by its last one.
+        lines = [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
     except csv.Error as error:
         raise EncounterError(f"{source}: not a CSV file: {error}") from None
-    except OSError as error:
-        raise EncounterError(f"{source}: cannot be read: {error.strerror}") from None
     lines = [line for line in lines if not line[1][0].lstrip().startswith("#")]
     if not lines:
         raise EncounterError(f"{source}: the file is empty, expected a header line with {', '.join(_ALL)}")
@@ -241,5 +250,9 @@ def _row(encounters: Encounter, i: int, k: int) -> list[Any]:
     ]
 
 
-def _text(value: Any, column: Column) -> str:
-    return repr(float(value) / column.scale)
+def _texts(values: list[Any], where: str) -> list[str]:
+    """Return the cells of a row; the own speed is the reader's to check, because it depends on the aircraft."""
+    texts = [repr(float(value) / column.scale) for value, column in zip(values, COLUMNS, strict=True)]
+    for text, column in zip(texts, COLUMNS, strict=True):
+        _number(text, column, SURROGATE._replace(speed_min=0.0, speed_max=1_000.0), where)
+    return texts

@@ -8,32 +8,43 @@ horizontal and vertical miss distance (ft) at the time of closest approach, coun
 The flight here is a plain kinematic one, without the vehicles' limits and lags.
 """
 
-import json
 import math
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.traffic.track_units import FOOT
+from envs.formats.track_rows import DISTANT
+from envs.traffic.text_file import json_of
+from envs.traffic.track_units import FOOT, KNOT
 from envs.traffic.tracks import Repairs, Track, TrackError, summed
 
 __all__ = ["LincolnEncounter", "published_miss", "read_lincoln", "tracks_of"]
 
 _STEP = 0.1
 _LONGEST = 36_000.0
-_LARGEST = 1e12  # beyond it a number is a mistake, and its square soon none
+_LONGEST_FILE = 2_000_000.0
+"""s, of all encounters together."""
+
+_LARGEST = 1e12
+_FASTEST = 2_000.0 * KNOT / FOOT
 _STATE = {
-    "n_ft": FOOT,
-    "e_ft": FOOT,
-    "h_ft": FOOT,
-    "v_ftps": FOOT,
-    "heading_rad": 1.0,
+    "n_ft": (FOOT, -DISTANT / FOOT, DISTANT / FOOT),
+    "e_ft": (FOOT, -DISTANT / FOOT, DISTANT / FOOT),
+    "h_ft": (FOOT, -5_000.0, 100_000.0),
+    "v_ftps": (FOOT, 0.0, _FASTEST),
+    "heading_rad": (1.0, -2.0 * math.pi, 2.0 * math.pi),
 }
+"""SI value of one unit, and the range that is accepted, in that unit."""
+
 _EVENTS = "events_time_s_vrate_fps_turn_radps_accel_ftpss"
-_EVENT_FIELDS = ("time", "vertical rate", "turn rate", "acceleration")
+_EVENT_FIELDS = {
+    "time": (-_LONGEST, _LONGEST),
+    "vertical rate": (-1_000.0, 1_000.0),
+    "turn rate": (-math.pi, math.pi),
+    "acceleration": (-500.0, 500.0),
+}
 
 
 class LincolnEncounter(NamedTuple):
@@ -77,23 +88,13 @@ def read_lincoln(path: str | os.PathLike[str], *, repair: bool = False) -> list[
             line, where the file is no JSON at all).
     """
     source = os.fspath(path)
-    try:
-        found = json.loads(Path(source).read_text(encoding="utf-8"), parse_constant=float if repair else _refuse)
-    except FileNotFoundError:
-        raise TrackError(f"{source}: there is no such file") from None
-    except UnicodeDecodeError as problem:
-        raise TrackError(f"{source}: not a text in UTF-8 (byte {problem.start})") from None
-    except json.JSONDecodeError as problem:
-        raise TrackError(f"{source} line {problem.lineno}: not JSON, or cut off: {problem.msg}") from None
-    except OSError as problem:
-        raise TrackError(f"{source}: cannot be read: {problem.strerror}") from None
-    except _NotFiniteError as problem:
-        raise TrackError(f"{source}: holds {problem}, expected finite numbers") from None
-    except (ValueError, RecursionError) as problem:
-        raise TrackError(f"{source}: not usable as JSON: {problem}") from None
+    found = json_of(source, TrackError)
     if not isinstance(found, list) or not found:
         raise TrackError(f"{source}: expected a list of encounters that is not empty")
     encounters = [_encounter(each, f"{source} encounter {i + 1}", repair) for i, each in enumerate(found)]
+    total = sum(one.duration for one in encounters)
+    if total > _LONGEST_FILE:
+        raise TrackError(f"{source}: {total:.0f} s in all, expected at most {_LONGEST_FILE:.0f} s: divide the file")
     numbers: set[int] = set()
     for i, one in enumerate(encounters):
         if one.number in numbers:
@@ -148,20 +149,10 @@ def _flown(encounter: LincolnEncounter, i: int, name: str) -> Track:
     )
 
 
-class _NotFiniteError(ValueError):
-    """JSON's words for what is no number."""
-
-
-def _refuse(word: str) -> None:
-    raise _NotFiniteError(word)
-
-
 def _encounter(each: Any, where: str, repair: bool) -> LincolnEncounter:
     if not isinstance(each, dict):
         raise TrackError(f"{where}: expected an object")
-    state = [_pair(each, key, where) * scale for key, scale in _STATE.items()]
-    if not (state[3] > 0.0).all():
-        raise TrackError(f"{where}, field v_ftps: expected positive speeds")
+    state = [_pair(each, key, where, low, high) * scale for key, (scale, low, high) in _STATE.items()]
     duration = _one(each, "runTime_s", where)
     if not 0.0 < duration <= _LONGEST:
         raise TrackError(f"{where}, field runTime_s: {duration:g}, expected more than 0 and at most {_LONGEST:g} s")
@@ -172,25 +163,29 @@ def _encounter(each: Any, where: str, repair: bool) -> LincolnEncounter:
     if not isinstance(meta, dict):
         raise TrackError(f"{where}, field meta: expected an object")
 
-    def told(key: str, missing: float) -> float:
+    def published(key: str, missing: float) -> float:
         return _one(meta, key, where) if key in meta else missing
 
     number = _one(each, "id", where)
     if number != int(number):
         raise TrackError(f"{where}, field id: {number:g}, expected a whole number")
-    weight = told("w", 1.0)
+    weight = published("w", 1.0)
     if not weight > 0.0:
         raise TrackError(f"{where}, field w: {weight:g}, expected a positive weight")
-    own, own_repairs = _events(events[0], f"{where}, ownship's events", repair)
-    other, other_repairs = _events(events[1], f"{where}, intruder's events", repair)
+    labels = [f"{where}, ownship's events", f"{where}, intruder's events"]
+    (own, own_repairs), (other, other_repairs) = (
+        _events(rows, label, repair) for rows, label in zip(events, labels, strict=True)
+    )
+    for i, (rows, label) in enumerate(zip((own, other), labels, strict=True)):
+        _check_flight(rows, duration, float(state[2][i]), float(state[3][i]), label)
     return LincolnEncounter(
         int(number),
         *state,
         duration=duration,
         events=(own, other),
-        miss=told("hmd", math.nan) * FOOT,
-        vertical_miss=told("vmd", math.nan) * FOOT,
-        time=(told("tca", math.nan) - 1.0) * _STEP,
+        miss=published("hmd", math.nan) * FOOT,
+        vertical_miss=published("vmd", math.nan) * FOOT,
+        time=(published("tca", math.nan) - 1.0) * _STEP,
         weight=weight,
         repairs=summed([own_repairs, other_repairs]),
     )
@@ -222,6 +217,24 @@ def _events(rows: Any, where: str, repair: bool) -> tuple[np.ndarray, Repairs]:
     return table * (1.0, FOOT, 1.0, FOOT), Repairs(not_finite=bad, out_of_order=late)
 
 
+def _check_flight(events: np.ndarray, duration: float, altitude: float, speed: float, where: str) -> None:
+    """Raise where events lead out of the altitudes and speeds that a file may begin with."""
+    held = np.diff(np.clip(np.append(events[:, 0], duration), 0.0, duration))
+    for name, key, begin, rates in (
+        ("altitude", "h_ft", altitude, events[:, 1]),
+        ("speed", "v_ftps", speed, events[:, 3]),
+    ):
+        scale, low, high = _STATE[key]
+        values = (begin + np.cumsum(rates * held)) / scale
+        # A speed that would fall below 0 stays there.
+        if values.max() > high or (key == "h_ft" and values.min() < low):
+            row = int(np.argmax((values > high) | (values < low)))
+            raise TrackError(
+                f"{where}, row {row + 1}: leads to the {name} {values[row]:.6g}, expected at most {high:.6g} "
+                f"and at least {low:g}, as of {key}"
+            )
+
+
 def _is_none(value: Any) -> bool:
     return isinstance(value, float) and not math.isfinite(value)
 
@@ -229,21 +242,25 @@ def _is_none(value: Any) -> bool:
 def _row(row: Any, where: str) -> list[float]:
     if not isinstance(row, list) or len(row) != len(_EVENT_FIELDS):
         raise TrackError(f"{where}: expected {len(_EVENT_FIELDS)} numbers: {', '.join(_EVENT_FIELDS)}")
-    return [_finite(value, f"{where}, {name}") for name, value in zip(_EVENT_FIELDS, row, strict=True)]
+    fields = zip(_EVENT_FIELDS.items(), row, strict=True)
+    return [_finite(value, f"{where}, {name}", *ends) for (name, ends), value in fields]
 
 
-def _pair(each: dict[str, Any], key: str, where: str) -> np.ndarray:
+def _pair(each: dict[str, Any], key: str, where: str, low: float, high: float) -> np.ndarray:
     values: Sequence[Any] = each.get(key, ())
     if not isinstance(values, list) or len(values) != 2:
         raise TrackError(f"{where}, field {key}: expected a pair of numbers, the ownship's and the intruder's")
-    return np.array([_finite(value, f"{where}, field {key}") for value in values])
+    return np.array([_finite(value, f"{where}, field {key}", low, high) for value in values])
 
 
 def _one(each: dict[str, Any], key: str, where: str) -> float:
-    return _finite(each.get(key), f"{where}, field {key}")
+    return _finite(each.get(key), f"{where}, field {key}", -_LARGEST, _LARGEST)
 
 
-def _finite(value: Any, where: str) -> float:
+def _finite(value: Any, where: str, low: float, high: float) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _LARGEST:
         raise TrackError(f"{where}: {repr(value)[:40]}, expected a finite number")
+    if not low <= value <= high:
+        hint = " (are these degrees?)" if where.endswith(("rad", "turn rate")) else ""
+        raise TrackError(f"{where}: {value:g}, expected {low:.6g} to {high:.6g}{hint}")
     return float(value)

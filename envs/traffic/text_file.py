@@ -2,10 +2,11 @@
 
 import gzip
 import json
-import os
-import stat
 import zlib
+from pathlib import Path
 from typing import Any
+
+from envs.edge.files import check_regular
 
 __all__ = ["json_of", "lines_of", "text_of"]
 
@@ -25,10 +26,8 @@ def text_of(source: str, error: type[Exception]) -> str:
         error: what is raised, with a sentence that names the file, where it cannot be read.
     """
     try:
-        # Without O_NONBLOCK, opening a FIFO waits for a writer.
-        with os.fdopen(os.open(source, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise error(f"{source}: cannot be read, because it is not a regular file")
+        check_regular(source)
+        with Path(source).open("rb") as file:
             packed = file.peek(2)[:2] == b"\x1f\x8b"
             data = (gzip.GzipFile(fileobj=file) if packed else file).read(_MOST_BYTES + 1)
     except FileNotFoundError:

@@ -68,7 +68,19 @@ def test_flights_meet_the_published_miss_distances() -> None:
         (lambda one: one.pop("v_ftps"), "encounter 1, field v_ftps: expected a pair of numbers"),
         (lambda one: one["n_ft"].append(1.0), "encounter 1, field n_ft: expected a pair"),
         (lambda one: one["n_ft"].__setitem__(0, "far"), "encounter 1, field n_ft: 'far', expected a finite number"),
-        (lambda one: one["v_ftps"].__setitem__(0, 0.0), "field v_ftps: expected positive speeds"),
+        (lambda one: one["v_ftps"].__setitem__(0, -1.0), "field v_ftps: -1, expected 0 to "),
+        (
+            lambda one: one.update(heading_rad=[90, 270]),
+            "field heading_rad: 90, expected -6.28319 to 6.28319 (are these",
+        ),
+        (lambda one: one["h_ft"].__setitem__(1, 1e11), "field h_ft: 1e+11, expected -5000 to 100000"),
+        (lambda one: one["e_ft"].__setitem__(1, 1e308), "field e_ft: 1e+308, expected a finite number"),
+        (
+            lambda one: one[EVENTS][0][1].__setitem__(2, 5.0),
+            "row 2, turn rate: 5, expected -3.14159 to 3.14159 (are these",
+        ),
+        (lambda one: one[EVENTS][0][1].__setitem__(3, 100.0), "row 2: leads to the speed 5200, expected at most"),
+        (lambda one: one[EVENTS][1][0].__setitem__(1, -900.0), "row 1: leads to the altitude -51000, expected at most"),
         (lambda one: one.update(runTime_s=0), "field runTime_s: 0, expected more than 0"),
         (lambda one: one.update(id=1.5), "field id: 1.5, expected a whole number"),
         (lambda one: one["v_ftps"].__setitem__(0, 10**400), "expected a finite number"),
@@ -98,7 +110,7 @@ def test_what_is_no_file_of_encounters(tmp_path: Path) -> None:
     with pytest.raises(TrackError, match=r"encounters.json line 1: not JSON, or cut off"):
         read_lincoln(path)
     path.write_text(json.dumps([ONE]).replace("3000.0", "NaN"))
-    with pytest.raises(TrackError, match="holds NaN, expected finite numbers"):
+    with pytest.raises(TrackError, match="field h_ft: nan, expected a finite number"):
         read_lincoln(path)
     path.write_text("[" + "9" * 5_000 + "]")
     with pytest.raises(TrackError, match="not usable as JSON"):

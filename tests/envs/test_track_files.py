@@ -13,6 +13,8 @@ from envs.formats.local_frame import local
 from envs.formats.track_files import read_daidalus
 from envs.traffic.track_units import FAMILIES, KNOT, si
 from envs.traffic.tracks import Repairs, TrackError, at_times
+from ros_bridge.core.geodesy import LocalFrame
+from tests.envs.flights import WGS84, flight
 from tests.recorded import recorded
 
 LOCAL = """\
@@ -98,6 +100,67 @@ def test_a_bad_file_is_refused_by_line_and_field(tmp_path: Path, old: str, new: 
     assert old in LOCAL
     with pytest.raises(TrackError, match="tracks.daa " + sentence):
         read_daidalus(written(tmp_path, LOCAL.replace(old, new, 1)))
+
+
+@pytest.mark.parametrize("row", [2, 3, 4, 5])
+@pytest.mark.parametrize(
+    ("column", "value", "names"),
+    [
+        ("lat", "100", "lat"),
+        ("lat", "-1e308", "lat"),
+        ("lon", "361", "lon"),
+        ("alt", "1e308", "alt"),
+        ("alt", "-6000", "alt"),
+        ("vx", "1e9", "vx"),
+        ("vz", "-300", "vs"),
+        ("time", "1e300", "time"),
+    ],
+)
+def test_every_row_of_every_aircraft_keeps_to_the_ranges(
+    tmp_path: Path, row: int, column: str, value: str, names: str
+) -> None:
+    lines = GEOGRAPHIC.splitlines()
+    cells = lines[row].split()
+    cells[lines[0].split().index(column)] = value
+    lines[row] = " ".join(cells)
+    with pytest.raises(TrackError, match=f"line {row + 1}, field {names}: {value}, expected -"):
+        read_daidalus(written(tmp_path, "\n".join(lines)))
+
+
+def test_a_negative_ground_speed_and_degrees_for_radians_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(TrackError, match="line 5, field gs: -200, expected 0 to 2000"):
+        read_daidalus(written(tmp_path, LOCAL.replace("180, 200", "180, -200", 1)))
+    with pytest.raises(TrackError, match=r"line 4, field trk: 90, expected .* \(are these degrees\?\)"):
+        read_daidalus(written(tmp_path, LOCAL.replace("[deg]", "[rad]")))
+
+
+@pytest.mark.parametrize("latitude", [0.0, 47.0, 80.0])
+def test_velocities_are_turned_into_the_local_frame(tmp_path: Path, latitude: float) -> None:
+    """Of an intruder 40 km east of the ownship, in both forms of a velocity."""
+    x, y, _ = WGS84.fwd(8.0, latitude, 90.0, 40_000.0)
+    reports = [*flight("own", latitude, 8.0, 90.0, seconds=60), *flight("other", y, x, 20.0, seconds=60)]
+    polar = ["NAME lat lon alt trk gs vs time", "unitless [deg] [deg] [ft] [deg] [kt] [fpm] [s]"]
+    parts = ["NAME lat lon alt vx vy vs time", "unitless [deg] [deg] [ft] [kt] [kt] [fpm] [s]"]
+    for one in reports:
+        track, speed = math.radians(one["track"]), one["groundspeed"]
+        start = f"{one['icao24']} {one['latitude']:.12f} {one['longitude']:.12f} 3000"
+        end = f"0 {one['timestamp'] / 1e3:.3f}"
+        polar.append(f"{start} {one['track']:.12f} {speed:.12f} {end}")
+        parts.append(f"{start} {speed * math.sin(track):.12f} {speed * math.cos(track):.12f} {end}")
+    for lines in (polar, parts):
+        for track in read_daidalus(written(tmp_path, "\n".join(lines))).tracks:
+            flown = np.arctan2(np.diff(track.y), np.diff(track.x))
+            assert abs(flown - np.arctan2(track.vy, track.vx)[1:]).max() < math.radians(0.01)
+
+
+def test_the_local_frame_is_the_ros_bridge_s() -> None:
+    rng = np.random.default_rng(0)
+    for lat, lon in ((0.0, 0.0), (47.0, 8.0), (-17.0, 179.99), (89.0, 10.0)):
+        latitude, longitude = lat + rng.uniform(-0.5, 0.5, 50), lon + rng.uniform(-0.5, 0.5, 50)
+        here = local(np.radians(latitude), np.radians(longitude), (math.radians(lat), math.radians(lon)))
+        there = LocalFrame(lat, lon).place(latitude, longitude)
+        np.testing.assert_allclose(here[:2], there[:2], atol=1e-6)
+        np.testing.assert_allclose(here.convergence, there.convergence, atol=1e-9)
 
 
 @pytest.mark.parametrize(

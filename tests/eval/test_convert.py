@@ -1,10 +1,14 @@
 """Encounters between forms of files: what comes back is what went out, and what cannot be held is refused."""
 
 import json
+import math
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from agents.config.load import ConfigError
 from envs.encounters import EncounterError, scenario
@@ -14,6 +18,7 @@ from envs.formats.track_files import read_daidalus
 from envs.starts import numbered
 from envs.trees import take
 from eval import convert
+from tests.envs.test_encounter_file import built
 from tests.recorded import recorded
 
 
@@ -57,7 +62,7 @@ def test_a_turn_becomes_events_and_rows(tmp_path: Path) -> None:
         begins = turning.intent.onset[i, 0] < 295.0
         assert (turned > 0.0) == (abs(change) > 0.0 and begins)
     # And cannot come back: the form does not say where a turn of ours begins.
-    with pytest.raises(EncounterError, match="off a straight flight, expected at most 1 m"):
+    with pytest.raises(EncounterError, match=r"off its track .* expected at most 1 m"):
         convert.main([str(tmp_path / "turning.json"), str(tmp_path / "back.csv"), "--lossy"])
 
 
@@ -116,3 +121,79 @@ def test_lossy_says_what_it_leaves_out(own: Path, tmp_path: Path, capsys: pytest
     assert "left out: the goal of 3 of 3 encounters, the first '0'" in told.err
     assert told.out.endswith("a.json: 3 encounters\n")
     assert len(json.loads((tmp_path / "a.json").read_text())) == 3
+
+
+speed_of_intruder = st.one_of(st.just(0.0), st.floats(0.0, 150.0))
+turn = st.one_of(st.just((0.0, 0.0, 0.05)), st.tuples(st.floats(0, 60), st.floats(-3.1, 3.1), st.floats(0.0, 0.5)))
+place = st.floats(-50_000, 50_000)
+course = st.floats(-math.pi, math.pi, exclude_max=True)
+
+
+flights = st.tuples(
+    st.tuples(place, place, course, st.floats(50, 100)), st.tuples(place, place, course, speed_of_intruder), turn
+)
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(flights, st.sampled_from([".json", ".daa", ".xyz", ".csv"]))
+def test_what_is_written_can_be_read(tmp_path: Path, flown, form: str) -> None:
+    """From our form by any other to Lincoln Laboratory's and to DAIDALUS', the tracks stay the same."""
+    own, other, turns = flown
+    for old in tmp_path.iterdir():
+        old.unlink()
+    paths = [tmp_path / "0.csv", tmp_path / f"one{form}", tmp_path / "two.json", tmp_path / "three.xyz"]
+    encounter_file.write(paths[0], built([((*own, 0.0, 0.0), (0.0, 0.0, 0.0), [(*other, *turns)])]), ["0"])
+    known = []
+    for source, target in pairwise(paths):
+        assert convert.main([str(source), str(target), "--altitude-ft", "5000", "--seconds", "90", "--lossy"]) == 0
+        if target.suffix == ".json":
+            # A row each tenth of a second.
+            known.append([(track.x[::10], track.y[::10]) for track in tracks_of(read_lincoln(target)[0])])
+        elif target.suffix != ".csv":
+            known.append([(track.x, track.y) for track in read_daidalus(target).tracks])
+    for again in known[1:]:
+        np.testing.assert_allclose(again, known[0], atol=3.0)
+
+
+def test_an_intruder_at_rest_is_written_and_read(tmp_path: Path) -> None:
+    encounter_file.write(
+        tmp_path / "own.csv",
+        built([((0.0, 0.0, 0.0, 75.0, 9e3, 0.0), (0.0, 0.0, 0.0), [(4e3, 0.0, 1.0, 0.0, 0.0, 0.0, 0.05)])]),
+    )
+    assert convert.main([str(tmp_path / "own.csv"), str(tmp_path / "a.json"), "--altitude-ft", "0", "--lossy"]) == 0
+    assert read_lincoln(tmp_path / "a.json")[0].speed[1] == 0.0
+
+
+def test_what_the_reader_would_refuse_is_not_written(tmp_path: Path) -> None:
+    slow = [75.0 * 0.3048, 60.0]
+    one = {
+        "id": 1,
+        "n_ft": [0.0, 900.0],
+        "e_ft": [0.0, 9_000.0],
+        "h_ft": [0.0, 0.0],
+        "heading_rad": [0.0, 1.0],
+        "v_ftps": [each / 0.3048 for each in slow],
+        "runTime_s": 20.0,
+        "events_time_s_vrate_fps_turn_radps_accel_ftpss": [[], []],
+    }
+    (tmp_path / "slow.json").write_text(json.dumps([one]))
+    with pytest.raises(EncounterError, match=r"a\.csv, as it would be: line 2, column own_speed_m_s: '22.8"):
+        convert.main([str(tmp_path / "slow.json"), str(tmp_path / "a.csv"), "--lossy"])
+    assert [path.name for path in tmp_path.iterdir()] == ["slow.json"]
+
+
+def test_a_shorter_track_and_other_columns_are_lost_only_if_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = ["NAME, sx, sy, sz, vx, vy, vz, time, heading", "[none], [m], [m], [m], [m/s], [m/s], [m/s], [s], [deg]"]
+    for second in range(121):
+        lines.append(f"own, {60 * second}, 0, 0, 60, 0, 0, {second}, 90")
+        if second <= 10:
+            lines.append(f"other, {7200 - 60 * second}, 0, 0, -60, 0, 0, {second}, 270")
+    (tmp_path / "a.xyz").write_text("\n".join(lines))
+    with pytest.raises(ConfigError, match="110 rows at times that not all tracks cover of 1 of 1"):
+        convert.main([str(tmp_path / "a.xyz"), str(tmp_path / "b.xyz")])
+    assert not (tmp_path / "b.xyz").exists()
+    assert convert.main([str(tmp_path / "a.xyz"), str(tmp_path / "b.xyz"), "--lossy"]) == 0
+    assert "left out: 132 values of column heading of 1 of 1" in capsys.readouterr().err
+    assert [len(track.time) for track in read_daidalus(tmp_path / "b.xyz").tracks] == [11, 11]
