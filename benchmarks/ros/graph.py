@@ -10,8 +10,9 @@ from typing import Any
 
 from envs.kinematics import VehicleState
 from ros_bridge.core.geodesy import LocalFrame
+from ros_bridge.transport.children import started
 
-__all__ = ["FRAME", "ORIGIN", "PATIENCE", "cores_stolen", "placed", "resident", "scheduled", "start", "way"]
+__all__ = ["FRAME", "ORIGIN", "PATIENCE", "ahead", "cores_stolen", "placed", "resident", "scheduled", "start", "way"]
 
 PATIENCE = 15.0
 """In which everything must happen, s."""
@@ -22,9 +23,17 @@ ORIGIN = (47.0, 8.0)
 FRAME = LocalFrame(*ORIGIN)
 
 
-def start(*module: str) -> "subprocess.Popen[bytes]":
-    """Start a process of the graph."""
-    return subprocess.Popen([sys.executable, "-m", *module])
+def start(module: str, *arguments: str) -> "subprocess.Popen[bytes]":
+    """Start a process of the graph; a node of ours ends with this process."""
+    if module.startswith("ros_bridge."):
+        return started(module, *arguments)
+    return subprocess.Popen([sys.executable, "-m", module, *arguments])
+
+
+def ahead(state: VehicleState, time: float) -> VehicleState:
+    """Return a state after flying straight on for a time, s."""
+    far = state.speed * time
+    return state._replace(x=state.x + far * math.cos(state.heading), y=state.y + far * math.sin(state.heading))
 
 
 def resident(process: "subprocess.Popen[bytes]") -> float:

@@ -3,7 +3,8 @@
 
 Runner, translator and caller are processes of their own; DDS on loopback. All the time the caller publishes a fix and
 a velocity at 100 Hz, which the translator passes on as the ownship's state at 100 Hz, and the intruder at 20 Hz. Each
-call asks for the plan of another random circle encounter; in turns with it goes the floor, an empty service
+call asks for the plan of another random circle encounter, which flies on until the next, before which the simulated
+clock steps back, so that the runner forgets the one before; in turns with it goes the floor, an empty service
 (std_srvs/Trigger) of a fourth process on the same graph. ``end to end`` is from the call to the answer in the caller's
 hands, ``computation`` what the runner says that it took, ``overhead`` the difference. Beside them: the time from the
 start of the runner's process until it says that it is active; the times from a kill and start until it answers at all
@@ -23,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.measure import report
-from benchmarks.ros.graph import ORIGIN, PATIENCE, cores_stolen, placed, resident, scheduled, start, way
+from benchmarks.ros.graph import ORIGIN, PATIENCE, ahead, cores_stolen, placed, resident, scheduled, start, way
 from envs.edge.command import Parser, run_cli
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
@@ -34,12 +35,14 @@ from ros_bridge.transport.domains import free_domain
 
 NODE, TRANSLATOR = "/rlcas_runner", "/rlcas_translator"
 OWN_RATE, TRAFFIC_RATE = 100.0, 20.0  # Hz
-SETTLE = 3.5 / TRAFFIC_RATE  # s: a place far from the one before is believed from the second report on
+SETTLE = 3.5 / TRAFFIC_RATE  # s until a scene is known
 RESTARTS = 30
+RUNNER = ("ros_bridge.runner", "--ros-args", "-p", "use_sim_time:=true", "-p", "margin:=0.02")
+BEGIN, BACK = 1_000_000.0, 5.0  # s on the clock of the first scene, and by how much each scene begins earlier
 
 
 def empty_service() -> None:
-    """Serve an empty service until told to stop."""
+    """Serve an empty service until it is stopped."""
     import rclpy
     from rclpy.executors import ExternalShutdownException
     from std_srvs.srv import Trigger
@@ -60,6 +63,7 @@ class Caller:
         from rclpy.executors import SingleThreadedExecutor
         from rlcas_msgs.msg import AircraftState, GeoReference
         from rlcas_msgs.srv import GenerateTrajectory
+        from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import NavSatFix
         from std_srvs.srv import Trigger
 
@@ -76,7 +80,9 @@ class Caller:
         self.plan = self.node.create_client(GenerateTrajectory, f"{NODE}/generate_trajectory")
         self.empty = self.node.create_client(Trigger, "/empty/call")
 
+        self.clock = self.node.create_publisher(Clock, "/clock", qos.CLOCK)
         self.scene: tuple[VehicleState, VehicleState] | None = None
+        self.scenes, self.since = 0, 0.0
         self.node.create_timer(1.0 / OWN_RATE, self._say_own)
         self.node.create_timer(1.0 / TRAFFIC_RATE, self._say_traffic)
 
@@ -101,18 +107,27 @@ class Caller:
         from rlcas_msgs.msg import GeoReference
 
         self.origin.publish(GeoReference(latitude=ORIGIN[0], longitude=ORIGIN[1]))
-        self.scene = own, other
+        self.scene, self.scenes, self.since = (own, other), self.scenes + 1, time.perf_counter()
         end = time.monotonic() + SETTLE
         self.spin(lambda: time.monotonic() > end, "the scene")
 
+    def _now(self) -> tuple[float, Any]:
+        """Return the time since the scene began, s, and the simulated time."""
+        from ros_bridge.transport.messages import time_message
+
+        seconds = time.perf_counter() - self.since
+        return seconds, time_message(round((BEGIN - BACK * self.scenes + seconds) * 1e9))
+
     def _say_own(self) -> None:
         from geometry_msgs.msg import TwistStamped
+        from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import NavSatFix, NavSatStatus
 
         if self.scene is None:
             return
-        at, east, north = placed(self.scene[0])
-        now = self.node.get_clock().now().to_msg()
+        seconds, now = self._now()
+        at, east, north = placed(ahead(self.scene[0], seconds))
+        self.clock.publish(Clock(clock=now))
         twist = TwistStamped()
         twist.header.stamp = now
         twist.twist.linear.x, twist.twist.linear.y = east, north
@@ -126,9 +141,10 @@ class Caller:
 
         if self.scene is None:
             return
-        at, east, north = placed(self.scene[1])
+        seconds, now = self._now()
+        at, east, north = placed(ahead(self.scene[1], seconds))
         message = AircraftState(id="other", valid=5, latitude=at[0], longitude=at[1])
-        message.header.stamp = self.node.get_clock().now().to_msg()
+        message.header.stamp = now
         message.velocity.x, message.velocity.y = east, north
         self.traffic.publish(message)
 
@@ -180,10 +196,12 @@ def restarted(caller: Caller, runner: "subprocess.Popen[bytes]", figures: dict[s
     request = take(request_of(numbered(scenario("circle"), 0, 0, 1)), 0)
     route = way(request.route_x.tolist(), request.route_y.tolist())
     for _ in range(RESTARTS):
+        own = VehicleState(*(float(field) for field in request.own))
+        caller.show(own, VehicleState(*(float(field[0]) for field in request.traffic.state)))
         runner.kill()
         runner.wait()
         began = time.perf_counter()
-        runner = start("ros_bridge.runner")
+        runner = start(*RUNNER)
         asked, answers = [], []
         while not any(answer.status == answer.STATUS_SAFE for answer in answers):
             # Calls to the killed one are never answered; DDS holds it for present for a while.
@@ -255,7 +273,7 @@ def flown(calls: int) -> dict[str, Any]:
     """Return the figures of a graph that is started and stopped for them."""
     own = ("-p", "own_source:=nav_sat_fix", "-p", "own_id:=own")
     servers = [
-        start("ros_bridge.runner"),
+        start(*RUNNER),
         start("ros_bridge.translator", "--ros-args", *own),
         start("benchmarks.ros.latency", "--serve-empty"),
     ]

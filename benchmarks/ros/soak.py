@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measure import report
-from benchmarks.ros.graph import ORIGIN, PATIENCE, placed, resident, start, way
+from benchmarks.ros.graph import ORIGIN, PATIENCE, ahead, placed, resident, start, way
 from envs.angles import wrap
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import VehicleState
@@ -62,12 +62,6 @@ class Sky:
         course = float(wrap(np.asarray(bearing + math.pi + offset), np))
         speed = float(self._random.uniform(50.0, 100.0))
         return f"{self.made:06x}", VehicleState(REACH * math.cos(bearing), REACH * math.sin(bearing), course, speed)
-
-
-def ahead(state: VehicleState, time: float) -> VehicleState:
-    """Return a state after flying straight on."""
-    far = state.speed * time
-    return state._replace(x=state.x + far * math.cos(state.heading), y=state.y + far * math.sin(state.heading))
 
 
 def own_at(time: float) -> VehicleState:
