@@ -1,6 +1,7 @@
 """Build ``rlcas_msgs`` into the Python environment that runs this: ``python -m ros_bridge.build_interfaces``.
 
 For environments whose ROS 2 comes from wheels (``make ros``). With an ordinary ROS installation use colcon instead.
+``--source`` builds another package of interfaces, such as mavros_msgs, which has no wheel.
 """
 
 import os
@@ -21,15 +22,17 @@ _SOURCE = Path(__file__).resolve().parent / "rlcas_msgs"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Configure, build and install."""
     parser = Parser(prog="python -m ros_bridge.build_interfaces", description=__doc__)
-    parser.add_argument(
-        "--build", type=Path, default=Path("build/rlcas_msgs"), help="folder (default build/rlcas_msgs)"
-    )
+    parser.add_argument("--source", type=Path, default=_SOURCE, help="folder of the package (default rlcas_msgs)")
+    parser.add_argument("--prefix", type=Path, default=Path(sys.prefix), help="where to install (default: here)")
+    parser.add_argument("--build", type=Path, help="folder to build in (default build/ and the package's name)")
     parser.add_argument("--jobs", type=int, default=2, help="compilers at a time (default 2)")
     options = parser.parse_args(arguments)
     problem = _missing()
     if problem:
         print(f"{parser.prog}: error: {problem}", file=sys.stderr)
         return 2
+    name = options.source.resolve().name
+    folder = options.build or Path("build") / name
     scripts = sysconfig.get_path("scripts")
     environment = os.environ | {
         "AMENT_PREFIX_PATH": sys.prefix,
@@ -38,14 +41,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     }
     # Where this is an environment inside another one, that other one's packages must not be found.
     environment.pop("PYTHONPATH", None)
-    build = str(options.build)
-    if (options.build / "CMakeCache.txt").exists():
+    build = str(folder)
+    if (folder / "CMakeCache.txt").exists():
         # It remembers another environment, or paths of an earlier version of the wheels.
-        shutil.rmtree(options.build)
+        shutil.rmtree(folder)
     steps = (
         [
-            *("cmake", "-S", str(_SOURCE), "-B", build, "-G", "Ninja", "-DBUILD_TESTING=OFF", "-Wno-dev"),
-            *(f"-DCMAKE_INSTALL_PREFIX={sys.prefix}", f"-DPython3_EXECUTABLE={sys.executable}"),
+            *("cmake", "-S", str(options.source), "-B", build, "-G", "Ninja", "-DBUILD_TESTING=OFF", "-Wno-dev"),
+            *(f"-DCMAKE_INSTALL_PREFIX={options.prefix.resolve()}", f"-DPython3_EXECUTABLE={sys.executable}"),
         ],
         ["cmake", "--build", build, "--parallel", str(options.jobs)],
         ["cmake", "--install", build],
@@ -56,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(done.stdout[-6000:], done.stderr[-6000:], sep="\n", file=sys.stderr)
             print(f"{parser.prog}: error: '{' '.join(step[:2])}' failed; its last lines are above", file=sys.stderr)
             return 1
-    print(f"rlcas_msgs is installed in {sys.prefix}")
+    print(f"{name} is installed in {options.prefix}")
     return 0
 
 
