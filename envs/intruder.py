@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 LOOKAHEAD = 10_000_000.0
-"""Distance of the waypoint, m: nobody reaches it and turns back, and a turn's own displacement does not bend the
+"""Distance of the waypoint, m: no intruder reaches it and turns back, and a turn's own displacement does not bend the
 course flown after it (with 50 km, a change of 120 degrees at 1 degree/s would end at 131)."""
 
 INTRUDER_LIMITS = Limits(0.0, 150.0, -0.5, 0.5, math.radians(3.0))

@@ -142,7 +142,7 @@ def legs(knots: Knots) -> Legs:
         off_x, off_y = target_x[part] - px[:, -1], target_y[part] - py[:, -1]
         off = np.hypot(off_x, off_y)
         x[part], y[part], heading[part], speed[part], miss[part] = px - dx, py - dy, psi, v, off
-        # Written so that what is not finite stays unfinished, and is told by its miss.
+        # Written so that what is not finite stays unfinished, and shows in its miss.
         going_on = ~(off <= _EXACT)
         if iteration == _ITERATIONS or not going_on.any():
             break

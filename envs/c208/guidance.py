@@ -100,7 +100,7 @@ class Guide:
             dt: period, s.
         """
         path, gains = self._path, self._gains
-        # Across the path the point abeam counts, not where the plan is by now: who is late flies the same path.
+        # Across the path the point abeam counts, not where the plan is by now: a late aircraft flies the same path.
         abeam = time - self.late
         place = path.at(abeam)
         for _ in range(_SEARCH):

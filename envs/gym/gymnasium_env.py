@@ -178,7 +178,7 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             return None
         if self._flight is None:
             raise error.ResetNeeded("render was called before reset; call reset to begin an encounter")
-        # Matplotlib is loaded by those who draw only.
+        # Matplotlib is loaded for drawing only.
         if self.render_mode == "rgb_array":
             from envs.gym.rendering import Drawing
 

@@ -197,9 +197,9 @@ class Drawing:
         """Set what moves."""
         count = scene.intruders.shape[1]
         # The ownship leads: [T + 1, 1 + K, 4], in km.
-        everyone = np.concatenate([scene.own[:, None], scene.intruders], axis=1)
-        paths = np.moveaxis(everyone[..., :2], 0, 1) / 1000.0
-        now, heading, speed = paths[:, -1], everyone[-1, :, 2], everyone[-1, :, 3]
+        aircraft = np.concatenate([scene.own[:, None], scene.intruders], axis=1)
+        paths = np.moveaxis(aircraft[..., :2], 0, 1) / 1000.0
+        now, heading, speed = paths[:, -1], aircraft[-1, :, 2], aircraft[-1, :, 3]
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
         colours = [OWNSHIP] + [INTRUDER] * count
 

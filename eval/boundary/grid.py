@@ -97,7 +97,7 @@ def solve(grid: Grid, limits: Limits, intruder_speed: float, separation: float) 
 
     Args:
         grid: of the state. Beyond its edge the separation counts as kept; that is right if :func:`edge_value` says
-            that no lost state touches the edge, since whoever leaves there can be safe from the edge on.
+            that no lost state touches the edge, since a state that leaves there can be safe from the edge on.
         limits: of the ownship; floats.
         intruder_speed: m/s.
         separation: m.

@@ -1,4 +1,4 @@
-"""Several deciders on the same encounters: who takes part, and the table of how each of them fared."""
+"""Several deciders on the same encounters, and the table of their flights."""
 
 from collections.abc import Callable, Sequence
 from functools import reduce
@@ -43,7 +43,7 @@ REFERENCE = "none"
 """The flight without a resolver, which is always flown: risk ratios need it."""
 
 WITNESS = "witness"
-"""Name and kind of the entry that knows the future: a mark, not a resolver."""
+"""Name and kind of the entry that flies the least-cost witness: a mark, not a resolver."""
 
 SETTING = Setting(Options(), C208_PUBLISHED)
 """How plans are made and flown: as in eval.monte_carlo without more being said."""
@@ -132,16 +132,17 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
     table: dict[str, np.ndarray] = {"encounter": np.arange(first, first + count), "weight": weights}
     solved = []
     for entry in comparison.entries:
-        heard = None if entry.name == REFERENCE else noise
-        flights, flown = _flown(entry.decider, starts, evaluation, heard)
+        own_noise = None if entry.name == REFERENCE else noise
+        flights, flown = _flown(entry.decider, starts, evaluation, own_noise)
         outcome = np.where(flights.min_separation < rules.separation, OUTCOMES.index("violation"), flights.outcome)
         solved.append(outcome == OUTCOMES.index("reached"))
         made = _columns(outcome, flights, flown, starts.mask, rules.dt) | costs(starts, flights, flown)._asdict()
         table |= {f"{entry.name}.{name}": values for name, values in made.items()}
-    anyone = reduce(np.logical_or, solved)
     route = np.hypot(starts.goal_x - starts.own.x, starts.goal_y - starts.own.y)
     table["late_at_first_speed"] = route - rules.goal_radius > starts.own.speed * rules.t_max
-    table["unresolvable"] = verdicts(starts, rules, limits, solved=anyone).verdict == Verdict.UNRESOLVABLE
+    table["unresolvable"] = (
+        verdicts(starts, rules, limits, solved=reduce(np.logical_or, solved)).verdict == Verdict.UNRESOLVABLE
+    )
     return table
 
 

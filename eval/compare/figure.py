@@ -14,7 +14,7 @@ __all__ = ["draw"]
 def draw(summary: Mapping[str, Any]) -> Figure:
     """Return the figure of a summary (as in ``summary.json``): an entry a line, the first on top."""
     rows = summary["entries"]
-    # A mark, not a resolver: whoever sees the figure alone is to know.
+    # A mark, not a resolver: the figure alone must say so.
     names = [f"{row['name']} (knows the future)" if row["kind"] == WITNESS else row["name"] for row in rows]
     colours = [GREY if row["kind"] == WITNESS else BLUE for row in rows]
     places = list(range(len(rows)))

@@ -1,4 +1,4 @@
-"""From the options of a comparison to who takes part in it and on which encounters."""
+"""From the options of a comparison to its entries and encounters."""
 
 import argparse
 from collections.abc import Sequence
@@ -114,7 +114,7 @@ def _limits(policies: Sequence[Path]) -> Limits:
 
 
 def _entries(options: argparse.Namespace, limits: Limits, rules: Rules) -> tuple[Entry, ...]:
-    """Return who takes part: the policies, the baselines, and always the flight without a resolver."""
+    """Return the entries: the policies, the baselines, and always the flight without a resolver."""
     entries: list[Entry] = []
     names = policy_names(options.policy)
     modes = list(dict.fromkeys(options.mode))

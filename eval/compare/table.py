@@ -61,7 +61,9 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
         f"{summary['late_at_first_speed']} of the routes are too long for their time without going faster",
     ]
     # A warning of every entry is one of the sample: once is enough.
-    notes += sorted({f"{row['name']}: {told}" for row in summary["entries"] for told in row["risk_ratio"]["warnings"]})
+    notes += sorted(
+        {f"{row['name']}: {warning}" for row in summary["entries"] for warning in row["risk_ratio"]["warnings"]}
+    )
     notes.append(f"files: {folder}: compare.png, compare.svg, encounters.parquet, summary.json")
     for note in notes:
         console.print(note, markup=False, highlight=False, soft_wrap=True)

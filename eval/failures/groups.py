@@ -68,7 +68,7 @@ def grouped(table: Mapping[str, np.ndarray], separation: float) -> list[Group]:
 def representatives(groups: list[Group], count: int) -> list[int]:
     """Return up to ``count`` encounters to look at, as many of each group as is its share, at least one of the largest.
 
-    Within a group they are spread evenly over the numbers, so that nobody picks them.
+    Within a group they are spread evenly over the numbers, so that no choice is made by hand.
     """
     total = sum(group.members.size for group in groups)
     chosen: list[int] = []

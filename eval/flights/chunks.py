@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 MODES = ("policy", "plan", "assured")
-"""Who decides: the network once a second; a plan made at the start; such a plan under a monitor, with re-plans."""
+"""What decides: the network once a second; a plan made at the start; such a plan under a monitor, with re-plans."""
 
 
 class Evaluation(NamedTuple):
@@ -54,7 +54,7 @@ class Evaluation(NamedTuple):
     rules: Rules
     limits: Limits
     mode: str = "policy"
-    """Who decides: one of :data:`MODES`."""
+    """One of :data:`MODES`."""
     setting: Setting = Setting(Options(), C208_PUBLISHED)
     """How plans are made and flown, in the other modes."""
 
@@ -190,7 +190,7 @@ def _names(kinds: type[IntEnum]) -> np.ndarray:
 
 
 def noise_of(evaluation: Evaluation, starts: Encounter, first: int) -> Callable[[int], np.ndarray] | None:
-    """Return the sensors' noise, None if nobody's sensor has noise or latency.
+    """Return the sensors' noise, None if no sensor has noise or latency.
 
     The whole source decides, not the chunk: even a perfect report is rounded, so it must be used everywhere or nowhere.
     """

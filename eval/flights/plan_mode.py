@@ -47,8 +47,8 @@ def fly_once(
 ) -> Flown:
     """Fly the plans of encounters ``[N]`` once; a recorder takes their trajectories.
 
-    An unresolved plan is flown as advised, for want of anything better, but is no success even if it arrives. Where
-    there is no trajectory at all, nothing is flown and the separation is not a number.
+    An unresolved plan is flown as an advisory trajectory, but is no success even if it arrives. Without a trajectory
+    there is no flight, and the separation is not a number.
     """
     count = len(encounters.goal_x)
     rows = np.flatnonzero(plans.proposals.last >= 0)

@@ -80,7 +80,7 @@ class _Air(NamedTuple):
 
 
 def direct(limits: Limits) -> Decider:
-    """Return the decider that resolves nothing: at constant speed along the route to the goal.
+    """Return the decider without any resolution: at constant speed along the route to the goal.
 
     The intruder's waypoint controller steers it, because a displaced start does not point at its goal exactly.
     """

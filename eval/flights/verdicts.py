@@ -1,4 +1,4 @@
-"""Verdicts on encounters whose intruders may be recordings: in hindsight, as of intruders that manoeuvre."""
+"""Verdicts on encounters with the intruders' whole motion known, recordings included."""
 
 import numpy as np
 

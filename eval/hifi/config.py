@@ -1,4 +1,4 @@
-"""What flights of the true aircraft can be told: the keys of ``eval.monte_carlo``, and conditions and vehicle."""
+"""Configuration of flights of the true aircraft: the keys of ``eval.monte_carlo``, and conditions and vehicle."""
 
 from dataclasses import replace
 from typing import Any, ClassVar
@@ -14,7 +14,7 @@ from eval.hifi.conditions import CONDITIONS, Family
 __all__ = ["AIRCRAFT", "HIFI_MODES", "ConditionConfig", "HifiConfig"]
 
 HIFI_MODES = ("plan", "closed", "assured")
-"""Who decides: a plan made at the start; the network once a second; a plan under the run-time monitor."""
+"""What decides: a plan made at the start; the network once a second; a plan under the run-time monitor."""
 
 AIRCRAFT = ("c208_ex", "c208", "point_mass", "surrogate")
 """What flies."""
@@ -102,18 +102,18 @@ class ConditionConfig(Strict):
 class HifiConfig(MonteCarloConfig):
     """Flights of the true aircraft; the defaults fly plans of the shipped policy once, in calm air."""
 
-    # Recorded intruders fly over the ground, and here everybody flies in the air mass.
+    # Recorded intruders fly over the ground, and here all aircraft fly in the air mass.
     files: ClassVar[tuple[str, ...]] = (FILE,)
     quasi: ClassVar[bool] = False
 
     mode: str = Field(default="plan", json_schema_extra={"expected": "plan, closed or assured"})
-    """Who decides: plan, the planner once at the start, whose plan is then followed; closed, the network alone, once
+    """What decides: plan, the planner once at the start, whose plan is then followed; closed, the network alone, once
     a second; assured, the plan under a monitor that asks for new plans and falls back to a backup."""
     aircraft: str = Field(default="c208_ex", json_schema_extra={"expected": f"one of {', '.join(AIRCRAFT)}"})
     """What flies: c208_ex or c208 (675 shp) in JSBSim, point_mass (its lags and limits alone), surrogate."""
     condition: ConditionConfig = ConditionConfig()
     wind_plan: str = Field(default="air", json_schema_extra={"expected": "air or ground"})
-    """How the wind is met: air, the planner works in the air mass and the plan drifts with it; ground, it is not told,
+    """How the wind is met: air, the planner works in the air mass and the plan drifts with it; ground, without wind,
     and a plan whose air speeds leave the envelope in the true wind is refused."""
 
     @field_validator("mode", "baseline")

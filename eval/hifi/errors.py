@@ -63,7 +63,7 @@ def against(flight: Flight, legs: Legs, wind: Wind, surrogate: VehicleState | No
         return over_ground(_at(legs, time), wind, time)
 
     own, now = flight.own, planned(clock)
-    # Begun where the guidance was: who is late on a winding path has several places abeam.
+    # Begun where the guidance was: a late aircraft on a winding path has several places abeam.
     abeam = clock - flight.late
     for _ in range(_SEARCH):
         place = planned(abeam)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
 from envs.outcome import Rules
-from eval.hifi.flights import Campaign, Crew, flown
+from eval.hifi.flights import Campaign, LoadedCampaign, flown
 from eval.hifi.rows import WAYPOINTS
 from eval.hifi.sheet import sheet
 from eval.plots.style import BLUE, GREEN, ORANGE, SKY, VERMILION
@@ -25,12 +25,12 @@ def draw_all(folder: RunFolder, table: Mapping[str, np.ndarray], campaign: Campa
     numbers = chosen(table)
     flights = []
     with threadpool_limits(1):
-        crew = Crew(campaign)
+        loaded = LoadedCampaign(campaign)
         for number in numbers:
             closest = table["min_separation_m"][number]
             apart = "" if np.isnan(closest) else f", {closest:.0f} m"
             wind = f", wind {table['wind_m_s'][number]:.0f} m/s" if table["wind_m_s"][number] else ""
-            flights.append((f"{number}: {table['outcome'][number]}{apart}{wind}", flown(crew, number)))
+            flights.append((f"{number}: {table['outcome'][number]}{apart}{wind}", flown(loaded, number)))
     figures = {"flights": sheet(flights, campaign.rules)}
     if np.isfinite(table["min_separation_m"]).any():
         figures["min_separation"] = separations(table, campaign.rules)
@@ -42,7 +42,7 @@ def draw_all(folder: RunFolder, table: Mapping[str, np.ndarray], campaign: Campa
 def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
     """Return the numbers of the flights for the sheet: those that did not reach their goal first."""
     order = np.argsort(table["outcome"] == "reached", kind="stable")
-    # Whoever was refused has no track to show.
+    # A refused flight has no track to show.
     order = order[np.argsort(table["outcome"][order] == "refused", kind="stable")]
     return [int(number) for number in order[:_SHOWN]]
 

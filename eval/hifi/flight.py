@@ -25,7 +25,7 @@ __all__ = ["Flight", "Guided", "Pilot", "Traffic", "fly"]
 
 
 class Pilot(Protocol):
-    """Whoever flies."""
+    """Commands a flight."""
 
     @property
     def late(self) -> float:
@@ -75,7 +75,7 @@ class Flight(NamedTuple):
 
 
 class Traffic:
-    """The intruders of one encounter: their true motion, and what is heard of them.
+    """The intruders of one encounter: their true motion, and their reports.
 
     Args:
         encounter: ``[1]``, in the air mass.
@@ -99,7 +99,7 @@ class Traffic:
         """Return the intruders over the ground, ``[1, K]``."""
         return over_ground(self._state.vehicle, self._wind, float(self._clock))
 
-    def heard(self) -> VehicleState:
+    def reported(self) -> VehicleState:
         """Return the intruders over the ground as reported, ``[1, K]``."""
         now = self._state.vehicle
         if self._noise is not None:
@@ -139,7 +139,7 @@ def fly(
     others, separations = [traffic.ground()], []
     failure: str | None = None
     for clock in range(until):
-        pilot.decide(clock, navigation.seen(vehicle.state, float(clock)), traffic.heard())
+        pilot.decide(clock, navigation.seen(vehicle.state, float(clock)), traffic.reported())
         try:
             for step in range(SUBSTEPS):
                 time = clock + step * PERIOD

@@ -97,7 +97,7 @@ class Flown(NamedTuple):
     pilot: Pilot | None
 
 
-class Crew:
+class LoadedCampaign:
     """A campaign with its policy: a given one, or else that of the campaign's file, loaded when it is first needed."""
 
     def __init__(self, campaign: Campaign, policy: Policy | None = None) -> None:
@@ -117,7 +117,7 @@ class Crew:
 def scene_of(campaign: Campaign, number: int) -> Scene:
     """Return where flight ``number`` begins.
 
-    The encounter is drawn in the air mass, where speeds are air speeds; the wind carries everybody, and the goal lies
+    The encounter is drawn in the air mass, where speeds are air speeds; the wind carries them all, and the goal lies
     where the ownship would arrive if it flew straight on. So the same number is the same conflict in any wind.
 
     Raises:
@@ -145,14 +145,14 @@ def scene_of(campaign: Campaign, number: int) -> Scene:
     return Scene(one, met, wind, frame, over_ground(own, wind, 0.0), route, noise)
 
 
-def flown(crew: Crew, number: int) -> Flown:
+def flown(loaded: LoadedCampaign, number: int) -> Flown:
     """Fly one flight.
 
     Raises:
         EncounterError: the encounter cannot be drawn.
         PolicyFileError: the policy cannot be used.
     """
-    campaign, policy = crew.campaign, crew.policy
+    campaign, policy = loaded.campaign, loaded.policy
     scene = scene_of(campaign, number)
     goal = float(scene.route.x[1]), float(scene.route.y[1])
     gains = lookahead_of(campaign.aircraft)

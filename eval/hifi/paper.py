@@ -37,7 +37,7 @@ def _draw(options: argparse.Namespace) -> int:
     from threadpoolctl import threadpool_limits
 
     from eval.hifi.config import HifiConfig
-    from eval.hifi.flights import Crew, flown
+    from eval.hifi.flights import LoadedCampaign, flown
     from eval.hifi.rows import row_of
     from eval.hifi.run import campaign_of
     from eval.hifi.sheet import sheet
@@ -53,7 +53,7 @@ def _draw(options: argparse.Namespace) -> int:
     with threadpool_limits(1):
         for name in _SCENARIOS:
             campaign, _ = campaign_of(load(HifiConfig, None, [*named, *options.set, f"scenario={name}"]))
-            one = flown(Crew(campaign), options.flight)
+            one = flown(LoadedCampaign(campaign), options.flight)
             row = row_of(campaign, options.flight, one)
             flights.append((f"{name}: {row['outcome']}", one))
             print(

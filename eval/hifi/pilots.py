@@ -45,7 +45,7 @@ class Follower:
         return self._guide.late
 
     def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
-        """Decide nothing: that has been done."""
+        """Do nothing: the plan is decided."""
 
     def commands(self, own: VehicleState, time: float) -> tuple[float, float]:
         """Return acceleration and turn rate of the track."""
@@ -137,8 +137,8 @@ class Assured:
         here = through_air(own, self._frame, float(clock))
         one = VehicleState(*(np.array([float(field)]) for field in here))
         intruders = self._tracked(intruders)
-        told = assurance.inputs(float(clock), one, through_air(intruders, self._frame, float(clock)), self._mask)
-        monitor, decision = assurance.step(self._monitor, told, self._thresholds)
+        inputs = assurance.inputs(float(clock), one, through_air(intruders, self._frame, float(clock)), self._mask)
+        monitor, decision = assurance.step(self._monitor, inputs, self._thresholds)
         self._reached |= self._near(own)
         if decision.replan[0]:
             self.replans += 1

@@ -12,7 +12,7 @@ from envs.outcome import Rules
 from eval.flights.conditions import conditions
 from eval.flights.plan_flight import SUBSTEPS
 from eval.flights.plan_mode import SOURCES, STATUSES
-from eval.hifi.flights import Campaign, Crew, Flown, flown
+from eval.hifi.flights import Campaign, Flown, LoadedCampaign, flown
 from eval.hifi.pilots import Assured
 
 __all__ = ["HIFI_OUTCOMES", "WAYPOINTS", "columns", "row_of"]
@@ -26,9 +26,9 @@ WAYPOINTS = 20
 _NAN = math.nan
 
 
-def columns(crew: Crew, first: int, count: int) -> dict[str, np.ndarray]:
+def columns(loaded: LoadedCampaign, first: int, count: int) -> dict[str, np.ndarray]:
     """Return the table of the flights ``first .. first + count - 1``."""
-    rows = [row_of(crew.campaign, number, flown(crew, number)) for number in range(first, first + count)]
+    rows = [row_of(loaded.campaign, number, flown(loaded, number)) for number in range(first, first + count)]
     return {
         name: np.array([row[name] for row in rows], dtype=object if isinstance(rows[0][name], str) else None)
         for name in rows[0]
@@ -46,8 +46,8 @@ def _verdict(one: Flown, rules: Rules) -> dict[str, Any]:
     """Judge a flight as the surrogate's are: until the time limit, and a lost separation outweighs the goal."""
     flight = one.flight
     if flight is None:
-        nothing = dict.fromkeys(("duration_s", "min_separation_m", "time_of_min_separation_s", "goal_distance_m"), _NAN)
-        return {"outcome": "refused", "reason": one.problem or ""} | nothing
+        missing = dict.fromkeys(("duration_s", "min_separation_m", "time_of_min_separation_s", "goal_distance_m"), _NAN)
+        return {"outcome": "refused", "reason": one.problem or ""} | missing
     seconds = min(round(rules.t_max), flight.separation.size)
     apart, near = flight.separation[:seconds], flight.goal_distance[: seconds * SUBSTEPS + 1]
     lost, there = np.flatnonzero(apart < rules.separation), np.flatnonzero(near[1:] <= rules.goal_radius)

@@ -75,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.hifi", description=_DESCRIPTION, epilog=_EPILOG)
     first_options(parser)
     add = parser.add_argument
-    add("--mode", metavar="MODE", help="who decides: plan, closed or assured (default: plan)")
+    add("--mode", metavar="MODE", help="what decides: plan, closed or assured (default: plan)")
     add("--vehicle", metavar="NAME", help="what flies (default: c208_ex)")
     add("--condition", metavar="NAME", help="what it meets (default: calm)")
     add("--scenario", metavar="NAME", help="a scenario's name or file:PATH (default: circle)")
@@ -103,11 +103,11 @@ def _run(options: argparse.Namespace) -> int:
                 return fly_flights(campaign, chunks, workers, stopped)
 
         else:
-            from eval.hifi.flights import Crew
+            from eval.hifi.flights import LoadedCampaign
             from eval.hifi.rows import columns
             from eval.runner.cluster_kit import DECISIVE, Flier
 
-            flier = Flier(Crew, columns, (*DECISIVE, *_DECISIVE))
+            flier = Flier(LoadedCampaign, columns, (*DECISIVE, *_DECISIVE))
             fly = partial(cluster.fly, flier, campaign, str(config.policy_sha256))
         table, flown = whole_table(folder, config, fly, "flights", "python -m eval.hifi")
     summary = _summary(table, config, time.perf_counter() - begun, flown)
@@ -132,7 +132,7 @@ def campaign_of(config: "HifiConfig", workers: int = 1) -> "tuple[Campaign, Hifi
 
     Args:
         config: of the run.
-        workers: among whom its chunks are shared.
+        workers: that share its chunks.
 
     Raises:
         ConfigError: policy or file of encounters are not those expected, or the limits leave no room.

@@ -68,18 +68,18 @@ def plan_for(
         options: how the plan shall be.
     """
     low, high = SURROGATE.speed_min - SPEED_TOLERANCE, SURROGATE.speed_max + SPEED_TOLERANCE
-    nothing = Plans(empty(1), np.zeros(1, dtype=np.int8), np.zeros(1, dtype=bool))
+    none = Plans(empty(1), np.zeros(1, dtype=np.int8), np.zeros(1, dtype=bool))
     if not low <= own.speed <= high:
-        return Made(nothing, None, f"own air speed is {own.speed:.1f} m/s, expected {low:g} to {high:g} m/s")
+        return Made(none, None, f"own air speed is {own.speed:.1f} m/s, expected {low:g} to {high:g} m/s")
     course = math.atan2(route.y[-1] - route.y[0], route.x[-1] - route.x[0])
     if not made_good(own.speed, course, wind) >= _SLOWEST:
-        return Made(nothing, None, f"the wind of {math.hypot(*wind):.1f} m/s cannot be made good along the route")
+        return Made(none, None, f"the wind of {math.hypot(*wind):.1f} m/s cannot be made good along the route")
     ahead = _ahead(own, route, course, clock, wind)
     times = np.maximum(ahead, 0.0) / made_good(own.speed, course, wind)
     one = VehicleState(*(np.array([float(field)]) for field in own))
     points = np.array([route.x.size])
     strength = math.hypot(*wind)
-    plans, request = nothing, None
+    plans, request = none, None
     for attempt in range(_ROUNDS):
         x, y = (field - part * (clock + times) for field, part in zip(route, wind, strict=True))
         request = Request(one, traffic, x[None], y[None], points)

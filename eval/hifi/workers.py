@@ -16,7 +16,7 @@ from multiprocessing import connection
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from eval.hifi.flights import Campaign, Crew
+from eval.hifi.flights import Campaign, LoadedCampaign
 from eval.hifi.rows import columns
 from eval.runner.workers import Chunk, WorkerError
 
@@ -24,7 +24,7 @@ __all__ = ["fly_flights"]
 
 Table = dict[str, np.ndarray]
 
-_crew: list[Crew] = []  # of a worker
+_crew: list[LoadedCampaign] = []  # of a worker
 
 
 def fly_flights(
@@ -45,10 +45,10 @@ def fly_flights(
     waiting = list(chunks)[::-1]
     if workers == 1 or len(waiting) <= 1:
         with threadpool_limits(1):
-            crew = Crew(campaign)
+            loaded = LoadedCampaign(campaign)
             while waiting and not stopped():
                 chunk = waiting.pop()
-                yield chunk, columns(crew, *chunk)
+                yield chunk, columns(loaded, *chunk)
         return
     context = multiprocessing.get_context("spawn")
     size = min(workers, len(waiting))
@@ -83,7 +83,7 @@ def _begin(campaign: Campaign) -> None:
 
         threading.Thread(target=watch, daemon=True).start()
     threadpool_limits(1)
-    _crew.append(Crew(campaign))
+    _crew.append(LoadedCampaign(campaign))
 
 
 def _work(chunk: Chunk) -> Table:

@@ -94,7 +94,7 @@ def _of_others(table: Mapping[str, np.ndarray], rate: Any, possible: int) -> dic
 
 
 def _of_plans(table: Mapping[str, np.ndarray], rate: Any, possible: int) -> dict[str, Any]:
-    """Return how often plans were safe, whose they were, and what became of the safe ones."""
+    """Return how often plans were safe, their sources, and the outcomes of the safe ones."""
     if "plan_status" not in table:
         return {}
     # The true vehicle's limits let it save some that are lost within the surrogate's.

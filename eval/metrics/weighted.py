@@ -31,20 +31,20 @@ def summarise_weighted(
     weight = table["weight"]
     if (weight == 1.0).all():
         return None
-    everyone = np.ones(len(weight), bool)
+    every = np.ones(len(weight), bool)
     possible = table["verdict"] != "unresolvable"
     wanted: dict[str, tuple[np.ndarray, np.ndarray]] = {
-        "success_rate": (table["outcome"] == "reached", everyone),
-        "violation_rate": (table["outcome"] == "violation", everyone),
-        "timeout_rate": (table["outcome"] == "timeout", everyone),
-        "resolvable_rate": (possible, everyone),
+        "success_rate": (table["outcome"] == "reached", every),
+        "violation_rate": (table["outcome"] == "violation", every),
+        "timeout_rate": (table["outcome"] == "timeout", every),
+        "resolvable_rate": (possible, every),
         "success_given_resolvable": ((table["outcome"] == "reached") & possible, possible),
-        "baseline_violation_rate": (table["baseline_outcome"] == "violation", everyone),
+        "baseline_violation_rate": (table["baseline_outcome"] == "violation", every),
     }
     for name in ("policy", "plan"):
         if f"{name}_outcome" in table:
             reached = table[f"{name}_outcome"] == "reached"
-            wanted[f"{name}_success_rate"] = (reached, everyone)
+            wanted[f"{name}_success_rate"] = (reached, every)
             wanted[f"{name}_success_given_resolvable"] = (reached & possible, possible)
     parts = np.stack([weight * mask for pair in wanted.values() for mask in pair], axis=1)
     sums = resampled_sums(parts, resamples, seed)

@@ -106,7 +106,7 @@ def _check(options: argparse.Namespace, headings: Sequence[float]) -> None:
         *(("--relative-heading", heading, -180.0, 180.0, " degrees") for heading in headings),
         ("--goal-bearing", options.goal_bearing, -180.0, 180.0, " degrees"),
         ("--goal-distance", options.goal_distance, 0.0, 20_000.0, " m"),
-        # The corners must not be farther away than an observation can tell.
+        # The corners must not be farther away than an observation can say.
         ("--extent", options.extent, 1_500.0, 14_000.0, " m"),
         ("--cells", options.cells, 11, 1_001, ""),
         ("--samples", options.samples, 1, 10_000_000, ""),

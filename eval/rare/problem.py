@@ -17,7 +17,7 @@ from eval.rare.splitting import Draws
 __all__ = ["RARE_MODES", "FlightProblem"]
 
 RARE_MODES = ("policy", "plan", "none")
-"""Who decides: the network once a second; a plan made at the start and followed; nobody (straight to the goal)."""
+"""What decides: the network once a second; a plan made at the start and followed; none (straight to the goal)."""
 
 _BLOCK = 1_024
 """Flights flown together, to bound memory."""
@@ -91,8 +91,8 @@ class FlightProblem:
         rows = np.flatnonzero(lost)
         if rows.size:
             evaluation = self._pilot.evaluation
-            nobody = np.zeros(rows.size, bool)
-            judged = verdicts(take(starts, rows), evaluation.rules, evaluation.limits, solved=nobody)
+            unsolved = np.zeros(rows.size, bool)
+            judged = verdicts(take(starts, rows), evaluation.rules, evaluation.limits, solved=unsolved)
             found[rows] = judged.verdict == Verdict.UNRESOLVABLE
         return found
 

@@ -95,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.rare", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
-    add("--mode", choices=_MODES, help="who decides: policy, plan, or none, straight to the goal (default: policy)")
+    add("--mode", choices=_MODES, help="what decides: policy, plan, or none, straight to the goal (default: policy)")
     add("--config", type=Path, metavar="FILE", help="YAML file of eval.monte_carlo with what differs from the defaults")
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of the configuration")
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
@@ -125,7 +125,7 @@ def _check(options: argparse.Namespace) -> None:
 
 
 def _config(options: argparse.Namespace) -> "tuple[MonteCarloConfig, str]":
-    """Return the configuration and who decides."""
+    """Return the configuration and the decider."""
     from eval.config import MonteCarloConfig
 
     options.resume = False

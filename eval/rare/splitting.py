@@ -66,7 +66,7 @@ class Repetition(NamedTuple):
     probability: np.ndarray
     """Of a value below each level."""
     acceptance: np.ndarray
-    """Share of the proposals taken below each level but the last, ``[L - 1]``; nan where nobody was left."""
+    """Share of the proposals taken below each level but the last, ``[L - 1]``; nan where none was left."""
     ancestors: int
     """Different first particles from which those below the last level descend."""
     evaluations: int
@@ -98,7 +98,7 @@ def pilot(
     steps: list[float] = []
     while True:
         wanted = np.partition(values, int(share * particles))[int(share * particles)]
-        # A level on a plateau of equal values would let nobody pass.
+        # A level on a plateau of equal values would let none pass.
         passing = np.count_nonzero(values < wanted)
         if wanted <= threshold:
             return Plan((*levels, threshold), tuple(steps), evaluations)
@@ -137,7 +137,7 @@ def repetition(problem: Problem, plan: Plan, particles: int, moves: int, rng: np
         product *= np.count_nonzero(below) / particles
         probability[stage] = product
         if stage == len(plan.steps) or not below.any():
-            # Where nobody passes, this estimate is 0, and so it is at all levels after it.
+            # Where none passes, this estimate is 0, and so it is at all levels after it.
             last = tuple(one[below] for one in draws)
             return Repetition(probability, acceptance, np.unique(family[below]).size, evaluations, first, last)
         rows = _copies(below, particles, rng)

@@ -83,7 +83,7 @@ class Run(NamedTuple):
 
     @property
     def mode(self) -> str:
-        """Who decided."""
+        """Of the run: what decided."""
         return str(self.settings["mode"])
 
 
@@ -120,7 +120,7 @@ def read_run(path: Path) -> Run:
 
 
 def successes(run: Run) -> dict[str, np.ndarray]:
-    """Return who reached the goal without losing the separation, bool ``[N]`` by mode: the run's, and those beside."""
+    """Return which flights reached the goal without loss of separation, bool ``[N]`` by mode: the run's and others."""
     found = {run.mode: run.table["outcome"] == "reached"}
     for name in _BESIDE:
         if f"{name}_outcome" in run.table:

@@ -92,7 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--run", type=Path, metavar="DIR", help="folder of a finished run of eval.monte_carlo or eval.hifi")
     add("--vary", action="append", default=[], metavar="NAME[=V,...]", help="what is swept; may be repeated")
-    add("--mode", choices=_MODES, help="of sweeps: who decides (default: policy)")
+    add("--mode", choices=_MODES, help="of sweeps: what decides (default: policy)")
     add("--scenario", metavar="NAME", help="of sweeps: a sampled scenario (default: circle)")
     add("--policy", type=Path, metavar="FILE", help="of sweeps: policy file (default: the one that ships)")
     add("--encounters", type=whole(1), metavar="N", help="of sweeps: how many for each value (default: 1000)")
@@ -106,7 +106,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Raise ``ConfigError`` for options that say nothing together."""
+    """Raise ``ConfigError`` for options that do not fit together."""
     if options.run is None and not options.vary:
         raise ConfigError("neither --run nor --vary is given; expected at least one of them")
     # Inverted, so that NaN is refused.

@@ -1,4 +1,4 @@
-"""Intervals and paired tests; knows nothing of flights."""
+"""Intervals and paired tests, independent of what is counted."""
 
 from eval.stats.intervals import Interval, Rate, clopper_pearson, mean_interval, rate, risk_ratio
 from eval.stats.paired import Pairs, mcnemar_exact, pairs, tango

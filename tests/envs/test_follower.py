@@ -1,4 +1,4 @@
-"""The follower keeps to the plan in position and time, and errors are told apart as across, along and in time."""
+"""The follower keeps to the plan in position and time, and errors are kept apart as across, along and in time."""
 
 import math
 
@@ -67,7 +67,7 @@ def test_commands_beyond_the_limits_are_cut_off() -> None:
 
 
 @given(across=st.floats(-200.0, 200.0), late=st.floats(-5.0, 5.0), number=st.integers(0, 19))
-def test_errors_are_told_apart(across: float, late: float, number: int) -> None:
+def test_errors_are_kept_apart(across: float, late: float, number: int) -> None:
     _, plans = flown_plans(20, 2)
     plan = Legs(*(field[number] for field in plans))
     time = 60.0

@@ -45,7 +45,7 @@ def test_more_is_saved_than_by_the_plan_flown_once(encounters: Encounter, policy
     outcome = assured.flown.flights.outcome
     assert (outcome == REACHED).mean() >= 0.95
     assert (outcome == REACHED).sum() > (once.flights.outcome == REACHED).sum()
-    # Who was saved had a new plan.
+    # Every flight saved had a new plan.
     saved = (outcome == REACHED) & (once.flights.outcome != REACHED)
     assert np.all(assured.replans[saved] > 0)
 

@@ -42,7 +42,7 @@ def states(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_a_point_at_rest_is_missed_by_the_turning_circle():
-    # Whoever heads for a point d ahead and turns at once comes no nearer than sqrt(d^2 + r^2) - r.
+    # An aircraft that heads for a point d ahead and turns at once comes no nearer than sqrt(d^2 + r^2) - r.
     ahead = np.array([1_300.0, 1_500.0, 1_700.0, 1_900.0])
     exact = np.hypot(ahead, RADIUS) - RADIUS
     errors = []
@@ -60,7 +60,7 @@ def test_nobody_keeps_more_than_there_is(fine: Solution):
     assert (fine.value <= distance * (1.0 + 1e-6)).all()
     assert fine.value.min() >= 0.0
     assert fine.change < 0.1
-    # Whoever has the intruder behind and flies away keeps what there is.
+    # An aircraft that has the intruder behind and flies away keeps what there is.
     away = value_at(fine, np.array([-1_200.0]), np.array([0.0]), -math.pi, 75.0)
     assert away == pytest.approx([1_200.0])
 
@@ -77,7 +77,7 @@ def test_the_mirror_image_has_the_same_value(fine: Solution, heading: float):
     np.testing.assert_allclose(left, right, atol=1e-3)
 
 
-def test_who_can_do_more_keeps_more(coarse: Solution):
+def test_wider_limits_keep_more(coarse: Solution):
     # Wider limits, the same nodes of speed and heading.
     braking = solved(SURROGATE._replace(acceleration_min=-0.1), 75.0, 5.0, 120.0)
     assert (coarse.value >= braking.value - 2.0).all()  # speeds between nodes are rounded

@@ -239,9 +239,9 @@ def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     ],
 )
 def test_bad_input_is_one_sentence(tmp_path: Path, arguments: list[str], kind: type, sentence: str) -> None:
-    with pytest.raises(kind) as told:
+    with pytest.raises(kind) as raised:
         compare.main([*arguments, "--out", str(tmp_path / "run")])
-    assert sentence in str(told.value)
+    assert sentence in str(raised.value)
     assert not (tmp_path / "run").exists()
 
 
@@ -252,7 +252,7 @@ def test_exit_code_2_and_no_traceback(tmp_path: Path) -> None:
     assert done.stderr == "error: absent.daa: there is no such file\n"
 
 
-def test_policies_are_told_from_each_other_and_from_baselines() -> None:
+def test_policies_have_names_unlike_each_other_and_baselines() -> None:
     names = ("mvp.safetensors", "witness.safetensors", "one/policy.safetensors", "two/policy.safetensors", "c.nnet")
     assert compare_setup.policy_names([Path(name) for name in names]) == [*names[:4], "c"]
 

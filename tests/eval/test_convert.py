@@ -100,9 +100,9 @@ def test_recorded_encounters_keep_their_tracks(tmp_path: Path) -> None:
 def test_bad_input_is_one_sentence(own: Path, tmp_path: Path, arguments: list[str], sentence: str) -> None:
     assert own.exists()
     files = [str(tmp_path / name) for name in arguments[:2]]
-    with pytest.raises((ConfigError, ValueError)) as told:
+    with pytest.raises((ConfigError, ValueError)) as raised:
         convert.main([*files, *arguments[2:]])
-    assert sentence in str(told.value)
+    assert sentence in str(raised.value)
     assert not (tmp_path / "a.json").exists()
 
 
@@ -117,9 +117,9 @@ def test_several_intruders_do_not_fit_into_a_pair(tmp_path: Path) -> None:
 
 def test_lossy_says_what_it_leaves_out(own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     convert.main([str(own), str(tmp_path / "a.json"), "--lossy", "--altitude-ft", "0"])
-    told = capsys.readouterr()
-    assert "left out: the goal of 3 of 3 encounters, the first '0'" in told.err
-    assert told.out.endswith("a.json: 3 encounters\n")
+    printed = capsys.readouterr()
+    assert "left out: the goal of 3 of 3 encounters, the first '0'" in printed.err
+    assert printed.out.endswith("a.json: 3 encounters\n")
     assert len(json.loads((tmp_path / "a.json").read_text())) == 3
 
 

@@ -91,14 +91,14 @@ def test_time_to_loss_is_what_stepping_along_the_course_finds(x, y, vx, vy, z, v
     inside = square <= volume.horizontal**2
     horizontal = inside | ((tau <= volume.tau) & (miss <= volume.horizontal))
     found = horizontal & (np.abs(path.z) <= volume.vertical)
-    told = float(time_to_loss(volume, seen(x, y, vx, vy, z, vz))[0])
+    entry = float(time_to_loss(volume, seen(x, y, vx, vy, z, vz))[0])
     if found.any():
-        assert told <= times[np.argmax(found)] + 1e-6
-        assert told >= times[np.argmax(found)] - 0.0501
-    elif told < 119.0:
+        assert entry <= times[np.argmax(found)] + 1e-6
+        assert entry >= times[np.argmax(found)] - 0.0501
+    elif entry < 119.0:
         # A visit shorter than the steps can be missed by them; a moment after the entry it must be there.
-        margin = 1e-6 + 1e-9 * abs(told)
-        at = seen(x + vx * told, y + vy * told, vx, vy, z + vz * told, vz)
+        margin = 1e-6 + 1e-9 * abs(entry)
+        at = seen(x + vx * entry, y + vy * entry, vx, vy, z + vz * entry, vz)
         assert math.hypot(at.x[0], at.y[0]) <= volume.horizontal + volume.tau * math.hypot(vx, vy) + margin
         assert abs(at.z[0]) <= volume.vertical + 1e-6
 
@@ -192,15 +192,15 @@ def test_a_sample_that_cannot_carry_the_claim_says_so() -> None:
     without = np.zeros(1_000, bool)
     without[:5] = True
     found = ratio(without & (np.arange(1_000) == 0), without)
-    assert any("only 5 events" in told for told in found.warnings)
-    assert any("wide" in told for told in found.warnings)
+    assert any("only 5 events" in each for each in found.warnings)
+    assert any("wide" in each for each in found.warnings)
     none = ratio(np.zeros(1_000, bool), np.arange(1_000) < 500)
     # No event in 1000: the exact upper end of the rate, 0.00368, over a half.
     assert (none.value, none.low, none.high) == (0.0, 0.0, pytest.approx(0.007364, abs=1e-5))
     weight = np.ones(1_000)
     weight[0] = 500.0
     heavy = ratio(np.arange(1_000) < 100, np.arange(1_000) < 500, weight)
-    assert any("one encounter carries" in told for told in heavy.warnings)
+    assert any("one encounter carries" in each for each in heavy.warnings)
     with pytest.raises(ValueError, match="one length"):
         ratio(without, without[:-1])
     with pytest.raises(ValueError, match="finite"):

@@ -72,7 +72,7 @@ def test_summary_follows_from_the_table(finished: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_cannot_be_kept_is_told_from_what_the_planner_gave_up(tmp_path: Path, policy_path: Path) -> None:
+def test_unresolvable_is_not_what_the_planner_gave_up(tmp_path: Path, policy_path: Path) -> None:
     def verdicts(*more: str) -> np.ndarray:
         out = tmp_path / str(len(list(tmp_path.iterdir())))
         run(out, "--policy", str(policy_path), "--vehicle", "surrogate", "--flights", "1", *more)
@@ -141,9 +141,9 @@ def test_an_interrupted_run_finishes_what_is_in_the_air(tmp_path: Path) -> None:
     while not list((out / "parts").glob("*.parquet")):
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=60)
+    _, printed = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "Go on with: python -m eval.hifi --resume" in told
+    assert "Go on with: python -m eval.hifi --resume" in printed
 
 
 @pytest.mark.parametrize(

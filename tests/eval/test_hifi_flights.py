@@ -26,7 +26,7 @@ from eval.hifi.config import HifiConfig
 from eval.hifi.errors import against
 from eval.hifi.flight import Flight, Guided, Traffic
 from eval.hifi.flight import fly as follow
-from eval.hifi.flights import Campaign, Crew, Flown, flown
+from eval.hifi.flights import Campaign, Flown, LoadedCampaign, flown
 from eval.hifi.pilots import Follower
 from eval.hifi.rows import row_of
 from eval.hifi.run import campaign_of
@@ -55,9 +55,9 @@ def campaign(*overrides: str) -> Campaign:
     return campaign_of(load(HifiConfig, None, [f"policy={POLICY[0]}", *overrides]))[0]
 
 
-def fly(told: Campaign, number: int) -> tuple[Flown, dict[str, Any]]:
-    one = flown(Crew(told), number)
-    return one, row_of(told, number, one)
+def fly(flying: Campaign, number: int) -> tuple[Flown, dict[str, Any]]:
+    one = flown(LoadedCampaign(flying), number)
+    return one, row_of(flying, number, one)
 
 
 def along(plan: Legs, time: np.ndarray) -> VehicleState:
@@ -71,7 +71,7 @@ def flight(own: VehicleState, late: np.ndarray) -> Flight:
 
 @settings(max_examples=15)
 @given(st.floats(-3.0, 3.0), st.floats(-30.0, 30.0), st.tuples(st.floats(-15.0, 15.0), st.floats(-15.0, 15.0)))
-def test_delay_and_offset_are_told_apart(delay: float, left: float, wind: tuple[float, float]) -> None:
+def test_delay_and_offset_are_kept_apart(delay: float, left: float, wind: tuple[float, float]) -> None:
     clock = PERIOD * np.arange(50, 550)
     place = over_ground(along(PLAN, clock - delay), wind, clock - delay)
     moved = place._replace(x=place.x - left * np.sin(place.heading), y=place.y + left * np.cos(place.heading))
@@ -87,7 +87,7 @@ def test_delay_and_offset_are_told_apart(delay: float, left: float, wind: tuple[
     np.testing.assert_allclose(found.position[50:], expected, rtol=0.6, atol=0.5)
 
 
-def test_who_flies_the_plan_has_no_error() -> None:
+def test_a_flight_along_the_plan_has_no_error() -> None:
     clock = PERIOD * np.arange(600)
     found = against(flight(along(PLAN, clock), np.zeros(600)), PLAN, NO_WIND, along(PLAN, np.arange(60.0)))
     for field in found:
@@ -108,7 +108,7 @@ def test_no_more_separation_is_lost_than_the_aircraft_is_off_its_plan(condition:
 
 
 @pytest.mark.parametrize(("gain", "top", "beyond"), [(0.375, 99.6, True), (0.21, 89.6, False)])
-def test_who_plans_beyond_the_aircraft_s_power_is_behind_the_plan(gain: float, top: float, beyond: bool) -> None:
+def test_plans_beyond_the_aircrafts_power_are_flown_late(gain: float, top: float, beyond: bool) -> None:
     time = 20.0 * np.arange(8)
     speed = np.minimum(80.0 + gain * time, top)
     ramp = (top - 80.0) / gain
@@ -177,19 +177,19 @@ def test_an_aircraft_that_is_lost_is_a_failed_flight(mode: str, nan: bool, monke
 
 
 def test_a_start_that_the_aircraft_cannot_fly_is_refused() -> None:
-    told = campaign("changes.own_speed=[50,50]", "condition.altitude_m=[6500,6500]", "mode=closed")
-    one, row = fly(told, 0)
+    flying = campaign("changes.own_speed=[50,50]", "condition.altitude_m=[6500,6500]", "mode=closed")
+    one, row = fly(flying, 0)
     assert one.flight is None
     assert row["outcome"] == "refused"
     assert "the flight cannot begin: no equilibrium" in row["reason"]
-    _, row = fly(told._replace(mode="plan"), 0)
+    _, row = fly(flying._replace(mode="plan"), 0)
     assert row["outcome"] == "refused"
     assert "the plan asks for air speeds of" in row["reason"]
 
 
 def test_a_plan_that_is_not_safe_is_no_success() -> None:
-    told = campaign("scenario=circle", "changes.min_initial_separation=0", "changes.radius=[1100,1200]")
-    rows = [fly(told._replace(aircraft="point_mass"), number)[1] for number in range(2)]
+    flying = campaign("scenario=circle", "changes.min_initial_separation=0", "changes.radius=[1100,1200]")
+    rows = [fly(flying._replace(aircraft="point_mass"), number)[1] for number in range(2)]
     unresolved = [row for row in rows if row["plan_status"] == "unresolved"]
     assert unresolved
     assert all(row["outcome"] != "reached" for row in unresolved)

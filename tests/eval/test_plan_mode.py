@@ -1,4 +1,4 @@
-"""Plans are flown from their waypoints alone, and what is told of them is what was flown."""
+"""Plans are flown from their waypoints alone, and reports of them agree with the flights."""
 
 import json
 import math

@@ -264,9 +264,9 @@ def test_bad_input_is_one_sentence(
     model: Path, tmp_path: Path, arguments: list[str], kind: type, sentence: str
 ) -> None:
     (tmp_path / "one.daa").write_text(DAA)
-    told = [each.replace("MODEL", str(model)).replace("DAA", str(tmp_path / "one.daa")) for each in arguments]
+    given = [each.replace("MODEL", str(model)).replace("DAA", str(tmp_path / "one.daa")) for each in arguments]
     with pytest.raises(kind) as problem:
-        fly(tmp_path / "run", *told)
+        fly(tmp_path / "run", *given)
     assert sentence in str(problem.value)
     assert not (tmp_path / "run").exists()
 

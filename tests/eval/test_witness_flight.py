@@ -106,10 +106,10 @@ def test_ended_counts_as_the_simulation_does(name: str) -> None:
     endless = RULES._replace(separation=0.0, t_max=100.0)
     decider = OnStates(BASELINES["mvp_speed"](SURROGATE, 500.0, 1_000.0))
     counted, paths = fly_recorded(starts, decider, endless, SURROGATE)
-    told = ended(starts, paths, endless)
-    assert 0 < (told.outcome == OUTCOMES.index("reached")).sum() < 40
-    assert told.reversals.max() > 0
-    for field, ours, theirs in zip(told._fields, told, counted, strict=True):
+    recounted = ended(starts, paths, endless)
+    assert 0 < (recounted.outcome == OUTCOMES.index("reached")).sum() < 40
+    assert recounted.reversals.max() > 0
+    for field, ours, theirs in zip(recounted._fields, recounted, counted, strict=True):
         np.testing.assert_array_equal(ours, theirs, err_msg=field)
         assert ours.dtype == theirs.dtype
 
@@ -166,9 +166,9 @@ def test_the_command_says_how_much_longer_than_the_witness(
     both = (table["mvp_speed.outcome"] == "reached") & (table["witness.outcome"] == "reached")
     assert both.sum() > 5
     longer = table["mvp_speed.path_excess"][both] - table["witness.path_excess"][both]
-    told = rows["mvp_speed"]["path_excess_over_witness_mean"]
-    assert told["value"] == pytest.approx(longer.mean())
-    assert told["low"] <= told["value"] <= told["high"]
+    recounted = rows["mvp_speed"]["path_excess_over_witness_mean"]
+    assert recounted["value"] == pytest.approx(longer.mean())
+    assert recounted["low"] <= recounted["value"] <= recounted["high"]
     # What the witness has solved is resolvable, whatever the search would say.
     assert not table["unresolvable"][table["witness.outcome"] == "reached"].any()
     assert "over witness" in capsys.readouterr().out

@@ -55,7 +55,7 @@ def test_episodes_repeat_and_end() -> None:
     assert play() == play()
 
 
-def test_misuse_is_told_in_a_sentence() -> None:
+def test_misuse_is_refused_in_a_sentence() -> None:
     env = gymnasium.make(ENV_ID, conditions=Conditions(wind_east=30.0)).unwrapped
     with pytest.raises(error.ResetNeeded, match="before reset"):
         env.step(STRAIGHT)

@@ -95,7 +95,7 @@ def test_errors_are_steered_against(left: float, heading: float) -> None:
 
 
 @given(st.floats(-40.0, 40.0))
-def test_who_is_late_flies_the_same_path(late: float) -> None:
+def test_a_late_aircraft_flies_the_same_path(late: float) -> None:
     path = PATHS[2]
     place = path.at(50.0)
     guide = Guide(path, late=late)

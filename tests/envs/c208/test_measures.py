@@ -13,7 +13,7 @@ from envs.follower import PERIOD
 from eval.hifi import c208_figures
 
 
-def test_errors_across_along_and_in_time_are_told_apart() -> None:
+def test_errors_across_along_and_in_time_are_kept_apart() -> None:
     plan = plans_of(4, "circle", 0)[0]
     track = Track(plan.legs)
     clock = [PERIOD * number for number in range(1, 3001)]

@@ -24,7 +24,7 @@ def test_no_tolerance_is_missed(capsys: pytest.CaptureFixture[str], monkeypatch:
         assert point.name in printed
 
 
-def test_a_missed_tolerance_is_told(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missed_tolerance_is_reported(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     wrong = POINTS[0]._replace(value=POINTS[0].value * 1.05)
     monkeypatch.setattr(validate, "POINTS", (wrong,))
     monkeypatch.setattr("sys.argv", ["validate"])

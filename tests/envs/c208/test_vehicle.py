@@ -1,4 +1,4 @@
-"""The true aircraft flies what it is told within its limits, the same every time, and says when it cannot."""
+"""The true aircraft flies its commands within its limits, the same every time, and says when it cannot."""
 
 import hashlib
 import math
@@ -138,7 +138,7 @@ def test_it_cannot_be_made_to_stall() -> None:
     assert np.abs(log[:, COLUMN["altitude"]] - 2500.0).max() < 100.0
 
 
-def test_what_cannot_begin_or_go_on_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_begin_or_go_on_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(StartError, match=r"cannot begin: no equilibrium .* 41\.00 m/s"):
         C208Vehicle(EAST._replace(speed=51.0), conditions=Conditions(wind_east=10.0))
     vehicle = C208Vehicle(EAST)
