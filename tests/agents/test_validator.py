@@ -214,3 +214,16 @@ def test_a_start_inside_the_margin_must_only_not_come_closer(distance: float) ->
     times = 20.0 * np.arange(6.0)[None]
     knots = Knots(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
     assert validate(knots, one, Requirement(1_000.0, 50.0), C208_PUBLISHED).safe[0]
+
+
+def test_the_slowest_turn_is_not_taken_for_a_straight_flight() -> None:
+    time = 20.0 * np.arange(51)[None]
+    zero, one = np.zeros((1, 51)), np.ones((1, 1))
+    straight = Knots(80.0 * time, zero, zero, zero + 80.0, time)
+    # In 1000 s at 400 m/s and 1e-9 rad/s it comes 0.2 m to its right, and then it is abeam.
+    state = VehicleState(-320_000.0 * one, 1_000.05 * one, 0.0 * one, 400.0 * one)
+    turning = Traffic.straight(state)._replace(turn_rate=-1e-9 * one, turn_time=1_000.0 * one)
+    assert validate(straight, Traffic.straight(state), Requirement(), C208_PUBLISHED).safe.all()
+    found = validate(straight, turning, Requirement(), C208_PUBLISHED)
+    assert found.wrong[0, CHECKS.index("separation")]
+    assert found.min_separation == pytest.approx([999.85], abs=0.006)
