@@ -1,0 +1,95 @@
+"""The certificate of a SAFE plan: what an independent checker needs to prove it anew (``python -m agents.check FILE``).
+
+A certificate is one JSON object: the ownship, the published waypoints, the controls of the legs between them, the
+intruders as reported, the requirement and the limits, and a bound of the distance to each intruder. Lengths are in m,
+angles in rad, times in s after the request (docs/explanation/safe-theorem.md lists the fields).
+"""
+
+import json
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from agents.planner.answer import Excluded
+from agents.planner.options import Options
+from agents.planner.request import Altitude, Intruder, reported
+from agents.planner.separation import FINE
+from agents.planner.traffic import advanced
+from agents.planner.validator import validate
+from envs import waypoints
+from envs.kinematics import VehicleState
+from envs.trees import mapped
+from envs.waypoints import Waypoint
+
+__all__ = ["FORMAT", "certificate"]
+
+FORMAT = "RLCAS plan certificate 1"
+
+_STEP = 1e-5  # to whose multiples the bounds of distances are rounded down, m
+
+
+def certificate(
+    own: VehicleState,
+    intruders: Sequence[VehicleState | Intruder],
+    published: Sequence[Waypoint],
+    excluded: Sequence[Excluded],
+    own_altitude: Altitude | None,
+    options: Options,
+) -> bytes:
+    """Return the certificate of a plan.
+
+    Args:
+        own: state of the ownship, floats.
+        intruders: as they were reported.
+        published: the plan's waypoints.
+        excluded: the intruders that the plan takes no account of.
+        own_altitude: the ownship's.
+        options: how the plan had to be.
+    """
+    out = {one.number for one in excluded}
+    reports = [one if isinstance(one, Intruder) else Intruder(one) for one in intruders]
+    kept = [report for number, report in enumerate(reports) if number not in out]
+    knots = waypoints.knots(own, published)
+    curves = waypoints.legs(knots)
+    requirement, limits = options.requirement, options.limits
+    data = {
+        "format": FORMAT,
+        "own": list(own),
+        "waypoints": [[point.x, point.y, point.heading, point.speed, point.time] for point in published],
+        "controls": np.concatenate([curves.yaw_rate, curves.acceleration], axis=-1).tolist(),
+        "intruders": [_row(report) for report in kept],
+        "excluded": [_heights(own_altitude, reports[number]) for number in sorted(out)],
+        "requirement": {
+            "separation": requirement.separation,
+            "margin": requirement.margin,
+            "sigmas": requirement.sigmas,
+            "vertical": options.vertical_filter,
+        },
+        "limits": dict(zip(limits._fields, map(float, limits), strict=True)),
+        "parts": FINE,
+        "bounds": _bounds(knots, kept, options),
+    }
+    return json.dumps(data, separators=(",", ":"), allow_nan=False, default=float).encode()
+
+
+def _row(report: Intruder) -> list[float]:
+    turn = (report.age, report.turn_rate, report.turn_time)
+    return [float(value) for value in (*report.state, *turn, report.position_std, report.velocity_std)]
+
+
+def _heights(own: Altitude | None, report: Intruder) -> list[float]:
+    """Return altitude and vertical speed of both, and the age of the report."""
+    other = report.altitude
+    assert own is not None and other is not None  # nobody is excluded otherwise
+    return [float(value) for value in (own.value, own.vertical_speed, other.value, other.vertical_speed, report.age)]
+
+
+def _bounds(knots: waypoints.Knots, reports: Sequence[Intruder], options: Options) -> list[float]:
+    """Return the distance from each intruder that is never gone below, m."""
+    if not reports:
+        return []
+    traffic = mapped(lambda field: np.asarray(field).T, advanced(*reported(reports)))
+    plans = mapped(lambda field: np.repeat(field[None], len(reports), axis=0), knots)
+    found = validate(plans, traffic, options.requirement, options.limits)
+    return [math.floor(least / _STEP - 1.0) * _STEP for least in found.min_separation.tolist()]

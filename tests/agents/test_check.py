@@ -1,0 +1,193 @@
+"""The certificate of a plan proves it to a checker that knows nothing of the planner; an edited one is refused."""
+
+import ast
+import copy
+import json
+import math
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents import check
+from agents.inference import Policy
+from agents.planner import Intruder, Options, plan
+from agents.planner.certificate import FORMAT, certificate
+from agents.planner.request import Altitude
+from benchmarks.safety.certificates import moved, wrong
+from envs import waypoints
+from envs.kinematics import VehicleState
+from envs.waypoints import RoutePoint
+
+OWN = VehicleState(0.0, 0.0, 0.0, 80.0)
+HEIGHT = Altitude(2_500.0, "msl")
+INTRUDERS = [
+    Intruder(VehicleState(9_000.0, 100.0, 3.14, 80.0), age=0.4, altitude=HEIGHT),
+    Intruder(VehicleState(5_000.0, 6_000.0, -2.0, 70.0), 1.0, 0.01, 60.0, 10.0, 1.0),
+    Intruder(VehicleState(5_000.0, 600.0, -2.0, 70.0), 1.0, altitude=Altitude(5_500.0, "msl")),
+]
+ROUTE = [RoutePoint(100 + i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]
+
+
+@pytest.fixture(scope="module")
+def data() -> dict[str, Any]:
+    answer = plan(OWN, INTRUDERS, ROUTE, Policy.load(), own_altitude=HEIGHT)
+    assert answer.safe and len(answer.excluded) == 1
+    return json.loads(certificate(OWN, INTRUDERS, answer.waypoints, answer.excluded, HEIGHT, Options()))
+
+
+def refusal(data: Any) -> str:
+    with pytest.raises(check.RefusedError) as caught:
+        check.accept(data)
+    return str(caught.value)
+
+
+def test_safe_plan_is_accepted_within_a_second(data: dict[str, Any]) -> None:
+    begun = time.process_time()
+    assert check.accept(data) == min(data["bounds"]) > 1_000.0
+    assert time.process_time() - begun < 1.0
+    assert data["format"] == FORMAT == check.FORMAT
+    assert len(json.dumps(data)) < 20_000
+
+
+@pytest.mark.parametrize(
+    ("path", "change"),
+    [
+        (("own", 0), 1.0),
+        (("own", 3), 0.1),
+        (("waypoints", 3, 0), 0.01),
+        (("waypoints", 3, 2), 1e-4),
+        (("waypoints", 7, 3), 1e-3),
+        (("waypoints", 7, 4), 1e-3),
+        (("waypoints", 19, 1), 0.01),
+        (("controls", 0, 4), 1e-7),
+        (("controls", 5, 15), 1e-6),
+        (("intruders", 0, 0), -20.0),
+        (("intruders", 0, 4), 0.5),
+        (("bounds", 0), 0.01),
+        (("bounds", 1), 0.01),
+        (("excluded", 0, 2), -2_900.0),
+        (("requirement", "margin"), 200.0),
+        (("requirement", "separation"), 200.0),
+        (("limits", "yaw_rate_max"), -0.08),
+        (("limits", "speed_max"), -40.0),
+        (("limits", "acceleration_max"), -0.7),
+    ],
+)
+def test_an_edit_that_matters_is_refused(data: dict[str, Any], path: tuple[Any, ...], change: float) -> None:
+    edited = copy.deepcopy(data)
+    place = edited
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] += change
+    assert refusal(edited)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("format", "another"),
+        ("parts", 3),
+        ("parts", 1.0),
+        ("own", [0.0, 0.0, 0.0]),
+        ("waypoints", []),
+        ("waypoints", [["1"] * 5]),
+        ("controls", [[float("nan")] * 20] * 20),
+        ("limits", {}),
+        ("requirement", None),
+        ("intruders", {}),
+        ("bounds", [True, True]),
+        ("more", 1),
+    ],
+)
+def test_what_is_no_certificate_is_refused(data: dict[str, Any], field: str, value: Any) -> None:
+    assert refusal(data | {field: value})
+    assert refusal({key: one for key, one in data.items() if key != field} if field in data else [])
+
+
+def test_intruder_on_the_plan_is_refused(data: dict[str, Any]) -> None:
+    edited = copy.deepcopy(data)
+    x, y, heading, speed, at = edited["waypoints"][8]
+    row = [x - speed * at * math.cos(heading), y - speed * at * math.sin(heading), heading, speed]
+    edited["intruders"].append([*row, 0.0, 0.0, 0.0, 0.0, 0.0])
+    edited["bounds"].append(1_000.0)
+    assert "intruder 2" in refusal(edited)
+
+
+def test_checker_and_small_steps_agree_on_moved_certificates(data: dict[str, Any]) -> None:
+    assert not wrong(data)
+    bad = 0
+    for number in range(20):
+        changed, kind = moved(data, np.random.default_rng([4, number]))
+        what = wrong(changed)
+        if what:
+            bad += 1
+            assert refusal(changed), (kind, what)
+    assert bad >= 5
+
+
+def test_controls_are_the_legs() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        row = rng.uniform([0.0, 0.0, -3.0, 60.0, 0.0], [1e5, 1e5, 3.0, 100.0, 300.0])
+        after = [*(row[:2] + 20.0 * row[3] * np.array([np.cos(row[2]), np.sin(row[2])])), row[2] + 0.3, row[3] + 1.0]
+        knots = np.array([row, [*after, row[4] + 20.0]])
+        curve = waypoints.legs(waypoints.Knots(*knots.T))
+        expected = np.concatenate([curve.yaw_rate[0], curve.acceleration[0]])
+        assert check.controls(*knots.tolist()) == pytest.approx(expected, abs=1e-11)
+
+
+def test_travel_encloses_a_fine_integration() -> None:
+    rng, unit = np.random.default_rng(6), 1 << check.BITS
+    for _ in range(20):
+        psi, v, a, w, t = rng.uniform([-3.0, 40.0, -0.8, -0.1, 0.1], [3.0, 100.0, 0.8, 0.1, 40.0])
+        nodes, weights = np.polynomial.legendre.leggauss(40)
+        s = 0.5 * t * (1.0 + nodes)
+        far = np.sum(0.5 * t * weights * (v + a * s) * np.exp(1j * (psi + w * s)))
+        ball = check.travel(*map(check.ball, (psi, v, a, w, t)))
+        assert ball.x / unit + 1j * (ball.y / unit) == pytest.approx(far, abs=1e-9)
+        assert ball.r < unit >> 150
+
+
+def test_balls_hold_what_is_computed_exactly() -> None:
+    rng = np.random.default_rng(7)
+    for _ in range(100):
+        x, y = rng.normal(size=2) * 10.0 ** rng.uniform(-3.0, 6.0, 2)
+        one = check.ball(x) / check.ball(y) * check.ball(y) - check.ball(x)
+        assert abs(one.x) <= one.r
+        turn = check.spin(check.ball(x).x, 0)
+        whole = turn * check.Ball(turn.x, -turn.y, turn.r) - check.ball(1.0)
+        assert abs(whole.x) <= whole.r and abs(whole.y) <= whole.r
+
+
+def test_checker_stands_alone_and_is_short() -> None:
+    source = Path(check.__file__).read_text(encoding="utf-8")
+    tree = ast.parse(source)
+    names = {
+        alias.name.split(".")[0] for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
+    } | {(node.module or "").split(".")[0] for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    assert names <= set(sys.stdlib_module_names)
+    documented = [node for node in ast.walk(tree) if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef))]
+    notes = [node.body[0] for node in documented if ast.get_docstring(node)]
+    words = {number for note in notes for number in range(note.lineno, (note.end_lineno or note.lineno) + 1)}
+    code = [line for number, line in enumerate(source.splitlines(), 1) if line.strip() and number not in words]
+    assert len(code) <= 200
+
+
+def test_command_says_what_it_found(data: dict[str, Any], tmp_path: Path) -> None:
+    good, bad, torn = (tmp_path / name for name in ("good.json", "bad.json", "torn.json"))
+    good.write_text(json.dumps(data))
+    bad.write_text(json.dumps(data | {"bounds": [1e5, 1e5]}))
+    torn.write_text(json.dumps(data)[:-5])
+    # Alone in a directory, without the rest of the project.
+    alone = tmp_path / "check.py"
+    alone.write_text(Path(check.__file__).read_text(encoding="utf-8"), encoding="utf-8")
+    for arguments, status in (([good], 0), ([bad], 1), ([torn], 2), ([tmp_path / "none"], 2), ([], 2)):
+        done = subprocess.run([sys.executable, "-I", alone, *arguments], capture_output=True, text=True, check=False)
+        assert done.returncode == status, done.stderr
+        assert "Traceback" not in done.stderr
+        assert (done.stdout.count("\n") == 1) == (status == 0)
