@@ -3,6 +3,7 @@
 #   make test         lint, types, import rules and the default tests
 #   make test-slow    the tests that the default run leaves out
 #   make format       rewrite the sources in the house format
+#   make proofs       check the mathematics behind SAFE (needs coq and coquelicot)
 #   make docs         build the documentation site into site/ (the build needs no network)
 #   make ros          add ROS 2 and our interfaces to the environment (Linux on x86-64; needs g++)
 #   make constraints  resolve all dependencies anew (needs uv)
@@ -17,7 +18,7 @@ PROJECT := pyproject.toml constraints/build.in
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 COMPILE := $(UV) pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 --no-emit-index-url
 
-.PHONY: help demo test test-slow lint format docs venv venv-run ros constraints clean
+.PHONY: help demo test test-slow lint format proofs docs venv venv-run ros constraints clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -82,6 +83,11 @@ test-slow: venv
 format: venv
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+proofs:
+	@command -v coqc >/dev/null || { \
+	  echo "'make proofs' needs Coq: on Debian and Ubuntu install coq and libcoq-coquelicot." >&2; exit 1; }
+	@$(MAKE) --no-print-directory -C proofs
 
 docs: venv
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

@@ -1,0 +1,432 @@
+(* The theorem behind the word SAFE: if every part of every arc passes the validator's check against every intruder,
+   then at every real time of the plan every intruder is as far as it has to be, and speed, acceleration and turn rate
+   stay within their limits. *)
+
+From Coq Require Import Reals Lra Psatz List.
+From Coquelicot Require Import Coquelicot.
+Require Import Vectors Chord Bound Motion Constants.
+Import ListNotations.
+Open Scope R_scope.
+
+Record arc := Arc {
+  begin : R; duration : R;  (* s *)
+  ax : R; ay : R; psi : R; speed : R;  (* at its beginning *)
+  omega : R; alpha : R  (* turn rate, acceleration *)
+}.
+
+Record intruder := Intruder {  (* at the request *)
+  ix : R; iy : R; ipsi : R; ispeed : R;
+  irate : R; ilasts : R;  (* its turn *)
+  istd : R; ivstd : R  (* one sigma of position and velocity *)
+}.
+
+Record requirement := Requirement { separation : R; margin : R; sigmas : R }.
+
+Record limits := Limits { speed_min : R; speed_max : R; acc_min : R; acc_max : R; rate_max : R }.
+
+Record tolerance := Tolerance { tol_speed : R; tol_acc : R; tol_rate : R }.
+
+(* ---- where everybody is at time t after the request ---- *)
+
+Definition own_px (A : arc) (t : R) : R := own_x (ax A) (psi A) (speed A) (omega A) (alpha A) (t - begin A).
+Definition own_py (A : arc) (t : R) : R := own_y (ay A) (psi A) (speed A) (omega A) (alpha A) (t - begin A).
+Definition other_px (i : intruder) (t : R) : R := other_x (ix i) (ipsi i) (ispeed i) (irate i) (ilasts i) t.
+Definition other_py (i : intruder) (t : R) : R := other_y (iy i) (ipsi i) (ispeed i) (irate i) (ilasts i) t.
+
+Definition distance (A : arc) (i : intruder) (t : R) : R :=
+  norm (other_px i t - own_px A t) (other_py i t - own_py A t).
+
+Definition during (A : arc) (t : R) : Prop := begin A <= t <= begin A + duration A.
+
+(* ---- what is asked for ---- *)
+
+Definition required (separation margin sigmas std away : R) : R :=
+  Rmax separation (Rmin (separation + margin + sigmas * std) away).
+
+Definition growth (sigmas std vstd t : R) : R := sigmas * (norm std (vstd * t) - std).
+
+Definition need (r : requirement) (i : intruder) (away t : R) : R :=
+  required (separation r) (margin r) (sigmas r) (istd i) away + growth (sigmas r) (istd i) (ivstd i) t.
+
+Definition owed (need separation : R) : R := Rmax (need - CLOSE) (separation - ROUNDING).
+
+Definition owes (r : requirement) (i : intruder) (away t : R) : R := owed (need r i away t) (separation r).
+
+Lemma growth_monotone s std vstd t u :
+  0 <= s -> 0 <= t <= u -> growth s std vstd t <= growth s std vstd u.
+Proof.
+  intros pos order; unfold growth.
+  apply Rmult_le_compat_l; [assumption|].
+  enough (norm std (vstd * t) <= norm std (vstd * u)) by lra.
+  unfold norm; apply sqrt_le_1_alt.
+  assert (0 <= vstd * vstd) by nra.
+  assert (t * t <= u * u) by nra.
+  nra.
+Qed.
+
+Lemma owes_monotone r i away t u :
+  0 <= sigmas r -> 0 <= t <= u -> owes r i away t <= owes r i away u.
+Proof.
+  intros pos order; unfold owes, owed, need.
+  apply Rle_max_compat_r.
+  generalize (growth_monotone (sigmas r) (istd i) (ivstd i) t u pos order); lra.
+Qed.
+
+Lemma required_separation s m k std away : s <= required s m k std away.
+Proof. apply Rmax_l. Qed.
+
+Lemma growth_pos s std vstd t : 0 <= s -> 0 <= std -> 0 <= growth s std vstd t.
+Proof.
+  intros; unfold growth; apply Rmult_le_pos; [assumption|].
+  enough (std <= norm std (vstd * t)) by lra.
+  apply le_norm; nra.
+Qed.
+
+(* What is kept is never below the separation less ROUNDING, nor below what is needed less CLOSE. *)
+Lemma owes_separation r i away t : separation r - ROUNDING <= owes r i away t.
+Proof. apply Rmax_r. Qed.
+
+Lemma owes_need r i away t : need r i away t - CLOSE <= owes r i away t.
+Proof. apply Rmax_l. Qed.
+
+(* A part that is clear of the whole need, as the validator's first look finds, owes no more. *)
+Lemma owed_below_need r i away t :
+  0 <= sigmas r -> 0 <= istd i -> owes r i away t <= need r i away t.
+Proof.
+  intros; unfold owes, owed; apply Rmax_lub; unfold CLOSE, ROUNDING; [lra|].
+  unfold need.
+  generalize (growth_pos (sigmas r) (istd i) (ivstd i) t H H0).
+  generalize (required_separation (separation r) (margin r) (sigmas r) (istd i) away); lra.
+Qed.
+
+(* ---- one part ---- *)
+
+Definition pull (A : arc) (i : intruder) : R :=
+  swerve (speed A) (omega A) (alpha A) (duration A) + other_swerve (ispeed i) (irate i) (ilasts i).
+
+Definition bow (pull h : R) : R := Rmax (pull * (1 / 8 * (h * h))) TINY.
+
+(* The ways to see that the distance in a part is at least m; the last is the validator's. *)
+Inductive clear (x0 y0 x1 y1 b : R) : R -> Prop :=
+| by_start g : 0 < norm x0 y0 -> 0 <= g -> g <= (x0 * (x1 - x0) + y0 * (y1 - y0)) / norm x0 y0 ->
+    clear x0 y0 x1 y1 b (norm x0 y0 - loss b g)
+| by_end g : 0 < norm x1 y1 -> 0 <= g -> g <= (x1 * (x0 - x1) + y1 * (y0 - y1)) / norm x1 y1 ->
+    clear x0 y0 x1 y1 b (norm x1 y1 - loss b g)
+| by_line : 0 < norm (x1 - x0) (y1 - y0) -> clear x0 y0 x1 y1 b (cross_bound x0 y0 x1 y1 b)
+| by_reach : clear x0 y0 x1 y1 b (norm x0 y0 - norm (x1 - x0) (y1 - y0) - b)
+| by_reach_end : clear x0 y0 x1 y1 b (norm x1 y1 - norm (x1 - x0) (y1 - y0) - b)
+| by_validator : clear x0 y0 x1 y1 b (bound x0 y0 x1 y1 b - DEGENERATE).
+
+Lemma clear_sound x0 y0 x1 y1 b m s px py :
+  0 < b -> 0 <= s <= 1 -> clear x0 y0 x1 y1 b m ->
+  norm (px - on_x x0 x1 s) (py - on_x y0 y1 s) <= 4 * b * s * (1 - s) -> m <= norm px py.
+Proof.
+  intros pos inside how close; destruct how.
+  - apply (start_sound x0 y0 x1 y1 b s); assumption.
+  - apply (end_sound x0 y0 x1 y1 b s); assumption.
+  - apply (cross_sound x0 y0 x1 y1 b s); assumption.
+  - apply (reach_sound x0 y0 x1 y1 b s); assumption.
+  - apply (reach_sound_end x0 y0 x1 y1 b s); assumption.
+  - apply (bound_sound x0 y0 x1 y1 b s); assumption.
+Qed.
+
+(* A part from b to e passes: own positions at its ends are known up to slip, and the bound from them, with a bow that
+   is large enough, is enough but for eps. *)
+Definition passes (r : requirement) (A : arc) (i : intruder) (away slip eps b e : R) : Prop :=
+  exists xb yb xe ye B m,
+    bow (pull A i) (e - b) <= B /\
+    norm (xb - own_px A b) (yb - own_py A b) <= slip /\
+    norm (xe - own_px A e) (ye - own_py A e) <= slip /\
+    clear (other_px i b - xb) (other_py i b - yb) (other_px i e - xe) (other_py i e - ye) B m /\
+    owes r i away e - eps <= m - slip.
+
+Lemma relative_moves A i :
+  moves (fun t => other_px i t - own_px A t) (fun t => other_py i t - own_py A t)
+    (fun t => other_vx (ipsi i) (ispeed i) (irate i) (ilasts i) t
+      - own_vx (psi A) (speed A) (omega A) (alpha A) (t - begin A))
+    (fun t => other_vy (ipsi i) (ispeed i) (irate i) (ilasts i) t
+      - own_vy (psi A) (speed A) (omega A) (alpha A) (t - begin A)).
+Proof.
+  apply moves_minus; [apply other_moves|].
+  assert (own := own_moves (ax A) (ay A) (psi A) (speed A) (omega A) (alpha A)).
+  intros t; destruct (own (t - begin A)) as [mx my]; unfold own_px, own_py.
+  assert (shift : is_derive (fun u => u - begin A) t 1) by (auto_derive; [exact I|ring]).
+  split.
+  - generalize (is_derive_comp _ (fun u => u - begin A) t _ _ mx shift).
+    unfold scal; simpl; unfold mult; simpl; rewrite Rmult_1_l; trivial.
+  - generalize (is_derive_comp _ (fun u => u - begin A) t _ _ my shift).
+    unfold scal; simpl; unfold mult; simpl; rewrite Rmult_1_l; trivial.
+Qed.
+
+Lemma relative_steady A i b e :
+  0 <= begin A -> 0 <= speed A -> 0 <= speed A + alpha A * duration A ->
+  begin A <= b -> e <= begin A + duration A ->
+  steady (fun t => other_vx (ipsi i) (ispeed i) (irate i) (ilasts i) t
+      - own_vx (psi A) (speed A) (omega A) (alpha A) (t - begin A))
+    (fun t => other_vy (ipsi i) (ispeed i) (irate i) (ilasts i) t
+      - own_vy (psi A) (speed A) (omega A) (alpha A) (t - begin A)) (pull A i) b e.
+Proof.
+  intros begun first last from until.
+  unfold pull; rewrite Rplus_comm.
+  apply (steady_minus _ _ (fun t => own_vx (psi A) (speed A) (omega A) (alpha A) (t - begin A))
+    (fun t => own_vy (psi A) (speed A) (omega A) (alpha A) (t - begin A))).
+  - apply other_steady; lra.
+  - intros s t one two three.
+    replace (t - s) with (t - begin A - (s - begin A)) by ring.
+    apply (own_steady (psi A) (speed A) (omega A) (alpha A) (duration A)); try assumption; lra.
+Qed.
+
+Lemma pull_pos A i : 0 <= pull A i.
+Proof.
+  unfold pull, other_swerve; generalize (norm_pos (alpha A) (quickest (speed A) (alpha A) (duration A) * omega A)).
+  unfold swerve; destruct (Rlt_dec 0 (ilasts i)); [generalize (Rabs_pos (ispeed i * irate i))|]; lra.
+Qed.
+
+Theorem part_safe r A i away slip eps b e t :
+  0 <= sigmas r -> 0 <= begin A -> 0 <= speed A -> 0 <= speed A + alpha A * duration A ->
+  begin A <= b -> b < e -> e <= begin A + duration A ->
+  passes r A i away slip eps b e -> b <= t <= e -> owes r i away t - eps <= distance A i t.
+Proof.
+  intros pos begun first last from order until [xb [yb [xe [ye [B [m [wide [atb [ate [how enough]]]]]]]]]] inside.
+  apply Rle_trans with (owes r i away e - eps).
+  { generalize (owes_monotone r i away t e pos); lra. }
+  apply Rle_trans with (1 := enough).
+  assert (tiny : 0 < TINY) by (unfold TINY; lra).
+  unfold bow in wide.
+  assert (B_pos : 0 < B) by (generalize (Rmax_r (pull A i * (1 / 8 * ((e - b) * (e - b)))) TINY); lra).
+  set (s := (t - b) / (e - b)).
+  assert (s_in : 0 <= s <= 1).
+  { unfold s; split.
+    - apply Rmult_le_pos; [lra|left; apply Rinv_0_lt_compat; lra].
+    - apply Rmult_le_reg_r with (e - b); [lra|]; replace ((t - b) / (e - b) * (e - b)) with (t - b) by (field; lra); lra. }
+  assert (arch := chord _ _ _ _ (pull A i) b e t (pull_pos A i) order inside (relative_moves A i)
+    (relative_steady A i b e begun first last from until)).
+  fold s in arch; simpl in arch.
+  assert (arch' : pull A i / 2 * (t - b) * (e - t) <= 4 * B * s * (1 - s)).
+  { replace (pull A i / 2 * (t - b) * (e - t)) with (4 * (pull A i * (1 / 8 * ((e - b) * (e - b)))) * s * (1 - s))
+      by (unfold s; field; lra).
+    assert (0 <= s * (1 - s)) by (apply Rmult_le_pos; lra).
+    assert (pull A i * (1 / 8 * ((e - b) * (e - b))) <= B)
+      by (generalize (Rmax_l (pull A i * (1 / 8 * ((e - b) * (e - b)))) TINY); lra).
+    rewrite !(Rmult_assoc (4 * _)); apply Rmult_le_compat_r; lra. }
+  (* the point shifted by the errors of the ends *)
+  set (gx := (1 - s) * (xb - own_px A b) + s * (xe - own_px A e)).
+  set (gy := (1 - s) * (yb - own_py A b) + s * (ye - own_py A e)).
+  assert (off : norm gx gy <= slip).
+  { unfold gx, gy.
+    apply Rle_trans with (1 := norm_triangle _ _ _ _).
+    rewrite !norm_scale by lra.
+    assert ((1 - s) * norm (xb - own_px A b) (yb - own_py A b) <= (1 - s) * slip) by (apply Rmult_le_compat_l; lra).
+    assert (s * norm (xe - own_px A e) (ye - own_py A e) <= s * slip) by (apply Rmult_le_compat_l; lra).
+    lra. }
+  assert (far := clear_sound _ _ _ _ B m s
+    (other_px i t - own_px A t - gx) (other_py i t - own_py A t - gy) B_pos s_in how).
+  assert (m <= norm (other_px i t - own_px A t - gx) (other_py i t - own_py A t - gy)).
+  { apply far; apply Rle_trans with (2 := arch'); apply Rle_trans with (2 := arch); right.
+    unfold on_x, gx, gy; f_equal; ring. }
+  unfold distance.
+  generalize (norm_near (other_px i t - own_px A t) (other_py i t - own_py A t)
+    (other_px i t - own_px A t - gx) (other_py i t - own_py A t - gy) slip).
+  replace (other_px i t - own_px A t - (other_px i t - own_px A t - gx)) with gx by ring.
+  replace (other_py i t - own_py A t - (other_py i t - own_py A t - gy)) with gy by ring.
+  intros near; specialize (near off); lra.
+Qed.
+
+(* ---- the parts of an arc, and the arcs of a plan, leave no gap ---- *)
+
+Fixpoint parts (test : R -> R -> Prop) (b : R) (ends : list R) (last : R) : Prop :=
+  match ends with
+  | [] => b = last
+  | e :: rest => b < e /\ e <= last /\ test b e /\ parts test e rest last
+  end.
+
+Lemma parts_cover test b ends last t :
+  parts test b ends last -> b < last -> b <= t <= last ->
+  exists c e, b <= c /\ c < e /\ e <= last /\ c <= t <= e /\ test c e.
+Proof.
+  revert b; induction ends as [|e rest IH]; simpl; intros b pass order inside; [lra|].
+  destruct pass as [before [within [this others]]].
+  destruct (Rle_dec t e).
+  - exists b, e; repeat split; try assumption; lra.
+  - destruct (IH e others) as [c [f [one [two [three [four five]]]]]]; [lra|lra|].
+    exists c, f; repeat split; try assumption; lra.
+Qed.
+
+Fixpoint joined (t : R) (arcs : list arc) (last : R) : Prop :=
+  match arcs with
+  | [] => t = last
+  | A :: rest => begin A = t /\ 0 < duration A /\ joined (t + duration A) rest last
+  end.
+
+Lemma joined_begins t arcs last A : joined t arcs last -> In A arcs -> t <= begin A /\ 0 < duration A.
+Proof.
+  revert t; induction arcs as [|B rest IH]; simpl; intros t chain []; destruct chain as [at_ [long others]].
+  - subst; lra.
+  - destruct (IH _ others H); lra.
+Qed.
+
+Lemma arcs_cover t arcs last u :
+  joined t arcs last -> t < last -> t <= u <= last -> exists A, In A arcs /\ during A u.
+Proof.
+  revert t; induction arcs as [|A rest IH]; simpl; intros t chain order inside; [lra|].
+  destruct chain as [at_ [long others]].
+  destruct (Rle_dec u (t + duration A)).
+  - exists A; unfold during; split; [left; reflexivity|rewrite at_; lra].
+  - destruct (IH _ others) as [B [one two]]; [lra|lra|].
+    exists B; split; [right|]; assumption.
+Qed.
+
+(* ---- speeds: the bounds follow the most moderate speed so far ---- *)
+
+Fixpoint speeds (L : limits) (tol so_far_low so_far_high : R) (arcs : list arc) : Prop :=
+  match arcs with
+  | [] => True
+  | A :: rest =>
+      let low := Rmax so_far_low (speed A) in
+      let high := Rmin so_far_high (speed A) in
+      Rmin (speed_min L) low - tol <= speed A + alpha A * duration A <= Rmax (speed_max L) high + tol
+      /\ speeds L tol low high rest
+  end.
+
+Fixpoint speeds_join (slack before : R) (arcs : list arc) : Prop :=
+  match arcs with
+  | [] => True
+  | A :: rest => Rabs (speed A - before) <= slack /\ speeds_join slack (speed A + alpha A * duration A) rest
+  end.
+
+Lemma speeds_ends L tol slack v0 low high before arcs A :
+  v0 <= low -> high <= v0 -> 0 <= tol ->
+  Rmin (speed_min L) v0 - tol <= before <= Rmax (speed_max L) v0 + tol ->
+  speeds L tol low high arcs -> speeds_join slack before arcs -> In A arcs ->
+  Rmin (speed_min L) v0 - tol - slack <= speed A <= Rmax (speed_max L) v0 + tol + slack /\
+  Rmin (speed_min L) v0 - tol <= speed A + alpha A * duration A <= Rmax (speed_max L) v0 + tol.
+Proof.
+  intros l h pos; revert low high before l h.
+  induction arcs as [|B rest IH]; simpl; intros low high before l h prior pass meet member; [contradiction|].
+  destruct pass as [this others]; destruct meet as [join joins]; destruct member as [here | later]; cycle 1.
+  - apply (IH (Rmax low (speed B)) (Rmin high (speed B)) (speed B + alpha B * duration B)); try assumption.
+    + generalize (Rmax_l low (speed B)); lra.
+    + generalize (Rmin_l high (speed B)); lra.
+    + assert (Rmin (speed_min L) v0 <= Rmin (speed_min L) (Rmax low (speed B))).
+      { apply Rle_min_compat_l; generalize (Rmax_l low (speed B)); lra. }
+      assert (Rmax (speed_max L) (Rmin high (speed B)) <= Rmax (speed_max L) v0).
+      { apply Rle_max_compat_l; generalize (Rmin_l high (speed B)); lra. }
+      lra.
+  - subst B.
+    assert (Rmin (speed_min L) v0 <= Rmin (speed_min L) (Rmax low (speed A))).
+    { apply Rle_min_compat_l; generalize (Rmax_l low (speed A)); lra. }
+    assert (Rmax (speed_max L) (Rmin high (speed A)) <= Rmax (speed_max L) v0).
+    { apply Rle_max_compat_l; generalize (Rmin_l high (speed A)); lra. }
+    unfold Rabs in join; destruct (Rcase_abs (speed A - before)); lra.
+Qed.
+
+(* ---- the theorem ---- *)
+
+Record checked (r : requirement) (L : limits) (T : tolerance) (slack slip eps horizon : R)
+    (own_x0 own_y0 own_speed : R) (arcs : list arc) (traffic : list intruder) : Prop := {
+  sigmas_pos : 0 <= sigmas r;
+  tolerances : 0 <= tol_speed T;
+  forwards : tol_speed T + slack <= Rmin (speed_min L) own_speed;
+  no_gap : joined 0 arcs horizon;
+  some : 0 < horizon;
+  speeds_kept : speeds L (tol_speed T) own_speed own_speed arcs;
+  speeds_met : speeds_join slack own_speed arcs;
+  gentle : forall A, In A arcs -> acc_min L - tol_acc T <= alpha A <= acc_max L + tol_acc T;
+  turning : forall A, In A arcs -> Rabs (omega A) <= rate_max L + tol_rate T;
+  parts_pass : forall A i, In A arcs -> In i traffic -> exists ends,
+    parts (passes r A i (norm (ix i - own_x0) (iy i - own_y0)) slip eps) (begin A) ends (begin A + duration A)
+}.
+
+Theorem safe r L T slack slip eps horizon own_x0 own_y0 own_speed arcs traffic :
+  checked r L T slack slip eps horizon own_x0 own_y0 own_speed arcs traffic ->
+  forall t, 0 <= t <= horizon ->
+  (exists A, In A arcs /\ during A t) /\
+  forall A, In A arcs -> during A t ->
+    (forall i, In i traffic ->
+      let away := norm (ix i - own_x0) (iy i - own_y0) in
+      separation r - ROUNDING - eps <= distance A i t /\
+      need r i away t - CLOSE - eps <= distance A i t) /\
+    Rmin (speed_min L) own_speed - tol_speed T - slack <= speed A + alpha A * (t - begin A)
+      <= Rmax (speed_max L) own_speed + tol_speed T + slack /\
+    acc_min L - tol_acc T <= alpha A <= acc_max L + tol_acc T /\
+    Rabs (omega A) <= rate_max L + tol_rate T.
+Proof.
+  intros C t inside; split; [apply (arcs_cover 0 arcs horizon); destruct C; assumption|].
+  intros A member now.
+  destruct (joined_begins 0 arcs horizon A (no_gap _ _ _ _ _ _ _ _ _ _ _ _ C) member) as [begun long].
+  assert (bounds : Rmin (speed_min L) own_speed - tol_speed T <= own_speed <= Rmax (speed_max L) own_speed + tol_speed T).
+  { generalize (Rmin_r (speed_min L) own_speed) (Rmax_r (speed_max L) own_speed) (tolerances _ _ _ _ _ _ _ _ _ _ _ _ C).
+    lra. }
+  destruct (speeds_ends L (tol_speed T) slack own_speed own_speed own_speed own_speed arcs A) as [one two];
+    try (destruct C; assumption); try lra.
+  assert (forward := forwards _ _ _ _ _ _ _ _ _ _ _ _ C).
+  assert (slack_pos : 0 <= slack).
+  { destruct arcs as [|B rest]; [destruct member|].
+    destruct (speeds_met _ _ _ _ _ _ _ _ _ _ _ _ C) as [join _].
+    generalize (Rabs_pos (speed B - own_speed)); lra. }
+  split; [|split; [|split]].
+  - intros i who away.
+    destruct (parts_pass _ _ _ _ _ _ _ _ _ _ _ _ C A i member who) as [ends pass].
+    destruct (parts_cover _ _ _ _ t pass) as [b [e [from [order [until [at_ test]]]]]]; [lra|exact now|].
+    assert (enough := part_safe r A i away slip eps b e t (sigmas_pos _ _ _ _ _ _ _ _ _ _ _ _ C)).
+    assert (kept : owes r i away t - eps <= distance A i t) by (apply enough; try assumption; lra).
+    generalize (owes_separation r i away t) (owes_need r i away t); lra.
+  - unfold during in now.
+    set (u := t - begin A).
+    assert (u_in : 0 <= u <= duration A) by (unfold u; lra).
+    destruct (Rle_dec 0 (alpha A)); split; nra.
+  - apply (gentle _ _ _ _ _ _ _ _ _ _ _ _ C); assumption.
+  - apply (turning _ _ _ _ _ _ _ _ _ _ _ _ C); assumption.
+Qed.
+
+(* ---- a report of some age and the intruder at the request fly the same ---- *)
+
+Definition advanced_lasts (lasts age : R) : R := Rmax (lasts - age) 0.
+
+Lemma advanced_course p w lasts age t :
+  0 <= t -> course (course p w lasts age) w (advanced_lasts lasts age) t = course p w lasts (t + age).
+Proof.
+  intros; unfold course, advanced_lasts.
+  rewrite Rplus_assoc, <- Rmult_plus_distr_l; do 2 f_equal.
+  unfold Rmin, Rmax.
+  destruct (Rle_dec age lasts); destruct (Rle_dec (lasts - age) 0); destruct (Rle_dec t _);
+    destruct (Rle_dec (t + age) lasts); lra.
+Qed.
+
+Theorem advanced_x x p v w lasts age t :
+  0 <= t ->
+  other_x (other_x x p v w lasts age) (course p w lasts age) v w (advanced_lasts lasts age) t
+  = other_x x p v w lasts (t + age).
+Proof.
+  intros later; unfold other_x at 1 3; unfold other_x, travelled.
+  rewrite Rplus_assoc; f_equal.
+  rewrite <- (RInt_Chasles (other_vx p v w lasts) 0 age (t + age));
+    try (apply @ex_RInt_continuous; intros; apply other_vx_continuous).
+  unfold plus; simpl; f_equal.
+  assert (shift := RInt_comp_lin (other_vx p v w lasts) 1 age 0 t).
+  rewrite Rmult_0_r, Rplus_0_l, Rmult_1_l in shift.
+  rewrite <- shift.
+  2: { apply @ex_RInt_continuous; intros; apply other_vx_continuous. }
+  apply RInt_ext; intros u between; rewrite Rmin_left, Rmax_right in between by lra.
+  unfold scal; simpl; unfold mult; simpl; rewrite !Rmult_1_l.
+  unfold other_vx; rewrite advanced_course by lra; reflexivity.
+Qed.
+
+Theorem advanced_y y p v w lasts age t :
+  0 <= t ->
+  other_y (other_y y p v w lasts age) (course p w lasts age) v w (advanced_lasts lasts age) t
+  = other_y y p v w lasts (t + age).
+Proof.
+  intros later; unfold other_y at 1 3; unfold other_y, travelled.
+  rewrite Rplus_assoc; f_equal.
+  rewrite <- (RInt_Chasles (other_vy p v w lasts) 0 age (t + age));
+    try (apply @ex_RInt_continuous; intros; apply other_vy_continuous).
+  unfold plus; simpl; f_equal.
+  assert (shift := RInt_comp_lin (other_vy p v w lasts) 1 age 0 t).
+  rewrite Rmult_0_r, Rplus_0_l, Rmult_1_l in shift.
+  rewrite <- shift.
+  2: { apply @ex_RInt_continuous; intros; apply other_vy_continuous. }
+  apply RInt_ext; intros u between; rewrite Rmin_left, Rmax_right in between by lra.
+  unfold scal; simpl; unfold mult; simpl; rewrite !Rmult_1_l.
+  unfold other_vy; rewrite advanced_course by lra; reflexivity.
+Qed.

@@ -1,0 +1,230 @@
+"""Formulas and constants of the proofs are those of the code: definitions are read from the Coq files."""
+
+import math
+import re
+import runpy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents import check
+from agents.planner import separation, validator
+from agents.planner.traffic import Requirement, Traffic, advanced, required
+from envs import waypoints
+from envs.kinematics import C208_PUBLISHED, VehicleState
+
+PROOFS = Path(__file__).parents[2] / "proofs"
+TOKEN = re.compile(r"\s*(\d+|[A-Za-z_][A-Za-z_0-9']*|[-+*/()])")
+HEAD = re.compile(r"Definition (\w+)\s*(?:\(([\w\s]+) : R\))?\s*: R :=\s*(.*?)\.\s*(?=\n|$)", re.DOTALL)
+PRIMITIVE = {
+    "Rmax": max,
+    "Rmin": min,
+    "Rabs": abs,
+    "sqrt": math.sqrt,
+    "sin": math.sin,
+    "cos": math.cos,
+    "Rle_dec": lambda a, b: a <= b,
+    "Rlt_dec": lambda a, b: a < b,
+}
+
+
+class Reader:
+    """Translates an expression over the reals from Coq to Python."""
+
+    def __init__(self, text: str) -> None:
+        self.tokens = TOKEN.findall(text)
+
+    def take(self) -> str:
+        return self.tokens.pop(0)
+
+    def ahead(self) -> str:
+        return self.tokens[0] if self.tokens else ""
+
+    def expression(self) -> str:
+        if self.ahead() == "if":
+            self.take()
+            condition, _, yes, _, no = (
+                self.application(),
+                self.take(),
+                self.expression(),
+                self.take(),
+                self.expression(),
+            )
+            return f"({yes} if {condition} else {no})"
+        parts = [self.product()]
+        while self.ahead() in ("+", "-") and self.tokens:
+            parts += [self.take(), self.product()]
+        return "(" + " ".join(parts) + ")"
+
+    def product(self) -> str:
+        if self.ahead() == "-":
+            self.take()
+            parts = ["-", self.application()]
+        else:
+            parts = [self.application()]
+        while self.ahead() in ("*", "/") and self.tokens:
+            parts += [self.take(), self.application()]
+        return " ".join(parts)
+
+    def application(self) -> str:
+        head, arguments = self.atom(), []
+        while self.tokens and re.match(r"[\w(]", self.ahead()) and self.ahead() not in ("then", "else"):
+            arguments.append(self.atom())
+        return f"{head}({', '.join(arguments)})" if arguments else head
+
+    def atom(self) -> str:
+        if self.ahead() == "(":
+            self.take()
+            inside = self.expression()
+            assert self.take() == ")"
+            return inside
+        return self.take()
+
+
+def definitions() -> dict[str, Callable[..., Any]]:
+    scope: dict[str, Any] = dict(PRIMITIVE)
+    for name in ("Constants", "Vectors", "Bound", "Motion", "Safe"):
+        text = re.sub(r"\(\*.*?\*\)", "", (PROOFS / f"{name}.v").read_text(encoding="utf-8"), flags=re.DOTALL)
+        for label, arguments, body in HEAD.findall(text):
+            if "RInt" in body:  # positions are integrals in the proofs, and have closed forms
+                continue
+            code = Reader(body).expression()
+            scope[label] = eval(f"lambda {', '.join(arguments.split())}: {code}" if arguments else code, scope)
+    return scope
+
+
+COQ = definitions()
+
+
+def test_definitions_are_read() -> None:
+    assert {"TINY", "CLOSE", "norm", "bound", "loss", "opening", "growth", "required", "owed", "swerve"} <= set(COQ)
+    assert COQ["norm"](3.0, 4.0) == 5.0
+    assert COQ["loss"](2.0, 4.0) == pytest.approx(0.5)
+
+
+def test_constants_are_the_codes() -> None:
+    assert runpy.run_path(str(PROOFS / "constants.py"))["text"]() == (PROOFS / "Constants.v").read_text(
+        encoding="utf-8"
+    )
+    assert (COQ["CLOSE"], COQ["ROUNDING"]) == (validator.CLOSE, validator.ROUNDING)
+
+
+def ends(rng: np.random.Generator, count: int) -> Any:
+    """Return relative positions at the ends of parts: far and near, at rest, closing, opening and passing."""
+    first = rng.normal(0.0, 1.0, (count, 2)) * 10.0 ** rng.uniform(0.0, 4.0, (count, 1))
+    step = rng.normal(0.0, 1.0, (count, 2)) * 10.0 ** rng.uniform(-9.0, 3.5, (count, 1))
+    aimed = rng.random(count) < 0.3
+    step[aimed] = -first[aimed] * rng.uniform(-1.0, 2.5, (aimed.sum(), 1)) + 0.1 * step[aimed]
+    return np.concatenate([first, first + step], axis=1)
+
+
+def test_validators_bound_is_the_proven_one() -> None:
+    rng = np.random.default_rng(1)
+    at, bows = ends(rng, 2_000), 10.0 ** rng.uniform(-10.0, 2.0, 2_000)
+    zero = np.zeros((1, 1))
+    still = Traffic.straight(VehicleState(zero, zero, zero, zero))
+    found, _ = separation.chords(
+        zero + np.zeros((1, 2_000)),
+        np.ones((1, 2_000)),
+        (-at[None, :, 0], -at[None, :, 1]),
+        (-at[None, :, 2], -at[None, :, 3]),
+        still,
+        8.0 * bows[None, :, None],
+    )
+    proven = [COQ["bound"](*row, bow) for row, bow in zip(at.tolist(), bows.tolist(), strict=True)]
+    assert found[0, :, 0] == pytest.approx(np.array(proven), rel=1e-9, abs=1e-6)
+
+
+def test_checkers_bound_is_the_best_proven_one() -> None:
+    rng = np.random.default_rng(2)
+    unit = 1 << check.BITS
+    for x0, y0, x1, y1 in ends(rng, 300).tolist():
+        bow = 10.0 ** rng.uniform(-6.0, 2.0)
+        dx, dy = x1 - x0, y1 - y0
+        open0, open1 = (x0 * dx + y0 * dy) / math.hypot(x0, y0), -(x1 * dx + y1 * dy) / math.hypot(x1, y1)
+        known = [COQ["cross_bound"](x0, y0, x1, y1, bow)]
+        known += [math.hypot(x0, y0) - COQ["loss"](bow, open0)] if open0 >= 0.0 else []
+        known += [math.hypot(x1, y1) - COQ["loss"](bow, open1)] if open1 >= 0.0 else []
+        known += [far - math.hypot(dx, dy) - bow for far in (math.hypot(x0, y0), math.hypot(x1, y1))]
+        found = check.bound(check.ball(x0, y0), check.ball(x1, y1), check.ball(bow).hi) / unit
+        assert found == pytest.approx(max(*known, 0.0), rel=1e-9, abs=1e-6)
+
+
+def test_requirement_is_the_proven_one() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        std, vstd, away, time = rng.uniform(0.0, [200.0, 10.0, 3_000.0, 500.0])
+        asked = Requirement(1_000.0, rng.uniform(0.0, 100.0), rng.uniform(0.0, 5.0))
+        one = np.full((1, 1), 0.0)
+        traffic = Traffic.straight(VehicleState(one, one, one, one))
+        traffic = traffic._replace(position_std=one + std, velocity_std=one + vstd)
+        base = COQ["required"](asked.separation, asked.margin, asked.sigmas, std, away)
+        assert required(traffic, one + away, asked)[0, 0] == pytest.approx(base)
+        grown = separation.growth(traffic, np.array([[time]]), asked)
+        assert grown.item() == pytest.approx(COQ["growth"](asked.sigmas, std, vstd, time), abs=1e-9)
+
+
+def test_intruders_fly_the_proven_closed_form() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(300):
+        psi, v, w = (
+            rng.uniform(-3.0, 3.0),
+            rng.uniform(0.0, 400.0),
+            10.0 ** rng.uniform(-12.0, -0.5) * rng.choice([-1, 1]),
+        )
+        lasts, time, age = rng.uniform([1.0, 0.0, 0.0], [200.0, 500.0, 5.0])
+        turning = min(time + age, lasts)
+        x, y = (
+            v * COQ["reach"](w, turning) * side(psi + w * turning / 2.0)
+            + v * (time + age - turning) * side(COQ["course"](psi, w, lasts, time + age))
+            for side in (math.cos, math.sin)
+        )
+        row = [np.full((1, 1), value) for value in (0.0, 0.0, psi, v, w, lasts, 0.0, 0.0)]
+        traffic = Traffic(VehicleState(*row[:4]), np.ones((1, 1), dtype=bool), *row[4:])
+        now = advanced(traffic, np.full((1, 1), age))
+        place = separation._relative((np.zeros((1, 1)), np.zeros((1, 1))), np.array([[time]]), now)
+        assert (place[0].item(), place[1].item()) == pytest.approx((x, y), abs=1e-6)
+        ball = check.other([check.ball(0.0, 0.0), *map(check.ball, (psi, v, age, w, lasts))], check.ball(time))
+        assert (ball.x / (1 << check.BITS), ball.y / (1 << check.BITS)) == pytest.approx((x, y), abs=1e-6)
+        assert now.turn_time.item() == pytest.approx(COQ["advanced_lasts"](lasts, age))
+
+
+def test_accelerations_are_the_proven_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Any] = []
+    chords = separation.chords
+
+    def spy(*given: Any) -> Any:
+        seen.append(given)
+        return chords(*given)
+
+    monkeypatch.setattr(validator, "chords", spy)
+    knots = waypoints.Knots(
+        *(
+            np.array([row])
+            for row in ([0.0, 1_500.0, 3_050.0], [0.0, 300.0, 500.0], [0.1, 0.3, 0.0], [80.0, 74.0, 80.0])
+        ),
+        time=np.array([[0.0, 20.0, 40.0]]),
+    )
+    one = np.ones((1, 1))
+    traffic = Traffic(
+        VehicleState(9_000.0 * one, 0.0 * one, 3.0 * one, 90.0 * one),
+        one == 1.0,
+        0.02 * one,
+        10.0 * one,
+        0.0 * one,
+        0.0 * one,
+    )
+    validator.validate(knots, traffic, Requirement(), C208_PUBLISHED)
+    pull = seen[0][5][0, :, 0]
+    curves = waypoints.legs(knots)
+    expected = [
+        COQ["swerve"](v, w, p, 2.0) + COQ["other_swerve"](90.0, 0.02, 10.0)
+        for v, w, p in zip(
+            *(field.ravel().tolist() for field in (curves.speed, curves.yaw_rate, curves.acceleration)), strict=True
+        )
+    ]
+    assert pull == pytest.approx(np.array(expected))
+    assert COQ["bow"](2.0, 4.0) == pytest.approx(4.0)
