@@ -83,7 +83,7 @@ def judged(plan: Plan, states: list[VehicleState], late: list[float], altitudes:
     clock = PERIOD * np.arange(1, len(states) + 1)
     flight = VehicleState(*(np.array(field) for field in zip(*states, strict=True)))
     curves = Legs(*(np.broadcast_to(field, (clock.size, *field.shape)) for field in plan.legs))
-    # Begun near the place abeam: who is a minute late on a winding path has several.
+    # Begun near the place abeam: an aircraft a minute late on a winding path has several.
     found = deviation(curves, flight, clock - late)
     at = np.clip(np.round(plan.times / PERIOD).astype(int) - 1, 0, clock.size - 1)
     distance = np.hypot(*offset(flight, along(curves, clock)))

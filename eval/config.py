@@ -1,4 +1,4 @@
-"""What a Monte Carlo evaluation can be told: the model behind ``configs/monte_carlo.yaml`` and ``--set``."""
+"""The configuration of a Monte Carlo evaluation: the model behind ``configs/monte_carlo.yaml`` and ``--set``."""
 
 import math
 from pathlib import Path
@@ -159,7 +159,7 @@ class MonteCarloConfig(Strict):
     policy_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
     """Digest that the policy must have, so that a repeated run flies the same one; null: any."""
     mode: str = Field(default="policy", json_schema_extra={"expected": "policy, plan or assured"})
-    """Who decides: policy, the network alone, once a second; plan, the planner once at the start, whose plan is then
+    """What decides: policy, the network alone, once a second; plan, the planner once at the start, whose plan is then
     followed; assured, the same under a monitor that asks for new plans and falls back to a backup."""
     baseline: str = Field(default="none", json_schema_extra={"expected": "none"})
     """What is flown beside for comparison: none, straight along the route without any resolver."""

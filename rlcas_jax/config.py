@@ -1,4 +1,4 @@
-"""What a training run can be told: the models behind ``configs/*.yaml`` and ``--set``."""
+"""The configuration of a training run: the models behind ``configs/*.yaml`` and ``--set``."""
 
 import math
 from pathlib import Path

@@ -62,7 +62,8 @@ def potential(state: State, weights: ShapingConfig, rules: Rules) -> jax.Array:
 def delay(state: State, rules: Rules) -> jax.Array:
     """Return whether the present speed is too slow for the goal, ``[N]``: 0 with 30 s to spare, 1 if 30 s too late.
 
-    No input tells the time, and who trails a slow intruder hears of it minutes later, when nothing helps any more.
+    No input tells the time, and a policy that trails a slow intruder meets the penalty too late to
+    do anything about it.
 
     Args:
         state: encounters in progress.
@@ -133,7 +134,7 @@ def rejoin(
 ) -> jax.Array:
     """Return what a step's turn towards the goal costs, ``[N]``, in units of the scaled reward.
 
-    The way back has time, unlike the way out: it alone is to be gentle, and who must turn away pays nothing for it.
+    The way back has time, unlike the way out: it alone is to be gentle, and turning away costs nothing.
 
     Args:
         own: the ownship at the start of the step.

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 FOREIGN = re.compile(r"\s*(https?:)?//", re.IGNORECASE)
 
-# Runs before mkdocs: whoever asks for a connection or a name is refused, and the build with it.
+# Runs before mkdocs: a request for a connection or a name is refused, and the build with it.
 OFFLINE = """
 import socket, sys
 def refuse(*_, **__): raise RuntimeError("the build asked for the network")

@@ -13,7 +13,7 @@ __all__ = ["Actor", "Critic", "Derived", "derived"]
 
 
 class Derived(NamedTuple):
-    """What the networks make of an observation before their first layer; whoever asks often derives it once."""
+    """What the networks make of an observation before their first layer; it can be derived once for many calls."""
 
     inputs: jax.Array
     """Of the first layer, ``[..., F]``."""

@@ -218,7 +218,7 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
         arrival = np.where(works, flown.arrival, np.nan)
         _keep_best(found, np.arange(count), which, family, flown._replace(arrival=arrival))
 
-        # Who misses the goal comes after all who reach it.
+        # What misses the goal comes after all that reach it.
         score = np.where(np.isnan(flown.arrival), flown.separation - 1e6, flown.separation).reshape(left.size, -1)
         pool = np.concatenate([elites[0][:, left], tried], axis=-1)
         scores = np.concatenate([elites[1][left], score], axis=-1)

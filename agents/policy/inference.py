@@ -130,7 +130,7 @@ class Policy:
                 if len(observation) == SIZE:
                     return self._single(observation)
         except TypeError:
-            pass  # told below, by the check that knows the components' names
+            pass  # refused below, by the check that knows the components' names
         array = self._checked(observation)
         if array.ndim != 1:
             raise ValueError(f"observation has shape {array.shape}, expected ({SIZE},)")

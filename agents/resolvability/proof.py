@@ -35,7 +35,7 @@ CELLS = (
     Cells(turn=math.radians(30.0), speed=12.0, place=1_000.0, tests=80, most=3_000),
     Cells(turn=math.radians(15.0), speed=8.0, place=1_000.0, tests=60, most=3_000),
 )
-"""How finely survivors are told apart, one after the other until one proves it."""
+"""How finely survivors are divided, one grid after the other until one proves it."""
 
 NODES = 300
 """Sets of control histories that a proof by halving may look at."""

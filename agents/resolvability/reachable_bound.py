@@ -66,7 +66,7 @@ def root(speed: Any, times: Any, limits: Limits) -> Funnel:
 def narrowed(funnel: Funnel, times: Any, at: Any, turn: Any, speed: Any, limits: Limits) -> tuple[Funnel, Funnel]:
     """Cut funnels in two: the histories at most, and those at least, at a given turn or speed at a given time.
 
-    Whoever is at most at a turn at a time was, and will be, no farther from it than the limits allow.
+    A history that is at most at a turn at a time was, and will be, no farther from it than the limits allow.
 
     Args:
         funnel: ``[N, T]``.

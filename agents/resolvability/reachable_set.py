@@ -34,7 +34,7 @@ class States(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """How finely states are told apart. It decides how strong a proof is, not whether it holds."""
+    """How finely states are divided. It decides how strong a proof is, not whether it holds."""
 
     turn: float
     """rad."""

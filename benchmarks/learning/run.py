@@ -185,7 +185,7 @@ def _parsed(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
     add = parser.add_argument
     add("--config", type=Path, default=Path("configs/quick.yaml"), help="of the training (default configs/quick.yaml)")
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of it; may be given many times")
-    add("--learner", action="append", choices=LEARNERS, help="who learns; may be given several times (default: all)")
+    add("--learner", action="append", choices=LEARNERS, help="a learner; may be given several times (default: all)")
     add("--steps", type=int, help="environment steps of a training (default 5000000; 400000 with --quick)")
     add("--seeds", type=int, help="trainings of each learner (default 3; 2 with --quick)")
     add("--budget", type=float, metavar="SECONDS", help="most time of a training, s (default 600; 30 with --quick)")
@@ -230,7 +230,7 @@ def _parsed(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
 
 
 def _present(wanted: Sequence[str] | None) -> list[str]:
-    """Return who learns; say who is left out because it is not installed, and refuse that where it was asked for."""
+    """Return the learners; name those that are not installed, and refuse that where one was asked for."""
     learners = []
     for name in dict.fromkeys(wanted or LEARNERS):
         if available(name):

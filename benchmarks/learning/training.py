@@ -116,7 +116,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Train once."""
     parser = Parser(prog="python -m benchmarks.learning.training", description=__doc__)
     add = parser.add_argument
-    add("--learner", choices=LEARNERS, required=True, help="who trains")
+    add("--learner", choices=LEARNERS, required=True, help="the learner")
     add("--config", type=Path, required=True, help="YAML file of the training")
     add("--seconds", type=float, default=600.0, help="most time of the training, s; starting is not counted")
     add("--until", type=float, metavar="SCORE", help="end where a window has this training score (default: none does)")

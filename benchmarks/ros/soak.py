@@ -36,7 +36,7 @@ BLOCKS = 10
 
 
 class Sky:
-    """Who flies where; advanced tick by tick."""
+    """The aircraft and their places; advanced tick by tick."""
 
     def __init__(self, seed: int) -> None:
         self._random, self.made = np.random.default_rng(seed), 0
@@ -47,7 +47,7 @@ class Sky:
             self.others[name] = ahead(state, float(self._random.uniform(0.0, REACH / state.speed)))
 
     def step(self) -> None:
-        """Move the others by a tick; who has left is replaced."""
+        """Move the others by a tick; one that has left is replaced."""
         for name, state in list(self.others.items()):
             after = ahead(state, TICK)
             if math.hypot(after.x, after.y) > 1.001 * REACH:
@@ -189,7 +189,7 @@ def main() -> int:
 
 def soaked(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     """Fly and ask; return the figures, and whether nothing grew or was lost."""
-    # Who has left the area is stale, and requests are refused, until it is forgotten.
+    # An aircraft that has left the area is stale, and requests are refused, until it is forgotten.
     given = ("--ros-args", "--log-level", "fatal", "-p", "use_sim_time:=true", "-p", "forget_after:=8.0")
     nodes = [start("ros_bridge.runner", *given), start("ros_bridge.monitor", *given)]
     ticks = round(options.hours * 3600.0 / TICK)
@@ -214,7 +214,7 @@ def soaked(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
             if rest > 0.0:
                 world.executor.spin_once(timeout_sec=rest)
         wall = time.perf_counter() - began
-        for _ in range(30):  # until the runner has told its counts once more
+        for _ in range(30):  # until the runner has published its counts once more
             world.tick()
             time.sleep(0.01)
             world.executor.spin_once(timeout_sec=0.05)

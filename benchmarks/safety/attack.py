@@ -161,7 +161,7 @@ def judge(tally: Tally, seed: int, requests: Drawn, knots: Knots, last: Any, opt
     if len(last) == 0:
         return
     request, limits = requests.request, options.limits
-    # Who begins beyond a speed limit may stay there.
+    # A flight that begins beyond a speed limit may stay there.
     ceilings = np.maximum(limits.speed_max, request.own.speed)
     for ceiling in np.unique(ceilings):
         rows = np.flatnonzero(ceilings == ceiling)

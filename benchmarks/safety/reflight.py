@@ -21,7 +21,7 @@ __all__ = ["Reflight", "refly"]
 _ALLOWED = MARGIN + 1e-2  # distance from the plan, m
 _LOOK = 1_040.0  # distance below which the parts of a period are looked at, m
 _PARTS = np.linspace(0.0, PERIOD, 6)
-_COMPRESS = 100  # periods between two looks at who has arrived
+_COMPRESS = 100  # periods between two looks at which have arrived
 
 
 class Reflight(NamedTuple):
@@ -85,7 +85,7 @@ def refly(knots: Knots, request: Request, requirement: Requirement, limits: Limi
 
 
 def _commanded(own: VehicleState, acceleration: Any, yaw_rate: Any, limits: Limits) -> tuple[Any, Any]:
-    """Return what the vehicle does of what it is told, m/s^2 and rad/s, ``[n]``; it never leaves its speeds."""
+    """Return what the vehicle does of its commands, m/s^2 and rad/s, ``[n]``; it never leaves its speeds."""
     gain = np.clip(acceleration, limits.acceleration_min, limits.acceleration_max)
     slowest, fastest = np.minimum(limits.speed_min, own.speed), np.maximum(limits.speed_max, own.speed)
     gain = np.clip(gain, (slowest - own.speed) / PERIOD, (fastest - own.speed) / PERIOD)

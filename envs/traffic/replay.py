@@ -18,7 +18,7 @@ from envs.traffic.tracks import Repairs, Track, TrackError, at_times
 __all__ = ["AHEAD", "HORIZON", "Replay", "encounters_of", "off_arcs", "replay"]
 
 AHEAD = 220.0
-"""Seconds of flight from the start to the goal, unless told otherwise."""
+"""Seconds of flight from the start to the goal, by default."""
 
 HORIZON = 600.0
 """Seconds of a recording that are kept: longer than any plan."""
@@ -87,9 +87,9 @@ def replay(
             states[:, i, k] = _states(others[k if k < len(others) else 0], mine.time[0], steps, dt)
         mask[i, : len(others)] = True
     names = tuple(name for name, _, _ in kept)
-    told = np.ones(count) if weights is None else np.array([weights[name] for name in names])
+    importance = np.ones(count) if weights is None else np.array([weights[name] for name in names])
     starts = encounters_of(VehicleState(*own), Recording(*states), mask, ahead)
-    return Replay(starts, names, told, tuple(left_out), repairs)
+    return Replay(starts, names, importance, tuple(left_out), repairs)
 
 
 def encounters_of(own: VehicleState, recording: Recording, mask: np.ndarray, ahead: float) -> Encounter:

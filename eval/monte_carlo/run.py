@@ -75,8 +75,8 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--mode",
         metavar="MODE",
-        help="who decides: policy (the network once a second), plan (planned once, then followed) or assured (planned, "
-        "monitored and planned again); default: policy",
+        help="what decides: policy (the network once a second), plan (planned once, then followed) or assured "
+        "(planned, monitored and planned again); default: policy",
     )
     add("--scenario", metavar="NAME", help="a name, file:PATH, tracks:PATH or lincoln:PATH (default: circle)")
     add(

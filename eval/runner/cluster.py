@@ -196,7 +196,7 @@ def connected(address: str, packages: tuple[str, ...]) -> Generator[Cluster, Non
     if found is None or not 0 < int(found["port"]) < 65_536:
         raise ConfigError(f"--scheduler: {address!r} is no address; expected tcp://HOST:PORT, such as tcp://node7:8786")
     address = address if "://" in address else f"tcp://{address}"
-    # What matters is told here in a sentence; its own notices are about sockets and coroutines.
+    # What matters is said here in a sentence; its own notices are about sockets and coroutines.
     for name in ("distributed", "distributed.client", "tornado.application"):
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     _greet(address)

@@ -34,7 +34,7 @@ class Flier(NamedTuple):
     """How chunks of one kind of evaluation are flown; its functions are found again by their names on a worker."""
 
     crew: Callable[[Any, Policy], Any]
-    """(what is flown, without the policy's path; the policy) -> who flies it."""
+    """(what is flown, without the policy's path; the policy) -> what flies it."""
     columns: Callable[[Any, int, int], dict[str, np.ndarray]]
     """(crew, first encounter, how many) -> table of the chunk."""
     packages: tuple[str, ...] = DECISIVE
@@ -99,7 +99,7 @@ def fly(kit: Kit, first: int, count: int) -> dict[str, np.ndarray]:
     # mostly wait for the interpreter's lock.
     with _flying:
         try:
-            # For good, not for the chunk: BLAS rounds differently with several threads, and whoever restored their
+            # For good, not for the chunk: BLAS rounds differently with several threads, and restoring their
             # number would do so beneath another chunk. Libraries that were loaded meanwhile are held, too.
             threadpool_limits(1)
             if kit.name not in _crews:
@@ -124,7 +124,7 @@ def differences(expected: Mapping[str, str], found: Mapping[str, str]) -> str:
 
 _flying = threading.Lock()
 _crews: dict[str, Any] = {}
-"""Of a worker's process: who flies the run that it has last worked for, by the run's name."""
+"""Of a worker's process: what flies the run that it has last worked for, by the run's name."""
 
 
 def _assembled(kit: Kit) -> Any:

@@ -68,7 +68,7 @@ def first_options(parser: argparse.ArgumentParser) -> None:
 
 
 def last_options(parser: argparse.ArgumentParser, name: str) -> None:
-    """Add the options that a command ends with: who flies, and the run's folder, whose default begins with ``name``."""
+    """Add the options that a command ends with: workers, and the run's folder, whose default begins with ``name``."""
     add = parser.add_argument
     add("--workers", type=whole(0), metavar="N", help="processes; 0: one for every core (default: 0)")
     add("--scheduler", metavar="ADDRESS", help="fly on a Dask cluster instead, such as tcp://node7:8786")

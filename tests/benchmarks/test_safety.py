@@ -305,7 +305,7 @@ def test_an_interrupted_attack_prints_what_was_done(
     assert figures["requests"] == 200
 
 
-def test_a_planner_that_fails_is_told(monkeypatch: pytest.MonkeyPatch, policy: Policy) -> None:
+def test_a_planner_that_fails_is_reported(monkeypatch: pytest.MonkeyPatch, policy: Policy) -> None:
     def broken(*_: Any) -> Any:
         return np.log(np.array([-1.0]))
 

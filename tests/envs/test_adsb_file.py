@@ -1,4 +1,4 @@
-"""ADS-B reports: units of the form, holes told and repaired on request, real pairs as close as published."""
+"""ADS-B reports: units of the form, gaps reported and repaired on request, real pairs as close as published."""
 
 import gzip
 import json
@@ -76,9 +76,9 @@ def test_holes_are_refused_or_repaired(tmp_path: Path) -> None:
     ],
 )
 def test_bad_reports_are_refused(tmp_path: Path, content, sentence: str) -> None:
-    with pytest.raises(TrackError) as told:
+    with pytest.raises(TrackError) as refused:
         read_adsb(written(tmp_path, content), ("aaa",), (0.0, 1_000.0))
-    assert sentence in str(told.value)
+    assert sentence in str(refused.value)
 
 
 def test_cut_and_absent_files(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def test_times_between_whole_seconds_cross_the_antimeridian(tmp_path: Path) -> N
     assert np.hypot(other.x[0], other.y[0]) == pytest.approx(9_520.0, abs=0.1)
 
 
-def test_aircraft_far_apart_are_no_pair_whoever_comes_first(tmp_path: Path) -> None:
+def test_aircraft_far_apart_are_no_pair_in_either_order(tmp_path: Path) -> None:
     antipodes = flight("aaa001", 0.0, -78.5, 90.0), flight("bbb002", 0.0, 101.5, 90.0)
     x, y, _ = WGS84.fwd(24.9, 60.2, 50.0, 5_500.0)
     abreast = flight("ccc003", 60.2, 24.9, 0.0), flight("ddd004", y, x, 0.0)

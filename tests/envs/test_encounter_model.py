@@ -140,9 +140,9 @@ def _same(one: EncounterModel, other: EncounterModel) -> None:
 )
 def test_a_malformed_file_is_refused_by_line_and_block(tmp_path: Path, old: str, new: str, sentence: str) -> None:
     assert old in SMALL
-    with pytest.raises(EncounterError, match=r"model\.txt") as told:
+    with pytest.raises(EncounterError, match=r"model\.txt") as refused:
         read_model(written(tmp_path, SMALL.replace(old, new, 1)))
-    assert sentence in str(told.value)
+    assert sentence in str(refused.value)
 
 
 @given(st.integers(0, len(SMALL) - 5))

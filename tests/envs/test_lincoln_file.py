@@ -99,9 +99,9 @@ def test_flights_meet_the_published_miss_distances() -> None:
 def test_a_malformed_encounter_is_refused_by_field(tmp_path: Path, change, sentence: str) -> None:
     one = copy.deepcopy(ONE)
     change(one)
-    with pytest.raises(TrackError, match=r"encounters\.json") as told:
+    with pytest.raises(TrackError, match=r"encounters\.json") as refused:
         read_lincoln(written(tmp_path, [one]))
-    assert sentence in str(told.value)
+    assert sentence in str(refused.value)
 
 
 def test_what_is_no_file_of_encounters(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from rlcas_jax.cli import Processes, parse
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.task import _check_split
 
-# One minibatch and one epoch: nothing depends on who shuffles what.
+# One minibatch and one epoch: nothing depends on the shuffle.
 WHOLE = """\
 name: whole
 steps: 6144

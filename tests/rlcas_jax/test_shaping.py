@@ -75,7 +75,7 @@ def test_only_a_brisk_turn_towards_the_goal_costs(heading: float, bearing: float
     assert cost(1.0) == cost(4.0) == pytest.approx(0.3 / 30.0, rel=1e-4)
     assert 0.0 < cost(0.3) < cost(0.6) < cost(1.0)
     slow = rejoin(own, *goal, jnp.float32([side]), GENTLE, 1.0, 0.3)
-    assert float(slow[0]) == 0.0  # who cannot turn faster pays nothing
+    assert float(slow[0]) == 0.0  # what cannot turn faster pays nothing
 
 
 def state_of(name: str, most: int = 1, count: int = COUNT) -> surrogate.State:

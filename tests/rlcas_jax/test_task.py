@@ -169,7 +169,7 @@ def test_nobody_is_asked_for_more_than_a_manoeuvre_keeps() -> None:
     assert required_separation(pool, world.model_copy(update={"separation_spread": 0.0})) is None
     assert np.all(demanded >= 1_000.0)
     assert np.all((demanded <= kept - 500.0 + 1e-2) | (demanded == 1_000.0))
-    # Who can spare it is asked for as much as without.
+    # An encounter that can spare it requires as much as without.
     np.testing.assert_array_equal(demanded[kept >= 5_500.0], alike[kept >= 5_500.0])
     assert np.any(demanded == 1_000.0)
     assert np.any((demanded > 1_000.0) & (demanded < alike))
@@ -248,11 +248,11 @@ def test_every_encounter_ends_in_exactly_one_way_and_it_is_the_first() -> None:
     assert found.reached.any()
 
 
-def test_who_flies_to_the_goal_alone_reaches_it(alone: Encounter) -> None:
+def test_flying_to_the_goal_alone_reaches_it(alone: Encounter) -> None:
     assert flown(alone, to_the_goal).reached.all()
 
 
-def test_who_never_arrives_times_out(alone: Encounter) -> None:
+def test_a_flight_that_never_arrives_times_out(alone: Encounter) -> None:
     def circling(observation: jax.Array) -> jax.Array:
         return jnp.tile(jnp.float32([0.0, 1.0]), (observation.shape[0], 1))
 
