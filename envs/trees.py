@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-__all__ = ["column", "mapped", "take"]
+__all__ = ["column", "mapped", "scatter", "take"]
 
 T = TypeVar("T")
 
@@ -29,3 +29,12 @@ def take(tree: T, index: Any) -> T:
 def column(tree: T) -> T:
     """Return every array ``[N]`` as a column ``[N, 1]``, to be set against intruders ``[N, K]``."""
     return mapped(lambda field: field[:, None], tree)
+
+
+def scatter(into: Any, rows: Any, values: Any) -> None:
+    """Write values into some rows of every array, in place."""
+
+    def write(old: Any, new: Any) -> None:
+        old[rows] = new
+
+    mapped(write, into, values)

@@ -1,4 +1,4 @@
-"""The run-time monitor: watches the plan that is flown, asks for new ones and has a validated backup at hand."""
+"""The run-time monitor: watches the plan that is flown, asks for new ones and has a validated backup ready."""
 
 from agents.assurance.monitor import (
     Decision,

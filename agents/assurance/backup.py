@@ -1,8 +1,8 @@
-"""The backup: a manoeuvre at hand for when no plan is.
+"""The backup: a manoeuvre that is ready when no plan is.
 
 A backup is a course and a speed: the aircraft turns onto the course at the surrogate's rate, accelerates or
 decelerates to the speed, and holds both. It is published as knots like any plan, every leg of constant controls, and
-judged by :mod:`agents.planner.validator` over :data:`HORIZON`. The one that was at hand a second ago is kept if it
+judged by :mod:`agents.planner.validator` over :data:`HORIZON`. The one of the second before stays if it
 passes from the present state; only otherwise is the family searched.
 """
 
@@ -16,7 +16,7 @@ from agents.planner.validator import Findings, validate
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import distance
-from envs.trees import take
+from envs.trees import mapped, scatter, take
 from envs.waypoints import Knots, Legs, legs
 
 __all__ = ["HORIZON", "KNOTS", "Backup", "flown", "refreshed", "search"]
@@ -43,7 +43,7 @@ _BLOCK = 256  # aircraft searched for at once
 
 
 class Backup(NamedTuple):
-    """Backups at hand; fields ``[N]``."""
+    """Backups; fields ``[N]``."""
 
     course: Any
     """To turn onto, rad in [-pi, pi)."""
@@ -58,7 +58,7 @@ class Backup(NamedTuple):
     safe: Any
     """Whether the validator found nothing wrong but its own resolution (6 mm), bool."""
     searched: Any
-    """Whether it is the result of a search in this second and not kept, bool."""
+    """Whether it is the result of a search in this second, bool."""
 
 
 def flown(own: VehicleState, course: Any, speed: Any, limits: Limits) -> Knots:
@@ -78,7 +78,7 @@ def flown(own: VehicleState, course: Any, speed: Any, limits: Limits) -> Knots:
 
 
 def refreshed(
-    kept: Backup,
+    previous: Backup,
     own: VehicleState,
     traffic: Traffic,
     time: Any,
@@ -89,31 +89,31 @@ def refreshed(
     """Return the backups for the present second and their legs, ``[N]``.
 
     Args:
-        kept: those of the second before.
+        previous: those of the second before.
         own: present states, ``[N]``.
         traffic: the intruders now, ``[N, K]``.
         time: on the monitor's clock, s, ``[N]``.
-        requirement: what distance to keep.
+        requirement: on the separation.
         limits: what legs must obey, and what backups are made with.
         gain: by how much more clearance, m, an unsafe backup is exchanged for another.
     """
     vehicle, manoeuvre = limits
-    had = np.isfinite(kept.started)
-    knots = flown(own, np.where(had, kept.course, own.heading), np.where(had, kept.speed, own.speed), manoeuvre)
+    had = np.isfinite(previous.started)
+    knots = flown(own, np.where(had, previous.course, own.heading), np.where(had, previous.speed, own.speed), manoeuvre)
     curves = legs(knots)
     found = validate(knots, traffic, requirement, vehicle, curves)
     safe = _safe(found) & had
-    result = Backup(kept.course, kept.speed, knots, time, found.clearance, safe, np.zeros(had.size, dtype=bool))
-    result = Backup(*(_own(field) for field in result))
+    result = Backup(previous.course, previous.speed, knots, time, found.clearance, safe, np.zeros(had.size, dtype=bool))
+    result = mapped(np.array, result)
     rows = np.flatnonzero(~safe)
     for first in range(0, rows.size, _BLOCK):
         part = rows[first : first + _BLOCK]
         other = search(take(own, part), take(traffic, part), time[part], requirement, limits)
         better = ~had[part] | other.safe | (other.clearance > result.clearance[part] + gain)
-        _put(result, part[better], take(other, better))
+        scatter(result, part[better], take(other, better))
     changed = np.flatnonzero(result.searched)
     if changed.size:
-        _put(curves, changed, legs(take(result.knots, changed)))
+        scatter(curves, changed, legs(take(result.knots, changed)))
     return result, curves
 
 
@@ -126,7 +126,7 @@ def search(
         own: present states, ``[N]``.
         traffic: the intruders now, ``[N, K]``.
         time: on the monitor's clock, s, ``[N]``.
-        requirement: what distance to keep.
+        requirement: on the separation.
         limits: what legs must obey, and what backups are made with.
     """
     vehicle, manoeuvre = limits
@@ -162,7 +162,7 @@ def search(
 
 
 def _safe(found: Findings) -> Any:
-    """Return whether nothing is wrong. A start inside the margin owes its present distance, to the last digit."""
+    """Return whether nothing is wrong; a start inside the margin must keep its present distance, to the last digit."""
     return found.legal & (found.clearance >= -_SLACK)
 
 
@@ -173,10 +173,10 @@ def _estimate(
     count = base.shape[0]
     steps = round(HORIZON / _STEP)
     tracks = predicted(_axis(traffic), (np.arange(steps + 1) * _STEP)[:, None])
-    owed = np.where(traffic.mask, base, -np.inf)[:, None]
+    least_required = np.where(traffic.mask, base, -np.inf)[:, None]
     if sigmas and traffic.velocity_std.any():
         spread = uncertainty(_axis(traffic), (np.arange(1, steps + 1) * _STEP)[:, None])
-        owed = owed + sigmas * (spread - traffic.position_std[:, None])
+        least_required = least_required + sigmas * (spread - traffic.position_std[:, None])
     least = np.full(own.x.size, np.inf)
     state, to_turn, step = own, wrap(course - own.heading, np), 0
 
@@ -194,7 +194,7 @@ def _estimate(
             dx, dy = x1 - x0, y1 - y0
             s = np.clip(-(x0 * dx + y0 * dy) / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
             apart = distance(x0 + s * dx, y0 + s * dy, np)
-            spare = apart - owed[:, min(step - 1, owed.shape[1] - 1), None]
+            spare = apart - least_required[:, min(step - 1, least_required.shape[1] - 1), None]
             least = np.minimum(least, np.min(spare, axis=-1, initial=np.inf).ravel())
             x0, y0 = x1, y1
         to_turn = to_turn - turn
@@ -218,15 +218,3 @@ def _axis(traffic: Traffic) -> Traffic:
     return Traffic(
         VehicleState(*(field[:, None] for field in traffic.state)), *(field[:, None] for field in traffic[1:])
     )
-
-
-def _own(field: Any) -> Any:
-    return Knots(*field) if isinstance(field, tuple) else np.array(field)
-
-
-def _put(into: Any, rows: Any, values: Any) -> None:
-    for old, new in zip(into, values, strict=True):
-        if isinstance(old, tuple):
-            _put(old, rows, new)
-        else:
-            old[rows] = new

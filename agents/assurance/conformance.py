@@ -39,9 +39,9 @@ def has(causes: Any, any_of: Cause) -> Any:
     return (causes & int(any_of)) != 0
 
 
-def floor(owed: Any, thresholds: Thresholds) -> Any:
-    """Return the predicted separation below which a plan that owes so much is no longer good, m."""
-    return np.maximum(thresholds.requirement.separation, owed - thresholds.separation_band)
+def floor(required_separation: Any, thresholds: Thresholds) -> Any:
+    """Return the predicted separation below which a plan with this required separation is no longer good, m."""
+    return np.maximum(thresholds.requirement.separation, required_separation - thresholds.separation_band)
 
 
 def watched(monitor: Monitor) -> Any:
@@ -107,12 +107,13 @@ def _outlook(
     """Return the rest's separations ``[N, K]``, when they are lost and whether they are too small, ``[N]``.
 
     The present distance of the ownship from its plan may last: it is taken off. The rest may not fall below what
-    the plan owed, nor, less that distance, below the separation itself.
+    the plan was required to keep, nor, less that distance, below the separation itself.
     """
     requirement = thresholds.requirement
     away = distance(traffic.state.x - own.x[:, None], traffic.state.y - own.y[:, None], np)
-    owed = np.minimum(np.where(monitor.expected.mask, monitor.owed, np.inf), required(traffic, away, requirement))
-    least, off = floor(owed, thresholds), offset[:, None]
+    planned = np.where(monitor.expected.mask, monitor.required_separation, np.inf)
+    least = floor(np.minimum(planned, required(traffic, away, requirement)), thresholds)
+    off = offset[:, None]
     had = has(monitor.causes, Cause.SEPARATION)[:, None]
     edge = np.where(had, least + thresholds.separation_band, least - RESOLUTION)
     edge = np.maximum(edge, requirement.separation - RESOLUTION + off)

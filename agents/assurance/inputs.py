@@ -1,4 +1,4 @@
-"""What the monitor is told each second, what it may believe of it, and what it remembers.
+"""What the monitor is given each second, what of it is valid, and what it remembers.
 
 A report that is not finite, out of range, too old, out of order or from the future changes nothing but the causes;
 the last good one stays and ages.
@@ -14,17 +14,17 @@ from agents.planner.traffic import Traffic, advanced
 from envs.angles import wrap
 from envs.kinematics import VehicleState, velocity
 
-__all__ = ["Inputs", "Memory", "blank", "inputs", "present", "taken"]
+__all__ = ["Inputs", "Memory", "blank", "inputs", "present", "updated"]
 
 _AHEAD = 0.5  # s by which a report may seem to come from the future
-_SAME = 1e-6  # s by which the time of one report differs between two tellings of it: rounding of now less age
+_SAME = 1e-6  # s by which the time of one report differs between two steps: rounding of now less age
 _FASTEST, _FARTHEST, _LONGEST = 400.0, 1e6, 1e12  # m/s, m, s
 _BASELINE = (0.2, 5.0)  # s between two reports that a turn rate may be read from
 _SIGNIFICANT = 3.0  # sigmas that an estimated turn must differ from straight flight
 
 
 class Inputs(NamedTuple):
-    """What is told; fields ``[N]``, of intruders ``[N, K]``; what is missing is nan."""
+    """What a step is given; fields ``[N]``, of intruders ``[N, K]``; what is missing is nan."""
 
     time: Any
     """Now, on the monitor's clock, s."""
@@ -37,7 +37,7 @@ class Inputs(NamedTuple):
     age: Any
     """Of those reports, s, ``[N, K]``."""
     mask: Any
-    """Which intruders exist, bool, ``[N, K]``; one that is taken away here is forgotten."""
+    """Which intruders exist, bool, ``[N, K]``; one that is updated away here is forgotten."""
     position_std: Any
     """One sigma per axis, m, ``[N, K]``."""
     velocity_std: Any
@@ -84,7 +84,7 @@ def inputs(time: Any, own: VehicleState, intruders: VehicleState, mask: Any = No
 
 
 def blank(count: int, intruders: int) -> Memory:
-    """Return the memory of who has been told nothing yet."""
+    """Return the memory before the first step, ``[count]``."""
     never, pairs = np.full(count, -np.inf), (count, intruders)
     return Memory(
         never,
@@ -96,41 +96,41 @@ def blank(count: int, intruders: int) -> Memory:
     )
 
 
-def taken(memory: Memory, told: Inputs, thresholds: Thresholds) -> tuple[Memory, VehicleState, Traffic, Any]:
-    """Take in what is told.
+def updated(memory: Memory, given: Inputs, thresholds: Thresholds) -> tuple[Memory, VehicleState, Traffic, Any]:
+    """Check what is given and update the memory with what is valid.
 
     Returns:
         The memory, the own states now, the intruders now (known ones, dead-reckoned), and the causes, int32 ``[N]``.
     """
-    clock = (np.abs(told.time) <= _LONGEST) & (told.time > memory.time)
-    now = np.where(clock, told.time, np.where(np.isfinite(memory.time), memory.time, 0.0))
+    clock = (np.abs(given.time) <= _LONGEST) & (given.time > memory.time)
+    now = np.where(clock, given.time, np.where(np.isfinite(memory.time), memory.time, 0.0))
     causes = np.where(clock, 0, int(Cause.CLOCK)).astype(np.int32)
 
-    sane = _sane(told.own, told.own_age)
-    reported = now - np.where(sane, told.own_age, 0.0)
-    ordered = (told.own_age >= -_AHEAD) & (reported >= memory.own_time - _SAME)
+    sane = _sane(given.own, given.own_age)
+    reported = now - np.where(sane, given.own_age, 0.0)
+    ordered = (given.own_age >= -_AHEAD) & (reported >= memory.own_time - _SAME)
     causes |= _bit(~sane, Cause.OWN_MISSING) | _bit(sane & ~ordered, Cause.OWN_OUT_OF_ORDER)
     good = sane & ordered & clock
-    own = _chosen(good, told.own, memory.own)
+    own = _chosen(good, given.own, memory.own)
     own_time = np.where(good, np.fmax(reported, memory.own_time), memory.own_time)
     causes |= _bit(now - own_time > thresholds.own_age, Cause.OWN_STALE)
 
-    sane = _sane(told.intruders, told.age) & _spread(told.position_std) & _spread(told.velocity_std)
-    reported = now[:, None] - np.where(sane, told.age, 0.0)
-    known = np.where(told.mask, memory.seen, -np.inf)
-    ordered = (told.age >= -_AHEAD) & (reported >= known - _SAME)
-    good = sane & ordered & clock[:, None] & told.mask
-    causes |= _bit((~sane & told.mask).any(axis=-1), Cause.INTRUDER_MISSING)
-    causes |= _bit((sane & ~ordered & told.mask).any(axis=-1), Cause.INTRUDER_OUT_OF_ORDER)
-    turn_rate = _turn_rate(memory, told, reported - known, good, thresholds)
-    intruders = _chosen(good, told.intruders, memory.intruders)
+    sane = _sane(given.intruders, given.age) & _spread(given.position_std) & _spread(given.velocity_std)
+    reported = now[:, None] - np.where(sane, given.age, 0.0)
+    known = np.where(given.mask, memory.seen, -np.inf)
+    ordered = (given.age >= -_AHEAD) & (reported >= known - _SAME)
+    good = sane & ordered & clock[:, None] & given.mask
+    causes |= _bit((~sane & given.mask).any(axis=-1), Cause.INTRUDER_MISSING)
+    causes |= _bit((sane & ~ordered & given.mask).any(axis=-1), Cause.INTRUDER_OUT_OF_ORDER)
+    turn_rate = _turn_rate(memory, given, reported - known, good, thresholds)
+    intruders = _chosen(good, given.intruders, memory.intruders)
     seen = np.where(good, np.fmax(reported, known), known)
-    stale = ~(now[:, None] - seen <= thresholds.intruder_age) & told.mask
+    stale = ~(now[:, None] - seen <= thresholds.intruder_age) & given.mask
     causes |= _bit(stale.any(axis=-1), Cause.INTRUDER_STALE)
-    position_std = np.where(good, told.position_std, memory.position_std)
-    velocity_std = np.where(good, told.velocity_std, memory.velocity_std)
+    position_std = np.where(good, given.position_std, memory.position_std)
+    velocity_std = np.where(good, given.velocity_std, memory.velocity_std)
     memory = Memory(now, own, own_time, intruders, seen, turn_rate, position_std, velocity_std)
-    return memory, *present(memory, told.mask, thresholds), causes
+    return memory, *present(memory, given.mask, thresholds), causes
 
 
 def present(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleState, Traffic]:
@@ -145,20 +145,20 @@ def present(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleS
     return _carried(memory.own, own_age), advanced(reports, age)
 
 
-def _turn_rate(memory: Memory, told: Inputs, elapsed: Any, good: Any, thresholds: Thresholds) -> Any:
+def _turn_rate(memory: Memory, given: Inputs, elapsed: Any, good: Any, thresholds: Thresholds) -> Any:
     """Return the turn rates that the last two reports show, rad/s, ``[N, K]``; 0 where noise could be all of it."""
     comparable = good & (elapsed >= _BASELINE[0]) & (elapsed <= _BASELINE[1])
     seconds = np.where(comparable, elapsed, 1.0)
-    rate = wrap(np.where(comparable, told.intruders.heading - memory.intruders.heading, 0.0), np) / seconds
-    speed = np.maximum(np.where(comparable, told.intruders.speed, 1.0), 1.0)
-    std = np.hypot(np.where(comparable, told.velocity_std, 0.0), memory.velocity_std) / (speed * seconds)
+    rate = wrap(np.where(comparable, given.intruders.heading - memory.intruders.heading, 0.0), np) / seconds
+    speed = np.maximum(np.where(comparable, given.intruders.speed, 1.0), 1.0)
+    std = np.hypot(np.where(comparable, given.velocity_std, 0.0), memory.velocity_std) / (speed * seconds)
     size = np.abs(rate)
     # What seems to turn faster than an aircraft can has jumped; nothing follows from that.
     turning = (size >= np.maximum(thresholds.turn_rate_min, _SIGNIFICANT * std)) & (size <= thresholds.turn_rate_max)
     rate = np.where(turning, rate, 0.0)
     # The same report heard again says nothing new; one after a gap begins anew.
     again = ~good | (elapsed < _BASELINE[0])
-    return np.where(told.mask, np.where(comparable, rate, np.where(again, memory.turn_rate, 0.0)), 0.0)
+    return np.where(given.mask, np.where(comparable, rate, np.where(again, memory.turn_rate, 0.0)), 0.0)
 
 
 def _sane(state: VehicleState, age: Any) -> Any:

@@ -1,6 +1,6 @@
 """The run-time monitor: a pure state machine that watches plans being flown, one or many at once.
 
-Each second :func:`step` is told the time, the own states and the intruders', with their ages. It judges what is left
+Each second :func:`step` takes the time, the own states and the intruders', with their ages. It judges what is left
 of the active plan, asks for a new one where it must, and falls back to a backup that is always at hand where no plan
 can be had. It never plans itself, never draws, never reads a clock: the caller plans where a decision says so and
 hands the answers to :func:`answer`. States, thresholds and guarantees: docs/explanation/assurance.md.
@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.assurance.backup import Backup, refreshed
 from agents.assurance.conformance import RESOLUTION, floor, has, judged
-from agents.assurance.inputs import Inputs, inputs, present, taken
+from agents.assurance.inputs import Inputs, inputs, present, updated
 from agents.assurance.lookahead import Course, course, outlook
 from agents.assurance.state import PLAN_KNOTS, Decision, Flown, Monitor, State, placeholder, start
 from agents.assurance.thresholds import BLIND, LOST, WANTING, Cause, Thresholds
@@ -20,7 +20,7 @@ from agents.planner.traffic import Traffic, required
 from agents.planner.validator import validate
 from envs.kinematics import VehicleState
 from envs.relative import distance
-from envs.trees import mapped, take
+from envs.trees import mapped, scatter, take
 from envs.waypoints import Knots, Legs, at, legs
 
 __all__ = [
@@ -47,7 +47,7 @@ def activate(
 ) -> Monitor:
     """Begin to watch plans.
 
-    Only a safe plan is flown; a row whose plan is not safe has none and flies its backup from the next step on.
+    Only a safe plan is flown; a row with another plan has none and flies its backup from the next step on.
 
     Args:
         monitor: ``[N]``.
@@ -61,8 +61,8 @@ def activate(
     usable, plan = _usable(knots, np.asarray(safe, dtype=bool), thresholds)
     when = np.broadcast_to(np.asarray(time, dtype=float), usable.shape)
     away = distance(traffic.state.x - plan.x[:, :1], traffic.state.y - plan.y[:, :1], np)
-    owed = required(traffic, away, thresholds.requirement)
-    result = _installed(monitor, rows[usable], take((plan, when, traffic, owed), usable), 0)
+    required_separation = required(traffic, away, thresholds.requirement)
+    result = _installed(monitor, rows[usable], take((plan, when, traffic, required_separation), usable), 0)
     state, on_backup, causes, revision = (
         np.array(field) for field in (result.state, result.on_backup, result.causes, result.revision)
     )
@@ -83,15 +83,15 @@ def deactivate(monitor: Monitor, rows: Any) -> Monitor:
     return monitor._replace(state=state, on_backup=on_backup, causes=causes, revision=revision, answered=answered)
 
 
-def step(monitor: Monitor, told: Inputs, thresholds: Thresholds) -> tuple[Monitor, Decision]:
+def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monitor, Decision]:
     """Judge one second.
 
     Args:
         monitor: ``[N]``.
-        told: ``[N]``, intruders ``[N, K]``.
+        given: ``[N]``, intruders ``[N, K]``.
         thresholds: of the monitor.
     """
-    memory, own, traffic, causes = taken(monitor.memory, told, thresholds)
+    memory, own, traffic, causes = updated(monitor.memory, given, thresholds)
     idle = monitor.state == State.IDLE
     blind = has(causes, BLIND)
     now = memory.time
@@ -119,7 +119,7 @@ def step(monitor: Monitor, told: Inputs, thresholds: Thresholds) -> tuple[Monito
         State.MONITORING,
     ).astype(np.int8)
     replan = may_ask & (wants | on_backup)
-    asked, asked_owed = _asked(monitor, replan, own, traffic, thresholds)
+    request_traffic, request_separation = _request(monitor, replan, own, traffic, thresholds)
     monitor = monitor._replace(
         state=state,
         on_backup=on_backup,
@@ -128,8 +128,8 @@ def step(monitor: Monitor, told: Inputs, thresholds: Thresholds) -> tuple[Monito
         sums=sums,
         requested=monitor.requested + replan,
         requested_at=np.where(replan, now, monitor.requested_at),
-        asked=asked,
-        asked_owed=asked_owed,
+        request_traffic=request_traffic,
+        request_separation=request_separation,
         backup=backup,
         backup_legs=curves,
     )
@@ -142,7 +142,7 @@ def answer(
 ) -> tuple[Monitor, Any]:
     """Hand in what the planner answered.
 
-    A plan is taken up only if it is SAFE, answers the last request (so that it is not older than the active one),
+    A plan is updated up only if it is SAFE, answers the last request (so that it is not older than the active one),
     and is still safe against the intruders as they are now. An answer to another request changes nothing; one that
     cannot be flown leads to BACKUP if the rest of the active plan is not safe, else to DENIED.
 
@@ -164,14 +164,15 @@ def answer(
     blind = has(monitor.causes[rows], BLIND)
     usable, plan = _usable(knots, np.asarray(safe, dtype=bool) & current & ~blind, thresholds)
     memory = take(monitor.memory, rows)
-    when, asked, owed = monitor.requested_at[rows], take(monitor.asked, rows), monitor.asked_owed[rows]
-    _own, traffic = present(memory, asked.mask, thresholds)
-    least = floor(owed, thresholds) - RESOLUTION
+    when, known = monitor.requested_at[rows], take(monitor.request_traffic, rows)
+    required_separation = monitor.request_separation[rows]
+    _own, traffic = present(memory, known.mask, thresholds)
+    least = floor(required_separation, thresholds) - RESOLUTION
     since = np.where(usable, memory.time - when, 0.0)
     near = outlook(plan, since, traffic, least, thresholds.requirement.sigmas).separation
     usable &= (near >= least).all(axis=-1)
 
-    result = _installed(monitor, rows[usable], take((plan, when, asked, owed), usable), number[usable])
+    result = _installed(monitor, rows[usable], take((plan, when, known, required_separation), usable), number[usable])
     answered, state, on_backup, causes = (
         np.array(field) for field in (result.answered, result.state, result.on_backup, result.causes)
     )
@@ -213,7 +214,7 @@ def references(monitor: Monitor, time: Any, dt: float, count: int) -> VehicleSta
 def _backup(
     monitor: Monitor, own: VehicleState, traffic: Traffic, now: Any, skip: Any, thresholds: Thresholds
 ) -> tuple[Backup, Legs]:
-    """Return the backups refreshed, but for the rows to skip, which keep theirs."""
+    """Return the backups refreshed, but for the rows to skip, which stay as they are."""
     rows = np.flatnonzero(~skip)
     if rows.size == 0:
         return monitor.backup, monitor.backup_legs
@@ -225,17 +226,17 @@ def _backup(
     return _written((monitor.backup, monitor.backup_legs), rows, fresh)
 
 
-def _asked(
+def _request(
     monitor: Monitor, replan: Any, own: VehicleState, traffic: Traffic, thresholds: Thresholds
 ) -> tuple[Traffic, Any]:
-    """Return what the last request was asked with, and the separations owed by its answer."""
+    """Return the intruders of the last request, and the separations that its answer must keep."""
     rows = np.flatnonzero(replan)
     if rows.size == 0:
-        return monitor.asked, monitor.asked_owed
+        return monitor.request_traffic, monitor.request_separation
     part = take(traffic, rows)
     away = distance(part.state.x - own.x[rows, None], part.state.y - own.y[rows, None], np)
-    owed = required(part, away, thresholds.requirement)
-    return _written((monitor.asked, monitor.asked_owed), rows, (part, owed))
+    required_separation = required(part, away, thresholds.requirement)
+    return _written((monitor.request_traffic, monitor.request_separation), rows, (part, required_separation))
 
 
 def _usable(knots: Knots, wanted: Any, thresholds: Thresholds) -> tuple[Any, Course]:
@@ -246,8 +247,8 @@ def _usable(knots: Knots, wanted: Any, thresholds: Thresholds) -> tuple[Any, Cou
     filler = placeholder(whole.size, PLAN_KNOTS, 20.0)
     points = Knots(*(np.where(whole[:, None], a, b) for a, b in zip(fields, filler, strict=True)))
     curves = legs(points)
-    nobody = Traffic.straight(VehicleState(*(np.zeros((whole.size, 0)) for _ in range(4))))
-    legal = validate(points, nobody, thresholds.requirement, thresholds.limits, curves).safe
+    no_traffic = Traffic.straight(VehicleState(*(np.zeros((whole.size, 0)) for _ in range(4))))
+    legal = validate(points, no_traffic, thresholds.requirement, thresholds.limits, curves).safe
     return whole & legal, course(points, curves)
 
 
@@ -255,7 +256,7 @@ def _installed(monitor: Monitor, rows: Any, what: tuple[Course, Any, Traffic, An
     """Return the monitors with new active plans in some rows."""
     if rows.size == 0:
         return monitor
-    fields = ("plan", "started", "expected", "owed", "sums", "state", "on_backup", "causes", "revision")
+    fields = ("plan", "started", "expected", "required_separation", "sums", "state", "on_backup", "causes", "revision")
     advisory = monitor.causes[rows] & int(Cause.BACKUP_UNSAFE)
     values = (*what, 0.0, int(State.MONITORING), False, advisory, revision)
     return monitor._replace(
@@ -265,10 +266,6 @@ def _installed(monitor: Monitor, rows: Any, what: tuple[Course, Any, Traffic, An
 
 def _written(old: Any, rows: Any, new: Any) -> Any:
     """Return arrays with some of their rows replaced."""
-
-    def write(field: Any, value: Any) -> Any:
-        copy = np.array(field)
-        copy[rows] = value
-        return copy
-
-    return mapped(write, old, new) if isinstance(old, tuple) else write(old, new)
+    copy = mapped(np.array, old)
+    scatter((copy,), rows, (new,))
+    return copy

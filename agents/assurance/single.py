@@ -1,6 +1,6 @@
 """The run-time monitor of one aircraft: :mod:`agents.assurance` with N = 1, in plain words.
 
-Intruders go by name and keep their place as long as they exist. One that is not reported any more is missing, which
+Intruders go by name and have the same place as long as they exist. One that is not reported any more is missing, which
 is a reason; it is forgotten only where the caller says that it is gone.
 """
 
@@ -104,8 +104,8 @@ def activate(watch: Watch, plan: Plan, own: VehicleState, intruders: Mapping[str
     Args:
         watch: the monitor.
         plan: of :func:`agents.planner.plan`.
-        own: state that it was asked with.
-        intruders: that it was asked with, by name.
+        own: state at the request.
+        intruders: of the request, by name.
         time: of the request on the monitor's clock, s.
     """
     watch = _placed(watch, (*watch.names, *(name for name in intruders if name not in watch.names)))
@@ -147,7 +147,7 @@ def step(
     states = [_MISSING if report is None else report.state for report in reports]
     ages = [0.0 if report is None else report.age for report in reports]
     spreads = [(0.0, 0.0) if report is None else (report.position_std, report.velocity_std) for report in reports]
-    told = Inputs(
+    given = Inputs(
         np.array([time], dtype=float),
         VehicleState(*(np.array([value], dtype=float) for value in (own or _MISSING))),
         np.array([own_age], dtype=float),
@@ -157,7 +157,7 @@ def step(
         np.array([[spread[0] for spread in spreads]], dtype=float),
         np.array([[spread[1] for spread in spreads]], dtype=float),
     )
-    monitor, decision = assurance.step(watch.monitor, told, watch.thresholds)
+    monitor, decision = assurance.step(watch.monitor, given, watch.thresholds)
     asked = _ask(decision) if decision.replan[0] else None
     backup = _waypoints(monitor) if np.isfinite(monitor.backup.started[0]) else ()
     watch = replace(watch, monitor=monitor, ask=asked or watch.ask)
@@ -177,7 +177,7 @@ def answer(watch: Watch, number: int, plan: Plan) -> tuple[Watch, bool]:
 
 
 def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
-    """Return the monitor with places for these intruders; who had one takes along what is remembered."""
+    """Return the monitor with places for these intruders; one that had a place takes along what is remembered."""
     if names == watch.names:
         return watch
     order = [watch.names.index(name) if name in watch.names else -1 for name in names]
@@ -189,7 +189,7 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
         result[:, known] = had[:, places[known]]
         return result
 
-    told = {
+    given = {
         name: mapped(moved, getattr(new.memory, name), getattr(old.memory, name))
         for name in ("intruders", "seen", "turn_rate", "position_std", "velocity_std")
     }
@@ -197,9 +197,9 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
         name: mapped(moved, getattr(new, name), getattr(old, name))
         if isinstance(getattr(new, name), tuple)
         else moved(getattr(new, name), getattr(old, name))
-        for name in ("expected", "owed", "asked", "asked_owed")
+        for name in ("expected", "required_separation", "request_traffic", "request_separation")
     }
-    return replace(watch, monitor=old._replace(memory=old.memory._replace(**told), **rest), names=names)
+    return replace(watch, monitor=old._replace(memory=old.memory._replace(**given), **rest), names=names)
 
 
 def _ask(decision: Decision) -> Ask:

@@ -54,12 +54,12 @@ class Monitor(NamedTuple):
     plan: Course
     """The active plan; a placeholder where there is none."""
     started: Any
-    """When the active plan was asked for, s."""
+    """When the active plan was requested, s."""
     revision: Any
     """Number of the request that the active plan answers; 0 for the one activated with, -1 without a plan."""
     expected: Traffic
     """The intruders that the active plan was made with, ``[N, K]``."""
-    owed: Any
+    required_separation: Any
     """Separations that the active plan was required to keep, m, ``[N, K]``."""
     sums: Any
     """Leaky sums of cross-track (m s), along-track (m s) and time error (s s), ``[N, 3]``."""
@@ -69,9 +69,9 @@ class Monitor(NamedTuple):
     """When it went out, s; -inf before the first."""
     answered: Any
     """Number of the last request that was answered."""
-    asked: Traffic
-    """The intruders it was asked with, ``[N, K]``."""
-    asked_owed: Any
+    request_traffic: Traffic
+    """The intruders of the last request, ``[N, K]``."""
+    request_separation: Any
     """Separations that its answer must keep, m, ``[N, K]``."""
     backup: Backup
     backup_legs: Legs
@@ -86,7 +86,7 @@ class Decision(NamedTuple):
     fly: Any
     """Code of :class:`Flown`, int8."""
     replan: Any
-    """Whether a plan is asked for now, bool: from ``own``, against ``traffic``, as request ``number``."""
+    """Whether a plan is requested now, bool: from ``own``, against ``traffic``, as request ``number``."""
     number: Any
     causes: Any
     """Bits of :class:`agents.assurance.thresholds.Cause`, int32."""
@@ -113,7 +113,7 @@ class Decision(NamedTuple):
 def start(count: int, intruders: int) -> Monitor:
     """Return monitors that watch nothing, ``[count]`` with room for so many intruders each."""
     no, zero, none = np.zeros(count, dtype=bool), np.zeros(count), np.full(count, -1)
-    nobody = Traffic(
+    no_traffic = Traffic(
         VehicleState(*(np.zeros((count, intruders)) for _ in range(4))),
         np.zeros((count, intruders), dtype=bool),
         *(np.zeros((count, intruders)) for _ in range(4)),
@@ -129,14 +129,14 @@ def start(count: int, intruders: int) -> Monitor:
         plan=course(straight, legs(straight)),
         started=zero.copy(),
         revision=none,
-        expected=nobody,
-        owed=np.full((count, intruders), np.inf),
+        expected=no_traffic,
+        required_separation=np.full((count, intruders), np.inf),
         sums=np.zeros((count, 3)),
         requested=np.zeros(count, dtype=np.int64),
         requested_at=zero - np.inf,
         answered=np.zeros(count, dtype=np.int64),
-        asked=nobody,
-        asked_owed=np.full((count, intruders), np.inf),
+        request_traffic=no_traffic,
+        request_separation=np.full((count, intruders), np.inf),
         backup=backup,
         backup_legs=legs(short),
     )

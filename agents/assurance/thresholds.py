@@ -43,7 +43,7 @@ class Cause(IntFlag):
     REFUSED = 1 << 15
     """The planner's last answer was no plan that may be flown."""
     BACKUP_UNSAFE = 1 << 16
-    """The backup at hand does not keep the required separation; it is the one of greatest clearance."""
+    """The backup does not keep the required separation; it is the one of greatest clearance."""
 
 
 BLIND = Cause.OWN_MISSING | Cause.OWN_STALE | Cause.OWN_OUT_OF_ORDER | Cause.CLOCK

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.baselines.baselines import Sight, checked, homeward, steered, way_back
+from agents.baselines.baselines import Sight, checked, course_to_goal, may_return, steered
 from envs.angles import wrap
 from envs.edge.command import InputError
 from envs.kinematics import SURROGATE, Limits
@@ -135,8 +135,8 @@ class AdvisoryLogic:
         best = np.argmin if inputs.shape[1] == _ACAS_XU else np.argmax
         advisory = best(scores, axis=-1)
         advised = np.clip(_RATES[advisory] / self.limits.yaw_rate_max, -1.0, 1.0)
-        free = way_back(sight, self.limits, self.goal_radius, self.separation)
-        home = steered(sight.own, homeward(sight, self.limits, self.goal_radius), self.limits)
+        free = may_return(sight, self.limits, self.goal_radius, self.separation)
+        home = steered(sight.own, course_to_goal(sight, self.limits, self.goal_radius), self.limits)
         steering = np.where(advisory == 0, np.where(free, home, 0.0), advised)
         return np.stack([np.zeros_like(steering), steering], axis=-1), advisory.astype(np.int8)
 

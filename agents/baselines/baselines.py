@@ -24,9 +24,9 @@ __all__ = [
     "RightHand",
     "Sight",
     "checked",
-    "homeward",
+    "course_to_goal",
+    "may_return",
     "steered",
-    "way_back",
 ]
 
 _GAIN = 0.5  # 1/s, from the error of the heading to the turn rate
@@ -84,7 +84,7 @@ def _finite(name: str, values: Any) -> None:
         raise ValueError(f"{name}{list(where) or ''} is {values[where]}, expected a finite number")
 
 
-def homeward(sight: Sight, limits: Limits, goal_radius: float) -> np.ndarray:
+def course_to_goal(sight: Sight, limits: Limits, goal_radius: float) -> np.ndarray:
     """Return the course to be steered to the goal, rad in [-pi, pi), ``[M]``.
 
     A goal inside the turning circle can never be met by turning to it: the ownship flies straight on until it is
@@ -101,7 +101,7 @@ def homeward(sight: Sight, limits: Limits, goal_radius: float) -> np.ndarray:
     return wrap(own.heading + np.where(unreachable, 0.0, bearing), np)
 
 
-def way_back(sight: Sight, limits: Limits, goal_radius: float, keep: float) -> np.ndarray:
+def may_return(sight: Sight, limits: Limits, goal_radius: float, required: float) -> np.ndarray:
     """Return whether the ownship may go back to its route, bool ``[M]``.
 
     It may where one turn onto the goal and straight flight to it keep clear of all intruders, and, as is usual among
@@ -111,15 +111,15 @@ def way_back(sight: Sight, limits: Limits, goal_radius: float, keep: float) -> n
         sight: of the encounters.
         limits: of the ownship.
         goal_radius: m.
-        keep: distance to keep from intruders, m.
+        required: separation from the intruders, m.
     """
     own = VehicleState(*(field[:, None] for field in sight.own))
     goal = sight.goal_x[:, None], sight.goal_y[:, None]
     # Late or not: whether there is time is no question of being clear.
     task = Task(limits, goal_radius, _EVER, 0.95 * limits.yaw_rate_max)
-    free = np.all(clear(own, goal, sight.intruders, keep, 0.0, task, np) | ~sight.mask, axis=-1)
-    past = _conflicts(sight, sight.own.heading, keep, math.inf)
-    opening = (past.time == 0.0) & (past.distance > _PAST * keep)
+    free = np.all(clear(own, goal, sight.intruders, required, 0.0, task, np) | ~sight.mask, axis=-1)
+    past = _conflicts(sight, sight.own.heading, required, math.inf)
+    opening = (past.time == 0.0) & (past.distance > _PAST * required)
     return free | np.all(opening | ~sight.mask, axis=-1)
 
 
@@ -138,7 +138,7 @@ class Direct:
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
         return _actions(
-            steered(checked(sight).own, homeward(sight, self.limits, self.goal_radius), self.limits)
+            steered(checked(sight).own, course_to_goal(sight, self.limits, self.goal_radius), self.limits)
         ), memory
 
 
@@ -200,8 +200,8 @@ class RightHand:
         from_left = (bearing > math.radians(15.0)) & (bearing < math.radians(110.0))
         last = _conflicts(sight, own.heading, protected, self.patience)
         ours = np.any(straight.there & ~from_left | last.there & from_left, axis=-1)
-        home = homeward(sight, self.limits, self.goal_radius)
-        free = way_back(sight, self.limits, self.goal_radius, protected)
+        home = course_to_goal(sight, self.limits, self.goal_radius)
+        free = may_return(sight, self.limits, self.goal_radius, protected)
         steering = np.where(free, steered(own, home, self.limits), np.where(ours, -1.0, 0.0))
         return _actions(steering), memory
 
@@ -234,9 +234,9 @@ class PotentialField:
         wanted_x, wanted_y = own_vx - push_x, own_vy - push_y
         resolving = conflict.there.any(axis=-1)
 
-        free = way_back(sight, self.limits, self.goal_radius, protected)
+        free = may_return(sight, self.limits, self.goal_radius, protected)
         course = np.where(resolving, np.arctan2(wanted_y, wanted_x), own.heading)
-        course = np.where(free, homeward(sight, self.limits, self.goal_radius), course)
+        course = np.where(free, course_to_goal(sight, self.limits, self.goal_radius), course)
         throttle = np.zeros(len(course))
         if self.speed:
             needed = np.hypot(sight.goal_x - own.x, sight.goal_y - own.y) / max(sight.left, 1.0)

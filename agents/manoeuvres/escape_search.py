@@ -14,7 +14,7 @@ from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules, judge
 from envs.relative import distance, leg_separation
-from envs.trees import column, take
+from envs.trees import column, scatter, take
 
 __all__ = [
     "CHILDREN",
@@ -175,7 +175,7 @@ def fly_out(
 def search(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
     """Look for an escape of every encounter ``[N]``: the first to reach the goal of the first stage that has one."""
     count = np.shape(encounter.goal_x)[0]
-    found = _nothing(count)
+    found = _empty(count)
     for stage in STAGES:
         left = np.flatnonzero(np.isnan(found.arrival))
         for part in parts(left, stage.turn.size, encounter):
@@ -186,9 +186,7 @@ def search(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
             _keep_best(found, part, which, family, flown)
     left = np.flatnonzero(np.isnan(found.arrival))
     for part in parts(left, max(CHILDREN, COARSE.turn.size), encounter):
-        refined = refine(take(encounter, part), rules, limits)
-        for old, new in zip(_leaves(found), _leaves(refined), strict=True):
-            old[part] = new
+        scatter(found, part, refine(take(encounter, part), rules, limits))
     return found
 
 
@@ -196,7 +194,7 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
     """Improve the nearest misses of the coarse family by random changes until they keep the separation, ``[N]``."""
     count = np.shape(encounter.goal_x)[0]
     traffic = tracks(encounter, steps(rules), rules)
-    found = _nothing(count)
+    found = _empty(count)
     # Offspring of one round are the same changes for every encounter, so that results do not depend on the batch.
     changes = normals(0, 0, ROUNDS, (len(SPREAD), CHILDREN))
     parents = (uniforms(0, 0, ROUNDS, (CHILDREN,), stream=1) * ELITES).astype(int)
@@ -249,17 +247,11 @@ def _keep_best(found: Found, part: Any, which: Any, family: Manoeuvre, flown: Fl
     arrived = np.flatnonzero(~np.isnan(flown.arrival))
     arrived = arrived[np.lexsort((-flown.separation[arrived], flown.arrival[arrived]))]
     owners, first = np.unique(which[arrived], return_index=True)
-    chosen = arrived[first]
-    for old, new in zip(_leaves(found), (*family, *flown), strict=True):
-        old[part[owners]] = new[chosen]
+    scatter(found, part[owners], take(Found(family, *flown), arrived[first]))
 
 
-def _nothing(count: int) -> Found:
+def _empty(count: int) -> Found:
     return Found(Manoeuvre(*np.full((len(SPREAD), count), np.nan)), *np.full((3, count), np.nan))
-
-
-def _leaves(found: Found) -> tuple[Any, ...]:
-    return (*found.manoeuvre, *found[1:])
 
 
 def parts(indices: Any, each: int, encounter: Encounter) -> list[Any]:

@@ -19,7 +19,7 @@ class Status(Enum):
 
 
 class Source(Enum):
-    """Who made the plan."""
+    """What made the plan."""
 
     POLICY = "policy"
     FALLBACK = "fallback"
@@ -121,7 +121,7 @@ class Plan:
     cost: float = float("nan")
     """Extra path, time and reversals as metres (:mod:`agents.planner.fallback`)."""
     advisory: str | None = None
-    """What a person should know besides, such as that the policy's own plan was not safe."""
+    """A remark for the operator, such as that the policy's own plan was not safe."""
 
     @property
     def safe(self) -> bool:

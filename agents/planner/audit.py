@@ -1,7 +1,7 @@
 """What is published, checked once more: 20 waypoints under indices of their own, the last one a point of the route.
 
-The validator judges knots; this looks at the waypoints that leave the house, and at the route as it was asked for. It
-shares nothing with those who wrote them.
+The validator judges knots; this looks at the waypoints as published, and at the route of the request. It
+shares nothing with the modules that write them.
 """
 
 import math
@@ -22,7 +22,7 @@ def audit(waypoints: Sequence[Waypoint], route: Sequence[RoutePoint], *, extende
 
     Args:
         waypoints: in the order in which they are flown.
-        route: as it was asked for.
+        route: of the request.
         extended: whether the plan may end beyond the route, on the straight line of its last leg.
     """
     found = []

@@ -9,10 +9,10 @@ from agents.planner.options import Options, task_of
 from agents.planner.request import Request
 from agents.planner.rollout import Rollout
 from agents.planner.validator import Findings, validate
-from envs.trees import mapped, take
+from envs.trees import scatter, take
 from envs.waypoints import Knots
 
-__all__ = ["REVERSAL_WEIGHT", "TIME_WEIGHT", "Proposals", "empty", "evaluate", "is_better", "keep_best", "scatter"]
+__all__ = ["REVERSAL_WEIGHT", "TIME_WEIGHT", "Proposals", "empty", "evaluate", "is_better", "keep_best"]
 
 TIME_WEIGHT = 0.25
 """Cost of a metre that the time beyond the straight line would have covered."""
@@ -134,12 +134,3 @@ def is_better(a: Proposals, b: Proposals) -> Any:
     cheaper = a_safe & (~b_safe | (a.cost < b.cost))
     clearer = (a_legal > b_legal) | ((a_legal == b_legal) & (a.clearance > b.clearance))
     return cheaper | (~a_safe & ~b_safe & clearer)
-
-
-def scatter(into: Proposals, rows: Any, values: Proposals) -> None:
-    """Write proposals into some rows of others."""
-
-    def write(old: Any, new: Any) -> None:
-        old[rows] = new
-
-    mapped(write, into, values)

@@ -89,15 +89,15 @@ def complete(
         speed = state.speed
         if step == 0:
             # The goal itself must not be passed by, nor reached too late: there may be a need to accelerate.
-            homeward = ahead[left]
+            direct = ahead[left]
             straight = np.maximum(length - task.radius, 0.0)
             wanted, in_time = end_speed(straight, speed, task.until - turned, task.limits, np)
-            on = ~homeward | (reached & in_time)
+            on = ~direct | (reached & in_time)
             left, number, x, y, state, at, turned, speed = take((left, number, x, y, state, at, turned, speed), on)
             arc, length, course, reached = take((arc, length, course, reached), on)
-            wanted, homeward, straight = take((wanted, homeward, straight), on)
-            speed = np.where(homeward, wanted, speed)
-            there, which = rows[left[homeward]], np.flatnonzero(homeward)
+            wanted, direct, straight = take((wanted, direct, straight), on)
+            speed = np.where(direct, wanted, speed)
+            there, which = rows[left[direct]], np.flatnonzero(direct)
             entered = turned + _duration(straight, state.speed, speed, task)
             whole.rejoin_time[there] = entered[which]
             whole.path[there] += (np.abs(arc) * state.speed / task.turn_rate + straight)[which]

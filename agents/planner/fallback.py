@@ -46,10 +46,10 @@ def search(request: Request, goal: Any, options: Options) -> Proposals:
     last = replace(options, manoeuvre=aggressive_limits(options))
     stages = [(_FIRST, options, _SOON), (_SEEDS, last, _SOON)]
     stages += [(STAGES[3], last, np.inf)] if options.exhaustive else []
-    for stage, asked, longest in stages:
+    for stage, wanted, longest in stages:
         left = np.flatnonzero(~best.safe)
         for part in _parts(left, stage.turn.size):
-            _improve(best, part, request, goal, stage, asked, longest)
+            _improve(best, part, request, goal, stage, wanted, longest)
     return best
 
 
@@ -127,9 +127,9 @@ def _improve(
     arrived = np.isfinite(rollout.time) & (flown.clearance >= _HOPELESS)
     # The same cost as of plans, but for what is equal for all manoeuvres of a request.
     to_x, to_y = (field[which, goal[which]] for field in (request.route_x, request.route_y))
-    home = np.hypot(to_x - rollout.end.x, to_y - rollout.end.y)
-    time = rollout.time + home / rollout.end.speed
-    cost = rollout.path + home + TIME_WEIGHT * time * request.own.speed[which] + REVERSAL_WEIGHT * rollout.reversals
+    to_goal = np.hypot(to_x - rollout.end.x, to_y - rollout.end.y)
+    time = rollout.time + to_goal / rollout.end.speed
+    cost = rollout.path + to_goal + TIME_WEIGHT * time * request.own.speed[which] + REVERSAL_WEIGHT * rollout.reversals
     cost = np.where(arrived, cost + 20.0 * np.maximum(SMOOTHING - flown.clearance, 0.0), np.inf).reshape(-1, each)
     spare = np.where(arrived, flown.clearance, -np.inf).reshape(-1, each)
     picked = np.zeros(cost.shape, dtype=bool)

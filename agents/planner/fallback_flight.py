@@ -80,28 +80,28 @@ def fly_out(
         nearest = np.minimum.accumulate(np.concatenate([closest[None], spare]), axis=0)
         closest, nearest = nearest[-1], nearest[:-1]
         hopeful = nearest >= least
-        turning_back = hopeful & (strides[:, None] * STRIDE >= manoeuvre.resume)
-        at, asking = np.nonzero(turning_back)
+        returning = hopeful & (strides[:, None] * STRIDE >= manoeuvre.resume)
+        at, asking = np.nonzero(returning)
         own = VehicleState(*(field[at, asking][:, None] for field in flown))
         there, owner = strides[at], of[asking]
         seen = VehicleState(*(field[there, owner] for field in scene.others))
         required = scene.required[owner] + manoeuvre.slack[asking, None]
         to = goal_x[owner, None], goal_y[owner, None]
-        turning_back[at, asking] = np.all(clear(own, to, seen, required, there[:, None] * STRIDE, task, np), axis=-1)
+        returning[at, asking] = np.all(clear(own, to, seen, required, there[:, None] * STRIDE, task, np), axis=-1)
 
-        end, ended = _first(turning_back | ~hopeful)
+        end, ended = _first(returning | ~hopeful)
         each = np.arange(rows.size)
-        home = ended & turning_back[end, each] & (nearest[end, each] >= max(least, SMOOTHING))
+        returned = ended & returning[end, each] & (nearest[end, each] >= max(least, SMOOTHING))
         # A manoeuvre that is under way for longer than so many others costs more than they.
         well = np.zeros((count, goal.size), dtype=int)
-        np.add.at(well, (end[home], of[home]), 1)
+        np.add.at(well, (end[returned], of[returned]), 1)
         well = arrivals + np.cumsum(well, axis=0)
         full, enough_there = _first(well >= enough)
         arrivals = well[-1]
         over = np.minimum(np.where(ended, end, count), np.where(enough_there, full, count)[of])
         on = over == count
         over = np.minimum(over, count - 1)
-        done = ~on & turning_back[over, each]
+        done = ~on & returning[over, each]
         landed.note(rows, strides, flown, over, done, nearest[over, each])
         if not on.all():
             rows, of, manoeuvre, flight, closest = take((rows, of, manoeuvre, flight, closest), on)
@@ -110,7 +110,7 @@ def fly_out(
 
 
 def _at_once(pairs: int, first: int) -> int:
-    """Return how many strides to fly at once: as many as were flown before, because most ways home are clear soon."""
+    """Return how many strides to fly at once: as many as before, because the direct way is mostly clear soon."""
     return max(min(max(first, _AT_ONCE), _PAIRS // max(pairs, 1)), 1)
 
 

@@ -53,7 +53,7 @@ def published(
     Args:
         request: ``[1]``.
         plans: ``[1]``.
-        route: as it was asked for.
+        route: of the request.
         excluded: intruders that were left out.
         kept: numbers of the others.
         options: how plans shall be.

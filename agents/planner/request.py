@@ -1,4 +1,4 @@
-"""What the planner is asked: states, intruders and route as arrays, and how the answer shall be."""
+"""A request for a plan: states, intruders and route, checked and as arrays."""
 
 import math
 from collections.abc import Sequence

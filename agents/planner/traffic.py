@@ -1,4 +1,4 @@
-"""What the planner believes of the intruders: where they will be, and how far it must stay from them."""
+"""The intruders as the planner predicts them, and the separation that is required from each."""
 
 import math
 from typing import Any, NamedTuple
@@ -90,7 +90,7 @@ def uncertainty(traffic: Traffic, time: Any) -> Any:
 
 
 def required(traffic: Traffic, distance: Any, requirement: Requirement) -> Any:
-    """Return the distance to keep from each intruder before uncertainty, m, ``[..., K]``.
+    """Return the separation required from each intruder before uncertainty grows, m, ``[..., K]``.
 
     Where the request begins inside the margin, the present distance must not decrease; it is never less than the
     separation.
@@ -98,7 +98,7 @@ def required(traffic: Traffic, distance: Any, requirement: Requirement) -> Any:
     Args:
         traffic: ``[..., K]``.
         distance: to the intruders at the request, m, ``[..., K]``.
-        requirement: what is asked for.
+        requirement: on the separation.
     """
     wanted = requirement.separation + requirement.margin + requirement.sigmas * traffic.position_std
     return np.maximum(requirement.separation, np.minimum(wanted, distance))

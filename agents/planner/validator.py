@@ -1,6 +1,6 @@
-"""The validator: whether a plan, as published, keeps the limits and the separation. It trusts nobody.
+"""The validator: whether a plan, as published, keeps the limits and the separation.
 
-It knows the published waypoints, the intruders and the requirement; it shares with those who make plans nothing
+It knows the published waypoints, the intruders and the requirement; it shares with the modules that make plans nothing
 but the contract of the leg's curve (:mod:`envs.waypoints`). Its separation is a proven lower bound: where two
 aircraft move on curves, the relative motion leaves the chord between two times h apart by at most a h^2 / 8, a being
 the largest relative acceleration; parts of a leg whose bound is not clear are cut into :data:`FINE`.
@@ -22,8 +22,8 @@ TOLERANCE = Limits(1e-6, 1e-6, 1e-6, 1e-6, 1e-9)
 """By how much limits may be passed for rounding's sake (m/s, m/s^2, rad/s)."""
 
 CLOSE = 1e-3
-"""How much of the margin may be missing, m: a start inside it owes its own distance exactly, and the bound of a part
-that begins there may be smaller by the part's bow."""
+"""How much of the margin may be missing, m: a start inside it must keep its own distance exactly, and the bound of a
+part that begins there may be smaller by the part's bow."""
 
 ROUNDING = 1e-6
 """How much of the separation itself may be missing, m."""
@@ -81,7 +81,7 @@ def validate(
     Args:
         knots: state at the request and published waypoints, ``[N, W]``.
         traffic: the intruders at the request, ``[N, K]``.
-        requirement: what distance to keep.
+        requirement: on the separation.
         limits: that every leg must obey.
         curves: the legs of the knots, if they are known already.
 
@@ -94,7 +94,7 @@ def validate(
     ordered: Any = np.diff(knots.time, axis=-1) > 0.0
     sound = finite.all(axis=-1) & ordered.all(axis=-1)
     if curves is None or not sound.all():
-        # Placeholders keep the arrays whole; their rows are judged by what is wrong with them only.
+        # Placeholders make the arrays whole; their rows are judged by what is wrong with them only.
         straight = np.arange(points) * 1.0
         usable = Knots(
             *(
@@ -108,7 +108,7 @@ def validate(
     found.note(1, ~ordered & finite[:, 1:] & finite[:, :-1])
     ok = sound[:, None]
     found.note(2, ~(curves.miss <= CLOSED) & ok)
-    # Comparisons ask for what is right, so that not-a-number is wrong. Who is beyond a speed limit may stay there, but
+    # Comparisons ask for what is right, so that not-a-number is wrong. A plan beyond a speed limit may stay there, but
     # not go further, nor come back to it: the bounds follow the most moderate speed so far, not that of the arc before,
     # or else the tolerance would add up from arc to arc.
     speed, after = curves.speed, curves.speed + _gain(curves)
@@ -212,10 +212,10 @@ def _separation(
     begins, ends = (at_x[:, :-1], at_y[:, :-1]), (at_x[:, 1:], at_y[:, 1:])
     close, _ = chords(began, finer, begins, ends, one, pull[n, a, k][:, None, None])
     close = close[..., 0] - slip[n, a]
-    owed = base[n, k, None] + growth(one, began + finer, requirement)[..., 0]
+    needed = base[n, k, None] + growth(one, began + finer, requirement)[..., 0]
     # The tolerance is for the margin; the separation itself is kept but for rounding.
-    owed = np.maximum(owed - CLOSE, requirement.separation - ROUNDING)
-    _note_fine(found, rows, (n, a, k), began, begins, close, owed)
+    needed = np.maximum(needed - CLOSE, requirement.separation - ROUNDING)
+    _note_fine(found, rows, (n, a, k), began, begins, close, needed)
 
 
 def _note_clear(found: _Collector, rows: Any, bound: Any, need: Any, unclear: Any) -> None:
@@ -224,10 +224,10 @@ def _note_clear(found: _Collector, rows: Any, bound: Any, need: Any, unclear: An
     found.clearance[rows] = np.minimum(found.clearance[rows], spare.min(axis=(1, 2)))
 
 
-def _note_fine(found: _Collector, rows: Any, which: Any, began: Any, begins: Any, close: Any, owed: Any) -> None:
+def _note_fine(found: _Collector, rows: Any, which: Any, began: Any, begins: Any, close: Any, needed: Any) -> None:
     """Judge the parts ``[m, FINE]`` of what was not clear."""
     n, a, k = which
-    spare = close - owed
+    spare = close - needed
     # Per plan: the smallest distance, the smallest clearance, and the first part in which it is negative.
     least = np.argmin(close, axis=1)
     np.minimum.at(found.clearance, rows[n], spare.min(axis=1))

@@ -24,7 +24,7 @@ from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules, judge
 from envs.relative import distance, leg_separation
 from envs.starts import cast
-from envs.trees import take
+from envs.trees import scatter, take
 
 __all__ = [
     "Causal",
@@ -184,19 +184,18 @@ def _decide(
     def undecided() -> Any:
         return np.flatnonzero(result.verdict[part] == Verdict.UNDECIDED)
 
-    everyone = np.arange(part.size)
-    proven(everyone, np.where(ahead.out_of_reach, steps(rules) * rules.dt, np.nan), Method.GOAL)
+    every = np.arange(part.size)
+    proven(every, np.where(ahead.out_of_reach, steps(rules) * rules.dt, np.nan), Method.GOAL)
     times = contained(ahead, missed, limits)
-    proven(everyone, times, Method.CONTAINMENT)
-    proven(everyone, np.where(times == 0.0, times, np.nan), Method.START)
+    proven(every, times, Method.CONTAINMENT)
+    proven(every, np.where(times == 0.0, times, np.nan), Method.START)
 
     left = undecided()
     found = search(take(chosen, left), rules, limits)
     works = ~np.isnan(found.arrival)
     rows = part[left[works]]
     result.verdict[rows], result.method[rows] = Verdict.RESOLVABLE, Method.SEARCH
-    for old, new in zip(result.witness, found.manoeuvre, strict=True):
-        old[rows] = new[works]
+    scatter(result.witness, rows, take(found.manoeuvre, works))
     result.arrival[rows], result.separation[rows] = found.arrival[works], found.separation[works]
 
     left = undecided()

@@ -17,7 +17,7 @@ from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules
 from envs.relative import bearing
 from envs.starts import cast
-from envs.trees import take
+from envs.trees import scatter, take
 
 __all__ = ["ROUNDS", "SECOND", "Witnesses", "least_cost"]
 
@@ -75,9 +75,7 @@ def least_cost(
     known = np.full((len(SPREAD), count), np.nan) if start is None else np.stack(start).astype(np.float64)
     result = Witnesses(Manoeuvre(*np.full((len(SPREAD), count), np.nan)), *np.full((3, count), np.nan))
     for part in parts(np.arange(count), sum(stage.turn.size for stage in STAGES), chosen):
-        best = _cheapest(take(chosen, part), known[:, part], rounds, rules, limits)
-        for old, new in zip(_leaves(result), _leaves(best), strict=True):
-            old[part] = new
+        scatter(result, part, _cheapest(take(chosen, part), known[:, part], rounds, rules, limits))
     return result
 
 
@@ -85,20 +83,18 @@ def _cheapest(encounter: Encounter, known: Any, rounds: int, rules: Rules, limit
     """Return the witnesses of a part of the encounters, ``[N]``; ``known`` is ``[8, N]``."""
     count = np.shape(encounter.goal_x)[0]
     traffic = tracks(encounter, steps(rules), rules)
-    everyone = np.arange(count)
+    every = np.arange(count)
     families = np.concatenate([np.stack(stage) for stage in STAGES], axis=-1)
     families = np.broadcast_to(families[:, None], (len(SPREAD), count, families.shape[-1]))
     pool = np.concatenate([families, _direct(encounter, rules), known[:, :, None]], axis=-1)
-    pool, flown = _best(pool, _fly(encounter, traffic, everyone, pool, rules, limits), _ELITES)
+    pool, flown = _best(pool, _fly(encounter, traffic, every, pool, rules, limits), _ELITES)
 
     # What no family solves may be solved by the search's refinement towards a larger separation.
     left = np.flatnonzero(np.isnan(flown.arrival[:, 0]))
     if left.size:
         rescued = np.stack(search(take(encounter, left), rules, limits).manoeuvre)[:, :, None]
         pool[:, left, :1] = rescued
-        again = _fly(encounter, traffic, left, rescued, rules, limits)
-        for old, new in zip(flown, again, strict=True):
-            old[left, :1] = new
+        scatter(flown, (left, slice(1)), _fly(encounter, traffic, left, rescued, rules, limits))
 
     # Offspring of one round are the same changes for every encounter, so that results do not depend on the batch.
     changes = normals(1, 0, rounds, (len(SPREAD), _CHILDREN))
@@ -113,8 +109,7 @@ def _cheapest(encounter: Encounter, known: Any, rounds: int, rules: Rules, limit
         both = Flown(*(np.concatenate([a[alive], b], axis=-1) for a, b in zip(flown, outcome, strict=True)))
         kept, kept_flown = _best(np.concatenate([pool[:, alive], tried], axis=-1), both, _ELITES)
         pool[:, alive] = kept
-        for old, new in zip(flown, kept_flown, strict=True):
-            old[alive] = new
+        scatter(flown, alive, kept_flown)
     works = ~np.isnan(flown.arrival[:, 0])
     best = np.where(works, pool[:, :, 0], np.nan)
     arrival, separation, path = (np.where(works, field[:, 0], np.nan) for field in flown)
@@ -162,8 +157,7 @@ def _fly(encounter: Encounter, traffic: VehicleState, rows: Any, tried: Any, rul
     stricter = rules._replace(separation=rules.separation + _MARGIN)
     flown = fly_out(encounter, traffic, which[able], Manoeuvre(*flat[:, able]), stricter, limits, first=False)
     result = Flown(*np.full((3, which.size), np.nan))
-    for old, new in zip(result, flown, strict=True):
-        old[able] = new
+    scatter(result, able, flown)
     return Flown(*(field.reshape(-1, size) for field in result))
 
 
@@ -172,7 +166,3 @@ def _best(pool: Any, flown: Flown, most: int) -> tuple[Any, Flown]:
     cost = np.where(np.isnan(flown.arrival), np.inf, flown.path + SECOND * flown.arrival)
     best = np.argsort(cost, axis=-1, kind="stable")[:, :most]
     return np.take_along_axis(pool, best[None], axis=-1), Flown(*(np.take_along_axis(f, best, axis=-1) for f in flown))
-
-
-def _leaves(witnesses: Witnesses) -> tuple[Any, ...]:
-    return (*witnesses.manoeuvre, *witnesses[1:])

@@ -50,6 +50,9 @@ def question(seed: int, number: int, request: Request) -> Question:
     for k in present:
         one = take(traffic, int(k))
         age = float(rng.uniform(-0.5, 5.0)) if rng.random() < 0.5 else 0.0
+        if one.turn_rate != 0.0 and one.turn_time > 0.0:
+            # A turn that ends before a report from the future would not be in it.
+            age = age if float(one.turn_time) + age > 0.0 else 0.0
         drift = float(one.velocity_std) * age
         position = math.sqrt(max(float(one.position_std) ** 2 - drift * drift, 0.0))
         spread[k] = math.hypot(position, drift)

@@ -9,7 +9,7 @@ import numpy as np
 from agents.assurance import monitor as assurance
 from agents.assurance.monitor import Thresholds
 from agents.assurance.tracker import Tracks, begin, follow
-from agents.planner.candidates import Proposals, empty, scatter
+from agents.planner.candidates import Proposals, empty
 from agents.planner.planner import Plans, plan_many
 from agents.planner.request import Options, Request
 from agents.planner.traffic import Traffic
@@ -19,7 +19,7 @@ from envs.encounters import Encounter
 from envs.follower import PERIOD
 from envs.outcome import Rules
 from envs.perception import carried_back, perceive
-from envs.trees import take
+from envs.trees import scatter, take
 from eval.config import Setting
 from eval.flights.plan_flight import SUBSTEPS, Flown, Tally, fly_second, request_of, takeoff
 from eval.flights.plan_mode import perceived_at_start

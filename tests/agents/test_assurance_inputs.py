@@ -1,4 +1,4 @@
-"""Whatever the monitor is told: a reason where something is wrong, never a pass, never an exception."""
+"""Whatever the monitor is given: a reason where something is wrong, never a pass, never an exception."""
 
 import math
 from typing import Any
@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.assurance import monitor as assurance
-from agents.assurance.inputs import blank, taken
+from agents.assurance.inputs import blank, updated
 from agents.assurance.monitor import Cause, Flown, Inputs, State
 from agents.assurance.thresholds import BLIND
 from envs.kinematics import VehicleState
@@ -161,15 +161,15 @@ def test_a_turn_is_read_from_two_reports_but_not_from_noise() -> None:
         seen = VehicleState(
             *(np.zeros((1, 4)) for _ in range(2)), (rates * min(time, 1.0))[None], np.full((1, 4), 75.0)
         )
-        told = assurance.inputs(time, on_plan(time), seen, velocity_std=std)
-        memory, _own, traffic, _causes = taken(memory, told, THRESHOLDS)
+        given = assurance.inputs(time, on_plan(time), seen, velocity_std=std)
+        memory, _own, traffic, _causes = updated(memory, given, THRESHOLDS)
     np.testing.assert_allclose(traffic.turn_rate[0], [0.03, 0.0, 0.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(traffic.turn_time[0], [THRESHOLDS.turn_time, 0.0, 0.0, 0.0])
 
 
 def story(generator: np.random.Generator, count: int, seconds: int) -> list[Inputs]:
     """Return reports of which one in twenty is spoilt."""
-    told = []
+    given = []
     heading = generator.uniform(-math.pi, math.pi, (count, 2))
     turn = generator.choice([0.0, 0.02, -0.05], (count, 2))
     start = generator.uniform(-6_000.0, 6_000.0, (2, count, 2))
@@ -183,7 +183,7 @@ def story(generator: np.random.Generator, count: int, seconds: int) -> list[Inpu
             wrong = generator.random(field.shape) < 0.0125
             return np.where(wrong, generator.choice([NAN, math.inf, -1e200]), field)
 
-        told.append(
+        given.append(
             Inputs(
                 np.full(count, float(second)),
                 mapped(spoilt, own),
@@ -195,12 +195,12 @@ def story(generator: np.random.Generator, count: int, seconds: int) -> list[Inpu
                 spoilt(generator.choice([0.0, 2.0], (count, 2))),
             )
         )
-    return told
+    return given
 
 
-def played(told: list[Inputs], rows: Any) -> list[tuple[Any, Any]]:
+def played(given: list[Inputs], rows: Any) -> list[tuple[Any, Any]]:
     """Play a story for some rows; every third request is answered by a plan."""
-    monitor = take(flying(count=told[0].time.size), rows)
+    monitor = take(flying(count=given[0].time.size), rows)
     room = assurance.start(monitor.state.size, 2)
     monitor = assurance.activate(
         room,
@@ -208,11 +208,11 @@ def played(told: list[Inputs], rows: Any) -> list[tuple[Any, Any]]:
         straight(count=monitor.state.size),
         np.ones(monitor.state.size, bool),
         0.0,
-        take(taken(blank(told[0].time.size, 2), told[0], THRESHOLDS)[2], rows),
+        take(updated(blank(given[0].time.size, 2), given[0], THRESHOLDS)[2], rows),
         THRESHOLDS,
     )
     seen = []
-    for second, inputs in enumerate(told):
+    for second, inputs in enumerate(given):
         monitor, decision = assurance.step(monitor, take(inputs, rows), THRESHOLDS)
         asking = np.flatnonzero(decision.replan)
         monitor, _ = assurance.answer(
@@ -228,11 +228,11 @@ def played(told: list[Inputs], rows: Any) -> list[tuple[Any, Any]]:
 
 
 def test_one_aircraft_is_judged_alike_alone_and_in_any_company() -> None:
-    told = story(np.random.default_rng(5), 12, 25)
-    together = played(told, np.arange(12))
+    given = story(np.random.default_rng(5), 12, 25)
+    together = played(given, np.arange(12))
     assert len({int(code) for monitor, _ in together for code in monitor.state}) >= 4
     for rows in (np.array([3]), np.array([11, 0, 7])):
-        alone = played(told, rows)
+        alone = played(given, rows)
         for (monitor, decision), (part, part_decision) in zip(together, alone, strict=True):
             for a, b in zip(flat(take((monitor, decision), rows)), flat((part, part_decision)), strict=True):
                 if a.dtype == float:
@@ -257,12 +257,12 @@ def anything(draw: st.DrawFn) -> Inputs:
 
 
 @given(st.lists(anything(), min_size=1, max_size=5), st.booleans())
-def test_nothing_that_can_be_told_breaks_it_or_passes(told: list[Inputs], safe: bool) -> None:
+def test_nothing_that_can_be_told_breaks_it_or_passes(given: list[Inputs], safe: bool) -> None:
     monitor = assurance.activate(
         assurance.start(1, 2), np.array([0]), straight(), np.array([safe]), 0.0, blank_traffic(), THRESHOLDS
     )
     sighted = False
-    for inputs in told:
+    for inputs in given:
         monitor, decision = assurance.step(monitor, inputs, THRESHOLDS)
         state, causes = state_of(monitor), causes_of(monitor)
         finite = np.isfinite(np.concatenate(list(inputs.own))).all()
@@ -280,7 +280,7 @@ def test_nothing_that_can_be_told_breaks_it_or_passes(told: list[Inputs], safe: 
 
 
 def blank_traffic() -> Any:
-    return taken(
+    return updated(
         blank(1, 2),
         assurance.inputs(0.0, on_plan(0.0), mapped(lambda f: np.full((1, 2), NAN), on_plan(0.0))),
         THRESHOLDS,
@@ -290,8 +290,8 @@ def blank_traffic() -> Any:
 def test_an_aged_turn_is_advanced_along_its_arc_and_lasts_less() -> None:
     memory = blank(1, 1)
     for time, age in ((0.0, 0.0), (1.0, 0.0), (3.0, 2.0)):
-        told = assurance.inputs(time, on_plan(time), other(0.0, 0.0, 0.03 * (time - age)), age=np.full((1, 1), age))
-        memory, _own, traffic, _causes = taken(memory, told, THRESHOLDS)
+        given = assurance.inputs(time, on_plan(time), other(0.0, 0.0, 0.03 * (time - age)), age=np.full((1, 1), age))
+        memory, _own, traffic, _causes = updated(memory, given, THRESHOLDS)
     assert traffic.turn_rate[0, 0] == pytest.approx(0.03)
     assert traffic.turn_time[0, 0] == pytest.approx(THRESHOLDS.turn_time - 2.0)
     radius, turned = 75.0 / 0.03, 0.03 * 3.0

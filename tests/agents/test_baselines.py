@@ -7,7 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.baselines.baselines import BASELINES, Direct, PotentialField, RightHand, Sight, homeward, steered, way_back
+from agents.baselines.baselines import (
+    BASELINES,
+    Direct,
+    PotentialField,
+    RightHand,
+    Sight,
+    course_to_goal,
+    may_return,
+    steered,
+)
 from envs.angles import wrap
 from envs.kinematics import SURROGATE, VehicleState
 from envs.relative import straight_cpa
@@ -207,16 +216,16 @@ def test_steering_turns_the_short_way_and_stops_at_the_course(heading: float, co
 def test_a_goal_inside_the_turning_circle_is_flown_away_from_first() -> None:
     # At 100 m/s the circle has a radius of 1910 m; its middle is the worst place.
     inside = seen((0, 0, 0, 100), [FAR], (0.0, 1_900.0))
-    assert homeward(inside, SURROGATE, 500.0)[0] == 0.0
+    assert course_to_goal(inside, SURROGATE, 500.0)[0] == 0.0
     outside = seen((0, 0, 0, 100), [FAR], (0.0, 4_500.0))
-    assert homeward(outside, SURROGATE, 500.0)[0] == pytest.approx(math.pi / 2)
+    assert course_to_goal(outside, SURROGATE, 500.0)[0] == pytest.approx(math.pi / 2)
 
 
 def test_the_way_back_is_free_past_the_closest_point_and_not_before() -> None:
     before = seen((0, 0, 0, 80), [(6_000, 0, math.pi, 80)])
     after = seen((0, 0, 0, 80), [(-2_000, 0, math.pi, 80)])
-    assert not way_back(before, SURROGATE, 500.0, 1_000.0)[0]
-    assert way_back(after, SURROGATE, 500.0, 1_000.0)[0]
+    assert not may_return(before, SURROGATE, 500.0, 1_000.0)[0]
+    assert may_return(after, SURROGATE, 500.0, 1_000.0)[0]
 
 
 def test_mvp_with_speed_hurries_when_it_is_late() -> None:
