@@ -1,7 +1,7 @@
-"""The run-time monitor between messages: which plan is watched, in which frame, and what it is told of everybody.
+"""The run-time monitor between messages: which plan is monitored, in which frame, and which reports it gets.
 
-Pure: :mod:`agents.assurance.single` with the picture of :mod:`ros_bridge.core.updates` as its input and published plans
-as its plans. The local frame is the monitor's own, about the start of the plan that it began with.
+Pure: :mod:`agents.assurance.single` with the situation of :mod:`ros_bridge.core.updates` as its input and published
+plans as its plans. The local frame is the monitor's own, about the start of the plan that it began with.
 """
 
 import math
@@ -22,20 +22,20 @@ from ros_bridge.core.geodesy import ACCURATE, LocalFrame, carried, distance
 from ros_bridge.core.reach import Reach, level, out_of_reach
 from ros_bridge.core.replies import flown
 from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import Picture, placed
+from ros_bridge.core.situation import Situation, placed
 from ros_bridge.core.tracks import Track
 
-__all__ = ["NOTHING", "Published", "Watching", "activated", "answered", "apart", "fly", "stepped", "withdrawn"]
+__all__ = ["INITIAL", "Published", "Supervision", "activated", "answered", "apart", "stepped", "to_fly", "withdrawn"]
 
 _SPACING = round(0.25 * SECOND)
-"""Least time between two reports of an intruder that are told: turns are read from reports 0.2 s apart or more."""
+"""Least time between two reports of an intruder that the monitor gets: it reads turns from reports 0.2 s apart."""
 
 _NEWS = (20.0, 3.0)
-"""By so much, m and m/s, a report differs from what the last one let expect to be told at once."""
+"""A report that differs by so much, m and m/s, from what the last one let expect is handed over at once."""
 
 _GRID = 2.0**20
-"""Parts of a second that times are rounded to: differences of such times are exact, so that a report which is told
-twice, at two ages, has one time."""
+"""Parts of a second that times are rounded to: differences of such times are exact, so that a report which is handed
+over twice, at two ages, has one time."""
 
 _HORIZON = 500.0  # s; no plan lasts longer
 _UNKNOWN = VehicleState(math.nan, math.nan, math.nan, math.nan)
@@ -56,7 +56,7 @@ class Published:
 
 
 @dataclass(frozen=True)
-class Watching:
+class Supervision:
     """Everything that the monitor knows; never changed in place."""
 
     watch: Watch
@@ -64,117 +64,121 @@ class Watching:
     zero: int = 0
     """Of the monitor's clock, ns."""
     held: Published | None = None
-    """The plan that is watched; None: none, or it was withdrawn."""
+    """The plan that is monitored; None: none, or it was withdrawn."""
     revision: int = 0
-    """The greatest that was heard."""
+    """The greatest that was received."""
     asked: int = 0
     """When the last request went out, ns."""
-    told: Mapping[str, Report] = field(default_factory=lambda: MappingProxyType({}))
-    """The reports that the monitor was told last."""
+    reported: Mapping[str, Report] = field(default_factory=lambda: MappingProxyType({}))
+    """The reports that the monitor got last."""
 
 
-NOTHING = Watching(watch.begin())
-"""Of a monitor that watches nothing."""
+INITIAL = Supervision(watch.begin())
+"""Of a monitor without a plan."""
 
 
-def activated(watching: Watching, picture: Picture, published: Published) -> Watching:
-    """Begin to watch a plan; one that is not newer than what was heard before is passed over."""
-    if published.revision <= watching.revision:
-        return watching
-    frame, zero = watching.frame, watching.zero
-    if frame is None or watching.held is None or _far(frame, published):
+def activated(supervision: Supervision, situation: Situation, published: Published) -> Supervision:
+    """Begin to monitor a plan; one that is not newer than those before is passed over."""
+    if published.revision <= supervision.revision:
+        return supervision
+    frame, zero = supervision.frame, supervision.zero
+    if frame is None or supervision.held is None or _far(frame, published):
         # Nothing that is remembered outlives a change of the frame.
         frame, zero = LocalFrame(published.start.latitude, published.start.longitude), published.began
-        fresh = watch.begin(watching.watch.thresholds)
-        watching = replace(watching, watch=fresh, frame=frame, zero=zero, told=MappingProxyType({}))
+        fresh = watch.begin(supervision.watch.thresholds)
+        supervision = replace(supervision, watch=fresh, frame=frame, zero=zero, reported=MappingProxyType({}))
     own, waypoints = flown(frame, published.began, published.start, published.points)
-    tracks = ((name, picture.traffic.get(name)) for name in published.identifiers)
+    tracks = ((name, situation.traffic.get(name)) for name in published.identifiers)
     intruders = {
         name: _intruder(frame, track.last, zero, published.began)
         for name, track in tracks
         if track is not None and track.last is not None
     }
-    began = watch.activate(watching.watch, received(waypoints), own, intruders, _clock(zero, published.began))
-    return replace(watching, watch=began, held=published, revision=published.revision)
+    began = watch.activate(supervision.watch, received(waypoints), own, intruders, _clock(zero, published.began))
+    return replace(supervision, watch=began, held=published, revision=published.revision)
 
 
-def withdrawn(watching: Watching, revision: int) -> Watching:
-    """Take a plan from the monitor: the backup is flown until there is another."""
-    if revision <= watching.revision:
-        return watching
-    watching = replace(watching, revision=revision, held=None)
-    if watching.frame is None or _state(watching) is State.IDLE:
-        return watching
-    return replace(watching, watch=watch.activate(watching.watch, received(()), _UNKNOWN, {}, 0.0))
+def withdrawn(supervision: Supervision, revision: int) -> Supervision:
+    """Withdraw the plan: the backup is flown until there is another."""
+    if revision <= supervision.revision:
+        return supervision
+    supervision = replace(supervision, revision=revision, held=None)
+    if supervision.frame is None or _state(supervision) is State.IDLE:
+        return supervision
+    return replace(supervision, watch=watch.activate(supervision.watch, received(()), _UNKNOWN, {}, 0.0))
 
 
-def stepped(watching: Watching, picture: Picture, now: int, vertical_filter: float) -> tuple[Watching, Verdict | None]:
+def stepped(
+    supervision: Supervision, situation: Situation, now: int, vertical_filter: float
+) -> tuple[Supervision, Verdict | None]:
     """Judge the present moment.
 
     Args:
-        watching: the monitor.
-        picture: what was heard.
+        supervision: the monitor.
+        situation: what is known.
         now: ns.
         vertical_filter: predicted vertical separation beyond which an intruder is left out, m.
 
     Returns:
-        The monitor, and what it says; None before the first plan.
+        The monitor, and its verdict; None before the first plan.
     """
-    frame = watching.frame
+    frame = supervision.frame
     if frame is None:
-        return watching, None
+        return supervision, None
     own, own_age = None, 0.0
-    track = picture.own
+    track = situation.own
     if track.last is not None and track.fault is None:
-        own, own_age = placed(frame, track.last), _age(watching.zero, track.last.time, now)
+        own, own_age = placed(frame, track.last), _age(supervision.zero, track.last.time, now)
     intruders: dict[str, Intruder] = {}
-    told: dict[str, Report] = {}
-    undulation = None if picture.origin is None else picture.origin.undulation
+    reported: dict[str, Report] = {}
+    undulation = None if situation.origin is None else situation.origin.undulation
     height = None if track.last is None else level(track.last.altitude, 0, undulation)
-    left_out = _left_out(picture, now, watching.watch.thresholds, vertical_filter)
-    for name, other in picture.traffic.items():
+    left_out = _left_out(situation, now, supervision.watch.thresholds, vertical_filter)
+    for name, other in situation.traffic.items():
         if name in left_out:
             continue
         if other.last is not None and apart(height, level(other.last.altitude, 0, undulation), vertical_filter):
             continue
-        report = _due(watching.told.get(name), other)
+        report = _due(supervision.reported.get(name), other)
         if report is not None:
-            told[name] = report
-            intruders[name] = _intruder(frame, report, watching.zero, now)
-        elif name not in watching.watch.names:
-            # Who has never been heard well must be missed all the same.
+            reported[name] = report
+            intruders[name] = _intruder(frame, report, supervision.zero, now)
+        elif name not in supervision.watch.names:
+            # An aircraft without any good report must be missed all the same.
             intruders[name] = Intruder(_UNKNOWN)
-    known = watching.watch.names
-    silent = {name for name, other in picture.traffic.items() if other.fault is not None and name not in left_out}
+    known = supervision.watch.names
+    silent = {name for name, other in situation.traffic.items() if other.fault is not None and name not in left_out}
     gone = [name for name in known if name not in intruders and name not in silent]
-    after, verdict = watch.step(watching.watch, _clock(watching.zero, now), own, intruders, own_age=own_age, gone=gone)
-    asked = now if verdict.ask is not None else watching.asked
-    return replace(watching, watch=after, told=MappingProxyType(told), asked=asked), verdict
+    after, verdict = watch.step(
+        supervision.watch, _clock(supervision.zero, now), own, intruders, own_age=own_age, gone=gone
+    )
+    asked = now if verdict.ask is not None else supervision.asked
+    return replace(supervision, watch=after, reported=MappingProxyType(reported), asked=asked), verdict
 
 
-def answered(watching: Watching, number: int, published: Published | None) -> tuple[Watching, bool]:
+def answered(supervision: Supervision, number: int, published: Published | None) -> tuple[Supervision, bool]:
     """Hand in what became of a request; None: there is no plan that may be flown. Return also whether it is flown."""
-    frame, ask = watching.frame, watching.watch.ask
+    frame, ask = supervision.frame, supervision.watch.ask
     if frame is None or ask is None:
-        return watching, False
+        return supervision, False
     if published is None:
-        after, _ = watch.answer(watching.watch, number, received(()))
-        return replace(watching, watch=after), False
+        after, _ = watch.answer(supervision.watch, number, received(()))
+        return replace(supervision, watch=after), False
     _, waypoints = flown(frame, published.began, published.start, published.points)
     # The runner began when the request arrived; the monitor counts from when it asked.
-    late = (published.began - watching.asked) / SECOND
+    late = (published.began - supervision.asked) / SECOND
     shifted = tuple(replace(point, time=point.time + late) for point in waypoints)
-    after, taken_up = watch.answer(watching.watch, number, received(shifted))
-    revision = max(watching.revision, published.revision)
-    held = published if taken_up else watching.held
-    return replace(watching, watch=after, held=held, revision=revision), taken_up
+    after, taken_up = watch.answer(supervision.watch, number, received(shifted))
+    revision = max(supervision.revision, published.revision)
+    held = published if taken_up else supervision.held
+    return replace(supervision, watch=after, held=held, revision=revision), taken_up
 
 
-def fly(watching: Watching) -> Flown:
+def to_fly(supervision: Supervision) -> Flown:
     """Return what shall be flown now."""
-    if watching.frame is None or _state(watching) is State.IDLE:
+    if supervision.frame is None or _state(supervision) is State.IDLE:
         return Flown.NOTHING
-    return Flown.BACKUP if bool(watching.watch.monitor.on_backup[0]) else Flown.PLAN
+    return Flown.BACKUP if bool(supervision.watch.monitor.on_backup[0]) else Flown.PLAN
 
 
 def apart(own: Altitude | None, other: Altitude | None, least: float) -> bool:
@@ -189,23 +193,23 @@ def apart(own: Altitude | None, other: Altitude | None, least: float) -> bool:
     return now * later > 0.0 and min(abs(now), abs(later)) > least
 
 
-def _left_out(picture: Picture, now: int, limits: Thresholds, vertical_filter: float) -> frozenset[str]:
+def _left_out(situation: Situation, now: int, limits: Thresholds, vertical_filter: float) -> frozenset[str]:
     """Return the aircraft whose reports cannot be used, and that cannot come near by their last places."""
-    own = picture.own.last
+    own = situation.own.last
     if own is None:
         return frozenset()
     separation = limits.requirement.separation + limits.requirement.margin
-    undulation = None if picture.origin is None else picture.origin.undulation
+    undulation = None if situation.origin is None else situation.origin.undulation
     reach = Reach(own, now, _HORIZON, separation, vertical_filter, limits.limits.speed_max, undulation)
     return frozenset(
         name
-        for name, track in picture.traffic.items()
+        for name, track in situation.traffic.items()
         if (track.fault is not None or track.age(now) > limits.intruder_age) and out_of_reach(track, reach) is not None
     )
 
 
-def _state(watching: Watching) -> State:
-    return State(int(watching.watch.monitor.state[0]))
+def _state(supervision: Supervision) -> State:
+    return State(int(supervision.watch.monitor.state[0]))
 
 
 def _clock(zero: int, time: int) -> float:
@@ -223,7 +227,7 @@ def _intruder(frame: LocalFrame, report: Report, zero: int, now: int) -> Intrude
 
 
 def _due(before: Report | None, track: Track) -> Report | None:
-    """Return the report to be told: the newest, unless it follows the one before closely and is no news.
+    """Return the report to hand over: the newest, unless it follows the one before closely and says nothing new.
 
     Returns:
         None where there is no good report.

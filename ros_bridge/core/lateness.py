@@ -5,10 +5,10 @@ from agents.planner.publish import rechecked
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.situation import Task
 
-__all__ = ["by_then"]
+__all__ = ["revalidated"]
 
 
-def by_then(plan: Plan, asked: Task, present: Task) -> Plan:
+def revalidated(plan: Plan, asked: Task, present: Task) -> Plan:
     """Return a plan as it is worth by now: SAFE only if it still is from the ownship's present state on.
 
     Args:

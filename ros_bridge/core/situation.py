@@ -27,7 +27,7 @@ from ros_bridge.core.reach import Reach, level, out_of_reach
 from ros_bridge.core.reports import Report
 from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict
 
-__all__ = ["Code", "Excluded", "Picture", "Refusal", "Settings", "Task", "placed", "refusal_of", "task"]
+__all__ = ["Code", "Excluded", "Refusal", "Settings", "Situation", "Task", "placed", "refusal_of", "task"]
 
 
 _TURN_TIME = Thresholds().turn_time
@@ -104,7 +104,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Picture:
+class Situation:
     """Everything that was heard; the faults are of newer messages that could not be used."""
 
     origin: Origin | None = None
@@ -145,11 +145,11 @@ class Task:
     """What was assumed."""
 
 
-def task(picture: Picture, now: int, settings: Settings, asked_route: Route | None = None) -> Task:
+def task(situation: Situation, now: int, settings: Settings, asked_route: Route | None = None) -> Task:
     """Return the task at a moment.
 
     Args:
-        picture: what is known.
+        situation: what is known.
         now: ns.
         settings: of the runner.
         asked_route: takes the place of the published one.
@@ -159,24 +159,24 @@ def task(picture: Picture, now: int, settings: Settings, asked_route: Route | No
     """
     if now <= 0:
         raise Refusal(Code.NO_CLOCK, "clock", "clock stands at zero, expected a running clock (is /clock published?)")
-    if picture.origin_fault is not None:
-        raise Refusal(Code.INVALID_GEO_REFERENCE, picture.origin_fault.field, picture.origin_fault.message)
-    if picture.origin is None:
+    if situation.origin_fault is not None:
+        raise Refusal(Code.INVALID_GEO_REFERENCE, situation.origin_fault.field, situation.origin_fault.message)
+    if situation.origin is None:
         raise Refusal(Code.NO_GEO_REFERENCE, "geo_reference", "geo_reference has not been received")
-    frame = picture.origin.frame
-    report = _usable(picture.own, "ownship", now, settings.ownship_age, settings.future)
-    own = _now(frame, picture.own, report, now)
+    frame = situation.origin.frame
+    report = _usable(situation.own, "ownship", now, settings.ownship_age, settings.future)
+    own = _now(frame, situation.own, report, now)
     far = math.hypot(own.x, own.y)
     if far > ACCURATE:
         raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", f"ownship.position {_too_far(far)}")
     options, notes = _in_wind(report, settings)
-    alerted = _alerted(picture, now, settings)
-    route, points = _route(picture, frame, asked_route)
+    alerted = _alerted(situation, now, settings)
+    route, points = _route(situation, frame, asked_route)
     separation = options.requirement.separation + options.requirement.margin
-    speed, undulation = options.limits.speed_max, picture.origin.undulation
+    speed, undulation = options.limits.speed_max, situation.origin.undulation
     horizon = _latest_end(points, options)
     reach = Reach(report, now, horizon, separation, options.vertical_filter, speed, undulation)
-    identifiers, intruders, excluded = _intruders(picture, frame, now, settings, alerted, reach)
+    identifiers, intruders, excluded = _intruders(situation, frame, now, settings, alerted, reach)
     copies = [name for name, one in zip(identifiers, intruders, strict=True) if _like(own, one.state)]
     if copies:
         notes += (f"{', '.join(copies)}: at the ownship's place and velocity; a copy of it (TIS-B) is not recognised",)
@@ -239,14 +239,14 @@ def _now(frame: LocalFrame, track: Track, report: Report, now: int) -> VehicleSt
     return VehicleState(x, y, float(wrap(state.heading + turn, np)), state.speed)
 
 
-def _alerted(picture: Picture, now: int, settings: Settings) -> frozenset[str]:
+def _alerted(situation: Situation, now: int, settings: Settings) -> frozenset[str]:
     """Return whom an alert that holds is about."""
-    if picture.alert_fault is not None:
-        raise Refusal(Code.INVALID_ALERT, picture.alert_fault.field, picture.alert_fault.message)
-    alert = picture.alert
+    if situation.alert_fault is not None:
+        raise Refusal(Code.INVALID_ALERT, situation.alert_fault.field, situation.alert_fault.message)
+    alert = situation.alert
     if alert is None or (now - alert.time) / SECOND > settings.alert_age:
         return frozenset()
-    unknown = [name for name in alert.identifiers if name not in picture.traffic]
+    unknown = [name for name in alert.identifiers if name not in situation.traffic]
     if unknown:
         what = f"is the subject of an alert of level {alert.level}, and no state of it has been received"
         raise Refusal(Code.NO_INTRUDER, f"intruder {unknown[0]}", f"intruder {unknown[0]} {what}")
@@ -267,10 +267,10 @@ def _like(own: VehicleState, other: VehicleState) -> bool:
 
 
 def _intruders(
-    picture: Picture, frame: LocalFrame, now: int, settings: Settings, alerted: frozenset[str], reach: Reach
+    situation: Situation, frame: LocalFrame, now: int, settings: Settings, alerted: frozenset[str], reach: Reach
 ) -> tuple[tuple[str, ...], tuple[Intruder, ...], tuple[Excluded, ...]]:
     names, intruders, excluded = [], [], []
-    for name, track in sorted(picture.traffic.items()):
+    for name, track in sorted(situation.traffic.items()):
         try:
             report = _usable(track, f"intruder {name}", now, settings.intruder_age, settings.future)
         except Refusal:
@@ -295,10 +295,10 @@ def _intruders(
     return tuple(names), tuple(intruders), tuple(excluded)
 
 
-def _route(picture: Picture, frame: LocalFrame, asked: Route | None) -> tuple[Route, tuple[RoutePoint, ...]]:
-    if asked is None and picture.route_fault is not None:
-        raise Refusal(Code.INVALID_ROUTE, picture.route_fault.field, picture.route_fault.message)
-    route = asked or picture.route
+def _route(situation: Situation, frame: LocalFrame, asked: Route | None) -> tuple[Route, tuple[RoutePoint, ...]]:
+    if asked is None and situation.route_fault is not None:
+        raise Refusal(Code.INVALID_ROUTE, situation.route_fault.field, situation.route_fault.message)
+    route = asked or situation.route
     if route is None:
         raise Refusal(Code.NO_ROUTE, "route", "route has not been received, and the request holds none")
     at = frame.place([point.latitude for point in route.points], [point.longitude for point in route.points])

@@ -1,4 +1,4 @@
-"""What a message does to the picture: one pure function an input; a fault stays until a good message follows."""
+"""What a message does to the situation: one pure function an input; a fault stays until a good message follows."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,37 +7,37 @@ from typing import Any
 from ros_bridge.core import conversions
 from ros_bridge.core.fields import SECOND, FieldError, identifier, readable
 from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import Picture
+from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import UNKNOWN, Fault, Rules, Track, Verdict, refused, taken
 
 __all__ = ["alert", "geo_reference", "ownship", "reset", "route", "traffic"]
 
 
-def ownship(picture: Picture, message: Any, now: int, rules: Rules) -> Picture:
+def ownship(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
     """Take in an AircraftState of the ownship; ``now`` in ns. Its transmission, received as traffic before, goes."""
-    own = _track(picture.own, lambda: conversions.aircraft(message, "ownship"), "ownship", now, rules)
-    traffic = picture.traffic
+    own = _track(situation.own, lambda: conversions.aircraft(message, "ownship"), "ownship", now, rules)
+    traffic = situation.traffic
     if own.last is not None and own.last.identifier in traffic:
         traffic = {name: track for name, track in traffic.items() if name != own.last.identifier}
-    return replace(picture, own=own, traffic=traffic)
+    return replace(situation, own=own, traffic=traffic)
 
 
-def traffic(picture: Picture, message: Any, now: int, rules: Rules) -> Picture:
+def traffic(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
     """Take in an AircraftState of an intruder; the own transmission, received again, is passed over.
 
     The own transmission is known by the ownship's id alone. A copy under another id, as TIS-B makes them, is not
     recognised by its place and velocity: it counts as an intruder, and the task says so (:mod:`situation`).
     """
     name = readable(lambda: identifier("", message.id)) or message.id
-    if picture.own.last is not None and picture.own.last.identifier == name:
-        return picture
+    if situation.own.last is not None and situation.own.last.identifier == name:
+        return situation
     called = f"intruder {name}"
-    before = picture.traffic.get(name, UNKNOWN)
+    before = situation.traffic.get(name, UNKNOWN)
     track = _track(before, lambda: conversions.aircraft(message, called), called, now, rules)
-    return replace(picture, traffic={**picture.traffic, name: track})
+    return replace(situation, traffic={**situation.traffic, name: track})
 
 
-def alert(picture: Picture, message: Any, now: int, rules: Rules) -> Picture:
+def alert(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
     """Take in a TrafficAlert; one that is older than the last is passed over."""
     try:
         heard = conversions.alert(message)
@@ -46,31 +46,31 @@ def alert(picture: Picture, message: Any, now: int, rules: Rules) -> Picture:
             field = "alert.header.stamp"
             raise FieldError(field, f"is {ahead:.3f} s ahead of the clock, expected {rules.future:g} s at most")
     except FieldError as error:
-        return replace(picture, alert_fault=_fault(error, now))
-    if picture.alert is not None and heard.time < picture.alert.time:
-        return picture
-    return replace(picture, alert=heard, alert_fault=None)
+        return replace(situation, alert_fault=_fault(error, now))
+    if situation.alert is not None and heard.time < situation.alert.time:
+        return situation
+    return replace(situation, alert=heard, alert_fault=None)
 
 
-def route(picture: Picture, message: Any, now: int) -> Picture:
+def route(situation: Situation, message: Any, now: int) -> Situation:
     """Take in a Trajectory of status ROUTE."""
     try:
-        return replace(picture, route=conversions.published_route(message), route_fault=None)
+        return replace(situation, route=conversions.published_route(message), route_fault=None)
     except FieldError as error:
-        return replace(picture, route_fault=_fault(error, now))
+        return replace(situation, route_fault=_fault(error, now))
 
 
-def geo_reference(picture: Picture, message: Any, now: int) -> Picture:
+def geo_reference(situation: Situation, message: Any, now: int) -> Situation:
     """Take in a GeoReference."""
     try:
-        return replace(picture, origin=conversions.geo_reference(message), origin_fault=None)
+        return replace(situation, origin=conversions.geo_reference(message), origin_fault=None)
     except FieldError as error:
-        return replace(picture, origin_fault=_fault(error, now))
+        return replace(situation, origin_fault=_fault(error, now))
 
 
-def reset(picture: Picture) -> Picture:
+def reset(situation: Situation) -> Situation:
     """Return what holds after the clock has stepped back: route and geo-reference, for they have no age."""
-    return replace(picture, own=UNKNOWN, traffic={}, alert=None, alert_fault=None)
+    return replace(situation, own=UNKNOWN, traffic={}, alert=None, alert_fault=None)
 
 
 def _track(before: Track, read: Callable[[], Report], name: str, now: int, rules: Rules) -> Track:

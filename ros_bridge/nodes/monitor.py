@@ -34,15 +34,16 @@ from agents.assurance import single as watch
 from agents.assurance.single import Ask, Verdict
 from agents.assurance.state import Flown, State
 from agents.assurance.thresholds import Cause
-from ros_bridge.core import updates as hearing
-from ros_bridge.core.assurance import NOTHING, Published, activated, answered, fly, stepped, withdrawn
+from ros_bridge.core import updates
+from ros_bridge.core.assurance import INITIAL, Published, activated, answered, stepped, to_fly, withdrawn
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.situation import Picture
+from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import forgotten
 from ros_bridge.transport import parameters, process, qos, views
 from ros_bridge.transport.messages import header
 from ros_bridge.transport.monitor_messages import backup_message, published_of
 from ros_bridge.transport.node_base import ListeningNode
+from ros_bridge.transport.settings import aircraft_text, monitor_thresholds, report_rules
 
 __all__ = ["Monitor", "main"]
 
@@ -60,8 +61,8 @@ class Monitor(ListeningNode):
 
     def _start(self) -> None:
         """Forget everything."""
-        self._picture = Picture()
-        self._watching = replace(NOTHING, watch=watch.begin(parameters.thresholds(self)))
+        self._situation = Situation()
+        self._supervision = replace(INITIAL, watch=watch.begin(monitor_thresholds(self)))
         self._verdict: Verdict | None = None
         self._latest = 0
         self._heard_runner = 0
@@ -75,19 +76,19 @@ class Monitor(ListeningNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to listen."""
         self._start()
-        self.get_logger().info(f"aircraft {parameters.aircraft(self)}")
-        self._hear(AircraftState, f"{_RUNNER}/input/ownship", self._on_ownship, qos.SENSOR)
-        self._hear(AircraftState, f"{_RUNNER}/input/traffic", self._on_traffic, qos.TRAFFIC)
-        self._hear(GeoReference, f"{_RUNNER}/input/geo_reference", self._on_geo_reference, qos.LATCHED)
-        self._hear(Trajectory, f"{_RUNNER}/output/trajectory", self._on_trajectory, qos.LATCHED)
-        self._hear(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.EVENTS)
-        self._statuses = self._speak(AssuranceStatus, "~/output/status", qos.LATCHED)
-        self._backup = self._speak(Trajectory, "~/output/backup", qos.LATCHED)
-        self._health = self._speak(DiagnosticArray, "/diagnostics", qos.EVENTS)
+        self.get_logger().info(f"aircraft {aircraft_text(self)}")
+        self._subscribe(AircraftState, f"{_RUNNER}/input/ownship", self._on_ownship, qos.SENSOR)
+        self._subscribe(AircraftState, f"{_RUNNER}/input/traffic", self._on_traffic, qos.TRAFFIC)
+        self._subscribe(GeoReference, f"{_RUNNER}/input/geo_reference", self._on_geo_reference, qos.LATCHED)
+        self._subscribe(Trajectory, f"{_RUNNER}/output/trajectory", self._on_trajectory, qos.LATCHED)
+        self._subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.EVENTS)
+        self._statuses = self._advertise(AssuranceStatus, "~/output/status", qos.LATCHED)
+        self._backup = self._advertise(Trajectory, "~/output/backup", qos.LATCHED)
+        self._health = self._advertise(DiagnosticArray, "/diagnostics", qos.EVENTS)
         self._client = self.create_client(GenerateTrajectory, f"{_RUNNER}/generate_trajectory")
         self._entities.append(lambda: self.destroy_client(self._client))
-        self._repeat(self.get_parameter("period").value, self._on_timer)
-        self._repeat(self.get_parameter("diagnostics_period").value, self._on_health)
+        self._call_every(self.get_parameter("period").value, self._on_timer)
+        self._call_every(self.get_parameter("diagnostics_period").value, self._on_health)
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -113,15 +114,15 @@ class Monitor(ListeningNode):
 
     def _on_ownship(self, message: AircraftState) -> None:
         now = self._now()
-        self._picture = hearing.ownship(self._picture, message, now, parameters.rules(self))
+        self._situation = updates.ownship(self._situation, message, now, report_rules(self))
 
     def _on_traffic(self, message: AircraftState) -> None:
         now = self._now()
-        self._picture = hearing.traffic(self._picture, message, now, parameters.rules(self))
+        self._situation = updates.traffic(self._situation, message, now, report_rules(self))
 
     def _on_geo_reference(self, message: GeoReference) -> None:
         now = self._now()
-        self._picture = hearing.geo_reference(self._picture, message, now)
+        self._situation = updates.geo_reference(self._situation, message, now)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         name = self.resolve_topic_name(_RUNNER)
@@ -131,7 +132,7 @@ class Monitor(ListeningNode):
     def _on_trajectory(self, message: Trajectory) -> None:
         self._heard_runner = self._now()
         if message.status == Trajectory.STATUS_WITHDRAWN:
-            self._watching = withdrawn(self._watching, message.revision)
+            self._supervision = withdrawn(self._supervision, message.revision)
             return
         try:
             published = published_of(message)
@@ -142,7 +143,7 @@ class Monitor(ListeningNode):
             # It may be the answer that is on its way; if not, its turn comes when that is settled.
             self._waiting = published
         else:
-            self._watching = activated(self._watching, self._picture, published)
+            self._supervision = activated(self._supervision, self._situation, published)
 
     # Judgement.
 
@@ -152,10 +153,10 @@ class Monitor(ListeningNode):
         now = self._now()
         if now <= 0:
             return
-        traffic, _ = forgotten(self._picture.traffic, now, self.get_parameter("forget_after").value)
-        self._picture = replace(self._picture, traffic=traffic)
+        traffic, _ = forgotten(self._situation.traffic, now, self.get_parameter("forget_after").value)
+        self._situation = replace(self._situation, traffic=traffic)
         limit = self.get_parameter("vertical_filter").value
-        self._watching, verdict = stepped(self._watching, self._picture, now, limit)
+        self._supervision, verdict = stepped(self._supervision, self._situation, now, limit)
         self._verdict = verdict
         if verdict is not None:
             self._settle(now)
@@ -192,9 +193,9 @@ class Monitor(ListeningNode):
         self._take_waiting()
 
     def _answer(self, number: int, published: Published | None) -> None:
-        before = fly(self._watching)
-        self._watching, _ = answered(self._watching, number, published)
-        if fly(self._watching) is not before:
+        before = to_fly(self._supervision)
+        self._supervision, _ = answered(self._supervision, number, published)
+        if to_fly(self._supervision) is not before:
             self._publish(self._latest)
 
     def _settle(self, now: int) -> None:
@@ -209,7 +210,7 @@ class Monitor(ListeningNode):
 
     def _take_waiting(self) -> None:
         if self._waiting is not None:
-            self._watching = activated(self._watching, self._picture, self._waiting)
+            self._supervision = activated(self._supervision, self._situation, self._waiting)
             self._waiting = None
 
     # Outputs.
@@ -218,18 +219,20 @@ class Monitor(ListeningNode):
         if not (self._active and rclpy.ok(context=self.context)):
             return
         self._statuses.publish(self._status(now))
-        flown = fly(self._watching)
+        flown = to_fly(self._supervision)
         if flown is not Flown.BACKUP:
             self._backup_at = 0
-        elif now - self._backup_at >= _BACKUP_AGAIN and math.isfinite(self._watching.watch.monitor.backup.started[0]):
+        elif now - self._backup_at >= _BACKUP_AGAIN and math.isfinite(
+            self._supervision.watch.monitor.backup.started[0]
+        ):
             self._backup_at, self._backups = now, self._backups + 1
-            own = self._picture.own.last
+            own = self._situation.own.last
             frame = self.get_parameter("map_frame").value
             altitude = None if own is None else own.altitude
-            self._backup.publish(backup_message(self._watching, altitude, frame, self._backups, uuid.uuid4()))
+            self._backup.publish(backup_message(self._supervision, altitude, frame, self._backups, uuid.uuid4()))
 
     def _status(self, now: int) -> AssuranceStatus:
-        limits = parameters.thresholds(self)
+        limits = monitor_thresholds(self)
         message = AssuranceStatus(
             header=header(now, self.get_parameter("map_frame").value),
             cross_track_limit=limits.cross_track,
@@ -239,16 +242,16 @@ class Monitor(ListeningNode):
             time_to_loss=-1.0,
             runner_silence=self._silence(now),
         )
-        if self._watching.held is not None:
-            message.trajectory_id.uuid = list(self._watching.held.unique)
-            message.trajectory_revision = self._watching.held.revision
+        if self._supervision.held is not None:
+            message.trajectory_id.uuid = list(self._supervision.held.unique)
+            message.trajectory_revision = self._supervision.held.revision
         if self._verdict is None:
             message.reasons = ["there is no plan to watch"]
             return message
-        monitor, measured = self._watching.watch.monitor, self._verdict.measured
+        monitor, measured = self._supervision.watch.monitor, self._verdict.measured
         # An answer may have changed the state since the judgement.
         causes = int(monitor.causes[0])
-        message.state, message.fly, message.causes = int(monitor.state[0]), int(fly(self._watching)), causes
+        message.state, message.fly, message.causes = int(monitor.state[0]), int(to_fly(self._supervision)), causes
         message.reasons = [why.message for why in watch.reasons(measured._replace(causes=monitor.causes), limits)]
         own = not causes & int(Cause.OWN_MISSING | Cause.OWN_STALE | Cause.CLOCK)
         message.measured = own and message.fly == int(Flown.PLAN)
@@ -274,7 +277,7 @@ class Monitor(ListeningNode):
         if not rclpy.ok(context=self.context):
             return
         level, message = DiagnosticStatus.OK, "ready"
-        state = State(int(self._watching.watch.monitor.state[0]))
+        state = State(int(self._supervision.watch.monitor.state[0]))
         if state in (State.DENIED, State.BACKUP):
             level, message = DiagnosticStatus.WARN, state.name
         silence = self._silence(now)
@@ -282,10 +285,14 @@ class Monitor(ListeningNode):
             level, message = DiagnosticStatus.ERROR, "the runner is silent"
         if not self._active:
             level, message = DiagnosticStatus.WARN, "not active"
-        if self._misfits:
-            level, message = DiagnosticStatus.ERROR, "; ".join(self._misfits.values())
-        values = {"aircraft": parameters.aircraft(self)}
-        values |= {"state": state.name, "flown": fly(self._watching).name, "silence of the runner, s": f"{silence:.2f}"}
+        if self._qos_problems:
+            level, message = DiagnosticStatus.ERROR, "; ".join(self._qos_problems.values())
+        values = {"aircraft": aircraft_text(self)}
+        values |= {
+            "state": state.name,
+            "flown": to_fly(self._supervision).name,
+            "silence of the runner, s": f"{silence:.2f}",
+        }
         self._health.publish(views.diagnostics(now, self.get_fully_qualified_name(), level, message, values))
 
 

@@ -31,9 +31,10 @@ from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import placed
-from ros_bridge.sim.guidance import Orders, curve
+from ros_bridge.sim.guidance import Guidance, curve
 from ros_bridge.transport import parameters, process, qos
 from ros_bridge.transport.messages import uuid_of
+from ros_bridge.transport.settings import declare
 
 __all__ = ["Pilot", "main"]
 
@@ -46,19 +47,19 @@ class Pilot(Node):
 
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_pilot", **more)
-        parameters.declare(self, parameters.PILOT_NUMBERS, parameters.PILOT_OTHERS)
-        self._orders = Orders(watched=bool(self.get_parameter("monitor").value))
+        declare(self, parameters.PILOT_NUMBERS, parameters.PILOT_OTHERS)
+        self._guidance = Guidance(watched=bool(self.get_parameter("monitor").value))
         self._own: Report | None = None
         self._line: tuple[int, LocalFrame, Legs, int] | None = None
         self._commands = self.create_publisher(Twist, "~/output/command", qos.EVENTS)
         self.create_subscription(AircraftState, f"{_RUNNER}/input/ownship", self._on_ownship, qos.SENSOR)
         self.create_subscription(Trajectory, f"{_RUNNER}/output/trajectory", self._on_trajectory, qos.LATCHED)
-        self.create_subscription(AssuranceStatus, f"{_MONITOR}/output/status", self._orders.says, qos.LATCHED)
-        self.create_subscription(Trajectory, f"{_MONITOR}/output/backup", self._orders.backup, qos.LATCHED)
+        self.create_subscription(AssuranceStatus, f"{_MONITOR}/output/status", self._guidance.says, qos.LATCHED)
+        self.create_subscription(Trajectory, f"{_MONITOR}/output/backup", self._guidance.backup, qos.LATCHED)
         self.create_timer(PERIOD, self._on_timer)
 
     def _on_trajectory(self, message: Trajectory) -> None:
-        self._orders.plan(message)
+        self._guidance.plan(message)
 
     def _on_ownship(self, message: AircraftState) -> None:
         try:
@@ -67,7 +68,7 @@ class Pilot(Node):
             self.get_logger().error(str(error), throttle_duration_sec=5.0)
 
     def _on_timer(self) -> None:
-        wanted, own = self._orders.wanted(), self._own
+        wanted, own = self._guidance.wanted(), self._own
         if wanted is None or own is None:
             return
         now = self.get_clock().now().nanoseconds
@@ -83,7 +84,7 @@ class Pilot(Node):
             except FieldError as error:
                 self.get_logger().error(f"cannot be flown: {error}", throttle_duration_sec=5.0)
                 return
-        status = self._orders.status
+        status = self._guidance.status
         silent = 0.0 if status is None else (now - nanoseconds(status.header.stamp)) / SECOND
         if silent > _SILENCE:
             # What was said last is still the best that is known; but nobody watches any more.

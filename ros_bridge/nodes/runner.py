@@ -25,19 +25,19 @@ from agents.policy.file import PolicyFileError
 from agents.policy.inference import Policy
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
-from ros_bridge.core import conversions, geodesy
-from ros_bridge.core import updates as hearing
+from ros_bridge.core import conversions, geodesy, updates
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.lateness import by_then
-from ros_bridge.core.situation import Code, Picture, Refusal, Task, refusal_of, task
+from ros_bridge.core.lateness import revalidated
+from ros_bridge.core.situation import Code, Refusal, Situation, Task, refusal_of, task
 from ros_bridge.core.tracks import Verdict, forgotten
-from ros_bridge.transport import parameters, qos, views
+from ros_bridge.transport import qos, views
 from ros_bridge.transport.messages import header, identity, plan_message, uuid_of
 from ros_bridge.transport.node_base import ListeningNode
+from ros_bridge.transport.settings import aircraft_text, planning_settings, report_rules
 
 __all__ = ["Runner"]
 
-_SHOW = 0.1  # s at most from a plan to its picture
+_VIEWS_EVERY = 0.1  # s at most from a plan to its situation
 _NOBODY = uuid.UUID(int=0)
 
 
@@ -47,11 +47,11 @@ class Runner(ListeningNode):
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_runner", **more)
         self._declare()
-        self._picture = Picture()
+        self._situation = Situation()
         self._policy: Policy | None = None
         self._revision = 0
         self._unique = _NOBODY
-        self._to_show: tuple[Plan, Task] | None = None
+        self._views: tuple[Plan, Task] | None = None
         self._answers: dict[str, int] = {}
         self._last_answer = "none yet"
         self._thread = ThreadPoolExecutor(1, "search")
@@ -70,32 +70,32 @@ class Runner(ListeningNode):
         except (PolicyFileError, OSError, ValueError) as error:
             self.get_logger().error(f"cannot be configured: {error}")
             return TransitionCallbackReturn.FAILURE
-        self.get_logger().info(f"policy {self._policy.sha256}; aircraft {parameters.aircraft(self)}")
-        self._hear(AircraftState, "~/input/ownship", self._on_ownship, qos.SENSOR)
-        self._hear(AircraftState, "~/input/traffic", self._on_traffic, qos.TRAFFIC)
-        self._hear(TrafficAlert, "~/input/alerts", self._on_alert, qos.EVENTS)
-        self._hear(Trajectory, "~/input/route", self._on_route, route_quality)
-        self._hear(GeoReference, "~/input/geo_reference", self._on_geo_reference, qos.LATCHED)
-        self._trajectories = self._speak(Trajectory, "~/output/trajectory", qos.LATCHED)
-        self._advice = self._speak(Trajectory, "~/output/advisory", qos.EVENTS)
-        self._paths = self._speak(Path, "~/output/path", qos.LATCHED)
-        self._markers = self._speak(MarkerArray, "~/output/markers", qos.LATCHED)
-        self._health = self._speak(DiagnosticArray, "/diagnostics", qos.EVENTS)
+        self.get_logger().info(f"policy {self._policy.sha256}; aircraft {aircraft_text(self)}")
+        self._subscribe(AircraftState, "~/input/ownship", self._on_ownship, qos.SENSOR)
+        self._subscribe(AircraftState, "~/input/traffic", self._on_traffic, qos.TRAFFIC)
+        self._subscribe(TrafficAlert, "~/input/alerts", self._on_alert, qos.EVENTS)
+        self._subscribe(Trajectory, "~/input/route", self._on_route, route_quality)
+        self._subscribe(GeoReference, "~/input/geo_reference", self._on_geo_reference, qos.LATCHED)
+        self._trajectories = self._advertise(Trajectory, "~/output/trajectory", qos.LATCHED)
+        self._advice = self._advertise(Trajectory, "~/output/advisory", qos.EVENTS)
+        self._paths = self._advertise(Path, "~/output/path", qos.LATCHED)
+        self._markers = self._advertise(MarkerArray, "~/output/markers", qos.LATCHED)
+        self._health = self._advertise(DiagnosticArray, "/diagnostics", qos.EVENTS)
         answering: Any = self._on_request  # a coroutine, which rclpy's types do not know of
         # A group of its own, and reentrant: while one answer is waited for, all else goes on.
         group = ReentrantCallbackGroup()
         service = self.create_service(GenerateTrajectory, "~/generate_trajectory", answering, callback_group=group)
         self._entities.append(lambda: self.destroy_service(service))
-        self._repeat(self.get_parameter("diagnostics_period").value, self._on_timer)
-        self._repeat(_SHOW, self._on_show)
+        self._call_every(self.get_parameter("diagnostics_period").value, self._on_timer)
+        self._call_every(_VIEWS_EVERY, self._on_views)
         # Not before: while it plans, this node and the others come to know each other.
-        self._rehearsal = self.create_timer(0.0, self._rehearse, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._entities.append(lambda: self.destroy_timer(self._rehearsal))
+        self._warm_up_timer = self.create_timer(0.0, self._warm_up, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._entities.append(lambda: self.destroy_timer(self._warm_up_timer))
         return TransitionCallbackReturn.SUCCESS
 
-    def _rehearse(self) -> None:
+    def _warm_up(self) -> None:
         """Plan once, so that the first request is answered as fast as the others."""
-        self._rehearsal.cancel()
+        self._warm_up_timer.cancel()
         if self._policy is None:
             return
         route = [RoutePoint(index, 5_000.0 * (index + 1), 0.0) for index in range(9)]
@@ -127,38 +127,38 @@ class Runner(ListeningNode):
 
     def _end(self) -> None:
         self._destroy()
-        self._picture, self._policy = Picture(), None
+        self._situation, self._policy = Situation(), None
 
     # Inputs.
 
     def _stepped_back(self) -> None:
-        self._picture = hearing.reset(self._picture)
+        self._situation = updates.reset(self._situation)
         self._era += 1
         self._withdraw()
 
     def _on_ownship(self, message: AircraftState) -> None:
-        now = self._now()  # may reset the picture
-        self._picture = hearing.ownship(self._picture, message, now, parameters.rules(self))
+        now = self._now()  # may reset the situation
+        self._situation = updates.ownship(self._situation, message, now, report_rules(self))
 
     def _on_traffic(self, message: AircraftState) -> None:
-        now = self._now()  # may reset the picture
-        self._picture = hearing.traffic(self._picture, message, now, parameters.rules(self))
+        now = self._now()  # may reset the situation
+        self._situation = updates.traffic(self._situation, message, now, report_rules(self))
 
     def _on_alert(self, message: TrafficAlert) -> None:
-        now = self._now()  # may reset the picture
-        self._picture = hearing.alert(self._picture, message, now, parameters.rules(self))
+        now = self._now()  # may reset the situation
+        self._situation = updates.alert(self._situation, message, now, report_rules(self))
 
     def _on_route(self, message: Trajectory) -> None:
         now = self._now()
-        self._picture = hearing.route(self._picture, message, now)
-        if self._picture.route_fault is not None:
-            self.get_logger().error(self._picture.route_fault.message)
+        self._situation = updates.route(self._situation, message, now)
+        if self._situation.route_fault is not None:
+            self.get_logger().error(self._situation.route_fault.message)
 
     def _on_geo_reference(self, message: GeoReference) -> None:
         now = self._now()
-        self._picture = hearing.geo_reference(self._picture, message, now)
-        if self._picture.origin_fault is not None:
-            self.get_logger().error(self._picture.origin_fault.message)
+        self._situation = updates.geo_reference(self._situation, message, now)
+        if self._situation.origin_fault is not None:
+            self.get_logger().error(self._situation.origin_fault.message)
 
     def _on_timer(self) -> None:
         now = self._now()
@@ -166,19 +166,19 @@ class Runner(ListeningNode):
         if rclpy.ok(context=self.context):
             self._health.publish(self._diagnosis(now))
 
-    def _on_show(self) -> None:
+    def _on_views(self) -> None:
         """Publish the last plan for people to look at, once."""
-        if self._to_show is None or not self._active:
+        if self._views is None or not self._active:
             return
-        (result, wanted), self._to_show = self._to_show, None
+        (result, wanted), self._views = self._views, None
         frame = self.get_parameter("map_frame").value
         self._paths.publish(views.path(result, wanted, frame))
         self._markers.publish(views.markers(result, wanted, frame))
 
     def _forget(self, now: int) -> None:
-        traffic, silent = forgotten(self._picture.traffic, now, self.get_parameter("forget_after").value)
+        traffic, silent = forgotten(self._situation.traffic, now, self.get_parameter("forget_after").value)
         if silent:
-            self._picture = replace(self._picture, traffic=traffic)
+            self._situation = replace(self._situation, traffic=traffic)
             self.get_logger().info(f"not heard of any more: {', '.join(silent)}")
 
     # Answers.
@@ -206,13 +206,13 @@ class Runner(ListeningNode):
         if not self._active or self._policy is None:
             raise Refusal(Code.NOT_ACTIVE, "node", "node is not active, expected it to be activated first")
         self._forget(now)
-        settings = parameters.settings(self)
+        settings = planning_settings(self)
         self._check(request, now, settings.request_age, settings.future)
         try:
             asked = conversions.route(request.route, "request.route") if request.route else None
         except FieldError as error:
             raise Refusal(Code.INVALID_ROUTE, error.field, str(error)) from error
-        wanted = task(self._picture, now, settings, asked)
+        wanted = task(self._situation, now, settings, asked)
         try:
             result = _planned(wanted, self._policy, thorough=False)
             # A monitor cannot wait for the slow stages: it asks again, and has its backup meanwhile.
@@ -243,7 +243,7 @@ class Runner(ListeningNode):
         found = job.result()
         if not found.safe:
             return found
-        return by_then(found, wanted, task(self._picture, now, parameters.settings(self), asked))
+        return revalidated(found, wanted, task(self._situation, now, planning_settings(self), asked))
 
     def _wake(self, done: Future) -> None:
         """Let the node go on with an answer; called from the other thread."""
@@ -293,7 +293,7 @@ class Runner(ListeningNode):
         self._unique = unique
         self._trajectories.publish(message)
         # The answer does not wait for what people look at.
-        self._to_show = result, wanted
+        self._views = result, wanted
 
     def _next(self, now: int) -> int:
         """Return a revision above all before, of earlier runs of the node too: they begin at the clock's second."""
@@ -319,23 +319,23 @@ class Runner(ListeningNode):
 
     def _diagnosis(self, now: int) -> DiagnosticArray:
         """Return whether a request would be answered now, and what is known."""
-        picture = self._picture
+        situation = self._situation
         try:
-            task(picture, now, parameters.settings(self))
+            task(situation, now, planning_settings(self))
             level, message = DiagnosticStatus.OK, "ready"
         except Refusal as refusal:
             level, message = DiagnosticStatus.WARN, refusal.message
         if not self._active:
             level, message = DiagnosticStatus.WARN, "not active"
-        if self._misfits:
-            level, message = DiagnosticStatus.ERROR, "; ".join(self._misfits.values())
+        if self._qos_problems:
+            level, message = DiagnosticStatus.ERROR, "; ".join(self._qos_problems.values())
         values = {"policy sha256": "" if self._policy is None else self._policy.sha256}
-        values |= {"aircraft": parameters.aircraft(self)}
-        values |= {"own age, s": f"{picture.own.age(now):.3f}", "intruders": str(len(picture.traffic))}
-        values |= {f"age of {name}, s": f"{track.age(now):.3f}" for name, track in sorted(picture.traffic.items())}
+        values |= {"aircraft": aircraft_text(self)}
+        values |= {"own age, s": f"{situation.own.age(now):.3f}", "intruders": str(len(situation.traffic))}
+        values |= {f"age of {name}, s": f"{track.age(now):.3f}" for name, track in sorted(situation.traffic.items())}
         values |= {f"answers {name}": str(count) for name, count in sorted(self._answers.items())}
         values |= {"last answer": self._last_answer, "revision": str(self._revision)}
-        for name, track in (("ownship", picture.own), *sorted(picture.traffic.items())):
+        for name, track in (("ownship", situation.own), *sorted(situation.traffic.items())):
             values |= {
                 f"reports of {name}: {kind.value}": str(count)
                 for kind, count in track.counts.items()

@@ -45,11 +45,12 @@ from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Code
 from ros_bridge.sim.flight_log import FlightLog, kept, table
-from ros_bridge.sim.guidance import Orders, curve
-from ros_bridge.sim.receivers import Heard, Quality, Receiver
+from ros_bridge.sim.guidance import Guidance, curve
+from ros_bridge.sim.receivers import Quality, Received, Receiver
 from ros_bridge.sim.world import ALTITUDE, OWN, VEHICLES, Air, SimulationError, Truth
 from ros_bridge.transport import parameters, process, qos
 from ros_bridge.transport.messages import aircraft_message, header, uuid_of
+from ros_bridge.transport.settings import declare
 
 __all__ = ["Simulator", "main", "route_of"]
 
@@ -92,7 +93,7 @@ class Simulator(Node):
 
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_simulator", **more)
-        parameters.declare(self, parameters.SIMULATOR_NUMBERS, parameters.SIMULATOR_OTHERS)
+        declare(self, parameters.SIMULATOR_NUMBERS, parameters.SIMULATOR_OTHERS)
         self._frame = LocalFrame(self._value("origin_latitude"), self._value("origin_longitude"))
         self._watched = bool(self._value("monitor"))
         if self._value("vehicle") not in VEHICLES:
@@ -129,7 +130,7 @@ class Simulator(Node):
         return self.get_parameter(name).value
 
     def _forget(self) -> None:
-        self._orders = Orders(watched=self._watched)
+        self._guidance = Guidance(watched=self._watched)
         self._following = b""
         self._runner_heard = 0
         self._asking: Any = None
@@ -201,7 +202,7 @@ class Simulator(Node):
         here &= all(one.get_subscription_count() >= 1 for one in (self._alerts, self._routes))
         both = (self._own, self._traffic, self._origins)
         here &= all(one.get_subscription_count() >= 1 + self._watched for one in both)
-        status = self._orders.status
+        status = self._guidance.status
         idle = not self._watched or (status is not None and status.fly == AssuranceStatus.FLY_NOTHING)
         if here and idle and self._runner_heard:
             self._zero, self._phase = self._clock, _Phase.FLYING
@@ -218,14 +219,19 @@ class Simulator(Node):
         """Return whether the monitor has kept up with the clock, or must be done without."""
         if not self._watched or wall - self._last > _PATIENCE:
             return True
-        return self._orders.status is not None and self._clock - nanoseconds(self._orders.status.header.stamp) <= _AHEAD
+        return (
+            self._guidance.status is not None
+            and self._clock - nanoseconds(self._guidance.status.header.stamp) <= _AHEAD
+        )
 
     def _deciding(self) -> bool:
         """Return whether a plan is being sought."""
         if self._phase is not _Phase.FLYING:
             return False
         waiting = (AssuranceStatus.STATE_REPLAN_REQUESTED, AssuranceStatus.STATE_DENIED, AssuranceStatus.STATE_BACKUP)
-        return self._asking is not None or (self._orders.status is not None and self._orders.status.state in waiting)
+        return self._asking is not None or (
+            self._guidance.status is not None and self._guidance.status.state in waiting
+        )
 
     def _fly(self) -> None:
         """Go on by one tick: the clock, what is heard, alert and request, and then the flight."""
@@ -238,13 +244,13 @@ class Simulator(Node):
             self._own.publish(self._message(heard, own.quality))
         for heard in traffic.hear(air.time, air.traffic):
             self._traffic.publish(self._message(heard, traffic.quality))
-        self._crew(air)
+        self._act(air)
         try:
             air.step()
         except RuntimeError as error:  # envs.c208.vehicle.FlightError, whose module is not always there
             self._end(str(error))
             return
-        if self._orders.status is not None and self._orders.status.fly == AssuranceStatus.FLY_BACKUP:
+        if self._guidance.status is not None and self._guidance.status.fly == AssuranceStatus.FLY_BACKUP:
             self._log.backup += PERIOD
         if air.over() or air.time >= self._value("longest"):
             self._end("")
@@ -260,7 +266,7 @@ class Simulator(Node):
         self.logs.append(log)
         self._phase, self._air = _Phase.IDLE, None
 
-    def _message(self, heard: Heard, quality: Quality) -> AircraftState:
+    def _message(self, heard: Received, quality: Quality) -> AircraftState:
         """Return what a receiver publishes of a state."""
         state, at = heard.state, self._frame.geodetic(heard.state.x, heard.state.y)
         true = state.heading - float(at.convergence)
@@ -281,7 +287,7 @@ class Simulator(Node):
 
     # The crew: alert, request, and what is flown.
 
-    def _crew(self, air: Air) -> None:
+    def _act(self, air: Air) -> None:
         near = air.closest() < self._value("alert_distance") and air.time >= 1.0
         if near and air.time - self._alert_at >= _ALERT_AGAIN:
             self._alert_at = air.time
@@ -317,7 +323,7 @@ class Simulator(Node):
 
     def _choose(self, air: Air) -> None:
         """Take up what the monitor says is to be flown, or the newest plan where nobody watches."""
-        wanted = self._orders.wanted()
+        wanted = self._guidance.wanted()
         if wanted is None or uuid_of(wanted.id).bytes == self._following:
             return
         self._following = uuid_of(wanted.id).bytes
@@ -338,15 +344,15 @@ class Simulator(Node):
 
     def _on_trajectory(self, message: Trajectory) -> None:
         if self._of_now(message):
-            self._log.plans += self._orders.plan(message)
+            self._log.plans += self._guidance.plan(message)
 
     def _on_backup(self, message: Trajectory) -> None:
         if self._of_now(message):
-            self._orders.backup(message)
+            self._guidance.backup(message)
 
     def _on_status(self, message: AssuranceStatus) -> None:
         if _START < nanoseconds(message.header.stamp) <= self._clock:
-            self._orders.says(message)
+            self._guidance.says(message)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         name = self.resolve_topic_name(_RUNNER)

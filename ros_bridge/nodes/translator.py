@@ -37,6 +37,7 @@ from ros_bridge.core.fields import SECOND, FieldError, stamp
 from ros_bridge.core.reports import Report
 from ros_bridge.transport import parameters, process, qos, views
 from ros_bridge.transport.messages import aircraft_message, sighting_message
+from ros_bridge.transport.settings import declare
 
 __all__ = ["Translator", "main", "paired"]
 
@@ -82,7 +83,7 @@ class Translator(Node):
 
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_translator", **more)
-        parameters.declare(self, parameters.TRANSLATOR_NUMBERS, parameters.TRANSLATOR_OTHERS)
+        declare(self, parameters.TRANSLATOR_NUMBERS, parameters.TRANSLATOR_OTHERS)
         own, traffic = self._choice("own_source", _OWN), self._choice("traffic_source", _TRAFFIC)
         self._reference = self._choice("own_altitude_reference", dict.fromkeys(ALTITUDE_CODES.values()))
         self._references = {

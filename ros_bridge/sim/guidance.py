@@ -12,14 +12,14 @@ from ros_bridge.core.fields import FieldError
 from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.replies import flown
 
-__all__ = ["Orders", "curve"]
+__all__ = ["Guidance", "curve"]
 
 STATUS_WITHDRAWN = 3
 FLY_PLAN, FLY_BACKUP = 1, 2
 _REMEMBERED = 8  # plans; the monitor names one of the last two
 
 
-class Orders:
+class Guidance:
     """Hears plans, backups and the monitor.
 
     Args:

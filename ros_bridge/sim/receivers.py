@@ -12,7 +12,7 @@ import numpy as np
 
 from envs.kinematics import VehicleState
 
-__all__ = ["Heard", "Quality", "Receiver"]
+__all__ = ["Quality", "Received", "Receiver"]
 
 _TOLERANCE = 1e-6  # s
 
@@ -32,7 +32,7 @@ class Quality(NamedTuple):
     """One sigma per axis, m/s."""
 
 
-class Heard(NamedTuple):
+class Received(NamedTuple):
     """A report as it arrives."""
 
     identifier: str
@@ -54,9 +54,9 @@ class Receiver:
         self.quality = quality
         self._random = np.random.default_rng(seed)
         self._due: dict[str, float] = {}
-        self._waiting: list[tuple[float, Heard]] = []
+        self._waiting: list[tuple[float, Received]] = []
 
-    def hear(self, time: float, truth: Mapping[str, VehicleState]) -> list[Heard]:
+    def hear(self, time: float, truth: Mapping[str, VehicleState]) -> list[Received]:
         """Return what arrives at a time, s; to be called as often as the aircraft move."""
         period = 1.0 / self.quality.rate
         for name, state in truth.items():
@@ -67,7 +67,7 @@ class Receiver:
                 continue
             self._due[name] += period
             if self._random.random() >= self.quality.dropout:
-                self._waiting.append((time + self.quality.latency, Heard(name, time, self._noisy(state))))
+                self._waiting.append((time + self.quality.latency, Received(name, time, self._noisy(state))))
         arrived = [heard for when, heard in self._waiting if when <= time + _TOLERANCE]
         self._waiting = [(when, heard) for when, heard in self._waiting if when > time + _TOLERANCE]
         return arrived

@@ -15,7 +15,7 @@ from collections.abc import Generator, MutableMapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-__all__ = ["PORTS", "PROFILE", "SAID", "apart", "introduce", "port"]
+__all__ = ["PORTS", "PROFILE", "SAID", "configure_dds", "port", "reserved_ports"]
 
 PROFILE = Path(__file__).parents[1] / "fastdds" / "profile.xml"
 """How Fast DDS takes part for a node of ours."""
@@ -39,7 +39,7 @@ def port(domain: int, number: int) -> int:
     return 7400 + 250 * domain + 10 + 2 * number
 
 
-def introduce(environment: MutableMapping[str, str] = os.environ, directory: Path | None = None) -> bool:
+def configure_dds(environment: MutableMapping[str, str] = os.environ, directory: Path | None = None) -> bool:
     """Have Fast DDS take part by our profile, unless the integrator has said how; return whether.
 
     To be called before the first node of the process is made. Other implementations of DDS take no notice.
@@ -58,7 +58,7 @@ def introduce(environment: MutableMapping[str, str] = os.environ, directory: Pat
 
 
 @contextmanager
-def apart(skipped: int | None = None) -> Generator[list[int]]:
+def reserved_ports(skipped: int | None = None) -> Generator[list[int]]:
     """Hold those of the first ports of the environment's domain that are free, and give them; free again afterwards.
 
     Args:

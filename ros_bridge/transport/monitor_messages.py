@@ -9,7 +9,7 @@ from rlcas_msgs.msg import Trajectory
 from agents.planner.answer import WAYPOINTS
 from agents.planner.request import Altitude
 from envs.waypoints import Waypoint as LocalWaypoint
-from ros_bridge.core.assurance import Published, Watching
+from ros_bridge.core.assurance import Published, Supervision
 from ros_bridge.core.conversions import trajectory
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.replies import backup_points
@@ -34,14 +34,14 @@ def published_of(message: Trajectory, name: str = "trajectory") -> Published:
 
 
 def backup_message(
-    watching: Watching, altitude: Altitude | None, frame: str, revision: int, unique: uuid.UUID
+    supervision: Supervision, altitude: Altitude | None, frame: str, revision: int, unique: uuid.UUID
 ) -> Trajectory:
     """Return the backup at hand as a trajectory of status BACKUP."""
-    backup = watching.watch.monitor.backup
-    began = watching.zero + round(float(backup.started[0]) * SECOND)
+    backup = supervision.watch.monitor.backup
+    began = supervision.zero + round(float(backup.started[0]) * SECOND)
     rows = np.stack([values[0] for values in backup.knots], axis=-1).tolist()
     every = [LocalWaypoint(number, *row) for number, row in enumerate(rows)]
-    local = watching.frame
+    local = supervision.frame
     assert local is not None, "a backup has a frame"
     start, *points = backup_points(local, every, began, altitude)
     return Trajectory(

@@ -8,7 +8,8 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from ros_bridge.core.fields import SECOND
-from ros_bridge.transport import parameters, qos
+from ros_bridge.transport import qos
+from ros_bridge.transport.settings import declare, vehicle_limits
 
 __all__ = ["ListeningNode"]
 
@@ -22,7 +23,7 @@ class ListeningNode(LifecycleNode):
         super().__init__(name, **more)
         self._entities: list[Callable[[], Any]] = []
         """How each of them is destroyed."""
-        self._misfits: dict[str, str] = {}
+        self._qos_problems: dict[str, str] = {}
         """Sentences on qualities of service that do not fit, by topic; kept until the node is configured anew."""
         self._active = False
         self._latest = 0
@@ -33,14 +34,14 @@ class ListeningNode(LifecycleNode):
         Raises:
             ValueError: they do.
         """
-        parameters.declare(self, *declared)
-        parameters.limits(lambda name: self.get_parameter(name).value)
+        declare(self, *declared)
+        vehicle_limits(lambda name: self.get_parameter(name).value)
         self.add_on_set_parameters_callback(self._fitting)
 
     def _fitting(self, wanted: list[Any]) -> SetParametersResult:
         given = {one.name: one.value for one in wanted}
         try:
-            parameters.limits(lambda name: given.get(name, self.get_parameter(name).value))
+            vehicle_limits(lambda name: given.get(name, self.get_parameter(name).value))
         except ValueError as problem:
             return SetParametersResult(successful=False, reason=str(problem))
         return SetParametersResult(successful=True)
@@ -56,27 +57,27 @@ class ListeningNode(LifecycleNode):
         for destroy in self._entities:
             destroy()
         self._entities.clear()
-        self._misfits.clear()
+        self._qos_problems.clear()
 
-    def _hear(self, kind: type, topic: str, callback: Callable[[Any], None], quality: Any) -> None:
-        events = qos.subscription_events(topic, self._misfit)
+    def _subscribe(self, kind: type, topic: str, callback: Callable[[Any], None], quality: Any) -> None:
+        events = qos.subscription_events(topic, self._on_qos_problem)
         heard = self.create_subscription(kind, topic, callback, quality, event_callbacks=events)
         self._entities.append(lambda: self.destroy_subscription(heard))
 
-    def _speak(self, kind: type, topic: str, quality: Any) -> Any:
-        events = qos.publisher_events(topic, self._misfit)
+    def _advertise(self, kind: type, topic: str, quality: Any) -> Any:
+        events = qos.publisher_events(topic, self._on_qos_problem)
         # Diagnostics speak of the inactive node too.
         make = self.create_publisher if topic == "/diagnostics" else self.create_lifecycle_publisher
         said = make(kind, topic, quality, event_callbacks=events)
         self._entities.append(lambda: self.destroy_publisher(said))
         return said
 
-    def _repeat(self, period: float, callback: Callable[[], None]) -> None:
+    def _call_every(self, period: float, callback: Callable[[], None]) -> None:
         timer = self.create_timer(period, callback)
         self._entities.append(lambda: self.destroy_timer(timer))
 
-    def _misfit(self, topic: str, sentence: str) -> None:
-        self._misfits[topic] = sentence
+    def _on_qos_problem(self, topic: str, sentence: str) -> None:
+        self._qos_problems[topic] = sentence
         self.get_logger().error(sentence)
 
     def _now(self) -> int:

@@ -6,11 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
-
-from agents.assurance.thresholds import Thresholds
-from agents.planner.options import Options, comfort_limits
-from agents.planner.traffic import Requirement
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import C208_PUBLISHED
 

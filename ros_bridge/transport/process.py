@@ -16,7 +16,7 @@ from rclpy.utilities import remove_ros_args
 from envs.edge.command import Parser
 from ros_bridge.transport import parameters
 from ros_bridge.transport.children import FLAG, end_with_parent
-from ros_bridge.transport.discovery import apart, introduce
+from ros_bridge.transport.discovery import configure_dds, reserved_ports
 from ros_bridge.transport.overrides import refuse_unknown_nodes
 
 __all__ = ["main"]
@@ -54,9 +54,9 @@ def _run(make: Callable[[], Any], program: str, text: str, arguments: Sequence[s
         if options.end_with_parent:
             end_with_parent()
         refuse_unknown_nodes(given, [f"rlcas_{name}" for name, *_ in parameters.NODES])
-        introduce()
+        configure_dds()
         rclpy.init(args=given)
-        with apart():
+        with reserved_ports():
             node = make()
     except ParameterException as error:
         return _refuse(program, f"{_line(error)} (a number needs its point, such as 3.0)")

@@ -8,7 +8,7 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 
 from agents.assurance.thresholds import Thresholds
-from agents.planner.request import Options, gentle
+from agents.planner.options import Options, comfort_limits
 from agents.planner.traffic import Requirement
 from envs.kinematics import SURROGATE, Limits, within
 from ros_bridge.core.situation import Settings
@@ -16,7 +16,7 @@ from ros_bridge.core.tracks import Rules
 from ros_bridge.transport.overrides import refuse_unknown_parameters
 from ros_bridge.transport.parameters import NUMBERS, OTHERS, Number
 
-__all__ = ["aircraft", "declare", "limits", "rules", "settings", "thresholds"]
+__all__ = ["aircraft_text", "declare", "monitor_thresholds", "planning_settings", "report_rules", "vehicle_limits"]
 
 
 def declare(node: Any, numbers: Sequence[Number] = NUMBERS, others: Sequence[tuple[str, Any, str]] = OTHERS) -> None:
@@ -36,7 +36,7 @@ def declare(node: Any, numbers: Sequence[Number] = NUMBERS, others: Sequence[tup
     refuse_unknown_parameters(node, [*(one.name for one in numbers), *(name for name, *_ in others)])
 
 
-def aircraft(node: Any) -> str:
+def aircraft_text(node: Any) -> str:
     """Return the aircraft that a node's parameters describe, and what is kept from others, for people."""
 
     def value(name: str) -> float:
@@ -49,7 +49,7 @@ def aircraft(node: Any) -> str:
     return f"{speed} m/s, {acceleration} m/s^2, {value('yaw_rate_max'):g} deg/s; {kept}"
 
 
-def limits(value: Callable[[str], Any]) -> tuple[Limits, Limits]:
+def vehicle_limits(value: Callable[[str], Any]) -> tuple[Limits, Limits]:
     """Return what legs must obey, the aircraft's limits, and those that are the surrogate's, too, for manoeuvres.
 
     Args:
@@ -68,13 +68,13 @@ def limits(value: Callable[[str], Any]) -> tuple[Limits, Limits]:
         raise ValueError(f"speed_min, speed_max: {problem}") from None
 
 
-def settings(node: Any) -> Settings:
+def planning_settings(node: Any) -> Settings:
     """Return how plans shall be, from a node's parameters."""
 
     def value(name: str) -> Any:
         return node.get_parameter(name).value
 
-    legs, flown = limits(value)
+    legs, flown = vehicle_limits(value)
     options = Options(
         requirement=Requirement(value("separation"), value("margin"), value("sigmas")),
         limits=legs,
@@ -96,19 +96,19 @@ def settings(node: Any) -> Settings:
     )
 
 
-def rules(node: Any) -> Rules:
+def report_rules(node: Any) -> Rules:
     """Return what reports must keep to, from a node's parameters."""
     names = {"future": "future_tolerance", "jump_distance": "jump_distance", "jump_speed": "jump_speed"}
     return Rules(**{field: node.get_parameter(name).value for field, name in names.items()})
 
 
-def thresholds(node: Any) -> Thresholds:
+def monitor_thresholds(node: Any) -> Thresholds:
     """Return when the monitor acts, from a node's parameters."""
 
     def value(name: str) -> Any:
         return node.get_parameter(name).value
 
-    legs, flown = limits(value)
+    legs, flown = vehicle_limits(value)
     return Thresholds(
         requirement=Requirement(value("separation"), value("margin"), value("sigmas")),
         limits=legs,

@@ -10,9 +10,9 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 from agents.planner.answer import Plan
 from agents.planner.planner import plan
 from agents.policy.inference import Policy
-from ros_bridge.core import updates as hearing
-from ros_bridge.core.lateness import by_then
-from ros_bridge.core.situation import Picture, Settings, Task, task
+from ros_bridge.core import updates
+from ros_bridge.core.lateness import revalidated
+from ros_bridge.core.situation import Settings, Situation, Task, task
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import NOW, SECOND, aircraft, geo_reference, published, route_points
 
@@ -21,12 +21,12 @@ def at(seconds: float, intruder: tuple[float, float, float], own: tuple[float, f
     """Return the task some seconds after NOW, the ownship having flown straight on where nothing else is said."""
     now = NOW + round(seconds * SECOND)
     rules = Rules(jump_distance=1e5)
-    picture = hearing.geo_reference(Picture(), geo_reference(), now)
-    picture = hearing.route(picture, published(route_points()), now)
+    situation = updates.geo_reference(Situation(), geo_reference(), now)
+    situation = updates.route(situation, published(route_points()), now)
     place = own or (75.0 * seconds, 0.0, 0.0)
-    picture = hearing.ownship(picture, aircraft(*place, 75.0, time=now, id="own"), now, rules)
-    picture = hearing.traffic(picture, aircraft(*intruder, 75.0, time=now), now, rules)
-    return task(picture, now, Settings())
+    situation = updates.ownship(situation, aircraft(*place, 75.0, time=now, id="own"), now, rules)
+    situation = updates.traffic(situation, aircraft(*intruder, 75.0, time=now), now, rules)
+    return task(situation, now, Settings())
 
 
 @pytest.fixture(scope="module")
@@ -42,29 +42,29 @@ def made(asked: Task) -> Plan:
 
 
 def test_a_plan_at_once_is_what_it_was(made: Plan, asked: Task):
-    assert by_then(made, asked, asked) is made
+    assert revalidated(made, asked, asked) is made
 
 
 @pytest.mark.parametrize("late", [0.5, 2.0])
 def test_who_flies_on_as_expected_keeps_the_plan(made: Plan, asked: Task, late: float):
     roomy = replace(asked.options, requirement=asked.options.requirement._replace(margin=0.0, separation=950.0))
     present = replace(at(late, (9_000.0 - 75.0 * late, 0.0, math.pi)), options=roomy)
-    assert by_then(made, asked, present).safe
+    assert revalidated(made, asked, present).safe
 
 
 def test_an_intruder_that_flies_elsewhere_by_then_voids_it(made: Plan, asked: Task):
     side = math.copysign(1.0, made.waypoints[1].y)
-    late = by_then(made, asked, at(2.0, (2_500.0, side * 600.0, math.pi)))
+    late = revalidated(made, asked, at(2.0, (2_500.0, side * 600.0, math.pi)))
     assert not late.safe
     assert late.reasons[0].message.startswith("plan was found 2.0 s after the request and is too late")
     assert "separation" in late.reasons[0].message
 
 
 def test_an_ownship_that_turned_away_cannot_join_it(made: Plan, asked: Task):
-    away = by_then(made, asked, at(4.0, (8_700.0, 0.0, math.pi), own=(0.0, 0.0, math.pi)))
+    away = revalidated(made, asked, at(4.0, (8_700.0, 0.0, math.pi), own=(0.0, 0.0, math.pi)))
     assert not away.safe
 
 
 def test_a_plan_that_was_not_safe_stays_so(made: Plan, asked: Task):
     unsafe = replace(made, status=type(made.status).UNRESOLVED)
-    assert by_then(unsafe, asked, at(1.0, (8_925.0, 0.0, math.pi))) is unsafe
+    assert revalidated(unsafe, asked, at(1.0, (8_925.0, 0.0, math.pi))) is unsafe

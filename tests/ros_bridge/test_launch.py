@@ -24,6 +24,7 @@ from agents.planner.request import Options
 from envs.kinematics import SURROGATE, within
 from eval.hifi.config import HifiConfig
 from ros_bridge.transport import parameters
+from ros_bridge.transport.settings import monitor_thresholds, planning_settings, vehicle_limits
 
 PACKAGE = Path(parameters.__file__).parents[1]
 LAUNCH = sorted((PACKAGE / "launch").glob("*.launch.py"))
@@ -120,8 +121,8 @@ def test_the_aircraft_in_flight_is_that_of_the_evaluations():
     config = load(HifiConfig, PACKAGE.parent / "configs" / "flight_c208.yaml")
     assert runner["margin"] == config.planner.margin
     vehicle = config.planner.setting().limits
-    assert parameters.limits(runner.__getitem__) == (vehicle, within(SURROGATE, vehicle))
-    for name, read in (("runner", lambda node: parameters.settings(node).options), ("monitor", parameters.thresholds)):
+    assert vehicle_limits(runner.__getitem__) == (vehicle, within(SURROGATE, vehicle))
+    for name, read in (("runner", lambda node: planning_settings(node).options), ("monitor", monitor_thresholds)):
         _, numbers, others = next(one for one in parameters.NODES if one[0] == name)
         values = {one.name: one.default for one in numbers} | {each: default for each, default, _ in others} | runner
         node = types.SimpleNamespace(
@@ -134,9 +135,9 @@ def test_the_aircraft_in_flight_is_that_of_the_evaluations():
 
 def test_what_is_not_set_is_the_paper_s_vehicle():
     given = {one.name: one.default for one in parameters.NUMBERS}
-    assert parameters.limits(given.__getitem__) == (Options().limits, Thresholds().manoeuvre)
+    assert vehicle_limits(given.__getitem__) == (Options().limits, Thresholds().manoeuvre)
     with pytest.raises(ValueError, match="speed_min, speed_max: allows 99 to 99\\.5 m/s; expected a range"):
-        parameters.limits((given | {"speed_min": 99.0, "speed_max": 99.5}).__getitem__)
+        vehicle_limits((given | {"speed_min": 99.0, "speed_max": 99.5}).__getitem__)
 
 
 def test_the_bridge_names_topics_of_the_world():

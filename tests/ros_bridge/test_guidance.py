@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from ros_bridge.sim.guidance import Orders
+from ros_bridge.sim.guidance import Guidance
 from tests.ros_bridge.graph import MISSING, NODE, World
 from tests.ros_bridge.inside import beside
 
@@ -41,7 +41,7 @@ def word(fly: int, number: int = 0) -> SimpleNamespace:
 
 
 def test_the_monitor_decides_which_plan_is_flown():
-    orders, first, second, backup = Orders(), message(1), message(2), message(9, Trajectory.STATUS_BACKUP)
+    orders, first, second, backup = Guidance(), message(1), message(2), message(9, Trajectory.STATUS_BACKUP)
     assert orders.plan(first) and orders.wanted() is None
     orders.says(word(AssuranceStatus.FLY_PLAN, 1))
     assert orders.wanted() is first
@@ -60,7 +60,7 @@ def test_the_monitor_decides_which_plan_is_flown():
 
 
 def test_what_is_not_safe_is_not_flown_and_a_withdrawn_plan_no_more():
-    orders = Orders(watched=False)
+    orders = Guidance(watched=False)
     assert not orders.plan(message(1, Trajectory.STATUS_UNRESOLVED)) and orders.wanted() is None
     safe = message(2)
     assert orders.plan(safe) and orders.wanted() is safe

@@ -13,10 +13,10 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 
 from agents.planner.planner import plan
 from agents.policy.inference import Policy
-from ros_bridge.core import updates as hearing
+from ros_bridge.core import updates
 from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.replies import flown, plan_points, start_point
-from ros_bridge.core.situation import Code, Picture, Refusal, Settings, task
+from ros_bridge.core.situation import Code, Refusal, Settings, Situation, task
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, aircraft, alert, geo_reference, point, published, route_points
 
@@ -25,20 +25,20 @@ RULES = Rules()
 
 def heard(
     *intruders, own=None, reference=None, points=None, alerts=(), frame: LocalFrame = FRAME, now: int = NOW
-) -> Picture:
-    picture = hearing.geo_reference(Picture(), reference or geo_reference(frame), now)
-    picture = hearing.route(picture, published(points or route_points(frame=frame)), now)
-    picture = hearing.ownship(picture, own or aircraft(0.0, 0.0, 0.0, 75.0, id="own", frame=frame), now, RULES)
+) -> Situation:
+    situation = updates.geo_reference(Situation(), reference or geo_reference(frame), now)
+    situation = updates.route(situation, published(points or route_points(frame=frame)), now)
+    situation = updates.ownship(situation, own or aircraft(0.0, 0.0, 0.0, 75.0, id="own", frame=frame), now, RULES)
     for message in intruders:
-        picture = hearing.traffic(picture, message, now, RULES)
+        situation = updates.traffic(situation, message, now, RULES)
     for message in alerts:
-        picture = hearing.alert(picture, message, now, RULES)
-    return picture
+        situation = updates.alert(situation, message, now, RULES)
+    return situation
 
 
-def refusal(picture: Picture, now: int = NOW, settings: Settings | None = None) -> tuple[Code, str]:
+def refusal(situation: Situation, now: int = NOW, settings: Settings | None = None) -> tuple[Code, str]:
     with pytest.raises(Refusal) as caught:
-        task(picture, now, settings or Settings())
+        task(situation, now, settings or Settings())
     assert caught.value.message.startswith(caught.value.field)
     return caught.value.code, caught.value.field
 
@@ -75,8 +75,8 @@ def test_the_ownship_is_carried_to_the_request(origin, x: float, y: float, headi
 
 def test_an_intruders_age_is_told_and_its_position_left_to_the_planner():
     late = NOW + SECOND
-    picture = heard(crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
-    [intruder] = task(picture, late, Settings()).intruders
+    situation = heard(crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
+    [intruder] = task(situation, late, Settings()).intruders
     assert intruder.age == pytest.approx(1.0)
     assert intruder.state.y == pytest.approx(-8_000.0, abs=1e-6)
 
@@ -84,8 +84,8 @@ def test_an_intruders_age_is_told_and_its_position_left_to_the_planner():
 def test_a_turn_that_the_reports_show_is_expected_to_go_on_for_a_while():
     later, late = math.pi / 2.0 + math.radians(3.0), NOW + SECOND
     turned = aircraft(8_000.0, -7_925.0, later, 75.0, time=late)
-    picture = heard(crossing(), turned, own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
-    [intruder] = task(picture, late + SECOND // 2, Settings()).intruders
+    situation = heard(crossing(), turned, own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
+    [intruder] = task(situation, late + SECOND // 2, Settings()).intruders
     assert intruder.turn_rate == pytest.approx(math.radians(3.0), rel=1e-3)
     assert (intruder.age, intruder.turn_time) == (pytest.approx(0.5), 15.0)  # the planner counts it from the report
 
@@ -93,8 +93,8 @@ def test_a_turn_that_the_reports_show_is_expected_to_go_on_for_a_while():
 def test_a_turning_ownship_is_advanced_along_its_arc():
     rate, age = math.radians(3.0), 1.2
     late, second = NOW + SECOND, aircraft(74.0, 2.0, rate, 75.0, id="own", time=NOW + SECOND)
-    picture = hearing.ownship(heard(), second, late, RULES)
-    state = task(picture, late + round(age * SECOND), Settings()).own
+    situation = updates.ownship(heard(), second, late, RULES)
+    state = task(situation, late + round(age * SECOND), Settings()).own
     radius, turned = 75.0 / rate, rate + rate * age
     assert state.heading == pytest.approx(turned, abs=1e-4)
     assert state.x == pytest.approx(74.0 + radius * (math.sin(turned) - math.sin(rate)), abs=0.01)
@@ -105,7 +105,7 @@ def test_what_is_missing_is_named():
     whole = heard(crossing())
     assert refusal(whole, 0) == (Code.NO_CLOCK, "clock")
     assert refusal(replace(whole, origin=None)) == (Code.NO_GEO_REFERENCE, "geo_reference")
-    assert refusal(replace(whole, own=Picture().own)) == (Code.NO_OWNSHIP, "ownship")
+    assert refusal(replace(whole, own=Situation().own)) == (Code.NO_OWNSHIP, "ownship")
     assert refusal(replace(whole, route=None)) == (Code.NO_ROUTE, "route")
     assert refusal(heard(crossing(), alerts=[alert("4b1a2c", "beef01")])) == (Code.NO_INTRUDER, "intruder beef01")
 
@@ -114,8 +114,8 @@ def test_what_is_stale_is_named():
     late = NOW + 2 * SECOND
     assert refusal(heard(), late) == (Code.STALE_OWNSHIP, "ownship.header.stamp")
     late = NOW + 6 * SECOND
-    picture = heard(crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
-    assert refusal(picture, late) == (Code.STALE_INTRUDER, "intruder 4b1a2c.header.stamp")
+    situation = heard(crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
+    assert refusal(situation, late) == (Code.STALE_INTRUDER, "intruder 4b1a2c.header.stamp")
 
 
 def test_what_comes_from_the_future_is_named():
@@ -163,9 +163,9 @@ def test_places_far_from_the_geo_reference_are_refused_or_left_out():
 def test_own_transmission_received_again_is_no_intruder(own_id: str, echo: str):
     own, copy = aircraft(0.0, 0.0, 0.0, 75.0, id=own_id), aircraft(0.0, 0.0, 0.0, 75.0, id=echo)
     assert task(heard(copy, own=own), NOW, Settings()).identifiers == ()
-    before = hearing.traffic(Picture(), copy, NOW, RULES)
+    before = updates.traffic(Situation(), copy, NOW, RULES)
     assert list(before.traffic) == ["4b1a2c" if own_id != "own" else "own"]
-    assert not hearing.ownship(before, own, NOW, RULES).traffic
+    assert not updates.ownship(before, own, NOW, RULES).traffic
 
 
 def test_alert_names_an_aircraft_in_any_case():
@@ -182,12 +182,12 @@ def test_copy_of_the_ownship_under_another_id_is_planned_with_and_said():
 STALE = 8.0
 
 
-def silent(*messages, seconds: float = STALE) -> tuple[Picture, int]:
+def silent(*messages, seconds: float = STALE) -> tuple[Situation, int]:
     """Return what is known so long after the last report of traffic, with a fresh ownship at 1000 m."""
     late = NOW + round(seconds * SECOND)
     high = {"valid": 0x07, "altitude": 1_000.0, "altitude_reference": 1}
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late, **high)
-    return hearing.ownship(heard(*messages, own=own, now=NOW), own, late, RULES), late
+    return updates.ownship(heard(*messages, own=own, now=NOW), own, late, RULES), late
 
 
 def above(metres: float, **more):
@@ -205,12 +205,12 @@ def above(metres: float, **more):
     ],
 )
 def test_silent_aircraft_that_cannot_come_near_is_left_out_and_named(message):
-    picture, late = silent(message)
-    wanted = task(picture, late, Settings())
+    situation, late = silent(message)
+    wanted = task(situation, late, Settings())
     assert wanted.identifiers == () and [one.identifier for one in wanted.excluded] == ["4b1a2c"]
     assert wanted.excluded[0].reason
     # An alert about it makes it count.
-    alerted = hearing.alert(picture, alert("4b1a2c", time=late), late, RULES)
+    alerted = updates.alert(situation, alert("4b1a2c", time=late), late, RULES)
     assert refusal(alerted, late)[0] in (Code.STALE_INTRUDER, Code.INVALID_INTRUDER)
 
 
@@ -269,8 +269,8 @@ def test_too_strong_a_wind_is_refused():
 @pytest.mark.parametrize("origin", [(0.0, 179.99), (47.0, 8.0), (89.0, -20.0)])
 def test_a_plan_survives_its_way_over_the_ellipsoid(origin: tuple[float, float]):
     frame = LocalFrame(*origin)
-    picture = heard(aircraft(8_000.0, -8_000.0, math.pi / 2.0, 75.0, frame=frame), frame=frame)
-    wanted = task(picture, NOW, Settings())
+    situation = heard(aircraft(8_000.0, -8_000.0, math.pi / 2.0, 75.0, frame=frame), frame=frame)
+    wanted = task(situation, NOW, Settings())
     result = plan(wanted.own, wanted.intruders, wanted.points, Policy.load(), wanted.options)
     points = plan_points(result, wanted)
     assert len(points) == 20

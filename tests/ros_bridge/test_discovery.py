@@ -8,16 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from ros_bridge.transport.discovery import PORTS, PROFILE, SAID, apart, introduce, port
+from ros_bridge.transport.discovery import PORTS, PROFILE, SAID, configure_dds, port, reserved_ports
 from tests.ros_bridge.graph import MISSING, Process, domain
 
 rclpy = pytest.importorskip("rclpy", reason=MISSING)
 
 PROGRAM = """
 import rclpy
-from ros_bridge.transport.discovery import apart
+from ros_bridge.transport.discovery import reserved_ports
 rclpy.init()
-with apart(3):
+with reserved_ports(3):
     node = rclpy.create_node("newcomer")
 print("here", flush=True)
 input()
@@ -36,22 +36,22 @@ def free(there: int) -> bool:
 def test_ports_are_held_and_freed(monkeypatch: pytest.MonkeyPatch):
     with domain() as number:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-        with apart(4) as first:
+        with reserved_ports(4) as first:
             assert len(first) == 4 and not any(map(free, first))
             # Who starts at the same time is not driven further.
-            with apart(6) as second:
+            with reserved_ports(6) as second:
                 assert second == [port(number, 4), port(number, 5)]
         assert all(map(free, (*first, *second)))
-        with apart() as drawn:
+        with reserved_ports() as drawn:
             assert len(drawn) < PORTS
-        with apart(0) as nothing:
+        with reserved_ports(0) as nothing:
             assert nothing == []
 
 
 @pytest.mark.parametrize("name", ["many", "-3", "", "232", "100000"])
 def test_a_domain_that_ros_refuses_is_no_matter_here(name: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", name)
-    with apart(3):
+    with reserved_ports(3):
         pass
 
 
@@ -70,7 +70,7 @@ def test_a_process_gets_a_later_place():
 
 def test_the_profile_is_used_where_nothing_is_said(tmp_path: Path):
     environment = {"ROS_DOMAIN_ID": "7"}
-    assert introduce(environment, tmp_path)
+    assert configure_dds(environment, tmp_path)
     assert environment == {
         "ROS_DOMAIN_ID": "7",
         "FASTDDS_DEFAULT_PROFILES_FILE": str(PROFILE),
@@ -82,7 +82,7 @@ def test_the_profile_is_used_where_nothing_is_said(tmp_path: Path):
 @pytest.mark.parametrize("value", ["", "theirs.xml"])
 def test_what_the_integrator_says_is_left_as_it_is(name: str, value: str, tmp_path: Path):
     environment = {name: value}
-    assert not introduce(environment, tmp_path)
+    assert not configure_dds(environment, tmp_path)
     assert environment == {name: value}
 
 
@@ -90,9 +90,9 @@ def test_what_the_integrator_says_is_left_as_it_is(name: str, value: str, tmp_pa
 def test_so_is_a_file_of_profiles_where_the_process_starts(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / name).write_text("<dds/>")
     environment: dict[str, str] = {}
-    assert not introduce(environment, tmp_path)
+    assert not configure_dds(environment, tmp_path)
     monkeypatch.chdir(tmp_path)
-    assert not introduce(environment)
+    assert not configure_dds(environment)
     assert environment == {}
 
 

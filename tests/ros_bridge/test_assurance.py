@@ -15,32 +15,42 @@ from agents.assurance.state import Flown, State
 from agents.planner.planner import plan
 from agents.planner.request import Altitude
 from agents.policy.inference import Policy
-from ros_bridge.core import updates as hearing
-from ros_bridge.core.assurance import NOTHING, Published, Watching, activated, answered, apart, fly, stepped, withdrawn
+from ros_bridge.core import updates
+from ros_bridge.core.assurance import (
+    INITIAL,
+    Published,
+    Supervision,
+    activated,
+    answered,
+    apart,
+    stepped,
+    to_fly,
+    withdrawn,
+)
 from ros_bridge.core.replies import plan_points, start_point
-from ros_bridge.core.situation import Picture, Settings, task
+from ros_bridge.core.situation import Settings, Situation, task
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import NOW, SECOND, aircraft
-from tests.ros_bridge.test_picture import heard
+from tests.ros_bridge.test_situation import heard
 
 RULES = Rules()
 FAR = 30_000.0
 
 
-def traffic(picture: Picture, seconds: float, heading: float = math.pi, x: float | None = None) -> Picture:
-    """Return the picture with a report of an aircraft that comes from the east, 4 km to the left of the path."""
+def traffic(situation: Situation, seconds: float, heading: float = math.pi, x: float | None = None) -> Situation:
+    """Return the situation with a report of an aircraft that comes from the east, 4 km to the left of the path."""
     place = FAR - 75.0 * seconds if x is None else x
     message = aircraft(place, 4_000.0, heading, 75.0, time=NOW + round(seconds * SECOND))
-    return hearing.traffic(picture, message, NOW + round(seconds * SECOND), RULES)
+    return updates.traffic(situation, message, NOW + round(seconds * SECOND), RULES)
 
 
-def own(picture: Picture, seconds: float) -> Picture:
+def own(situation: Situation, seconds: float) -> Situation:
     message = aircraft(75.0 * seconds, 0.0, 0.0, 75.0, id="own", time=NOW + round(seconds * SECOND))
-    return hearing.ownship(picture, message, NOW + round(seconds * SECOND), RULES)
+    return updates.ownship(situation, message, NOW + round(seconds * SECOND), RULES)
 
 
-def published(picture: Picture, revision: int = 1, seconds: float = 0.0) -> Published:
-    wanted = task(picture, NOW + round(seconds * SECOND), Settings())
+def published(situation: Situation, revision: int = 1, seconds: float = 0.0) -> Published:
+    wanted = task(situation, NOW + round(seconds * SECOND), Settings())
     result = plan(wanted.own, wanted.intruders, wanted.points, Policy.load(), wanted.options)
     assert result.safe
     start = start_point(wanted.frame, wanted.own, wanted.time, None)
@@ -48,110 +58,112 @@ def published(picture: Picture, revision: int = 1, seconds: float = 0.0) -> Publ
 
 
 @functools.cache
-def begun() -> tuple[Watching, Picture]:
+def begun() -> tuple[Supervision, Situation]:
     """Return a monitor that has just begun to watch a plan, and what was heard."""
-    picture = traffic(heard(), 0.0)
-    return activated(NOTHING, picture, published(picture)), picture
+    situation = traffic(heard(), 0.0)
+    return activated(INITIAL, situation, published(situation)), situation
 
 
 def test_before_the_first_plan_there_is_nothing_to_say():
-    watching, verdict = stepped(NOTHING, heard(), NOW, 600.0)
+    supervision, verdict = stepped(INITIAL, heard(), NOW, 600.0)
     assert verdict is None
-    assert fly(watching) is Flown.NOTHING
-    assert fly(withdrawn(watching, 1)) is Flown.NOTHING
+    assert to_fly(supervision) is Flown.NOTHING
+    assert to_fly(withdrawn(supervision, 1)) is Flown.NOTHING
 
 
 @given(st.integers(SECOND // 1000, SECOND), st.lists(st.integers(SECOND // 1000, SECOND // 3), min_size=1, max_size=6))
 def test_a_report_that_is_told_again_is_in_order(first: int, steps: list[int]):
-    watching, picture = begun()
-    picture = own(traffic(picture, first / SECOND), first / SECOND)
+    supervision, situation = begun()
+    situation = own(traffic(situation, first / SECOND), first / SECOND)
     now = NOW + first
     for step in steps:
         now += step
         if now - NOW - first > SECOND:
             break
-        watching, verdict = stepped(watching, picture, now, 600.0)
+        supervision, verdict = stepped(supervision, situation, now, 600.0)
         assert verdict is not None
         assert [why.message for why in verdict.reasons] == []
         assert verdict.state is State.MONITORING
 
 
 def test_reports_close_together_are_told_apart_far_enough_to_show_a_turn():
-    watching, picture = begun()
+    supervision, situation = begun()
     told = []
     for tenth in range(1, 11):
         seconds = 0.1 * tenth
-        picture = own(traffic(picture, seconds), seconds)
-        watching, _ = stepped(watching, picture, NOW + round(seconds * SECOND), 600.0)
-        told.append(watching.told["4b1a2c"].time)
+        situation = own(traffic(situation, seconds), seconds)
+        supervision, _ = stepped(supervision, situation, NOW + round(seconds * SECOND), 600.0)
+        told.append(supervision.reported["4b1a2c"].time)
     times = sorted(set(told))
     assert len(times) >= 3
     assert all(b - a >= 0.25 * SECOND for a, b in itertools.pairwise(times))
 
 
 def test_news_is_told_at_once():
-    watching, picture = begun()
-    picture = own(traffic(picture, 0.5), 0.5)
-    watching, _ = stepped(watching, picture, NOW + SECOND // 2, 600.0)
-    picture = own(traffic(picture, 0.6, heading=-0.5 * math.pi, x=FAR - 45.0), 0.6)
-    watching, verdict = stepped(watching, picture, NOW + round(0.6 * SECOND), 600.0)
-    assert watching.told["4b1a2c"].time == NOW + round(0.6 * SECOND)
+    supervision, situation = begun()
+    situation = own(traffic(situation, 0.5), 0.5)
+    supervision, _ = stepped(supervision, situation, NOW + SECOND // 2, 600.0)
+    situation = own(traffic(situation, 0.6, heading=-0.5 * math.pi, x=FAR - 45.0), 0.6)
+    supervision, verdict = stepped(supervision, situation, NOW + round(0.6 * SECOND), 600.0)
+    assert supervision.reported["4b1a2c"].time == NOW + round(0.6 * SECOND)
     assert verdict is not None and verdict.measured.intruder_velocity[0] > 50.0
 
 
 def test_who_cannot_be_heard_well_is_missed_and_who_is_forgotten_is_not():
-    watching, picture = begun()
+    supervision, situation = begun()
     bad = aircraft(0.0, 9_000.0, 0.0, 75.0, id="bad001", latitude=math.nan, time=NOW + SECOND)
-    picture = hearing.traffic(own(traffic(picture, 1.0), 1.0), bad, NOW + SECOND, RULES)
-    watching, verdict = stepped(watching, picture, NOW + SECOND, 600.0)
+    situation = updates.traffic(own(traffic(situation, 1.0), 1.0), bad, NOW + SECOND, RULES)
+    supervision, verdict = stepped(supervision, situation, NOW + SECOND, 600.0)
     assert verdict is not None and verdict.state is State.DENIED
     assert any(why.message.startswith("intruders lack a report") for why in verdict.reasons)
-    picture = replace(picture, traffic={name: track for name, track in picture.traffic.items() if name != "bad001"})
-    picture = own(traffic(picture, 2.0), 2.0)
-    _, verdict = stepped(watching, picture, NOW + 2 * SECOND, 600.0)
+    situation = replace(
+        situation, traffic={name: track for name, track in situation.traffic.items() if name != "bad001"}
+    )
+    situation = own(traffic(situation, 2.0), 2.0)
+    _, verdict = stepped(supervision, situation, NOW + 2 * SECOND, 600.0)
     assert verdict is not None and verdict.state is State.MONITORING
 
 
 def test_an_older_plan_is_passed_over_and_a_withdrawal_ends_the_newer():
-    watching, picture = begun()
-    newer = activated(watching, picture, replace(published(picture), revision=5))
+    supervision, situation = begun()
+    newer = activated(supervision, situation, replace(published(situation), revision=5))
     assert newer.held is not None and newer.held.revision == 5
-    assert activated(newer, picture, replace(published(picture), revision=4)) is newer
+    assert activated(newer, situation, replace(published(situation), revision=4)) is newer
     assert withdrawn(newer, 5) is newer
     ended = withdrawn(newer, 6)
     assert ended.held is None
-    assert fly(ended) is Flown.BACKUP
+    assert to_fly(ended) is Flown.BACKUP
 
 
 def test_an_answer_that_came_late_is_flown_on_its_own_times():
-    watching, picture = begun()
+    supervision, situation = begun()
     # An aircraft appears ahead on the path: a plan is wanted.
-    picture = own(traffic(picture, 1.0), 1.0)
+    situation = own(traffic(situation, 1.0), 1.0)
     ahead = aircraft(9_000.0, -9_000.0, 0.5 * math.pi, 75.0, id="new001", time=NOW + SECOND)
-    picture = hearing.traffic(picture, ahead, NOW + SECOND, RULES)
-    watching, verdict = stepped(watching, picture, NOW + SECOND, 600.0)
+    situation = updates.traffic(situation, ahead, NOW + SECOND, RULES)
+    supervision, verdict = stepped(supervision, situation, NOW + SECOND, 600.0)
     assert verdict is not None and verdict.ask is not None
     # The runner begins 80 ms after the monitor has asked.
-    answer = published(picture, revision=2, seconds=1.08)
-    watching, taken_up = answered(watching, verdict.ask.number, answer)
-    assert taken_up and watching.held == answer
-    picture = own(traffic(picture, 1.1), 1.1)
-    watching, verdict = stepped(watching, picture, NOW + round(1.1 * SECOND), 600.0)
+    answer = published(situation, revision=2, seconds=1.08)
+    supervision, taken_up = answered(supervision, verdict.ask.number, answer)
+    assert taken_up and supervision.held == answer
+    situation = own(traffic(situation, 1.1), 1.1)
+    supervision, verdict = stepped(supervision, situation, NOW + round(1.1 * SECOND), 600.0)
     assert verdict is not None and verdict.state is State.MONITORING
     assert abs(float(verdict.measured.along_track[0])) < 0.1
     assert abs(float(verdict.measured.time_error[0])) < 1e-3
 
 
 def test_a_refusal_denies_the_plan():
-    watching, picture = begun()
-    picture = own(traffic(picture, 1.0), 1.0)
+    supervision, situation = begun()
+    situation = own(traffic(situation, 1.0), 1.0)
     ahead = aircraft(9_000.0, -9_000.0, 0.5 * math.pi, 75.0, id="new001", time=NOW + SECOND)
-    picture = hearing.traffic(picture, ahead, NOW + SECOND, RULES)
-    watching, verdict = stepped(watching, picture, NOW + SECOND, 600.0)
+    situation = updates.traffic(situation, ahead, NOW + SECOND, RULES)
+    supervision, verdict = stepped(supervision, situation, NOW + SECOND, 600.0)
     assert verdict is not None and verdict.ask is not None
-    watching, taken_up = answered(watching, verdict.ask.number, None)
+    supervision, taken_up = answered(supervision, verdict.ask.number, None)
     assert not taken_up
-    assert State(int(watching.watch.monitor.state[0])) in (State.DENIED, State.BACKUP)
+    assert State(int(supervision.watch.monitor.state[0])) in (State.DENIED, State.BACKUP)
 
 
 @pytest.mark.parametrize(
@@ -170,11 +182,11 @@ def test_only_comparable_altitudes_set_aircraft_apart(a, b, expected: bool):
 
 
 def test_silent_aircraft_that_cannot_come_near_asks_for_nothing():
-    watching, picture = begun()
+    supervision, situation = begun()
     for x, reached in ((320_000.0, True), (40_000.0, False)):
         message = aircraft(x, 0.0, math.pi, 75.0, id="far", time=NOW)
-        now, left = NOW, watching
-        known = hearing.traffic(picture, message, NOW, RULES)
+        now, left = NOW, supervision
+        known = updates.traffic(situation, message, NOW, RULES)
         for second in range(1, 9):
             now = NOW + second * SECOND
             known = own(traffic(known, float(second)), float(second))
