@@ -10,7 +10,17 @@ from typing import Any, NamedTuple
 
 from envs.angles import sincos, wrap
 
-__all__ = ["C208_PUBLISHED", "SURROGATE", "Limits", "VehicleState", "advance", "commands", "velocity", "within"]
+__all__ = [
+    "C208_PUBLISHED",
+    "FASTEST",
+    "SURROGATE",
+    "Limits",
+    "VehicleState",
+    "advance",
+    "commands",
+    "velocity",
+    "within",
+]
 
 
 class VehicleState(NamedTuple):
@@ -43,6 +53,9 @@ class Limits(NamedTuple):
 
 SURROGATE = Limits(50.0, 100.0, -0.5, 0.5, math.radians(3.0))
 """The surrogate's conservative limits (paper, table "Surrogate vs. true dynamic parameters")."""
+
+FASTEST = Limits(400.0, 400.0, -20.0, 20.0, math.radians(57.0))
+"""Beyond any aircraft that this world describes: what configurations and policy files may ask for at most."""
 
 C208_PUBLISHED = Limits(31.0, 100.0, -0.8, 0.5, math.radians(5.0))
 """The true Cessna 208's limits as the paper states them (same table)."""

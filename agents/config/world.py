@@ -14,10 +14,10 @@ from pydantic import Field, ValidationInfo, field_validator, model_serializer, m
 from agents.config.keys import nearest
 from agents.config.load import ConfigError, Strict, load
 from envs.encounters import SCENARIOS, Scenario
-from envs.kinematics import SURROGATE, Limits
+from envs.kinematics import FASTEST, SURROGATE, Limits
 from envs.outcome import RULES, Rules
 
-__all__ = ["RulesConfig", "ScenarioConfig", "VehicleConfig"]
+__all__ = ["RulesConfig", "ScenarioConfig", "VehicleConfig", "check_own_speed"]
 
 
 class RulesConfig(Strict):
@@ -41,21 +41,27 @@ class RulesConfig(Strict):
         return Rules(**{name: getattr(self, name) for name in RulesConfig.model_fields})
 
 
+def _degrees(angle: float) -> float:
+    return round(math.degrees(angle), 9)
+
+
 class VehicleConfig(Strict):
     """Limits of the ownship, inline or as the path of a YAML file with these keys.
 
     A path is looked for beside the configuration file first and then in the working directory.
     """
 
-    speed_min_mps: float = Field(default=SURROGATE.speed_min, ge=0.0, le=400.0)
+    speed_min_mps: float = Field(default=SURROGATE.speed_min, ge=0.0, le=FASTEST.speed_min)
     """Lowest speed, m/s."""
-    speed_max_mps: float = Field(default=SURROGATE.speed_max, gt=0.0, le=400.0)
+    speed_max_mps: float = Field(default=SURROGATE.speed_max, gt=0.0, le=FASTEST.speed_max)
     """Highest speed, m/s."""
-    acceleration_min_mps2: float = Field(default=SURROGATE.acceleration_min, ge=-20.0, lt=0.0)
+    acceleration_min_mps2: float = Field(default=SURROGATE.acceleration_min, ge=FASTEST.acceleration_min, lt=0.0)
     """Strongest deceleration, m/s^2, negative."""
-    acceleration_max_mps2: float = Field(default=SURROGATE.acceleration_max, gt=0.0, le=20.0)
+    acceleration_max_mps2: float = Field(default=SURROGATE.acceleration_max, gt=0.0, le=FASTEST.acceleration_max)
     """Strongest acceleration, m/s^2."""
-    yaw_rate_max_deg_s: float = Field(default=round(math.degrees(SURROGATE.yaw_rate_max), 9), gt=0.0, le=57.0)
+    yaw_rate_max_deg_s: float = Field(
+        default=_degrees(SURROGATE.yaw_rate_max), gt=0.0, le=_degrees(FASTEST.yaw_rate_max)
+    )
     """Largest turn rate to either side, deg/s."""
 
     @model_validator(mode="before")
@@ -167,6 +173,25 @@ class ScenarioConfig(Strict):
             name = key.removesuffix("_s").removesuffix("_deg") if key in _DEGREES else key
             changes[name] = _radians(value) if key in _DEGREES else value
         return replace(SCENARIOS[self.name], **changes)
+
+
+def check_own_speed(scenario: Scenario, limits: Limits, key: str) -> None:
+    """Refuse a scenario whose ownship begins at speeds that its aircraft does not fly.
+
+    Args:
+        scenario: as it will be drawn from.
+        limits: of the ownship.
+        key: under which the configuration has the range.
+
+    Raises:
+        ConfigError: the range of own speeds leaves the limits.
+    """
+    low, high = scenario.own_speed
+    if not limits.speed_min <= low <= high <= limits.speed_max:
+        raise ConfigError(
+            f"{key} is [{low:g}, {high:g}] m/s; expected a range within {limits.speed_min:g} to "
+            f"{limits.speed_max:g} m/s, the speeds of the ownship"
+        )
 
 
 def _radians(value: float | tuple[float, float]) -> float | tuple[float, ...]:

@@ -13,6 +13,8 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 import yaml
 
+from envs.edge.files import check_regular
+
 __all__ = ["YamlError", "coerced", "read", "write"]
 
 
@@ -32,7 +34,38 @@ _RESOLVERS = (
 )
 
 
+_MOST_BYTES = 1_000_000
+_MOST_VALUES = 100_000
+"""With every alias counted as often as it stands for something."""
+_DEEPEST = 50
+
+
 class _Loader(yaml.SafeLoader):
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._depth, self._values = 0, 0
+        self._held: dict[int, int] = {}  # values in each finished node, by the node's identity
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Compose a node; nesting, and what aliases expand to, are bounded while reading."""
+        event = self.peek_event()
+        where = f"line {event.start_mark.line + 1}"
+        alias = isinstance(event, yaml.AliasEvent)
+        if alias and event.anchor in self.anchors and id(self.anchors[event.anchor]) not in self._held:
+            raise YamlError(f"{where}: *{event.anchor} refers to itself")
+        if self._depth == _DEEPEST:
+            raise YamlError(f"{where}: nested deeper than {_DEEPEST} levels")
+        self._depth += 1
+        before = self._values
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        self._values += self._held[id(node)] if alias else 1
+        if self._values > _MOST_VALUES:
+            raise YamlError(f"{where}: holds more than {_MOST_VALUES} values")
+        if not alias:
+            self._held[id(node)] = self._values - before
+        return node
+
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[Any] = set()
         for key_node, _ in node.value:
@@ -76,11 +109,16 @@ def read(source: Path | str) -> Any:
     if isinstance(source, str):
         return _parsed(source, repr(source))
     try:
+        check_regular(source)
+        if source.stat().st_size > _MOST_BYTES:
+            raise YamlError(f"{source}: {source.stat().st_size} bytes; expected at most {_MOST_BYTES}")
         text = source.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise YamlError(f"{source}: there is no such file") from None
-    except (OSError, UnicodeDecodeError) as problem:
+    except UnicodeDecodeError as problem:
         raise YamlError(f"{source}: cannot be read ({problem})") from None
+    except OSError as problem:
+        raise YamlError(f"{source}: cannot be read ({problem.strerror})") from None
     values = _parsed(text, str(source))
     if values is None:
         return {}

@@ -30,12 +30,26 @@ from agents.policy.schema import (
 from envs.edge.files import write_file
 from envs.kinematics import Limits
 
-__all__ = ["MAX_BYTES", "PolicyFile", "PolicyFileError", "claims", "parse", "read", "serialise", "write"]
+__all__ = [
+    "MAX_BYTES",
+    "_MAX_HEADER_BYTES",
+    "PolicyFile",
+    "PolicyFileError",
+    "claims",
+    "parse",
+    "read",
+    "serialise",
+    "write",
+]
 
 MAX_BYTES = 64 * 1024 * 1024
 """Larger files are refused unread; the default architecture takes 0.3 MB."""
 
+_MAX_HEADER_BYTES = 1_000_000
+"""Of the JSON at the beginning of a file; the default architecture takes 0.02 MB."""
+
 _KEY = "rlcas_policy"
+_ENTRY = {"dtype", "shape", "data_offsets"}
 _HEADER_AT = 8
 """A safetensors file begins with the length of its header, eight bytes little-endian."""
 
@@ -186,6 +200,8 @@ def _header(data: bytes, source: str) -> dict[str, Any]:
     if len(data) < _HEADER_AT + length:
         expected = f"at least {_HEADER_AT + length}"
         raise PolicyFileError(f"{source}: {len(data)} bytes, expected {expected}: truncated, or no safetensors file")
+    if length > _MAX_HEADER_BYTES:
+        raise PolicyFileError(f"{source}: a header of {length} bytes, expected at most {_MAX_HEADER_BYTES}")
     try:
         text = data[_HEADER_AT : _HEADER_AT + length].decode()
         header = json.loads(text)
@@ -194,7 +210,9 @@ def _header(data: bytes, source: str) -> dict[str, Any]:
     if not isinstance(header, dict):
         raise PolicyFileError(f"{source}: the header is not an object, expected a safetensors file")
     # The digest covers what the header means. Holding its text to one spelling makes every byte count.
-    if text.rstrip(" ") != json.dumps(header, separators=(",", ":"), ensure_ascii=False):
+    plain = json.dumps(header, separators=(",", ":"), ensure_ascii=False)
+    # Blanks fill it to a multiple of eight bytes.
+    if text != plain + " " * (-len(plain.encode()) % 8):
         raise PolicyFileError(f"{source}: the header is not in canonical form: edited or damaged")
     return header
 
@@ -223,6 +241,10 @@ def _check_entries(header: Mapping[str, Any], shapes: Mapping[str, tuple[int | N
     for name, expected in shapes.items():
         entry = header[name]
         entry = entry if isinstance(entry, dict) else {}
+        if entry.keys() != _ENTRY:
+            raise PolicyFileError(
+                f"{source}: tensor {name} has the fields {sorted(entry)!r:.100}, expected {sorted(_ENTRY)}"
+            )
         if entry.get("dtype") != "F32":
             raise PolicyFileError(f"{source}: tensor {name} has dtype {entry.get('dtype')!r}, expected 'F32'")
         shape, wanted = entry.get("shape"), ["P" if length is None else length for length in expected]

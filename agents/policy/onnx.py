@@ -36,7 +36,8 @@ INPUT, OUTPUT = "observation", "action"
 
 _DESCRIPTION = """\
 Write a policy as an ONNX model: observation [N, 8] to action [N, 2], both float32 in [-1, 1], N free, derived inputs
-and clip included. The model is compared with the policy on its parity vectors before it is written."""
+and clip included; an observation that is not finite gives NaN. The model is compared with the policy on its parity
+vectors before it is written."""
 
 _EPILOG = """\
 example:
@@ -145,7 +146,9 @@ def _traced(content: PolicyFile) -> Graph:
     if isinstance(hand, Traced):
         acceleration, yaw_rate = graph.apply_many("Split", [x], 2, axis=1)
         x = graph.apply("Concat", acceleration, yaw_rate * hand, axis=1)
-    graph.rename(graph.clip(x, -1.0, 1.0), OUTPUT)
+    # 0 where all components are finite, NaN where one is not: comparisons inside would make a number of it.
+    zero = graph.apply("MatMul", graph.value(INPUT), graph.tensor("zeros", np.zeros((SIZE, 2))))
+    graph.rename(graph.clip(x, -1.0, 1.0) + zero, OUTPUT)
     return graph
 
 

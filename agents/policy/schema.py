@@ -14,7 +14,7 @@ import numpy as np
 
 from agents.policy.features import FEATURE_SETS, size
 from envs.edge.command import InputError
-from envs.kinematics import Limits
+from envs.kinematics import FASTEST, Limits
 from envs.observation import NAMES, SIZE
 
 __all__ = [
@@ -55,6 +55,7 @@ ACTION = {
 PARITY_OBSERVATION, PARITY_ACTION = "parity/observation", "parity/action"
 
 _MAX_LAYERS, _MAX_WIDTH = 8, 4096
+_MAX_WEIGHT = 1e4  # sums of so large weights stay finite whatever the widths
 # Every field of the metadata and its type; a nested dict is an object with exactly these fields.
 _FIELDS: dict[str, Any] = {
     "schema": {"name": str, "version": int},
@@ -155,11 +156,15 @@ def check_metadata(document: Any, source: str) -> None:
 
     limits = Limits(**document["limits"])
     if not (
-        0.0 <= limits.speed_min < limits.speed_max
-        and limits.acceleration_min < 0.0 < limits.acceleration_max
-        and limits.yaw_rate_max > 0.0
+        0.0 <= limits.speed_min < limits.speed_max <= FASTEST.speed_max
+        and FASTEST.acceleration_min <= limits.acceleration_min < 0.0 < limits.acceleration_max
+        and limits.acceleration_max <= FASTEST.acceleration_max
+        and 0.0 < limits.yaw_rate_max <= FASTEST.yaw_rate_max
     ):
-        raise PolicyFileError(f"{source}: metadata.limits are {_brief(document['limits'])}, which no vehicle has")
+        raise PolicyFileError(
+            f"{source}: metadata.limits are {_brief(document['limits'])}, which no vehicle has; expected "
+            f"speed_min below speed_max, and none beyond {tuple(FASTEST)}"
+        )
 
     training = document["training"]
     expected = _sha256(canonical(training["config"]))
@@ -190,14 +195,14 @@ def tensor_shapes(document: Mapping[str, Any]) -> dict[str, tuple[int | None, ..
 
 
 def check_values(tensors: Mapping[str, np.ndarray], source: str) -> None:
-    """Raise :class:`PolicyFileError` unless all tensors are finite and the parity vectors lie in [-1, 1]."""
+    """Raise :class:`PolicyFileError` unless all tensors are finite and bounded, the parity vectors by 1."""
     for name, tensor in tensors.items():
         if not np.isfinite(tensor).all():
             index = np.argwhere(~np.isfinite(tensor))[0].tolist()
             raise PolicyFileError(f"{source}: tensor {name} is not finite at {index}")
-    for name in (PARITY_OBSERVATION, PARITY_ACTION):
-        if np.abs(tensors[name]).max() > 1.0:
-            raise PolicyFileError(f"{source}: tensor {name} leaves [-1, 1]")
+        most = 1.0 if name in (PARITY_OBSERVATION, PARITY_ACTION) else _MAX_WEIGHT
+        if np.abs(tensor).max() > most:
+            raise PolicyFileError(f"{source}: tensor {name} leaves [{-most:g}, {most:g}]")
 
 
 def digest(tensors: Mapping[str, np.ndarray], document: Mapping[str, Any]) -> str:

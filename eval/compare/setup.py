@@ -8,7 +8,7 @@ from typing import TypeVar
 from agents.baselines.baselines import BASELINES
 from agents.config.keys import nearest
 from agents.config.load import ConfigError, Strict, load
-from agents.config.world import ScenarioConfig
+from agents.config.world import ScenarioConfig, check_own_speed
 from agents.policy.inference import Policy
 from envs.encounters import scenario
 from envs.formats import encounter_file
@@ -59,6 +59,7 @@ def prepare(options: argparse.Namespace) -> Comparison:
         source = scenario(options.scenario)
         if options.change:
             source = _changed(ScenarioConfig, f"name={options.scenario}", *options.change).scenario()
+        check_own_speed(source, limits, "--change own_speed")
     evaluation = Evaluation(None, source, names, options.seed, RULES, limits)
     return Comparison(entries, evaluation)
 

@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from agents.config.world import check_own_speed
 from envs.encounters import Encounter, EncounterError, Scenario
 from envs.formats import encounter_file
 from envs.formats.adsb_file import is_adsb
@@ -50,6 +51,7 @@ def read_source(config: MonteCarloConfig, limits: Limits) -> tuple[Source, tuple
     """
     if config.file is None:
         sampled = config.sampled()
+        check_own_speed(sampled, limits, "changes.own_speed")
         return quasi(sampled) if config.draws == "sobol" else sampled, None
     if config.prefix == MODEL:
         return read_model_traffic(config.file, config.traffic(), limits), None

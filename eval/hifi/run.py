@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from agents.config.load import Parser
 from eval.runner.command import (
-    begin,
     cluster_of,
     concluded,
     first_options,
@@ -17,6 +16,7 @@ from eval.runner.command import (
     loaded,
     named_policy,
     named_source,
+    run_in,
     whole,
     whole_table,
 )
@@ -96,7 +96,6 @@ def _run(options: argparse.Namespace) -> int:
         workers = config.workers or cores() if cluster is None else cluster.size()
         campaign, config = campaign_of(config, workers)
         folder = HifiFolder(options.out or Path("runs") / time.strftime("hifi_%Y%m%d_%H%M%S"), config)
-        begin(folder, config, resume=options.resume)
         if cluster is None:
 
             def fly(chunks: "list[Chunk]", stopped: Callable[[], bool]) -> "Iterator[tuple[Chunk, Any]]":
@@ -109,13 +108,14 @@ def _run(options: argparse.Namespace) -> int:
 
             flier = Flier(LoadedCampaign, columns, (*DECISIVE, *_DECISIVE))
             fly = partial(cluster.fly, flier, campaign, str(config.policy_sha256))
-        table, flown = whole_table(folder, config, fly, "flights", "python -m eval.hifi")
-    summary = _summary(table, config, time.perf_counter() - begun, flown)
-    paths = [folder.write_summary(summary)]
-    if config.figures:
-        from eval.hifi.figures import draw_all
+        with run_in(folder, config, resume=options.resume):
+            table, flown = whole_table(folder, config, fly, "flights", "python -m eval.hifi")
+            summary = _summary(table, config, time.perf_counter() - begun, flown)
+            paths = [folder.write_summary(summary)]
+            if config.figures:
+                from eval.hifi.figures import draw_all
 
-        paths += draw_all(folder, table, campaign)
+                paths += draw_all(folder, table, campaign)
     _show(summary, folder, paths)
     return 0
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from agents.config.load import Parser
 from eval.runner.command import (
-    begin,
     cluster_of,
     concluded,
     first_options,
@@ -17,6 +16,7 @@ from eval.runner.command import (
     loaded,
     named_policy,
     named_source,
+    run_in,
     whole,
     whole_table,
 )
@@ -105,7 +105,6 @@ def _evaluate(options: argparse.Namespace) -> int:
         evaluation, policy, config = _prepare(config, workers)
         say(evaluation.source)
         folder = RunFolder(options.out or Path("runs") / time.strftime("monte_carlo_%Y%m%d_%H%M%S"), config)
-        begin(folder, config, resume=options.resume)
         if cluster is None:
 
             def fly(chunks: "list[Chunk]", stopped: Callable[[], bool]) -> "Iterator[tuple[Chunk, Any]]":
@@ -117,14 +116,15 @@ def _evaluate(options: argparse.Namespace) -> int:
 
             flier = Flier(Pilot, columns, (*DECISIVE, *packages))
             fly = partial(cluster.fly, flier, evaluation, policy.sha256)
-        table, flown = whole_table(folder, config, fly, "chunks", "python -m eval.monte_carlo")
-    wall_s = time.perf_counter() - begun
-    summary = _summary(table, config, policy, wall_s, flown) | said(evaluation.source)
-    paths = [folder.write_summary(summary)]
-    if config.figures:
-        from eval.plots.encounters import draw_all
+        with run_in(folder, config, resume=options.resume):
+            table, flown = whole_table(folder, config, fly, "chunks", "python -m eval.monte_carlo")
+            wall_s = time.perf_counter() - begun
+            summary = _summary(table, config, policy, wall_s, flown) | said(evaluation.source)
+            paths = [folder.write_summary(summary)]
+            if config.figures:
+                from eval.plots.encounters import draw_all
 
-        paths += draw_all(folder, table, evaluation)
+                paths += draw_all(folder, table, evaluation)
     from eval.monte_carlo.table import show
 
     show(summary, folder.path, paths)

@@ -99,6 +99,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--config", type=Path, metavar="FILE", help="YAML file of eval.monte_carlo with what differs from the defaults")
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of the configuration")
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
+    add("--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have (default: any)")
     add("--scenario", metavar="NAME", help="a sampled scenario (default: circle)")
     add("--seed", type=whole(0), metavar="N", help="of all draws (default: 0)")
     add("--resolvable-only", action="store_true", help="proven unresolvable encounters do not count")
@@ -142,11 +143,13 @@ def _config(options: argparse.Namespace) -> "tuple[MonteCarloConfig, str]":
 
 
 def _problem(config: "MonteCarloConfig", mode: str, *, resolvable_only: bool) -> "tuple[FlightProblem, str]":
+    from agents.config.world import check_own_speed
     from eval.flights.chunks import Evaluation, Pilot
     from eval.rare.problem import FlightProblem
 
     policy = named_policy(config)
     limits = policy.limits if config.vehicle is None else config.vehicle.limits()
+    check_own_speed(config.sampled(), limits, "changes.own_speed")
     rules, setting = config.rules.rules(), config.planner.setting()
     flown = "policy" if mode == "none" else mode
     evaluation = Evaluation(config.policy, config.sampled(), None, config.seed, rules, limits, flown, setting)

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Fly",
     "UnfinishedError",
-    "begin",
     "cluster_of",
     "concluded",
     "first_options",
@@ -34,6 +33,7 @@ __all__ = [
     "loaded",
     "named_policy",
     "named_source",
+    "run_in",
     "whole",
     "whole_table",
 ]
@@ -65,6 +65,7 @@ def first_options(parser: argparse.ArgumentParser) -> None:
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of the configuration")
     add("--help-keys", action="store_true", help="list every key of the configuration, and exit")
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
+    add("--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have, 64 hex digits (default: any)")
 
 
 def last_options(parser: argparse.ArgumentParser, name: str) -> None:
@@ -100,6 +101,8 @@ def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, 
         # Absolute, because a path of the command line is meant from the working directory.
         overrides += [f"policy={json.dumps(str(options.policy.absolute()))}"]
         overrides += [] if options.resume else ["policy_sha256=null"]
+    if options.policy_sha256 is not None:
+        overrides += [f"policy_sha256={options.policy_sha256.lower()}"]
     if options.scenario is not None:
         name = options.scenario
         kind = next((each for each in PREFIXES if name.startswith(each) and name != each), None)
@@ -193,15 +196,28 @@ def cluster_of(options: argparse.Namespace, packages: tuple[str, ...] = ()) -> "
         yield cluster
 
 
-def begin(folder: "RunFolder", config: "MonteCarloConfig", *, resume: bool) -> None:
-    """Begin a run in its folder, if the disk has room for it, or go on with one.
+@contextmanager
+def run_in(folder: "RunFolder", config: "MonteCarloConfig", *, resume: bool) -> Generator[None, None, None]:
+    """Begin a run in its folder, or go on with one, and hold the folder for this process alone until it ends.
 
     Raises:
-        ConfigError: it has not, or as the folder's own methods.
+        ConfigError: another process has the folder, the disk has no room, or as the folder's own methods.
     """
-    if resume:
-        folder.resume()
-        return
+    from agents.config.folder_lock import locked
+
+    if not resume:
+        folder.check_new()
+        _check_room(folder, config)
+    with locked(folder.path):
+        if resume:
+            folder.resume()
+        else:
+            folder.create()
+        yield
+
+
+def _check_room(folder: "RunFolder", config: "MonteCarloConfig") -> None:
+    """Refuse a run whose files the disk has no room for."""
     assert config.chunk is not None  # it is resolved
     there = next(path for path in (folder.path.absolute(), *folder.path.absolute().parents) if path.exists())
     disk, needed = shutil.disk_usage(there), config.wanted * _ROW_BYTES
@@ -212,7 +228,6 @@ def begin(folder: "RunFolder", config: "MonteCarloConfig", *, resume: bool) -> N
             f"--out {folder.path}: {free / 1e6:.1f} MB are free there, expected about {needed / 1e6:.1f} MB for "
             f"{config.wanted} rows"
         )
-    folder.create()
 
 
 def _fly_missing(

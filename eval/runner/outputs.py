@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from agents.config.figures import save_figure
+from agents.config.folder_lock import is_unused
 from agents.config.load import ConfigError, dump, load
 from agents.policy.versions import versions
 from envs.edge.files import write_file, written
@@ -49,18 +50,30 @@ class RunFolder:
         self.path = path
         self._config = config
 
+    def check_new(self) -> None:
+        """Refuse a folder in which no run can begin.
+
+        Raises:
+            ConfigError: it holds something already, or cannot be read.
+        """
+        if self.path.exists() and not self.path.is_dir():
+            raise ConfigError(f"--out {self.path}: is a file, expected a folder that is new or empty")
+        try:
+            unused = is_unused(self.path)
+        except OSError as problem:
+            raise ConfigError(f"--out {self.path}: cannot be read: {problem.strerror}") from None
+        if not unused:
+            hint = "--resume to finish the run in it, or another --out"
+            raise ConfigError(f"--out {self.path}: is not empty, expected a folder that is new or empty ({hint})")
+
     def create(self) -> None:
         """Begin a new run.
 
         Raises:
             ConfigError: the folder holds something already or cannot be written.
         """
-        if self.path.exists() and not self.path.is_dir():
-            raise ConfigError(f"--out {self.path}: is a file, expected a folder that is new or empty")
+        self.check_new()
         try:
-            if self.path.is_dir() and any(self.path.iterdir()):
-                hint = "--resume to finish the run in it, or another --out"
-                raise ConfigError(f"--out {self.path}: is not empty, expected a folder that is new or empty ({hint})")
             (self.path / _PARTS).mkdir(parents=True)
             write_file(self.path / _CONFIG, dump(self._config))
         except OSError as problem:

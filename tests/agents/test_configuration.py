@@ -1,5 +1,7 @@
+import os
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -233,6 +235,41 @@ def test_an_old_key_is_refused_with_its_new_name(monkeypatch: pytest.MonkeyPatch
         load(Outer, None, ["inner.speed=0.5"])
     with pytest.raises(ConfigError, match=r"items.0.speed is unknown"):
         load(Outer, None, ["items=[{name: a, speed: 1}]"])
+
+
+BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{name}: &{name} [{', '.join(f'*{before}' for _ in range(10))}]\n" for before, name in pairwise("abcdefghi")
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("name: " + "[" * 2_000 + "]" * 2_000, "nested deeper"),
+        ("name: " + "{a: " * 2_000 + "}" * 2_000, "nested deeper"),
+        ("name: &a [1, *a]", "refers to itself"),
+        ("name: &a {b: {c: *a}}", "refers to itself"),
+        (BOMB, "holds more than"),
+        ("name: " + "x" * 2_000_000, "bytes; expected at most"),
+    ],
+)
+def test_a_file_that_expands_without_end_is_refused(tmp_path: Path, text: str, words: str):
+    path = tmp_path / "c.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=words):
+        load(Outer, path)
+
+
+def test_aliases_are_read(tmp_path: Path):
+    path = tmp_path / "c.yaml"
+    path.write_text("a: &a [1, 2]\nb: [*a, *a]\n", encoding="utf-8")
+    assert read(path) == {"a": [1, 2], "b": [[1, 2], [1, 2]]}
+
+
+def test_a_named_pipe_is_no_configuration(tmp_path: Path):
+    os.mkfifo(tmp_path / "c.yaml")
+    with pytest.raises(ConfigError, match="not a regular file"):
+        load(Outer, tmp_path / "c.yaml")
 
 
 def test_help_and_documentation_list_every_key_with_its_text():

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from agents.config.load import ConfigError, Strict, dump, load
-from agents.config.world import ScenarioConfig, VehicleConfig
+from agents.config.world import ScenarioConfig, VehicleConfig, check_own_speed
 from envs.encounters import SCENARIOS, Scenario
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits
 
@@ -101,6 +101,15 @@ def test_changes_reach_the_scenario_in_radians():
     assert scenario.heading_change == pytest.approx(math.pi / 2)
     assert scenario.conflicts_closer_than == 1e9
     assert scenario.intruders == (2, 3)
+
+
+def test_own_speeds_outside_the_aircraft_are_refused():
+    slow = VehicleConfig(speed_min_mps=18.0, speed_max_mps=36.0).limits()
+    check_own_speed(SCENARIOS["circle"], SURROGATE, "own_speed")
+    check_own_speed(ScenarioConfig(own_speed=(18.0, 36.0)).scenario(), slow, "own_speed")
+    for low, high in ((50.0, 100.0), (18.0, 36.1), (17.9, 36.0)):
+        with pytest.raises(ConfigError, match=r"^own_speed is .* 18 to 36 m/s"):
+            check_own_speed(ScenarioConfig(own_speed=(low, high)).scenario(), slow, "own_speed")
 
 
 def test_a_dump_holds_only_what_differs_from_the_scenario():

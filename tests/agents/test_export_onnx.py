@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.config.load import run_cli
 from agents.policy import file as policy_file
 from agents.policy import onnx as export_onnx
 from agents.policy.features import FEATURE_SETS, features, size
@@ -21,6 +20,7 @@ from agents.policy.onnx import INPUT, IR_VERSION, OPSET, ExportError, export, mo
 from agents.policy.onnx_trace import Graph
 from agents.policy.schema import new_metadata
 from envs.angles import atan2
+from envs.edge.command import run_cli
 from envs.encounters import SCENARIOS
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
@@ -28,6 +28,7 @@ from envs.starts import numbered
 from tests.flying import fly_recorded
 
 onnx = pytest.importorskip("onnx")
+reference = pytest.importorskip("onnx.reference")
 onnxruntime = pytest.importorskip("onnxruntime")
 
 PARITY = 2e-5
@@ -222,6 +223,22 @@ def test_bad_input_ends_with_one_sentence(tmp_path: Path, capsys: pytest.Capture
         assert words in error
         assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == [damaged]
+
+
+@pytest.mark.parametrize("feature_set", ["none", "advised"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_an_observation_that_is_not_finite_gives_no_number(feature_set: str, bad: float):
+    made = model(random_policy(feature_set))
+    good = scattered(10)[:9].astype(np.float32)
+    spoilt = good.copy()
+    spoilt[np.arange(8), np.arange(8)] = bad
+    session = onnxruntime.InferenceSession(made.SerializeToString())
+    for run in (session.run, reference.ReferenceEvaluator(made).run):
+        with np.errstate(invalid="ignore"):
+            (actions,), (expected,) = run(None, {INPUT: spoilt}), run(None, {INPUT: good})
+        assert np.isnan(actions[:8]).all()
+        assert np.array_equal(actions[8], expected[8])
+        assert np.isfinite(expected).all()
 
 
 @pytest.mark.parametrize("content", [b"", b"text\n", SHIPPED.read_bytes()[:4096]])

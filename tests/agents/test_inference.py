@@ -147,6 +147,15 @@ def test_observation_is_not_written_to_and_calls_repeat():
     np.testing.assert_array_equal(observation, before)
 
 
+def test_an_action_that_is_not_finite_is_refused():
+    spoilt = Policy(content())
+    kernel, bias = spoilt._layers[-1]
+    spoilt._layers[-1] = kernel, bias + np.float32(np.nan)
+    for call in (spoilt, spoilt.rowwise, lambda rows: spoilt.decide(rows[0].tolist())):
+        with pytest.raises(ValueError, match="not finite"):
+            call(random_observations()[:3])
+
+
 def test_actions_are_clipped():
     head = np.full(2, 50.0, np.float32) * [1, -1]
     loud = {**content().actor, "head/bias": head.astype(np.float32)}

@@ -131,7 +131,27 @@ def test_trailing_bytes_are_refused():
 
 
 def forged(text):
+    text += b" " * (-len(text) % 8)
     return len(text).to_bytes(8, "little") + text
+
+
+def with_header(change):
+    """Return the file with its header's text changed."""
+    text = change(DATA[8:HEADER_END].decode().rstrip(" ")).encode()
+    return forged(text) + DATA[HEADER_END:]
+
+
+def test_nothing_can_be_hidden_beside_the_content():
+    assert with_header(str) == DATA
+    more = {"an extra field": '"dtype":"F32","note":"x",', "the same twice": '"dtype":"F32","dtype":"F32",'}
+    for what in more.values():
+        with pytest.raises(PolicyFileError, match=r"fields|canonical"):
+            parse(with_header(lambda text, what=what: text.replace('"dtype":"F32",', what, 1)), "p")
+    for blanks in (8, 16, 900_000):
+        with pytest.raises(PolicyFileError, match="canonical"):
+            parse(with_header(lambda text, blanks=blanks: text + " " * blanks), "p")
+    with pytest.raises(PolicyFileError, match="expected at most 1000000"):
+        parse(with_header(lambda text: text + " " * 1_000_000), "p")
 
 
 @pytest.mark.parametrize(
@@ -204,6 +224,11 @@ def at(path, value):
         ("action.names", ["yaw_rate", "acceleration"], r"metadata\.action\.names is"),
         ("limits.speed_max", "fast", r"metadata\.limits\.speed_max is 'fast', expected a number"),
         ("limits.speed_max", 10.0, "which no vehicle has"),
+        ("limits.speed_max", 400.1, "which no vehicle has"),
+        ("limits.speed_max", 1e308, "which no vehicle has"),
+        ("limits.acceleration_max", 21.0, "which no vehicle has"),
+        ("limits.acceleration_min", -21.0, "which no vehicle has"),
+        ("limits.yaw_rate_max", 1e308, "which no vehicle has"),
         ("limits.yaw_rate_max", KeyError, "metadata.limits lacks yaw_rate_max"),
         ("limits.colour", 1.0, "metadata.limits has unexpected 'colour'"),
         ("architecture.hidden", [], r"metadata\.architecture\.hidden is \[\]"),
@@ -263,6 +288,7 @@ def nan_at(name, index, value=np.nan):
             r"hold \[0\] vectors",
         ),
         (nan_at("actor/hidden_1/kernel", (2, 3)), r"actor/hidden_1/kernel is not finite at \[2, 3\]"),
+        (nan_at("actor/head/kernel", (0, 0), -2e4), r"actor/head/kernel leaves \[-10000, 10000\]"),
         (nan_at("actor/log_std", 1, -np.inf), r"actor/log_std is not finite at \[1\]"),
         (nan_at("parity/observation", (0, 0), 1.5), r"parity/observation leaves \[-1, 1\]"),
         (nan_at("parity/action", (0, 0), -1.5), r"parity/action leaves \[-1, 1\]"),

@@ -44,7 +44,7 @@ def table_of(out: Path) -> dict[str, np.ndarray]:
 
 
 def test_files_of_a_run(finished: Path, tmp_path: Path, policy_path: Path) -> None:
-    files = {"summary.json", "flights.parquet", "config.yaml"}
+    files = {".lock", "summary.json", "flights.parquet", "config.yaml"}
     assert {path.name for path in finished.iterdir()} == files
     out = tmp_path / "drawn"
     run(out, "--policy", str(policy_path), "--vehicle", "point_mass", "--flights", "1")

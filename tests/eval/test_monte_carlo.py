@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,7 +14,9 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from agents.config.load import ConfigError, run_cli
+from agents.config.folder_lock import locked
+from agents.config.load import ConfigError
+from envs.edge.command import run_cli
 from envs.encounters import SCENARIOS
 from envs.formats import encounter_file
 from envs.starts import numbered
@@ -23,7 +26,13 @@ from eval.stats.intervals import clopper_pearson
 
 ROOT = Path(__file__).resolve().parents[2]
 FIGURES = ("initial_conditions", "min_separation", "trajectories")
-FILES = {"summary.json", "encounters.parquet", "config.yaml", *(f"{n}.{k}" for n in FIGURES for k in ("png", "svg"))}
+FILES = {
+    ".lock",
+    "summary.json",
+    "encounters.parquet",
+    "config.yaml",
+    *(f"{n}.{k}" for n in FIGURES for k in ("png", "svg")),
+}
 QUICK = ("--set", "resamples=200", "--set", "figures=false", "--workers", "1")
 
 
@@ -170,7 +179,7 @@ def test_killed_runs_go_on_and_leave_no_process(finished: Path, tmp_path: Path) 
     assert resumed.returncode == 0, errors
     assert f"{15 * (len(stored) - 1)} of 120 encounters are stored already" in errors
     assert (out / "encounters.parquet").read_bytes() == (finished / "encounters.parquet").read_bytes()
-    assert {path.name for path in out.iterdir()} == {"summary.json", "encounters.parquet", "config.yaml"}
+    assert {path.name for path in out.iterdir()} == {".lock", "summary.json", "encounters.parquet", "config.yaml"}
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert summary["encounters_flown_now"] == 120 - 15 * (len(stored) - 1)
 
@@ -277,13 +286,14 @@ def mistakes(folder: Path) -> dict[str, tuple[list[str], str]]:
     """Return arguments that are wrong and a part of the sentence each must give."""
     (folder / "full").mkdir()
     (folder / "full" / "notes.txt").touch()
+    os.mkfifo(folder / "pipe")
     (folder / "file.txt").write_text("no policy", encoding="utf-8")
     (folder / "wrong.yaml").write_text("seeds: 3\n", encoding="utf-8")
     (folder / "bad.csv").write_text("encounter\n", encoding="utf-8")
     return {
         "not empty": (["--out", str(folder / "full")], "is not empty, expected a folder that is new or empty"),
         "a file": (["--out", str(folder / "file.txt")], "is a file, expected a folder"),
-        "unwritable": (["--out", "/proc/run"], "--out /proc/run: cannot be written"),
+        "unwritable": (["--out", "/proc/run"], "--out /proc/run cannot be written"),
         "scenario": (["--scenario", "circel"], "--scenario: 'circel' is unknown; expected one of circle"),
         "nearest": (["--scenario", "circel"], "did you mean circle?"),
         "no file": (["--scenario", f"file:{folder / 'none.csv'}"], "none.csv: there is no such file"),
@@ -302,6 +312,13 @@ def mistakes(folder: Path) -> dict[str, tuple[list[str], str]]:
             ["--set", "changes.radios=[1, 2]"],
             "changes.radios is unknown (its value is [1, 2]); did you mean",
         ),
+        "twice": (["--seed", "1", "--seed", "2"], "--seed stands twice"),
+        "pipe": (["--scenario", f"file:{folder / 'pipe'}"], "not a regular file"),
+        "speeds": (
+            ["--set", "vehicle={speed_min_mps: 18, speed_max_mps: 36}"],
+            "changes.own_speed is [50, 100] m/s; expected a range within 18 to 36 m/s",
+        ),
+        "pinned": (["--policy-sha256", "0" * 64], "expected 000"),
         "digest": (["--set", f"policy_sha256={'0' * 64}"], "expected 000"),
         "resume": (["--resume", "--out", str(folder / "none")], "holds no run (no config.yaml)"),
         "resume what": (["--resume"], "--resume: expected --out with the folder of the run"),
@@ -324,6 +341,16 @@ def test_mistakes_end_before_the_run_with_one_sentence(
         assert len(errors.splitlines()) == 1, (name, errors)
         assert output == "", name
         assert not (tmp_path / "run").exists(), name
+
+
+def test_a_folder_in_use_is_refused(finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(finished, tmp_path / "run")
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "run").iterdir()}
+    with locked(tmp_path / "run"), pytest.raises(ConfigError, match="is in use by process"):
+        monte_carlo.main(["--resume", "--out", str(tmp_path / "run")])
+    del before[tmp_path / "run" / ".lock"]
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    assert capsys.readouterr().out == ""
 
 
 def test_resume_refuses_another_run(finished: Path, tmp_path: Path, policy_path: Path) -> None:
