@@ -3,4 +3,4 @@
 from envs.edge.command import run_cli
 
 if __name__ == "__main__":
-    run_cli("ros_bridge.nodes.simulator:main")
+    run_cli("ros_bridge.nodes.series:main")

@@ -9,7 +9,6 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from enum import IntEnum
 from types import MappingProxyType
 
 import numpy as np
@@ -24,6 +23,7 @@ from ros_bridge.core.conversions import Alert, Origin, Route
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.geodesy import ACCURATE, REACH, LocalFrame
 from ros_bridge.core.reach import Reach, level, out_of_reach
+from ros_bridge.core.refusals import Code, Refusal
 from ros_bridge.core.reports import Report
 from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict
 
@@ -39,49 +39,6 @@ _HORIZON = 400.0  # s; how long a plan lasts before its last leg
 _EXTENSION = 5_000.0  # m; of a route's last leg
 _COPY_DISTANCE, _COPY_SPEED, _COPY_TURN = 250.0, 10.0, 0.2
 """Within so many m, m/s and rad an intruder is like the ownship."""
-
-
-class Code(IntEnum):
-    """Status codes of GenerateTrajectory."""
-
-    UNKNOWN = 0
-    SAFE = 1
-    UNRESOLVED = 2
-    NOT_ACTIVE = 10
-    NO_CLOCK = 11
-    NO_GEO_REFERENCE = 12
-    NO_OWNSHIP = 13
-    NO_ROUTE = 14
-    NO_INTRUDER = 15
-    STALE_OWNSHIP = 20
-    STALE_INTRUDER = 21
-    STALE_REQUEST = 22
-    FUTURE_OWNSHIP = 30
-    FUTURE_INTRUDER = 31
-    FUTURE_REQUEST = 32
-    INVALID_GEO_REFERENCE = 40
-    INVALID_OWNSHIP = 41
-    INVALID_INTRUDER = 42
-    INVALID_ALERT = 43
-    INVALID_ROUTE = 44
-    INVALID_REQUEST = 45
-    SUPERSEDED = 46
-    INVALID_TASK = 47
-    INTERNAL_ERROR = 255
-
-
-class Refusal(Exception):  # noqa: N818 - an answer, not a failure
-    """Why there is no plan.
-
-    Attributes:
-        code: the status of the answer.
-        field: which input is meant.
-        message: a sentence.
-    """
-
-    def __init__(self, code: Code, field: str, message: str) -> None:
-        super().__init__(message)
-        self.code, self.field, self.message = code, field, message
 
 
 @dataclass(frozen=True)

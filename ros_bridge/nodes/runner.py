@@ -30,15 +30,15 @@ from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.lateness import revalidated
 from ros_bridge.core.situation import Code, Refusal, Situation, Task, refusal_of, task
 from ros_bridge.core.tracks import Verdict, forgotten
+from ros_bridge.nodes.requests import NO_PLAN, check, pinned, planned
 from ros_bridge.transport import qos, views
-from ros_bridge.transport.messages import header, identity, plan_message, uuid_of
+from ros_bridge.transport.messages import header, identity, plan_message
 from ros_bridge.transport.node_base import ListeningNode
 from ros_bridge.transport.settings import aircraft_text, planning_settings, report_rules
 
 __all__ = ["Runner"]
 
 _VIEWS_EVERY = 0.1  # s at most from a plan to its situation
-_NOBODY = uuid.UUID(int=0)
 
 
 class Runner(ListeningNode):
@@ -50,7 +50,7 @@ class Runner(ListeningNode):
         self._situation = Situation()
         self._policy: Policy | None = None
         self._revision = 0
-        self._unique = _NOBODY
+        self._unique = NO_PLAN
         self._views: tuple[Plan, Task] | None = None
         self._answers: dict[str, int] = {}
         self._last_answer = "none yet"
@@ -66,7 +66,7 @@ class Runner(ListeningNode):
         durability = self.get_parameter("route_durability").value
         try:
             route_quality = qos.route_input(durability)
-            self._policy = _pinned(Policy.load(file or None), file, self.get_parameter("policy_sha256").value)
+            self._policy = pinned(Policy.load(file or None), file, self.get_parameter("policy_sha256").value)
         except (PolicyFileError, OSError, ValueError) as error:
             self.get_logger().error(f"cannot be configured: {error}")
             return TransitionCallbackReturn.FAILURE
@@ -207,14 +207,14 @@ class Runner(ListeningNode):
             raise Refusal(Code.NOT_ACTIVE, "node", "node is not active, expected it to be activated first")
         self._forget(now)
         settings = planning_settings(self)
-        self._check(request, now, settings.request_age, settings.future)
+        check(request, now, settings, self._unique)
         try:
             asked = conversions.route(request.route, "request.route") if request.route else None
         except FieldError as error:
             raise Refusal(Code.INVALID_ROUTE, error.field, str(error)) from error
         wanted = task(self._situation, now, settings, asked)
         try:
-            result = _planned(wanted, self._policy, thorough=False)
+            result = planned(wanted, self._policy, exhaustive=False)
             # A monitor cannot wait for the slow stages: it asks again, and has its backup meanwhile.
             patient = request.reason != request.REASON_REPLAN and not self._searching
             if not result.safe and settings.options.exhaustive and patient:
@@ -224,10 +224,10 @@ class Runner(ListeningNode):
         self._publish(result, wanted, response)
 
     async def _searched(self, wanted: Task, policy: Policy, asked: conversions.Route | None) -> Plan:
-        """Search thoroughly in a thread beside the node, which goes on listening and answering meanwhile."""
+        """Search exhaustively in a thread beside the node, which goes on receiving and answering meanwhile."""
         era, unique = self._era, self._unique
         done = Future(executor=self.executor)
-        job = self._thread.submit(_planned, wanted, policy, thorough=True)
+        job = self._thread.submit(planned, wanted, policy, exhaustive=True)
         self._searching = True
         job.add_done_callback(lambda _: self._wake(done))
         try:
@@ -251,27 +251,6 @@ class Runner(ListeningNode):
         done.set_result(None)
         if executor is not None:
             executor.wake()
-
-    def _check(self, request: GenerateTrajectory.Request, now: int, oldest: float, future: float) -> None:
-        known = (request.REASON_ALERT, request.REASON_REPLAN, request.REASON_MANUAL)
-        if request.reason not in known:
-            what = f"is {request.reason}, expected one of {list(known)}"
-            raise Refusal(Code.INVALID_REQUEST, "request.reason", f"request.reason {what}")
-        field, stamp = "request.header.stamp", request.header.stamp
-        if now > 0 and (stamp.sec or stamp.nanosec):
-            try:
-                age = (now - conversions.stamp(field, stamp)) / SECOND
-            except FieldError as error:
-                raise Refusal(Code.INVALID_REQUEST, error.field, str(error)) from error
-            if age > oldest:
-                raise Refusal(Code.STALE_REQUEST, field, f"{field} is {age:.2f} s old, expected {oldest:g} s at most")
-            if -age > future:
-                what = f"is {-age:.2f} s ahead of the clock, expected {future:g} s at most"
-                raise Refusal(Code.FUTURE_REQUEST, field, f"{field} {what}")
-        previous = uuid_of(request.previous_id)
-        if previous not in (_NOBODY, self._unique):
-            what = f"is {previous}, but the plan that holds is {self._unique if self._unique.int else 'none'}"
-            raise Refusal(Code.SUPERSEDED, "request.previous_id", f"request.previous_id {what}")
 
     def _publish(self, result: Plan, wanted: Task, response: GenerateTrajectory.Response) -> None:
         frame = self.get_parameter("map_frame").value
@@ -304,7 +283,7 @@ class Runner(ListeningNode):
         if not self._unique.int:
             return
         now = self.get_clock().now().nanoseconds
-        self._revision, self._unique = self._next(now), _NOBODY
+        self._revision, self._unique = self._next(now), NO_PLAN
         withdrawal = Trajectory(
             header=header(now, self.get_parameter("map_frame").value),
             id=identity(uuid.uuid4()),
@@ -342,19 +321,3 @@ class Runner(ListeningNode):
                 if kind is not Verdict.TAKEN
             }
         return views.diagnostics(now, self.get_fully_qualified_name(), level, message, values)
-
-
-def _pinned(policy: Policy, file: str, digest: str) -> Policy:
-    """Return a policy if it has the digest that is asked for, or if none is.
-
-    Raises:
-        ValueError: it has another.
-    """
-    if digest and digest.lower() != policy.sha256:
-        raise ValueError(f"policy_sha256 is {digest!r}, but {file or 'the policy that ships'} has {policy.sha256}")
-    return policy
-
-
-def _planned(wanted: Task, policy: Policy, *, thorough: bool) -> Plan:
-    options = replace(wanted.options, exhaustive=thorough)
-    return plan(wanted.own, wanted.intruders, wanted.points, policy, options, own_altitude=wanted.own_altitude)

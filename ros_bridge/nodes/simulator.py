@@ -1,5 +1,5 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""The simulator: an ownship and intruders, what receivers hear of them, the clock, and a crew that flies the plans.
+"""The simulator: an ownship and intruders, their reports as receivers have them, the clock, and the flight of plans.
 
     python -m ros_bridge.simulator [--ros-args -p scenario:=head_on -p vehicle:=c208 -p rate:=50.0 ...]
 
@@ -23,7 +23,6 @@ table is printed, and the exit code is 0 if every plan called SAFE kept 1000 m, 
 import importlib.util
 import math
 import time
-from collections.abc import Sequence
 from enum import Enum
 from typing import Any
 
@@ -31,28 +30,25 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rlcas_msgs.msg import AircraftState, AssuranceStatus, GeoReference, TrafficAlert, Trajectory, Waypoint
+from rlcas_msgs.msg import AircraftState, AssuranceStatus, GeoReference, TrafficAlert, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from agents.planner.request import Altitude
-from envs.encounters import Encounter, EncounterError, scenario
+from envs.encounters import Encounter
 from envs.follower import PERIOD
-from envs.starts import numbered
-from envs.trees import take
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.geodesy import LocalFrame
-from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Code
-from ros_bridge.sim.flight_log import FlightLog, kept, table
+from ros_bridge.nodes.simulator_messages import route_of, state_message
+from ros_bridge.sim.flight_log import FlightLog
 from ros_bridge.sim.guidance import Guidance, curve
-from ros_bridge.sim.receivers import Quality, Received, Receiver
-from ros_bridge.sim.world import ALTITUDE, OWN, VEHICLES, Air, SimulationError, Truth
-from ros_bridge.transport import parameters, process, qos
-from ros_bridge.transport.messages import aircraft_message, header, uuid_of
+from ros_bridge.sim.receivers import Quality, Receiver
+from ros_bridge.sim.world import OWN, VEHICLES, Air, SimulationError, Truth
+from ros_bridge.transport import parameters, qos
+from ros_bridge.transport.messages import header, uuid_of
 from ros_bridge.transport.settings import declare
 
-__all__ = ["Simulator", "main", "route_of"]
+__all__ = ["Simulator"]
 
 _RUNNER, _MONITOR = "rlcas_runner", "rlcas_monitor"
 _START = 1_000 * SECOND  # at which every clock begins
@@ -61,7 +57,6 @@ _AHEAD = 2 * _TICK  # by which the clock may run ahead of the monitor
 _PATIENCE = 1.0  # s of real time without the monitor, after which it is waited for no longer
 _COME_UP = 30.0  # s of real time in which both nodes must have come up
 _ALERT_AGAIN = 1.0  # s
-_SPACING, _BEYOND = 5_000.0, 45_000.0  # of the route's points, and how far it goes on beyond the goal, m
 _SOURCES = {Trajectory.SOURCE_POLICY: "policy", Trajectory.SOURCE_FALLBACK: "fallback"}
 
 
@@ -70,22 +65,6 @@ class _Phase(Enum):
     SETTLING = 1
     """The clock has stepped back, and the nodes have not noticed yet."""
     FLYING = 2
-
-
-def route_of(air: Air, frame: LocalFrame) -> Trajectory:
-    """Return the filed route: the goal, and points every 5 km on the same line to 45 km beyond it."""
-    own = air.own
-    dx, dy = air.goal[0] - own.x, air.goal[1] - own.y
-    length = max(math.hypot(dx, dy), 1.0)
-    reach = [_SPACING * number for number in range(round(_BEYOND / _SPACING) + 1)]
-    at = frame.geodetic(
-        [air.goal[0] + dx / length * far for far in reach], [air.goal[1] + dy / length * far for far in reach]
-    )
-    points = [
-        Waypoint(index=1 + number, latitude=latitude, longitude=longitude)
-        for number, (latitude, longitude) in enumerate(zip(at.latitude.tolist(), at.longitude.tolist(), strict=True))
-    ]
-    return Trajectory(status=Trajectory.STATUS_ROUTE, waypoints=points)
 
 
 class Simulator(Node):
@@ -170,7 +149,7 @@ class Simulator(Node):
 
     def _qualities(self, encounter: Encounter) -> tuple[Quality, Quality]:
         names = ("rate", "latency", "dropout", "position_std", "velocity_std")
-        own, traffic = (Quality(*(self._value(f"{who}_{name}") for name in names)) for who in ("own", "traffic"))
+        own, traffic = (Quality(*(self._value(f"{kind}_{name}") for name in names)) for kind in ("own", "traffic"))
         sensor = encounter.sensor
         # A scenario that says how good its sensors are is not flown with better ones.
         return own, traffic._replace(
@@ -240,10 +219,10 @@ class Simulator(Node):
         self._clock = self._zero + round(air.time * SECOND)
         self._clocks.publish(ClockMessage(clock=header(self._clock, "").stamp))
         own, traffic = self._receivers
-        for heard in own.hear(air.time, {OWN: air.own}):
-            self._own.publish(self._message(heard, own.quality))
-        for heard in traffic.hear(air.time, air.traffic):
-            self._traffic.publish(self._message(heard, traffic.quality))
+        for received in own.receive(air.time, {OWN: air.own}):
+            self._own.publish(state_message(received, own.quality, self._frame, self._zero))
+        for received in traffic.receive(air.time, air.traffic):
+            self._traffic.publish(state_message(received, traffic.quality, self._frame, self._zero))
         self._act(air)
         try:
             air.step()
@@ -266,26 +245,7 @@ class Simulator(Node):
         self.logs.append(log)
         self._phase, self._air = _Phase.IDLE, None
 
-    def _message(self, heard: Received, quality: Quality) -> AircraftState:
-        """Return what a receiver publishes of a state."""
-        state, at = heard.state, self._frame.geodetic(heard.state.x, heard.state.y)
-        true = state.heading - float(at.convergence)
-        report = Report(
-            heard.identifier,
-            self._zero + round(heard.time * SECOND),
-            float(at.latitude),
-            float(at.longitude),
-            state.speed * math.cos(true),
-            state.speed * math.sin(true),
-            altitude=Altitude(ALTITUDE, "wgs84"),
-            position_std=quality.position_std,
-            velocity_std=quality.velocity_std,
-            true_airspeed=state.speed if heard.identifier == OWN else None,
-            wind=(0.0, 0.0) if heard.identifier == OWN else None,
-        )
-        return aircraft_message(report)
-
-    # The crew: alert, request, and what is flown.
+    # Alert, request, and what is flown.
 
     def _act(self, air: Air) -> None:
         near = air.closest() < self._value("alert_distance") and air.time >= 1.0
@@ -359,43 +319,3 @@ class Simulator(Node):
         stamp = nanoseconds(message.header.stamp)
         if any(status.name == name for status in message.status) and _START < stamp <= self._clock:
             self._runner_heard = stamp
-
-
-class _Series(Simulator):
-    """Flies the encounters that its parameters name, and finishes."""
-
-    def __init__(self, **more: Any) -> None:
-        super().__init__(**more)
-        self.finished, self.code = False, 0
-        seed, first, count = (self._value(name) for name in ("seed", "encounter", "encounters"))
-        if count < 1:
-            raise ValueError(f"encounters is {count}, expected 1 or more")
-        self._name, self._first, self._seed = self._value("scenario"), first, seed
-        try:
-            self._encounters = numbered(scenario(self._name), seed, first, count)
-        except EncounterError as error:
-            raise ValueError(str(error)) from error
-        self._left = list(range(count))
-        self._next()
-
-    def _next(self) -> None:
-        while self._left and not self.flying:
-            number = self._left.pop(0)
-            one = take(self._encounters, [number])
-            self.begin(one, f"{self._name} {self._first + number}", self._first + number)
-        if not self.flying:
-            print(table(self.logs), flush=True)
-            self.finished, self.code = True, 0 if kept(self.logs) else 1
-
-    def _end(self, failure: str) -> None:
-        super()._end(failure)
-        if self.logs[-1].duration == 0.0:
-            # Nobody is there to fly with.
-            self._left.clear()
-        self._next()
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node."""
-    text = parameters.help_text(parameters.SIMULATOR_NUMBERS, parameters.SIMULATOR_OTHERS)
-    return process.main(_Series, "python -m ros_bridge.simulator", f"{__doc__}{text}", arguments)

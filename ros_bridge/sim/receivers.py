@@ -56,20 +56,20 @@ class Receiver:
         self._due: dict[str, float] = {}
         self._waiting: list[tuple[float, Received]] = []
 
-    def hear(self, time: float, truth: Mapping[str, VehicleState]) -> list[Received]:
+    def receive(self, time: float, truth: Mapping[str, VehicleState]) -> list[Received]:
         """Return what arrives at a time, s; to be called as often as the aircraft move."""
         period = 1.0 / self.quality.rate
         for name, state in truth.items():
             if name not in self._due:
-                # Everybody is heard at the beginning; after that each has its own moment.
+                # All are received at the beginning; after that each aircraft has its own moment.
                 self._due[name] = time - period * self._random.random()
             elif time < self._due[name] - _TOLERANCE:
                 continue
             self._due[name] += period
             if self._random.random() >= self.quality.dropout:
                 self._waiting.append((time + self.quality.latency, Received(name, time, self._noisy(state))))
-        arrived = [heard for when, heard in self._waiting if when <= time + _TOLERANCE]
-        self._waiting = [(when, heard) for when, heard in self._waiting if when > time + _TOLERANCE]
+        arrived = [received for when, received in self._waiting if when <= time + _TOLERANCE]
+        self._waiting = [(when, received) for when, received in self._waiting if when > time + _TOLERANCE]
         return arrived
 
     def _noisy(self, state: VehicleState) -> VehicleState:

@@ -15,6 +15,8 @@ import yaml
 __all__ = ["refuse_unknown_nodes", "refuse_unknown_parameters"]
 
 _OURS = "rlcas_"
+_RENAMED = {"thorough": "exhaustive"}
+"""Parameters of earlier versions, and what they are called now."""
 
 
 def refuse_unknown_parameters(node: Any, known: Iterable[str]) -> None:
@@ -63,5 +65,7 @@ def _sections(content: Any) -> Iterable[str]:
 
 
 def _near(name: str, known: Iterable[str]) -> str:
+    if name in _RENAMED:
+        return f"; it is called {_RENAMED[name]} now"
     near = difflib.get_close_matches(name, list(known), 1)
     return f"; the nearest is {near[0]}" if near else ""

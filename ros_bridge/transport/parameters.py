@@ -74,7 +74,7 @@ NUMBERS = (
 OTHERS: tuple[tuple[str, Any, str], ...] = (
     ("extend_route", False, "whether a route that ends before the plan may be extended in its last direction"),
     (
-        "thorough",
+        "exhaustive",
         True,
         "whether the slow stages of the search are tried before giving up, but for the monitor's requests",
     ),

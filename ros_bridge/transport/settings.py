@@ -83,7 +83,7 @@ def planning_settings(node: Any) -> Settings:
         extend_route=value("extend_route"),
         vertical_filter=value("vertical_filter"),
         max_age=value("intruder_max_age"),
-        exhaustive=value("thorough"),
+        exhaustive=value("exhaustive"),
     )
     return Settings(
         ownship_age=value("ownship_max_age"),

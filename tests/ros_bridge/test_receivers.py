@@ -19,7 +19,7 @@ def heard(quality: Quality, seconds: float, seed: int = 0, names: tuple[str, ...
     for number in range(round(seconds / STEP)):
         time = round(number * STEP, 6)
         truth = {name: VehicleState(70.0 * time, 0.0, 0.0, 70.0) for name in names}
-        result += [(time, one) for one in receiver.hear(time, truth)]
+        result += [(time, one) for one in receiver.receive(time, truth)]
     return result
 
 

@@ -27,15 +27,15 @@ class Scene:
     def __init__(self, node: planning.Runner, client, patch: pytest.MonkeyPatch) -> None:
         self.node, self.client, self.world = node, client, World(client)
         self.begun, self.go_on = threading.Event(), threading.Event()
-        really = planning._planned
+        really = planning.planned
 
-        def planned(wanted, policy, *, thorough):
-            if thorough:
+        def planned(wanted, policy, *, exhaustive):
+            if exhaustive:
                 self.begun.set()
                 assert self.go_on.wait(20.0)
-            return really(wanted, policy, thorough=False)
+            return really(wanted, policy, exhaustive=False)
 
-        patch.setattr(planning, "_planned", planned)
+        patch.setattr(planning, "planned", planned)
         node.trigger_configure()
         node.trigger_activate()
         self.world.reference()

@@ -18,7 +18,9 @@ from envs.encounters import scenario
 from envs.starts import numbered
 from ros_bridge.core import conversions
 from ros_bridge.core.tracks import Report
-from ros_bridge.nodes.simulator import Simulator, main, route_of
+from ros_bridge.nodes.series import main
+from ros_bridge.nodes.simulator import Simulator
+from ros_bridge.nodes.simulator_messages import route_of
 from ros_bridge.sim.flight_log import kept
 from ros_bridge.sim.world import Air
 from ros_bridge.transport.messages import aircraft_message

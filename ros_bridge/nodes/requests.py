@@ -1,0 +1,70 @@
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+"""Requests for a plan: what is refused before anything is planned, and the planner and policy that answer the rest."""
+
+import uuid
+from dataclasses import replace
+
+from rlcas_msgs.srv import GenerateTrajectory
+
+from agents.planner.answer import Plan
+from agents.planner.planner import plan
+from agents.policy.inference import Policy
+from ros_bridge.core.fields import SECOND, FieldError, stamp
+from ros_bridge.core.situation import Code, Refusal, Settings, Task
+from ros_bridge.transport.messages import uuid_of
+
+__all__ = ["NO_PLAN", "check", "pinned", "planned"]
+
+NO_PLAN = uuid.UUID(int=0)
+"""In a request: no plan in particular."""
+
+
+def check(request: GenerateTrajectory.Request, now: int, settings: Settings, holding: uuid.UUID) -> None:
+    """Refuse a request of an unknown reason, of another time, or that would replace a plan that holds no more.
+
+    Args:
+        request: as received.
+        now: ns.
+        settings: of the runner.
+        holding: id of the plan that holds.
+
+    Raises:
+        Refusal: it is one of these.
+    """
+    known = (request.REASON_ALERT, request.REASON_REPLAN, request.REASON_MANUAL)
+    if request.reason not in known:
+        what = f"is {request.reason}, expected one of {list(known)}"
+        raise Refusal(Code.INVALID_REQUEST, "request.reason", f"request.reason {what}")
+    field, sent = "request.header.stamp", request.header.stamp
+    if now > 0 and (sent.sec or sent.nanosec):
+        try:
+            age = (now - stamp(field, sent)) / SECOND
+        except FieldError as error:
+            raise Refusal(Code.INVALID_REQUEST, error.field, str(error)) from error
+        if age > settings.request_age:
+            what = f"is {age:.2f} s old, expected {settings.request_age:g} s at most"
+            raise Refusal(Code.STALE_REQUEST, field, f"{field} {what}")
+        if -age > settings.future:
+            what = f"is {-age:.2f} s ahead of the clock, expected {settings.future:g} s at most"
+            raise Refusal(Code.FUTURE_REQUEST, field, f"{field} {what}")
+    previous = uuid_of(request.previous_id)
+    if previous not in (NO_PLAN, holding):
+        what = f"is {previous}, but the plan that holds is {holding if holding.int else 'none'}"
+        raise Refusal(Code.SUPERSEDED, "request.previous_id", f"request.previous_id {what}")
+
+
+def pinned(policy: Policy, file: str, digest: str) -> Policy:
+    """Return a policy if it has the digest that is asked for, or if none is.
+
+    Raises:
+        ValueError: it has another.
+    """
+    if digest and digest.lower() != policy.sha256:
+        raise ValueError(f"policy_sha256 is {digest!r}, but {file or 'the policy that ships'} has {policy.sha256}")
+    return policy
+
+
+def planned(wanted: Task, policy: Policy, *, exhaustive: bool) -> Plan:
+    """Return the plan for a task."""
+    options = replace(wanted.options, exhaustive=exhaustive)
+    return plan(wanted.own, wanted.intruders, wanted.points, policy, options, own_altitude=wanted.own_altitude)

@@ -1,0 +1,54 @@
+"""A series of encounters in the simulator, as the parameters name them; the node that ``ros_bridge.simulator`` runs."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from envs.encounters import EncounterError, scenario
+from envs.starts import numbered
+from envs.trees import take
+from ros_bridge.nodes import simulator
+from ros_bridge.nodes.simulator import Simulator
+from ros_bridge.sim.flight_log import kept, table
+from ros_bridge.transport import parameters, process
+
+__all__ = ["Series", "main"]
+
+
+class Series(Simulator):
+    """Flies the encounters that its parameters name, and finishes."""
+
+    def __init__(self, **more: Any) -> None:
+        super().__init__(**more)
+        self.finished, self.code = False, 0
+        seed, first, count = (self._value(name) for name in ("seed", "encounter", "encounters"))
+        if count < 1:
+            raise ValueError(f"encounters is {count}, expected 1 or more")
+        self._name, self._first, self._seed = self._value("scenario"), first, seed
+        try:
+            self._encounters = numbered(scenario(self._name), seed, first, count)
+        except EncounterError as error:
+            raise ValueError(str(error)) from error
+        self._left = list(range(count))
+        self._next()
+
+    def _next(self) -> None:
+        while self._left and not self.flying:
+            number = self._left.pop(0)
+            one = take(self._encounters, [number])
+            self.begin(one, f"{self._name} {self._first + number}", self._first + number)
+        if not self.flying:
+            print(table(self.logs), flush=True)
+            self.finished, self.code = True, 0 if kept(self.logs) else 1
+
+    def _end(self, failure: str) -> None:
+        super()._end(failure)
+        if self.logs[-1].duration == 0.0:
+            # Runner or monitor are not there.
+            self._left.clear()
+        self._next()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node."""
+    text = parameters.help_text(parameters.SIMULATOR_NUMBERS, parameters.SIMULATOR_OTHERS)
+    return process.main(Series, "python -m ros_bridge.simulator", f"{simulator.__doc__}{text}", arguments)

@@ -1,0 +1,54 @@
+# pyright: reportMissingImports=false
+"""What the simulator publishes: the filed route, and what receivers make of states."""
+
+import math
+
+from rlcas_msgs.msg import AircraftState, Trajectory, Waypoint
+
+from agents.planner.request import Altitude
+from ros_bridge.core.fields import SECOND
+from ros_bridge.core.geodesy import LocalFrame
+from ros_bridge.core.reports import Report
+from ros_bridge.sim.receivers import Quality, Received
+from ros_bridge.sim.world import ALTITUDE, OWN, Air
+from ros_bridge.transport.messages import aircraft_message
+
+__all__ = ["route_of", "state_message"]
+
+_SPACING, _BEYOND = 5_000.0, 45_000.0  # of the route's points, and how far it goes on beyond the goal, m
+
+
+def route_of(air: Air, frame: LocalFrame) -> Trajectory:
+    """Return the filed route: the goal, and points every 5 km on the same line to 45 km beyond it."""
+    own = air.own
+    dx, dy = air.goal[0] - own.x, air.goal[1] - own.y
+    length = max(math.hypot(dx, dy), 1.0)
+    reach = [_SPACING * number for number in range(round(_BEYOND / _SPACING) + 1)]
+    at = frame.geodetic(
+        [air.goal[0] + dx / length * far for far in reach], [air.goal[1] + dy / length * far for far in reach]
+    )
+    points = [
+        Waypoint(index=1 + number, latitude=latitude, longitude=longitude)
+        for number, (latitude, longitude) in enumerate(zip(at.latitude.tolist(), at.longitude.tolist(), strict=True))
+    ]
+    return Trajectory(status=Trajectory.STATUS_ROUTE, waypoints=points)
+
+
+def state_message(received: Received, quality: Quality, frame: LocalFrame, zero: int) -> AircraftState:
+    """Return what a receiver publishes of a state; ``zero`` is the start of the encounter, ns."""
+    state, at = received.state, frame.geodetic(received.state.x, received.state.y)
+    true = state.heading - float(at.convergence)
+    report = Report(
+        received.identifier,
+        zero + round(received.time * SECOND),
+        float(at.latitude),
+        float(at.longitude),
+        state.speed * math.cos(true),
+        state.speed * math.sin(true),
+        altitude=Altitude(ALTITUDE, "wgs84"),
+        position_std=quality.position_std,
+        velocity_std=quality.velocity_std,
+        true_airspeed=state.speed if received.identifier == OWN else None,
+        wind=(0.0, 0.0) if received.identifier == OWN else None,
+    )
+    return aircraft_message(report)
