@@ -101,7 +101,7 @@ class TracksConfig(Strict):
     ahead: float = Field(default=AHEAD, ge=10.0, le=3_600.0)
     """The goal lies so many seconds ahead on the ownship's first course, at its first speed."""
     repair: bool = False
-    """Whether rows without a value or out of order are dropped and gaps filled; otherwise such files are refused."""
+    """Whether rows that are incomplete, out of order or impossible are dropped, and gaps filled; else: refused."""
     max_gap: float = Field(default=5.0, gt=0.0, le=3_600.0)
     """Longest time between two rows of an aircraft, s."""
     within: float = Field(default=5_000.0, gt=0.0, le=100_000.0)

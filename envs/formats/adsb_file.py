@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from envs.formats.consistency import check_distances
 from envs.formats.local_frame import local
-from envs.formats.track_rows import Reading, Rows, check_distances, flights_of, track_rows
+from envs.formats.track_rows import Reading, Rows, flights_of, track_rows
 from envs.traffic.text_file import json_of, text_of
 from envs.traffic.track_units import FOOT, KNOT
 from envs.traffic.tracks import Repairs, Track, TrackError, TrackFile, summed

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.formats.track_rows import DISTANT
+from envs.formats.consistency import DISTANT
 from envs.traffic.text_file import json_of
 from envs.traffic.track_units import FOOT, KNOT
 from envs.traffic.tracks import Repairs, Track, TrackError, summed

@@ -11,8 +11,9 @@ import re
 
 import numpy as np
 
+from envs.formats.consistency import DISTANT, check_distances
 from envs.formats.local_frame import local
-from envs.formats.track_rows import DISTANT, Reading, Rows, check_distances, track_rows
+from envs.formats.track_rows import Reading, Rows, track_rows
 from envs.traffic.text_file import lines_of
 from envs.traffic.track_units import FAMILIES, FOOT, KNOT, si
 from envs.traffic.tracks import Track, TrackError, TrackFile, summed
@@ -95,6 +96,8 @@ def read_daidalus(path: str | os.PathLike[str], *, repair: bool = False, max_gap
         if not name:
             raise TrackError(f"{where}, field name: empty, expected the name of an aircraft")
         rows.setdefault(name, []).append((number, values))
+    if len({name.casefold() for name in rows}) < len(rows):
+        raise TrackError(f"{source}, field name: {sorted(rows)[:8]}, expected no two that differ only in case")
     how = Reading(source, repair, max_gap)
     made = {name: track_rows(name, each, how) for name, each in rows.items()}
     first = next(iter(made.values()))[0][0][1]

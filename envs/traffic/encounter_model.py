@@ -37,7 +37,16 @@ _BLOCKS = (
     *("boundaries", "resample_rates"),
 )
 _NEEDED = (SPEED, ACCELERATION, TURN)
+_RANGES = {
+    SPEED: (0.0, 2_000.0),
+    ACCELERATION: (-500.0, 500.0),
+    CLIMB: (-50_000.0, 50_000.0),
+    TURN: (-180.0, 180.0),
+}
+"""Of the edges of bins, in the form's units; of other variables -1e6 to 1e6."""
+
 _MOST_BINS = 1_000
+_LARGEST = 1e15
 _MOST_COUNTS = 50_000_000
 
 
@@ -202,12 +211,15 @@ def _single(source: str, blocks: _Blocks, name: str) -> str:
 
 def _numbers(text: str, where: str) -> np.ndarray:
     try:
+        if "_" in text:
+            raise ValueError
         values = np.array(text.split(), dtype=np.float64)
     except ValueError:
         strange = next(word for word in text.split() if not _is_number(word))
         raise EncounterError(f"{where}: {strange[:40]!r}, expected numbers") from None
-    if not np.isfinite(values).all():
-        raise EncounterError(f"{where}: {values[~np.isfinite(values)][0]}, expected finite numbers")
+    wrong = ~(abs(values) <= _LARGEST)
+    if wrong.any():
+        raise EncounterError(f"{where}: {values[wrong][0]}, expected numbers from {-_LARGEST:g} to {_LARGEST:g}")
     return values
 
 
@@ -216,7 +228,7 @@ def _is_number(word: str) -> bool:
         float(word)
     except ValueError:
         return False
-    return True
+    return "_" not in word
 
 
 def _sizes(source: str, blocks: _Blocks, name: str, count: int) -> list[int]:
@@ -318,12 +330,10 @@ def _boundaries(source: str, blocks: _Blocks, names: list[str], bins: list[int])
         values = _numbers(line, where)
         if len(values) != bins[i] + 1 or (np.diff(values) <= 0.0).any():
             raise EncounterError(f"{where}: expected {bins[i] + 1} edges that increase, or *")
+        low, high = _RANGES.get(names[i], (-1e6, 1e6))
+        if values[0] < low or values[-1] > high:
+            raise EncounterError(f"{where}: {values[0]:g} to {values[-1]:g}, expected within {low:g} to {high:g}")
         edges.append(values)
-    speeds = edges[names.index(SPEED)]
-    if speeds is not None and speeds[0] < 0.0:
-        raise EncounterError(
-            f"{_where(source, blocks, 'boundaries')}, variable 'v': {speeds[0]:g} kt, expected 0 or more"
-        )
     return tuple(edges)
 
 

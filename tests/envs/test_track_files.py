@@ -134,6 +134,11 @@ def test_a_negative_ground_speed_and_degrees_for_radians_are_refused(tmp_path: P
         read_daidalus(written(tmp_path, LOCAL.replace("[deg]", "[rad]")))
 
 
+def test_names_that_differ_in_case_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(TrackError, match=r"field name: .* expected no two that differ only in case"):
+        read_daidalus(written(tmp_path, LOCAL.replace("other, 1, 2", "OWN, 1, 2")))
+
+
 @pytest.mark.parametrize("latitude", [0.0, 47.0, 80.0])
 def test_velocities_are_turned_into_the_local_frame(tmp_path: Path, latitude: float) -> None:
     """Of an intruder 40 km east of the ownship, in both forms of a velocity."""
