@@ -91,6 +91,8 @@ NAME = re.compile(rf"`((?:{'|'.join(OURS)}|benchmarks)(?:\.\w+)+)")
 COMMAND = re.compile(r"python -m ((?:\w+\.)*\w+)")
 FILE = re.compile(r"`((?:agents|benchmarks|configs|docs|envs|eval|rlcas_jax|ros_bridge|tests)/[\w./-]+\.\w+)`")
 
+IN_FILE = re.compile(r"`([\w/]+\.py)` \(((?:`\w+`(?:, )?)+)\)")
+
 
 def names_of(module: Path) -> set[str]:
     """Return the names that a module defines or imports at its top, and those of its classes."""
@@ -128,4 +130,10 @@ def test_names_and_files_in_pages_exist() -> None:
             if name.split(".")[0] in (*OURS, "benchmarks") and not name.endswith(".NAME") and not exists(name)
         ]
         gone += [f"{page}: {name}" for name in FILE.findall(text) if not (ROOT / name).exists()]
+        gone += [
+            f"{page}: {name} in {file}"
+            for file, names in IN_FILE.findall(text)
+            for name in re.findall(r"`(\w+)`", names)
+            if (ROOT / file).exists() and name not in names_of(ROOT / file)
+        ]
     assert not gone, "\n".join(gone)

@@ -189,12 +189,22 @@ def help_text(numbers: Sequence[Number] = NUMBERS, others: Sequence[tuple[str, A
 
 
 def reference() -> str:
-    """Return all parameters as tables in Markdown, as they stand in docs/reference/ros-parameters.md."""
-    parts = []
+    """Return all parameters as tables in Markdown, each once, as they stand in docs/reference/ros-parameters.md."""
+    parts: list[str] = []
+    known: set[Any] = set()
     for node, numbers, others in NODES:
-        rows = [f"**{node}**", "", "| parameter | default | range | unit | meaning |", "|---|---|---|---|---|"]
-        rows += [f"| `{n.name}` | {n.default:g} | {n.low:g} to {n.high:g} | {n.unit} | {n.meaning} |" for n in numbers]
-        rows += [f"| `{name}` | `{_shown(default)}` | | | {meaning} |" for name, default, meaning in others]
+        again = [f"`{one.name}`" for one in numbers if one in known]
+        again += [f"`{one[0]}`" for one in others if one in known]
+        rows = [f"**{node}**", ""]
+        rows += [f"As above: {', '.join(again)}.", ""] if again else []
+        rows += ["| parameter | default | range | unit | meaning |", "|---|---|---|---|---|"]
+        rows += [
+            f"| `{n.name}` | {n.default:g} | {n.low:g} to {n.high:g} | {n.unit} | {n.meaning} |"
+            for n in numbers
+            if n not in known
+        ]
+        rows += [f"| `{one[0]}` | `{_shown(one[1])}` | | | {one[2]} |" for one in others if one not in known]
+        known |= {*numbers, *others}
         parts.append("\n".join(rows))
     return "\n\n".join(parts) + "\n"
 
