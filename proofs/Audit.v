@@ -1,7 +1,12 @@
 (* What the theorem rests on: nothing but the axioms of Coq's real numbers. *)
 
-Require Import Safe.
+Require Import Motion Quadrature Safe.
 
 Print Assumptions safe.
 Print Assumptions advanced_x.
 Print Assumptions advanced_y.
+Print Assumptions blur_sound.
+Print Assumptions turning_x.
+Print Assumptions turning_y.
+Print Assumptions onward_x.
+Print Assumptions onward_y.

@@ -9,8 +9,9 @@ import numpy as np
 
 from agents.planner.traffic import Requirement, Traffic
 from envs.trees import mapped, take
+from envs.waypoints import ARCS, Legs
 
-__all__ = ["FINE", "along", "chords", "growth", "same_flight"]
+__all__ = ["FINE", "along", "blur", "chords", "growth", "same_flight"]
 
 FINE = 32
 """Parts into which an arc of a leg is cut where it matters: 0.06 s of a leg of 20 s, 4 mm of uncertainty."""
@@ -128,3 +129,16 @@ def along(x: Any, y: Any, heading: Any, speed: Any, yaw_rate: Any, acceleration:
         courses = np.multiply.accumulate(np.concatenate([start, turns], axis=1), axis=1)
         moved += (speed + acceleration * (share * time)) * (0.5 * weight) * courses
     return x + moved.real * time, y + moved.imag * time
+
+
+def blur(curves: Legs) -> Any:
+    """Return the error of positions on each leg by Gauss-Legendre's rule, m, ``[..., L]``.
+
+    Proven in proofs/Quadrature.v (``blur_sound``): below 1 nm on legs of 20 s, 1 micrometre on those of a minute.
+    """
+    half = 0.5 * curves.duration[..., None] / ARCS
+    turn, gain = np.abs(curves.yaw_rate * half), np.abs(curves.acceleration) * half
+    quickest = np.maximum(curves.speed, curves.speed + 2.0 * half * curves.acceleration)
+    square = turn * turn
+    each = 2.0 / 9.0 * half * (quickest * turn / 40320.0 + gain / 5040.0) * (square * square * square * turn)
+    return np.sum(each, axis=-1)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.separation import FINE, along, chords, growth
+from agents.planner.separation import FINE, along, blur, chords, growth
 from agents.planner.traffic import Requirement, Traffic, required
 from envs.kinematics import Limits
 from envs.trees import mapped, take
@@ -189,8 +189,8 @@ def _separation(
     swerve = np.hypot(own.acceleration, quickest * own.yaw_rate).reshape(rows.size, -1)
     other_swerve = np.abs(seen.state.speed * seen.turn_rate)
     pull = swerve[..., None] + np.where(seen.turn_time > 0.0, other_swerve, 0.0)[:, None]
-    # The joints of the legs are up to their miss apart.
-    slip = np.repeat(own.miss, ARCS, axis=1)[..., None]
+    # The joints of the legs are up to their miss apart, and positions are known but for the rule's error.
+    slip = np.repeat(own.miss + blur(own), ARCS, axis=1)[..., None]
 
     bound, upper = chords(begin, length, (x, y), (end_x, end_y), seen, pull)
     bound = np.where(present[:, None], bound - slip, np.inf)

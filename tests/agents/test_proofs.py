@@ -18,7 +18,8 @@ from envs.kinematics import C208_PUBLISHED, VehicleState
 
 PROOFS = Path(__file__).parents[2] / "proofs"
 TOKEN = re.compile(r"\s*(\d+|[A-Za-z_][A-Za-z_0-9']*|[-+*/()])")
-HEAD = re.compile(r"Definition (\w+)\s*(?:\(([\w\s]+) : R\))?\s*: R :=\s*(.*?)\.\s*(?=\n|$)", re.DOTALL)
+HEAD = re.compile(r"Definition (\w+)((?:\s*\([^()]*\))*)\s*: R :=\s*(.*?)\.\s*(?=\n|$)", re.DOTALL)
+ARGUMENTS = re.compile(r"\(([\w\s]+):")
 PRIMITIVE = {
     "Rmax": max,
     "Rmin": min,
@@ -86,13 +87,13 @@ class Reader:
 
 def definitions() -> dict[str, Callable[..., Any]]:
     scope: dict[str, Any] = dict(PRIMITIVE)
-    for name in ("Constants", "Vectors", "Bound", "Motion", "Safe"):
+    for name in ("Constants", "Vectors", "Bound", "Motion", "Quadrature", "Safe"):
         text = re.sub(r"\(\*.*?\*\)", "", (PROOFS / f"{name}.v").read_text(encoding="utf-8"), flags=re.DOTALL)
         for label, arguments, body in HEAD.findall(text):
-            if "RInt" in body:  # positions are integrals in the proofs, and have closed forms
+            if re.search(r"RInt|\bfun\b|\^", body):  # positions are integrals in the proofs, and have closed forms
                 continue
-            code = Reader(body).expression()
-            scope[label] = eval(f"lambda {', '.join(arguments.split())}: {code}" if arguments else code, scope)
+            code, names = Reader(body).expression(), " ".join(ARGUMENTS.findall(arguments)).split()
+            scope[label] = eval(f"lambda {', '.join(names)}: {code}" if names else code, scope)
     return scope
 
 
@@ -190,6 +191,45 @@ def test_intruders_fly_the_proven_closed_form() -> None:
         ball = check.other([check.ball(0.0, 0.0), *map(check.ball, (psi, v, age, w, lasts))], check.ball(time))
         assert (ball.x / (1 << check.BITS), ball.y / (1 << check.BITS)) == pytest.approx((x, y), abs=1e-6)
         assert now.turn_time.item() == pytest.approx(COQ["advanced_lasts"](lasts, age))
+
+
+def test_positions_along_an_arc_are_the_proven_sum() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(100):
+        psi, v, w, a, h = rng.uniform([-3.0, 30.0, -0.09, -0.8, 0.1], [3.0, 100.0, 0.09, 0.5, 30.0])
+        proven = [
+            COQ["gauss"](lambda t, part=part: COQ[part](psi, v, w, a, t), h)  # noqa: B023
+            for part in ("own_vx", "own_vy")
+        ]
+        assert waypoints._arc(psi, v, w, a, h) == pytest.approx(proven, abs=1e-9)
+        one = (np.array([[value]]) for value in (0.0, 0.0, psi, v, w, a))
+        x, y = separation.along(*one, np.array([[h / separation.FINE]]))
+        assert (x[0, -1], y[0, -1]) == pytest.approx(proven, abs=1e-9)
+
+
+def test_error_of_positions_is_the_proven_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    # A leg of ten minutes that winds: 0.6 rad in half an arc.
+    ends = ([0.0, 16_677.97], [0.0, -3_722.89], [0.0, 0.12332], [99.0, 99.0], [0.0, 600.0])
+    knots = waypoints.Knots(*(np.array([row]) for row in ends))
+    curves = waypoints.legs(knots)
+    arcs = [field.ravel().tolist() for field in (curves.yaw_rate, curves.acceleration, curves.speed)]
+    error = separation.blur(curves).item()
+    assert error == pytest.approx(sum(COQ["blur"](w, a, v, 60.0) for w, a, v in zip(*arcs, strict=True)), rel=1e-9)
+    place = 0.0
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    for psi, w, a, v in zip(curves.heading.ravel(), *arcs, strict=True):
+        t = 30.0 * (1.0 + nodes)
+        place += np.sum(30.0 * weights * (v + a * t) * np.exp(1j * (psi + w * t)))
+    last = curves.x[0, 0, -1] + 1j * curves.y[0, 0, -1]
+    last += complex(*waypoints._arc(*(field[0, 0, -1] for field in curves[5:]), 60.0))
+    assert 1e-7 < abs(place - last) < error < 1e-3
+
+    one = np.ones((1, 1))
+    traffic = Traffic.straight(VehicleState(8_000.0 * one, 9_000.0 * one, one, 0.0 * one))
+    near = validator.validate(knots, traffic, Requirement(), C208_PUBLISHED).min_separation
+    monkeypatch.setattr(validator, "blur", lambda curves: 1.0 + 0.0 * curves.duration)
+    less = validator.validate(knots, traffic, Requirement(), C208_PUBLISHED).min_separation
+    assert near - less == pytest.approx([1.0 - error])
 
 
 def test_accelerations_are_the_proven_ones(monkeypatch: pytest.MonkeyPatch) -> None:
