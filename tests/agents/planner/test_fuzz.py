@@ -95,11 +95,11 @@ def answered(request: dict[str, Any]) -> Plan | RequestError:
             question["options"],
             own_altitude=question["own_altitude"],
         )
-    except RequestError as told:
-        assert told.field
-        assert str(told).startswith(f"{told.field} ")
-        assert len(str(told)) < 300
-        return told
+    except RequestError as refusal:
+        assert refusal.field
+        assert str(refusal).startswith(f"{refusal.field} ")
+        assert len(str(refusal)) < 300
+        return refusal
     if answer.safe:
         assert answer.reasons == ()
         assert_confirmed(question, answer)
@@ -162,7 +162,7 @@ def test_nothing_odd_in_one_place_gets_through(path: tuple[Any, ...]) -> None:
         answered(put(GOOD, path, value))
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(st.sampled_from(PLACES), st.sampled_from(ODD)), min_size=1, max_size=3))
 def test_nothing_odd_in_some_places_gets_through(changes: list[tuple[tuple[Any, ...], Any]]) -> None:
     request = GOOD
@@ -234,9 +234,9 @@ asked = st.builds(
 )
 
 
-@settings(max_examples=100)
+@settings(max_examples=50)
 @given(owns, st.lists(st.one_of(reports, vehicles), max_size=4), routes, asked, st.booleans())
-def test_any_geometry_is_refused_told_or_solved(
+def test_any_geometry_is_refused_unresolved_or_solved(
     own: VehicleState, intruders: list[Any], route: list[RoutePoint], options: Options, level: bool
 ) -> None:
     altitude = Altitude(2_000.0, "msl", -2.0) if level else None
@@ -255,10 +255,10 @@ def vehicles_limits(usual: Limits) -> st.SearchStrategy[Limits]:
     )
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @example(Limits(0.0, 49.0, -20.0, 1e-3, 1e-4), Limits(0.0, 49.0, -20.0, 0.375, 1e-4), True)
 @given(vehicles_limits(C208_PUBLISHED), vehicles_limits(QUICK.manoeuvre), st.booleans())
-def test_any_limits_are_refused_told_or_kept(vehicle: Limits, manoeuvre: Limits, conflict: bool) -> None:
+def test_any_limits_are_refused_unresolved_or_kept(vehicle: Limits, manoeuvre: Limits, conflict: bool) -> None:
     request = put(put(GOOD, ("options", "limits"), vehicle), ("options", "manoeuvre"), manoeuvre)
     answered(request if conflict else request | {"intruders": GOOD["intruders"][1:]})
 

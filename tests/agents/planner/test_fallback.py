@@ -1,4 +1,4 @@
-"""The fallback's manoeuvres fly as the core says, whoever flies with them and however many steps are taken at once."""
+"""The fallback's manoeuvres fly as the core says, whatever flies with them and however many steps are taken at once."""
 
 import math
 from typing import Any
@@ -91,7 +91,7 @@ def test_a_flight_does_not_depend_on_how_many_steps_are_taken_at_once() -> None:
 
 
 @pytest.mark.parametrize("kind", ["circle", "multi"])
-def test_manoeuvres_do_not_depend_on_who_else_flies(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_manoeuvres_do_not_depend_on_the_others(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     request = requests(kind)
     together = flown(request, FAMILY, -40.0, 12)
     each = FAMILY.turn.size
@@ -133,7 +133,7 @@ def test_the_clearance_is_that_of_the_flight(sigma: float) -> None:
         assert np.all(clearance[landed] >= least[landed] - 2.0 - 2.0 * sigma * STRIDE)
 
 
-def test_who_is_under_way_when_enough_are_home_is_given_up() -> None:
+def test_manoeuvres_under_way_when_enough_have_returned_are_given_up() -> None:
     request = requests(count=4)
     each = FAMILY.turn.size
     everybody, few = flown(request, FAMILY, -40.0, 10_000).rollout, flown(request, FAMILY, -40.0, 5)

@@ -50,7 +50,7 @@ def far(time: float, count: int = 1) -> VehicleState:
 def tell(
     monitor: Monitor, time: float, own: VehicleState | None = None, seen: VehicleState | None = None, **more: Any
 ) -> tuple[Monitor, Decision]:
-    """Step with a report of the ownship on its plan and of the far intruder, unless told otherwise."""
+    """Step with a report of the ownship on its plan and of the far intruder, unless others are given."""
     count = monitor.state.size
     own = on_plan(time, count) if own is None else own
     seen = far(time, count) if seen is None else seen

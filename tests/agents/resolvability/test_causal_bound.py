@@ -14,7 +14,7 @@ from envs.kinematics import SURROGATE, VehicleState
 from envs.outcome import RULES
 from envs.starts import joined, numbered
 from envs.trees import take
-from tests.agents.test_resolvability import CLOSE, check_witness, duel
+from tests.agents.resolvability.scenes import CLOSE, check_witness, duel
 
 SHORT = (3_000.0, 3_200.0)
 

@@ -14,7 +14,7 @@ from agents.assurance.monitor import Cause, Flown, Inputs, State
 from agents.assurance.thresholds import BLIND
 from envs.kinematics import VehicleState
 from envs.trees import mapped, take
-from tests.agents.assurance_scenes import (
+from tests.agents.assurance.scenes import (
     NAN,
     THRESHOLDS,
     causes_of,
@@ -52,7 +52,7 @@ def test_an_own_state_that_is_no_state_is_denied_and_holds_the_backup(field: str
     assert state_of(monitor) is State.MONITORING and monitor.backup.started[0] == 31.0
 
 
-def test_who_flies_the_backup_and_loses_sight_of_itself_goes_on_with_it() -> None:
+def test_a_flown_backup_goes_on_without_an_own_state() -> None:
     ahead = other(9_000.0, 0.0, math.pi)
     monitor, decision = tell(flying(), 0.0, seen=ahead)
     monitor, _ = reply(monitor, decision, safe=False)
@@ -79,7 +79,7 @@ def test_an_own_state_from_before_the_last_is_out_of_order() -> None:
     assert causes_of(monitor) == Cause.OWN_OUT_OF_ORDER and state_of(monitor) is State.DENIED
 
 
-def test_a_report_told_again_is_in_order_whatever_the_rounding_of_its_age() -> None:
+def test_a_repeated_report_is_in_order_however_its_age_rounds() -> None:
     """Of times since 1970, now less age is rounded by up to 0.24 us, differently at every telling."""
     monitor, _ = tell(flying(), 0.0)
     known = []
@@ -146,7 +146,7 @@ def test_an_intruder_out_of_order_changes_nothing_but_the_causes(age: float) -> 
     assert decision.traffic.state.x[0, 0] == pytest.approx(150.0)
 
 
-def test_who_is_taken_from_the_mask_is_forgotten() -> None:
+def test_an_intruder_out_of_the_mask_is_forgotten() -> None:
     monitor, _ = tell(flying(), 0.0, seen=other(9_000.0, 0.0, math.pi))
     assert causes_of(monitor) & Cause.SEPARATION
     monitor, _ = tell(monitor, 1.0, seen=UNSEEN, mask=np.array([[False]]))
@@ -257,7 +257,7 @@ def anything(draw: st.DrawFn) -> Inputs:
 
 
 @given(st.lists(anything(), min_size=1, max_size=5), st.booleans())
-def test_nothing_that_can_be_told_breaks_it_or_passes(given: list[Inputs], safe: bool) -> None:
+def test_any_input_gives_a_reason_or_a_valid_state(given: list[Inputs], safe: bool) -> None:
     monitor = assurance.activate(
         assurance.start(1, 2), np.array([0]), straight(), np.array([safe]), 0.0, blank_traffic(), THRESHOLDS
     )

@@ -9,7 +9,7 @@ from agents.assurance import monitor as assurance
 from agents.assurance.monitor import Cause, Flown, State
 from agents.planner.traffic import Traffic
 from envs.waypoints import Knots
-from tests.agents.assurance_scenes import (
+from tests.agents.assurance.scenes import (
     NAN,
     THRESHOLDS,
     causes_of,
@@ -232,7 +232,7 @@ def test_a_plan_that_ends_asks_for_another() -> None:
     assert causes_of(monitor) == Cause.PLAN_ENDING
 
 
-def test_who_is_deactivated_is_idle_and_takes_no_late_answer() -> None:
+def test_a_deactivated_monitor_is_idle_and_takes_no_late_answer() -> None:
     monitor, decision = tell(flying(), 0.0, on_plan(0.0, left=30.0))
     monitor = assurance.deactivate(monitor, np.array([0]))
     monitor, accepted = reply(monitor, decision, safe=True)

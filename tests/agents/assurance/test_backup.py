@@ -12,7 +12,7 @@ from agents.planner.validator import validate
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.trees import take
 from envs.waypoints import Knots, at, legs
-from tests.agents.assurance_scenes import other
+from tests.agents.assurance.scenes import other
 from tests.strategies import random_states
 
 LIMITS = (C208_PUBLISHED, SURROGATE)

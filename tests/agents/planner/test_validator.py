@@ -79,7 +79,7 @@ def test_a_circle_keeps_its_radius_from_its_centre(duration: float, sign: float)
     assert found.safe[0]
 
 
-def test_the_first_violation_is_told_with_time_and_place() -> None:
+def test_the_first_violation_has_time_and_place() -> None:
     # Head-on at 80 + 80 m/s from 8 km: 1000 m are left after 43.75 s.
     times = 20.0 * np.arange(6.0)[None]
     knots = Knots(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
@@ -120,10 +120,10 @@ def test_every_fault_is_found(name: str, change: Any, checks: set[str]) -> None:
     good, intruders = plans(40, 3), traffic(40, 0, 0)
     assert validate(good, intruders, Requirement(), C208_PUBLISHED).safe.mean() > 0.8
     found = validate(spoilt(good, name, change), intruders, Requirement(), C208_PUBLISHED)
-    told = np.zeros(40, dtype=bool)
+    found_wrong = np.zeros(40, dtype=bool)
     for check in checks:
-        told |= found.wrong[:, CHECKS.index(check)]
-    assert told.all()
+        found_wrong |= found.wrong[:, CHECKS.index(check)]
+    assert found_wrong.all()
     assert not found.safe.any()
 
 

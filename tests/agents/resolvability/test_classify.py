@@ -9,7 +9,7 @@ import pytest
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, steps
 from agents.manoeuvres.escape_search import search
 from agents.resolvability import reachable_set as survivors
-from agents.resolvability.classify import Method, Replay, Verdict, classify, replay
+from agents.resolvability.classify import Method, Verdict, classify, replay
 from agents.resolvability.outer_polygon import beside, outside
 from agents.resolvability.proof import STEP, STRIDE, Ahead, contained, look_ahead, split
 from agents.resolvability.reachable_bound import (
@@ -24,95 +24,19 @@ from agents.resolvability.reachable_bound import (
     support,
 )
 from agents.resolvability.reachable_set import Cells, States, last_time
-from envs.encounters import Encounter, Scenario, scenario
+from envs.encounters import Scenario, scenario
 from envs.intruder import Intent
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, advance
 from envs.outcome import RULES
-from envs.perception import Sensor
 from envs.starts import numbered
 from envs.trees import take
-from tests.strategies import mirrored
-
-CLOSE = scenario("circle", radius=(1_000.0, 4_000.0), min_initial_separation=0.0)
-"""Half of these starts are in trouble, a quarter beyond help."""
+from tests.agents.resolvability.scenes import CLOSE, check_witness, duel, reflected
 
 CROWDED = scenario("multi", intruders=(2, 4), radius=(1_500.0, 4_000.0), min_initial_separation=1_000.0)
 """A fifth of these starts are beyond help, most of them because the ways past one intruder lead into another."""
 
 INTERVAL = STRIDE * STEP
 """Between test times, s."""
-
-
-def duel(ahead: Any, course: Any = math.pi, speed: float = 75.0, intruder_speed: float = 75.0) -> Encounter:
-    """Return encounters ``[N]`` with an intruder some way straight ahead on a course; the goal lies at 15 km."""
-    ahead, course = np.broadcast_arrays(np.atleast_1d(ahead).astype(float), course)
-    zero, column = np.zeros(ahead.size), np.zeros((ahead.size, 1))
-    return Encounter(
-        VehicleState(zero, zero, zero, zero + speed),
-        zero + 15_000.0,
-        zero,
-        VehicleState(ahead[:, None], column, course[:, None] + column, column + intruder_speed),
-        column == 0.0,
-        Intent(column, column, column + math.radians(3.0)),
-        Sensor(column, column, column),
-    )
-
-
-def reflected(encounter: Encounter) -> Encounter:
-    """Return the encounters reflected at the east axis."""
-    return encounter._replace(
-        own=mirrored(encounter.own),
-        goal_y=-encounter.goal_y,
-        intruders=mirrored(encounter.intruders),
-        intent=encounter.intent._replace(heading_change=-encounter.intent.heading_change),
-    )
-
-
-def fine_positions(states: VehicleState, parts: int, limits: Limits | None) -> tuple[np.ndarray, np.ndarray]:
-    """Integrate a flight anew from its first state alone, by the midpoint rule at 1 / ``parts`` s, ``[T parts, ...]``.
-
-    The turn rate is read off the recorded headings; the acceleration off the speeds, held until a speed limit stops it.
-    """
-    x, y, heading, speed = (np.array(field[0], np.float64) for field in states)
-    dt = 1.0 / parts
-    xs, ys = [x], [y]
-    for index in range(states.x.shape[0] - 1):
-        rate = np.angle(np.exp(1j * (states.heading[index + 1] - states.heading[index])))
-        gain = states.speed[index + 1] - states.speed[index]
-        if limits is not None:
-            at_limit = np.isin(states.speed[index + 1], (limits.speed_min, limits.speed_max)) & (np.abs(gain) > 1e-9)
-            gain = np.where(at_limit, np.sign(gain) * limits.acceleration_max, gain)
-        for _ in range(parts):
-            middle = heading + 0.5 * dt * rate
-            faster = speed + dt * gain
-            faster = faster if limits is None else np.clip(faster, limits.speed_min, limits.speed_max)
-            x = x + dt * 0.5 * (speed + faster) * np.cos(middle)
-            y = y + dt * 0.5 * (speed + faster) * np.sin(middle)
-            heading, speed = heading + dt * rate, faster
-            xs.append(x)
-            ys.append(y)
-    return np.array(xs), np.array(ys)
-
-
-def check_witness(encounter: Encounter, flown: Replay) -> None:
-    """Assert that a replay is a success by an integration of its own, at 0.05 s, within the limits."""
-    parts = 20
-    x, y = fine_positions(flown.own, parts, SURROGATE)
-    others_x, others_y = fine_positions(flown.intruders, parts, None)
-    # The replay's own positions are those of its commands.
-    np.testing.assert_allclose(x[::parts], flown.own.x, atol=0.05)
-    np.testing.assert_allclose(y[::parts], flown.own.y, atol=0.05)
-    np.testing.assert_allclose(others_x[::parts], flown.intruders.x, atol=0.05)
-
-    apart = np.hypot(others_x - x[:, None], others_y - y[:, None])[:, encounter.mask]
-    assert apart.min() >= RULES.separation - 0.1
-    assert math.hypot(x[-1] - encounter.goal_x, y[-1] - encounter.goal_y) <= RULES.goal_radius + 0.1
-    assert flown.time[-1] <= RULES.t_max
-    turns = np.angle(np.exp(1j * np.diff(flown.own.heading)))
-    assert np.abs(turns).max() <= SURROGATE.yaw_rate_max * (1.0 + 1e-9)
-    assert np.abs(np.diff(flown.own.speed)).max() <= SURROGATE.acceleration_max * (1.0 + 1e-9)
-    assert flown.own.speed.min() >= SURROGATE.speed_min - 1e-9
-    assert flown.own.speed.max() <= SURROGATE.speed_max + 1e-9
 
 
 @pytest.mark.parametrize(
@@ -218,7 +142,7 @@ def test_no_search_finds_a_way_out_of_what_is_proven():
 
 
 def test_a_proof_survives_what_makes_the_task_harder():
-    encounters = numbered(CLOSE, 8, 0, 400)
+    encounters = numbered(CLOSE, 8, 0, 200)
     wider = Limits(45.0, 110.0, -0.6, 0.6, math.radians(3.5))
     assert C208_PUBLISHED.yaw_rate_max > wider.yaw_rate_max
     proven = ~np.isnan(contained(look_ahead(encounters, RULES, SURROGATE), RULES, SURROGATE))
@@ -227,7 +151,7 @@ def test_a_proof_survives_what_makes_the_task_harder():
         assert proven[~np.isnan(easier)].all()
         assert np.isnan(easier).sum() > (~proven).sum()
     # An easier task never turns a witness into a proof.
-    some = take(encounters, slice(0, 80))
+    some = take(encounters, slice(0, 40))
     here = classify(some, RULES, SURROGATE).verdict
     for rules, limits in ((RULES._replace(separation=950.0), SURROGATE), (RULES, wider)):
         there = classify(some, rules, limits).verdict
@@ -347,9 +271,9 @@ def test_farthest_bounds_every_point_of_the_polygon():
 
 
 def flown_clear(ahead: Ahead, count: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
-    """Fly random commands in one encounter; return the flights ``[T, N]`` at the test times, and who is clear by then.
+    """Fly random commands in one encounter; return the flights ``[T, N]`` at the test times, and which are clear then.
 
-    Clear is who has been in no disc of the separation less delta at any test time so far.
+    Clear is a flight that has been in no disc of the separation less delta at any test time so far.
     """
     tests = ahead.x.shape[2]
     flights = random_flights(count, INTERVAL * tests, INTERVAL, float(ahead.speed[0]))
@@ -359,8 +283,8 @@ def flown_clear(ahead: Ahead, count: int) -> tuple[tuple[np.ndarray, ...], np.nd
 
 
 def test_gaps_between_intruders_that_close_are_proven_closed():
-    # Searches through piecewise controls keep no more than 685, 992, 964 and 958 m.
-    for number in (126, 145, 188, 204):
+    # Searches through piecewise controls keep no more than 685 and 958 m.
+    for number in (126, 204):
         ahead = look_ahead(numbered(scenario("multi", intruders=(2, 4)), 0, number, 1), RULES, SURROGATE)
         assert np.isnan(contained(ahead, RULES, SURROGATE)[0])
         proven = split(ahead, RULES, SURROGATE, nodes=0)[0]
@@ -373,7 +297,7 @@ def test_gaps_between_intruders_that_close_are_proven_closed():
 @pytest.mark.parametrize(
     "cells", [Cells(math.radians(30.0), 12.0, 1_000.0, 80, 900), Cells(math.radians(9.0), 5.0, 300.0, 17, 900)]
 )
-def test_whoever_is_clear_of_all_intruders_is_among_the_survivors(cells: Cells, monkeypatch: pytest.MonkeyPatch):
+def test_flights_clear_of_all_intruders_are_among_the_survivors(cells: Cells, monkeypatch: pytest.MonkeyPatch):
     kept: list[States] = []
 
     def spy(states: States, cells: Cells, merged: Any = survivors.merged) -> States:

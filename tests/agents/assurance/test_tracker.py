@@ -81,7 +81,7 @@ def test_a_turn_misleads_for_seconds_at_most(rate: float) -> None:
     states = flight(60, math.radians(rate))
     _, estimates = tracked(states)
     position, speed = errors(estimates, states)
-    # Never far from what one report alone would have told.
+    # Never far from what one report alone would give.
     assert position.max() < 1.6 * math.sqrt(2.0) * POSITION
     assert speed.max() < 2.6 * math.sqrt(2.0) * VELOCITY
 

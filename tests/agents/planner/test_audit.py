@@ -33,7 +33,7 @@ def test_nothing_is_wrong_with_what_is_right() -> None:
 
 
 @given(st.integers(0, WAYPOINTS - 2), st.integers(0, WAYPOINTS - 2))
-def test_a_repeated_index_is_told(a: int, b: int) -> None:
+def test_a_repeated_index_is_found(a: int, b: int) -> None:
     wrong = published()
     wrong[a] = replace(wrong[a], index=wrong[b].index)
     found = audit(wrong, ROUTE)
@@ -46,14 +46,14 @@ def test_a_repeated_index_is_told(a: int, b: int) -> None:
 
 
 @given(st.integers(0, WAYPOINTS - 2), st.integers(0, 5))
-def test_an_index_of_the_route_is_told(number: int, which: int) -> None:
+def test_an_index_of_the_route_is_found(number: int, which: int) -> None:
     wrong = published()
     wrong[number] = replace(wrong[number], index=ROUTE[which].index)
     assert (Kind.INDICES, f"waypoints[{number}]") in {(one.kind, one.field) for one in audit(wrong, ROUTE)}
 
 
 @given(st.sampled_from(["x", "y"]), st.floats(0.01, 1e6), st.booleans())
-def test_a_last_waypoint_beside_its_point_is_told(axis: str, off: float, extended: bool) -> None:
+def test_a_last_waypoint_beside_its_point_is_found(axis: str, off: float, extended: bool) -> None:
     wrong = published()
     wrong[-1] = replace(wrong[-1], **{axis: getattr(wrong[-1], axis) + off})
     (found,) = audit(wrong, ROUTE, extended=extended)
@@ -61,7 +61,7 @@ def test_a_last_waypoint_beside_its_point_is_told(axis: str, off: float, extende
     assert found.field == f"waypoints[{WAYPOINTS - 1}]"
 
 
-def test_a_last_waypoint_of_no_point_is_told() -> None:
+def test_a_last_waypoint_of_no_point_is_found() -> None:
     wrong = [*published()[:-1], replace(published()[-1], index=77)]
     assert [one.kind for one in audit(wrong, ROUTE)] == [Kind.OFF_ROUTE]
     # It stands at the route's end: there the extension begins.
@@ -73,14 +73,14 @@ def test_a_last_waypoint_of_no_point_is_told() -> None:
 @given(
     st.sampled_from(["x", "y", "heading", "speed", "time"]), st.integers(0, 19), st.sampled_from([math.nan, math.inf])
 )
-def test_what_is_not_finite_is_told(field: str, number: int, value: float) -> None:
+def test_what_is_not_finite_is_found(field: str, number: int, value: float) -> None:
     wrong = published()
     wrong[number] = replace(wrong[number], **{field: value})
     assert (Kind.NOT_FINITE, f"waypoints[{number}]") in {(one.kind, one.field) for one in audit(wrong, ROUTE)}
 
 
 @pytest.mark.parametrize("count", [0, 1, 19, 21])
-def test_another_number_of_waypoints_is_told(count: int) -> None:
+def test_another_number_of_waypoints_is_found(count: int) -> None:
     wrong = (published()[:1] * 2 + published()[1:]) if count == 21 else published()[20 - count :]
     assert Kind.COUNT in {one.kind for one in audit(wrong, ROUTE)}
 

@@ -11,7 +11,7 @@ from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 from envs.starts import joined, numbered
 from envs.trees import take
-from tests.agents.test_resolvability import CLOSE, check_witness, duel, reflected
+from tests.agents.resolvability.scenes import CLOSE, check_witness, duel, reflected
 
 QUICK = RULES._replace(t_max=150.0)
 """Time enough for short encounters."""

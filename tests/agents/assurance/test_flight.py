@@ -14,7 +14,7 @@ from agents.planner.request import Intruder
 from agents.policy.inference import Policy
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
-from tests.agents.assurance_scenes import causes_of, flying, on_plan, other, tell
+from tests.agents.assurance.scenes import causes_of, flying, on_plan, other, tell
 
 ROUTE = [RoutePoint(7 + number, 12_000.0 + 5_000.0 * number, 0.0) for number in range(8)]
 OWN = VehicleState(0.0, 0.0, 0.0, 75.0)

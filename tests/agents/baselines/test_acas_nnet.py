@@ -126,7 +126,7 @@ def logic_file(path: Path, inputs: int, best: int, *, sign: float = 1.0) -> None
 def test_the_network_of_the_previous_advisory_is_asked(tmp_path: Path, inputs: int, stem: str, sign: float) -> None:
     first = 0 if inputs == 3 else 1
     for previous in range(5):
-        # After advisory p comes p + 1, so that every network is told from the others.
+        # After advisory p comes p + 1, so that every network differs from the others.
         logic_file(tmp_path / f"{stem.format(first + previous)}x.nnet", inputs, (previous + 1) % 5, sign=sign)
     logic = load_logic(tmp_path / f"{stem.format(first + 2)}x.nnet", SURROGATE)
     count = np.arange(5)

@@ -192,7 +192,7 @@ def test_a_start_in_violation_is_never_safe(policy: Policy) -> None:
         (OWN, [RoutePoint(0, 10_000.0, 0.0), RoutePoint(1, 15_000.0, 0.0)], Kind.ROUTE_TOO_SHORT),
     ],
 )
-def test_routes_that_lead_nowhere_are_told(policy: Policy, own: Any, route: list[RoutePoint], kind: Kind) -> None:
+def test_routes_that_lead_nowhere_are_named(policy: Policy, own: Any, route: list[RoutePoint], kind: Kind) -> None:
     answer = plan(own, [HEAD_ON], route, policy)
     assert answer.status is Status.UNRESOLVED
     assert answer.reasons[-1].kind is kind
@@ -249,11 +249,11 @@ def test_the_next_point_is_the_first_that_lies_ahead() -> None:
     ],
 )
 def test_bad_input_is_refused_by_name(policy: Policy, changes: dict[str, Any], field: str) -> None:
-    with pytest.raises(RequestError) as told:
+    with pytest.raises(RequestError) as refused:
         plan(changes.get("own", OWN), changes.get("others", [HEAD_ON]), changes.get("route", ROUTE), policy)
-    assert told.value.field == field
-    assert str(told.value).startswith(field + " ")
-    assert "expected" in str(told.value)
+    assert refused.value.field == field
+    assert str(refused.value).startswith(field + " ")
+    assert "expected" in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -271,9 +271,9 @@ def test_bad_input_is_refused_by_name(policy: Policy, changes: dict[str, Any], f
     ],
 )
 def test_options_that_could_hide_a_danger_are_refused(policy: Policy, options: Options, field: str) -> None:
-    with pytest.raises(RequestError) as told:
+    with pytest.raises(RequestError) as refused:
         plan(OWN, [HEAD_ON], ROUTE, policy, options)
-    assert told.value.field == field
+    assert refused.value.field == field
 
 
 ODD = {"bool": True, "text": "12", "bytes": b"1", "none": None, "huge": 10**5000, "complex": 1j, "array": np.ones(2)}
@@ -281,10 +281,10 @@ ODD = {"bool": True, "text": "12", "bytes": b"1", "none": None, "huge": 10**5000
 
 @pytest.mark.parametrize("value", ODD.values(), ids=ODD)
 def test_what_is_not_a_number_is_refused(policy: Policy, value: Any) -> None:
-    with pytest.raises(RequestError) as told:
+    with pytest.raises(RequestError) as refused:
         plan(OWN._replace(x=value), [HEAD_ON], ROUTE, policy)
-    assert told.value.field == "own.x"
-    assert len(str(told.value)) < 200
+    assert refused.value.field == "own.x"
+    assert len(str(refused.value)) < 200
 
 
 @pytest.mark.parametrize("speed", [49.0, 49.5, 100.3, 101.0])

@@ -1,0 +1,89 @@
+"""Encounters near the limits of what can be resolved, and an integration of witnesses that shares nothing with them."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from agents.resolvability.classify import Replay
+from envs.encounters import Encounter, scenario
+from envs.intruder import Intent
+from envs.kinematics import SURROGATE, Limits, VehicleState
+from envs.outcome import RULES
+from envs.perception import Sensor
+from tests.strategies import mirrored
+
+CLOSE = scenario("circle", radius=(1_000.0, 4_000.0), min_initial_separation=0.0)
+"""Half of these starts are in trouble, a quarter beyond help."""
+
+
+def duel(ahead: Any, course: Any = math.pi, speed: float = 75.0, intruder_speed: float = 75.0) -> Encounter:
+    """Return encounters ``[N]`` with an intruder some way straight ahead on a course; the goal lies at 15 km."""
+    ahead, course = np.broadcast_arrays(np.atleast_1d(ahead).astype(float), course)
+    zero, column = np.zeros(ahead.size), np.zeros((ahead.size, 1))
+    return Encounter(
+        VehicleState(zero, zero, zero, zero + speed),
+        zero + 15_000.0,
+        zero,
+        VehicleState(ahead[:, None], column, course[:, None] + column, column + intruder_speed),
+        column == 0.0,
+        Intent(column, column, column + math.radians(3.0)),
+        Sensor(column, column, column),
+    )
+
+
+def reflected(encounter: Encounter) -> Encounter:
+    """Return the encounters reflected at the east axis."""
+    return encounter._replace(
+        own=mirrored(encounter.own),
+        goal_y=-encounter.goal_y,
+        intruders=mirrored(encounter.intruders),
+        intent=encounter.intent._replace(heading_change=-encounter.intent.heading_change),
+    )
+
+
+def fine_positions(states: VehicleState, parts: int, limits: Limits | None) -> tuple[np.ndarray, np.ndarray]:
+    """Integrate a flight anew from its first state alone, by the midpoint rule at 1 / ``parts`` s, ``[T parts, ...]``.
+
+    The turn rate is read off the recorded headings; the acceleration off the speeds, held until a speed limit stops it.
+    """
+    x, y, heading, speed = (np.array(field[0], np.float64) for field in states)
+    dt = 1.0 / parts
+    xs, ys = [x], [y]
+    for index in range(states.x.shape[0] - 1):
+        rate = np.angle(np.exp(1j * (states.heading[index + 1] - states.heading[index])))
+        gain = states.speed[index + 1] - states.speed[index]
+        if limits is not None:
+            at_limit = np.isin(states.speed[index + 1], (limits.speed_min, limits.speed_max)) & (np.abs(gain) > 1e-9)
+            gain = np.where(at_limit, np.sign(gain) * limits.acceleration_max, gain)
+        for _ in range(parts):
+            middle = heading + 0.5 * dt * rate
+            faster = speed + dt * gain
+            faster = faster if limits is None else np.clip(faster, limits.speed_min, limits.speed_max)
+            x = x + dt * 0.5 * (speed + faster) * np.cos(middle)
+            y = y + dt * 0.5 * (speed + faster) * np.sin(middle)
+            heading, speed = heading + dt * rate, faster
+            xs.append(x)
+            ys.append(y)
+    return np.array(xs), np.array(ys)
+
+
+def check_witness(encounter: Encounter, flown: Replay) -> None:
+    """Assert that a replay is a success by an integration of its own, at 0.05 s, within the limits."""
+    parts = 20
+    x, y = fine_positions(flown.own, parts, SURROGATE)
+    others_x, others_y = fine_positions(flown.intruders, parts, None)
+    # The replay's own positions are those of its commands.
+    np.testing.assert_allclose(x[::parts], flown.own.x, atol=0.05)
+    np.testing.assert_allclose(y[::parts], flown.own.y, atol=0.05)
+    np.testing.assert_allclose(others_x[::parts], flown.intruders.x, atol=0.05)
+
+    apart = np.hypot(others_x - x[:, None], others_y - y[:, None])[:, encounter.mask]
+    assert apart.min() >= RULES.separation - 0.1
+    assert math.hypot(x[-1] - encounter.goal_x, y[-1] - encounter.goal_y) <= RULES.goal_radius + 0.1
+    assert flown.time[-1] <= RULES.t_max
+    turns = np.angle(np.exp(1j * np.diff(flown.own.heading)))
+    assert np.abs(turns).max() <= SURROGATE.yaw_rate_max * (1.0 + 1e-9)
+    assert np.abs(np.diff(flown.own.speed)).max() <= SURROGATE.acceleration_max * (1.0 + 1e-9)
+    assert flown.own.speed.min() >= SURROGATE.speed_min - 1e-9
+    assert flown.own.speed.max() <= SURROGATE.speed_max + 1e-9
