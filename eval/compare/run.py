@@ -60,17 +60,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     begun = time.perf_counter()
-    from eval.compare.setup import prepare, size
+    from eval.compare.setup import prepare
     from eval.flights.sources import said, say
 
-    comparison = prepare(options)
+    comparison, total = prepare(options)
     out = options.out or Path("runs") / time.strftime("compare_%Y%m%d_%H%M%S")
     picture_folder.create(out)
     say(comparison.evaluation.source)
 
     from threadpoolctl import threadpool_limits
 
-    total = size(options, comparison.evaluation)
     # One thread: the network's rows would be rounded otherwise with another.
     with threadpool_limits(1):
         table = _flown(comparison, total)

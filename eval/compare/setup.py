@@ -3,99 +3,55 @@
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
 
 from agents.baselines.baselines import BASELINES
 from agents.config.keys import nearest
-from agents.config.load import ConfigError, Strict, load
-from agents.config.world import ScenarioConfig, check_own_speed
+from agents.config.load import ConfigError, load
 from agents.policy.inference import Policy
-from envs.encounters import scenario
-from envs.formats import encounter_file
 from envs.kinematics import SURROGATE, Limits
 from envs.outcome import RULES, Rules
 from eval.compare.deciders import REFERENCE, WITNESS, Comparison, Entry, baseline_entry, policy_entries
-from eval.config import FILE, MODEL, TRACKS, TracksConfig, TrafficConfig
+from eval.config import FILE, MODEL, TRACKS, MonteCarloConfig
 from eval.flights.chunks import Evaluation
-from eval.flights.sources import read_model_traffic, read_tracks
+from eval.runner.command import named_source
 
-__all__ = ["policy_names", "prepare", "size"]
-
-_Model = TypeVar("_Model", bound=Strict)
+__all__ = ["policy_names", "prepare"]
 
 _DEFAULT_ENCOUNTERS = 1_000
 _MODES = ("plan", "assured")
 _NAMES = (*BASELINES, WITNESS)
-_LATEST_CPA, _LONGEST_ROUTE = TrafficConfig().cpa_time[1], 400.0
 
 
-def prepare(options: argparse.Namespace) -> Comparison:
-    """Return the comparison.
+def prepare(options: argparse.Namespace) -> tuple[Comparison, int]:
+    """Return the comparison and the number of its encounters.
 
     Raises:
         ConfigError: an option is out of its range; ``PolicyFileError``, ``NnetError``, ``EncounterError`` and
             ``TrackError``: a file cannot be used.
     """
-    _check(options)
+    config = _config(options)
     limits = _limits(options.policy)
     entries = _entries(options, limits, RULES)
-    names: tuple[str, ...] | None = None
-    if options.change and options.scenario.startswith((TRACKS, FILE)):
-        raise ConfigError(f"--change: {options.change[0]}; expected none, the encounters stand in a file")
-    if options.scenario.startswith(TRACKS):
-        path, how = (
-            Path(options.scenario.removeprefix(TRACKS)),
-            TracksConfig(ahead=options.ahead, repair=options.repair),
-        )
-        source = read_tracks(path, limits, how)
-        names = source.names
-    elif options.scenario.startswith(FILE):
-        source, found = encounter_file.read(options.scenario.removeprefix(FILE), limits)
-        names = tuple(found)
-    elif options.scenario.startswith(MODEL):
-        path = Path(options.scenario.removeprefix(MODEL))
-        source = read_model_traffic(path, _traffic(options), limits)
-    else:
-        source = scenario(options.scenario)
-        if options.change:
-            source = _changed(ScenarioConfig, f"name={options.scenario}", *options.change).scenario()
-        check_own_speed(source, limits, "--change own_speed")
-    evaluation = Evaluation(None, source, names, options.seed, RULES, limits)
-    return Comparison(entries, evaluation)
+    source, names, resolved = named_source(config, limits, "--encounters")
+    evaluation = Evaluation(None, source, names, config.seed, RULES, limits)
+    return Comparison(entries, evaluation), resolved["encounters"]
 
 
-def _check(options: argparse.Namespace) -> None:
-    """Raise ``ConfigError`` for the first value that is out of its range."""
-    ranges: list[tuple[str, float, float, float]] = [
-        ("--encounters", 1 if options.encounters is None else options.encounters, 1, 1_000_000),
-        ("--seed", options.seed, 0, 2**63),
-        ("--ahead", options.ahead, 10.0, 3_600.0),
-        ("--confidence", options.confidence, 0.5, 0.9999),
-        ("--resamples", options.resamples, 100, 100_000),
-    ]
-    for name, value, low, high in ranges:
-        # Inverted, so that NaN is refused.
-        if not low <= value <= high:
-            raise ConfigError(f"{name}: {value:g}; expected {low:g} to {high:g}")
-
-
-def _traffic(options: argparse.Namespace) -> TrafficConfig:
-    """Return how encounters with a model's traffic are drawn."""
-    ahead = options.ahead
-    if not _LATEST_CPA <= ahead <= _LONGEST_ROUTE:
-        raise ConfigError(f"--ahead: {ahead:g}; expected {_LATEST_CPA:g} to {_LONGEST_ROUTE:g} with {MODEL}PATH")
-    return _changed(TrafficConfig, f"ahead={ahead}", *options.change)
-
-
-def _changed(model: type[_Model], *values: str) -> _Model:
-    """Return numbers of a scenario with changes ``KEY=VALUE``."""
-    for value in values[1:]:
-        if value.partition("=")[0] in ("name", "weight", "ahead"):
-            raise ConfigError(f"--change: {value}; expected a number of the scenario")
+def _config(options: argparse.Namespace) -> MonteCarloConfig:
+    """Return the encounters' part of an evaluation's configuration, checked by its rules."""
+    name, count = options.scenario, options.encounters
+    if count is None and not name.startswith((FILE, TRACKS)):
+        count = _DEFAULT_ENCOUNTERS
+    given = {key: getattr(options, key) for key in ("scenario", "seed", "confidence", "resamples")}
+    given |= {"encounters": count, "tracks.ahead": options.ahead, "tracks.repair": str(options.repair).lower()}
+    if name.startswith(MODEL):
+        given["changes.ahead"] = options.ahead
+    sets = [f"{key}={value}" for key, value in given.items() if value is not None]
     try:
-        return load(model, None, values)
+        return load(MonteCarloConfig, None, [*sets, *(f"changes.{change}" for change in options.change)])
     except ConfigError as problem:
-        raise ConfigError(f"--change: {str(problem).removeprefix('--set: ')}") from None
+        sentence = str(problem).removeprefix("--set: ").replace("tracks.", "").replace("changes", "change", 1)
+        raise ConfigError(f"--{sentence}") from None
 
 
 def _limits(policies: Sequence[Path]) -> Limits:
@@ -143,17 +99,3 @@ def policy_names(paths: Sequence[Path]) -> list[str]:
     if len(set(names)) < len(names):
         raise ConfigError("--policy: a file stands twice; expected different ones")
     return names
-
-
-def size(options: argparse.Namespace, evaluation: Evaluation) -> int:
-    """Return the number of encounters.
-
-    Raises:
-        ConfigError: more are asked for than a file holds.
-    """
-    if evaluation.names is None:
-        return _DEFAULT_ENCOUNTERS if options.encounters is None else options.encounters
-    most = len(evaluation.names)
-    if options.encounters is not None and options.encounters > most:
-        raise ConfigError(f"--encounters: {options.encounters}; expected at most {most}, as many as the file holds")
-    return most if options.encounters is None else options.encounters

@@ -220,15 +220,15 @@ def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     ("arguments", "kind", "sentence"),
     [
         (["--baseline", "mpv"], ConfigError, "--baseline: 'mpv'; expected one of none, rules, mvp, mvp_speed"),
-        (["--encounters", "0"], ConfigError, "--encounters: 0; expected 1 to 1e"),
+        (["--encounters", "0"], ConfigError, "--encounters is 0; expected"),
         (["--encounters", "many"], ConfigError, "invalid int value"),
         (["--mode", "policy"], ConfigError, "--mode: 'policy'; expected plan or assured"),
-        (["--change", "own_sped=[50,70]"], ConfigError, "--change: own_sped"),
-        (["--change", "own_speed=[70,50]"], ConfigError, "--change: own_speed is [70.0, 50.0]; expected"),
-        (["--change", "name=multi"], ConfigError, "--change: name=multi; expected a number of the scenario"),
-        (["--change", "radius=1", "--scenario", "file:a.csv"], ConfigError, "--change: radius=1; expected none"),
-        (["--confidence", "nan"], ConfigError, "--confidence: nan; expected"),
-        (["--scenario", "circel"], EncounterError, "scenario 'circel' is unknown"),
+        (["--change", "own_sped=[50,70]"], ConfigError, "--change.own_sped is unknown"),
+        (["--change", "own_speed=[70,50]"], ConfigError, "--change.own_speed is [70.0, 50.0]; expected"),
+        (["--change", "name=multi"], ConfigError, "--change.name is unknown; expected a number of the scenario"),
+        (["--change", "radius=1", "--scenario", "file:a.csv"], ConfigError, "--change: radius cannot be changed"),
+        (["--confidence", "nan"], ConfigError, "--confidence is 'nan'; expected"),
+        (["--scenario", "circel"], ConfigError, "--scenario: 'circel' is unknown"),
         (["--scenario", "file:absent.csv"], EncounterError, "absent.csv: there is no such file"),
         (["--scenario", "tracks:absent.daa"], TrackError, "absent.daa: there is no such file"),
         (["--scenario", "tracks:absent.txt"], TrackError, "absent.txt ends in '.txt'; expected .json"),
@@ -249,7 +249,8 @@ def test_exit_code_2_and_no_traceback(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "eval.compare", "--scenario", "tracks:absent.daa", "--out", str(tmp_path / "run")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "error: absent.daa: there is no such file\n"
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.endswith("absent.daa: there is no such file\n")
 
 
 def test_policies_have_names_unlike_each_other_and_baselines() -> None:
