@@ -56,7 +56,8 @@ def naive(count: int, steps: int) -> Callable[[jax.Array, surrogate.State], Any]
         draws = jax.random.uniform(start_key, (2, 1, CIRCLE.dimensions))
         fresh = surrogate.reset(encounters.sample(CIRCLE, draws, jnp)[0])
         batch_of_one = jax.tree.map(lambda field: field[None], state)
-        following, _, result = surrogate.step_autoreset(batch_of_one, (action[:1], action[1:]), fresh, WORLD)
+        final, result = surrogate.step(batch_of_one, (action[:1], action[1:]), WORLD)
+        following = surrogate.restart(final, fresh)
         seen = surrogate.observe(following)
         return jax.tree.map(lambda field: field[0], following), (seen[0], result.reward[0])
 

@@ -13,7 +13,7 @@ from envs import encounters, world
 from envs.encounters import Encounter, Scenario
 from envs.world import State, StepResult, World
 
-__all__ = ["State", "StepResult", "World", "observe", "redraw_pool", "reset", "restart", "step", "step_autoreset"]
+__all__ = ["State", "StepResult", "World", "observe", "redraw_pool", "reset", "restart", "step"]
 
 
 def reset(encounter: Encounter, *, late_reports: bool = False, required_separation: jax.Array | None = None) -> State:
@@ -47,25 +47,6 @@ def restart(state: State, fresh: State) -> State:
         return jnp.where(state.ended.reshape(state.ended.shape + (1,) * (old.ndim - 1)), new, old)
 
     return jax.tree.map(select, fresh, state)
-
-
-def step_autoreset(
-    state: State, action: tuple[jax.Array, jax.Array], fresh: State, parameters: World
-) -> tuple[State, State, StepResult]:
-    """Advance every encounter and begin a fresh one wherever one has ended, in the same step.
-
-    Args:
-        state: ``[N]``.
-        action: as in :func:`step`.
-        fresh: states to begin with, ``[N]``, used where an encounter ends.
-        parameters: of the world.
-
-    Returns:
-        The state to go on with, the state at the end of the step (the final one of encounters that ended), and
-        the result of the step.
-    """
-    final, result = step(state, action, parameters)
-    return restart(final, fresh), final, result
 
 
 def redraw_pool(key: jax.Array, scenarios: list[Scenario], weights: list[float], rows: int, count: int) -> Encounter:

@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from eval.compare.deciders import WITNESS
-from eval.plots.style import BLUE, GREY, ORANGE, SKY, VERMILION
+from eval.plots.style import BLUE, GREY, ORANGE, SKY, VERMILION, tidy
 
 __all__ = ["draw"]
 
@@ -54,9 +54,7 @@ def draw(summary: Mapping[str, Any]) -> Figure:
     cost.set_xlim(left=0.0)
     cost.set_xlabel("mean path excess, %")
     for axes in (ends, apart, cost):
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.grid(axis="x", color="#E5E5E5", linewidth=0.6)
-        axes.set_axisbelow(True)
+        tidy(axes, "x")
     title = f"{summary['encounters']} encounters, scenario {summary['scenario']}, seed {summary['seed']}"
     figure.suptitle(f"{title}; bars: {100.0 * summary['confidence']:g} % intervals", fontsize=11)
     return figure

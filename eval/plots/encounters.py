@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.recorded import fly_recorded
 from eval.plots.flight_sheet import chosen, trajectory_sheet
-from eval.plots.style import MARKERS, SKY, VERMILION, kinds_of
+from eval.plots.style import MARKERS, SKY, VERMILION, kinds_of, tidy
 from eval.runner.outputs import RunFolder
 
 __all__ = ["draw_all", "initial_conditions", "separation_histogram"]
@@ -101,9 +101,7 @@ def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Fi
     axes.set_xlim(edges[0], edges[-1])
     axes.set_xlabel("smallest separation of a flight, km (a flight ends where the required one is lost)")
     axes.set_ylabel(f"flights per {1000.0 * width:.0f} m")
-    axes.grid(axis="y", color="#E5E5E5", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    tidy(axes)
     axes.legend(frameon=False)
     return figure
 

@@ -1,6 +1,7 @@
 """A sheet of flights seen from above: the failures, and how the successes look beside them."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,19 +10,25 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
-from envs.encounters import Encounter
 from envs.outcome import Rules
 from eval.flights.recorded import Recorded
-from eval.flights.trajectories import Trajectories
 from eval.plots.style import BLUE, GREEN, GREY, VERMILION, kinds_of
 
-__all__ = ["PANELS", "chosen", "marks", "trajectory_sheet"]
+__all__ = ["PANELS", "chosen", "draw_tracks", "marks", "trajectory_sheet"]
 
 PANELS = 12
 """Flights on the sheet."""
 
 _FAILURES_SHOWN = 8
 _ONE_KM = 1_000.0
+_OWN: dict[str, Any] = {"color": BLUE, "linewidth": 1.5, "linestyle": "-", "marker": "o", "markersize": 5.0}
+_INTRUDER: dict[str, Any] = {
+    "color": VERMILION,
+    "linewidth": 1.2,
+    "linestyle": "--",
+    "marker": "s",
+    "markersize": 4.5,
+}
 
 
 def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
@@ -85,7 +92,9 @@ def trajectory_sheet(
     kinds = kinds_of(table)
     for i, number in enumerate(numbers):
         axes = figure.add_subplot(lines, columns, i + 1)
-        _draw_flight(axes, flights.starts, flights.trajectories, i, rules)
+        own, others, separation = _tracks(flights, i)
+        goal = float(flights.starts.goal_x[i]), float(flights.starts.goal_y[i])
+        draw_tracks(axes, (own, others), separation, goal, rules)
         closest = table["min_separation_m"][number]
         text = f"{number}: {kinds[number]}, {closest:.0f} m, {table['duration_s'][number]:.0f} s"
         text += _planned_by(table, number)
@@ -100,32 +109,51 @@ def trajectory_sheet(
     return figure
 
 
+def _tracks(flights: Recorded, i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the tracks of ownship and intruders of flight ``i``, and its separations, as :func:`draw_tracks`."""
+    flown, present = flights.trajectories, flights.starts.mask[i]
+    own = np.stack([flown.own.x[:, i], flown.own.y[:, i]])
+    others = np.stack([flown.intruders.x[:, i, present].T, flown.intruders.y[:, i, present].T], axis=1)
+    return own, others, flown.separation[:, i]
+
+
 def _spread(found: np.ndarray, count: int) -> list[int]:
     """Return up to ``count`` of the found, evenly spaced."""
     count = min(count, len(found))
     return [int(found[i * len(found) // count]) for i in range(count)]
 
 
-def _draw_flight(axes: Axes, starts: Encounter, flown: Trajectories, i: int, rules: Rules) -> None:
-    """Draw the encounter in row ``i``, in km."""
-    own_x, own_y = flown.own.x[:, i] / _ONE_KM, flown.own.y[:, i] / _ONE_KM
-    goal = float(starts.goal_x[i]) / _ONE_KM, float(starts.goal_y[i]) / _ONE_KM
+def draw_tracks(
+    axes: Axes,
+    tracks: tuple[np.ndarray, np.ndarray],
+    separation: np.ndarray,
+    goal: tuple[float, float],
+    rules: Rules,
+) -> None:
+    """Draw a flight seen from above, in km: tracks, goal, and the closest approach with the required separation.
+
+    Args:
+        axes: to draw on.
+        tracks: of the ownship, ``[2, T + 1]``, and of the intruders, ``[K, 2, T + 1]``, m; NaN after the end.
+        separation: smallest distance to any intruder during each step, m, ``[T]``.
+        goal: m.
+        rules: of the task.
+    """
+    own, intruders = (track / _ONE_KM for track in tracks)
     minute = slice(None, None, max(1, round(60.0 / rules.dt)))
-    axes.plot([own_x[0], goal[0]], [own_y[0], goal[1]], color=GREY, linewidth=0.8, linestyle=":")
+    goal = goal[0] / _ONE_KM, goal[1] / _ONE_KM
+    axes.plot([own[0, 0], goal[0]], [own[1, 0], goal[1]], color=GREY, linewidth=0.8, linestyle=":")
     axes.add_patch(Circle(goal, rules.goal_radius / _ONE_KM, color=GREEN, alpha=0.35, linewidth=0))
-    axes.plot(own_x, own_y, color=BLUE, linewidth=1.5)
-    axes.plot(own_x[minute], own_y[minute], ".", color=BLUE, markersize=4)
-    axes.plot(own_x[0], own_y[0], "o", color=BLUE, markersize=5)
-    step = int(np.nanargmin(flown.separation[:, i]))
-    for k in np.flatnonzero(starts.mask[i]):
-        x, y = flown.intruders.x[:, i, k] / _ONE_KM, flown.intruders.y[:, i, k] / _ONE_KM
-        axes.plot(x, y, color=VERMILION, linewidth=1.2, linestyle="--")
-        axes.plot(x[minute], y[minute], ".", color=VERMILION, markersize=4)
-        axes.plot(x[0], y[0], "s", color=VERMILION, markersize=4.5)
-    nearest = _nearest(starts, flown, i, step)
-    at = flown.intruders.x[step + 1, i, nearest] / _ONE_KM, flown.intruders.y[step + 1, i, nearest] / _ONE_KM
-    axes.add_patch(Circle(at, rules.separation / _ONE_KM, fill=False, edgecolor=VERMILION, linewidth=0.9))
-    axes.plot(own_x[step + 1], own_y[step + 1], "D", color="black", markersize=4, markerfacecolor="white", zorder=5)
+    for track, style in ((own, _OWN), *((each, _INTRUDER) for each in intruders)):
+        axes.plot(*track, color=style["color"], linewidth=style["linewidth"], linestyle=style["linestyle"])
+        axes.plot(*track[:, minute], ".", color=style["color"], markersize=4)
+        axes.plot(*track[:, 0], style["marker"], color=style["color"], markersize=style["markersize"])
+    closest = int(np.nanargmin(separation)) + 1
+    apart = np.hypot(*np.moveaxis(intruders[:, :, closest] - own[:, closest], -1, 0))
+    at = intruders[int(np.argmin(apart)), :, closest]
+    ring = Circle((at[0], at[1]), rules.separation / _ONE_KM, fill=False, edgecolor=VERMILION, linewidth=0.9)
+    axes.add_patch(ring)
+    axes.plot(*own[:, closest], "D", color="black", markersize=4, markerfacecolor="white", zorder=5)
     # Room for the discs, and the same scale both ways: a turn must look like one.
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.06)
@@ -136,19 +164,11 @@ def _draw_flight(axes: Axes, starts: Encounter, flown: Trajectories, i: int, rul
     axes.set_axisbelow(True)
 
 
-def _nearest(starts: Encounter, flown: Trajectories, i: int, step: int) -> int:
-    """Return the intruder that is nearest at the end of a step."""
-    x, y = flown.intruders.x[step + 1, i], flown.intruders.y[step + 1, i]
-    apart = np.hypot(x - flown.own.x[step + 1, i], y - flown.own.y[step + 1, i])
-    return int(np.argmin(np.where(starts.mask[i], apart, np.inf)))
-
-
 def _legend(rules: Rules) -> list[Line2D]:
-    line = Line2D
     return [
-        line([], [], color=BLUE, linewidth=1.5, marker="o", markersize=5, label="ownship, from its start"),
-        line([], [], color=VERMILION, linestyle="--", marker="s", markersize=4.5, label="intruder, from its start"),
-        line([], [], color="#555555", linestyle="", marker=".", label="every minute"),
+        Line2D([], [], label="ownship, from its start", **_OWN),
+        Line2D([], [], label="intruder, from its start", **_INTRUDER),
+        Line2D([], [], color="#555555", linestyle="", marker=".", label="every minute"),
         *marks(rules),
     ]
 

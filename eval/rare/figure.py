@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from eval.plots.style import BLUE, GREY, ORANGE, VERMILION
+from eval.plots.style import BLUE, GREY, ORANGE, VERMILION, tidy
 
 __all__ = ["levels_figure"]
 
@@ -65,9 +65,7 @@ def levels_figure(found: Mapping[str, Any]) -> Figure:
     below.set_ylabel("steps taken, %")
     below.set_xlabel("level of the smallest separation, m")
     for axes in (above, below):
-        axes.grid(color="#E5E5E5", linewidth=0.6)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
+        tidy(axes, "both")
     what = ", proven unresolvable ones left out" if found["resolvable_only"] else ""
     rate = found["rate"]
     figure.suptitle(

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from eval.plots.style import BLUE, GREEN, GREY, ORANGE, VERMILION
+from eval.plots.style import BLUE, GREEN, GREY, ORANGE, VERMILION, tidy
 
 __all__ = ["map_figure", "overview", "quantity_figure", "sweep_figure"]
 
@@ -51,7 +51,7 @@ def sweep_figure(found: Mapping[str, Any], title: str) -> Figure:
         below.errorbar(place[1:], value, bars, linewidth=1.1, capsize=2.0, linestyle="-", **style)
     below.axhline(0.0, color="#333333", linewidth=0.8)
     below.set_ylabel(f"less that at {points[0]['value']:g} {found['unit']},\npoints (paired)")
-    _tidy(below)
+    tidy(below)
     _ticks(below, found)
     below.set_xlabel(_axis(found))
     _legend(figure, points, counts=False)
@@ -173,7 +173,7 @@ def _success(axes: Any, points: Sequence[Mapping[str, Any]], spans: np.ndarray, 
     axes.set_ylim(floor, top)
     axes.set_xlim(spans.min(), spans.max())
     axes.set_ylabel("share of encounters, %" if full else "success, %")
-    _tidy(axes)
+    tidy(axes)
 
 
 def _counts(axes: Any, points: Sequence[Mapping[str, Any]], spans: np.ndarray) -> None:
@@ -184,7 +184,7 @@ def _counts(axes: Any, points: Sequence[Mapping[str, Any]], spans: np.ndarray) -
         bare = [point["baseline_violation_rate"]["count"] for point in points]
         axes.bar(left, bare, 0.94 * width, align="edge", color=GREY)
     axes.set_ylabel("encounters")
-    _tidy(axes)
+    tidy(axes)
 
 
 def _legend(figure: Figure, points: Sequence[Mapping[str, Any]], *, counts: bool) -> None:
@@ -262,9 +262,3 @@ def _unit(unit: str) -> str:
 
 def _colour(mode: str) -> str:
     return _COLOURS.get(mode, VERMILION)
-
-
-def _tidy(axes: Any) -> None:
-    axes.grid(axis="y", color="#E5E5E5", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
