@@ -1,6 +1,7 @@
 """A plan: what the planner answers, safe or not, and why."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from enum import Enum
 
 from envs.waypoints import Waypoint
@@ -122,8 +123,15 @@ class Plan:
     """Extra path, time and reversals as metres (:mod:`agents.planner.fallback`)."""
     advisory: str | None = None
     """A remark for the operator, such as that the policy's own plan was not safe."""
+    certify: Callable[[], bytes] | None = field(default=None, repr=False, compare=False)
+    """Makes the certificate of a SAFE plan as it was made from its request; None otherwise."""
 
     @property
     def safe(self) -> bool:
         """Whether it may be flown."""
         return self.status is Status.SAFE
+
+    @property
+    def certificate(self) -> bytes | None:
+        """What ``python -m agents.check`` proves the plan from, made when it is asked for; None unless it is SAFE."""
+        return self.certify() if self.safe and self.certify is not None else None

@@ -6,6 +6,8 @@ pipeline (:mod:`agents.planner.candidates`): completed to a plan, validated, kep
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from agents.manoeuvres.direct_to_goal import SLACK
 from agents.planner import fallback
 from agents.planner.answer import Plan
 from agents.planner.candidates import empty, evaluate, keep_best
+from agents.planner.certificate import certificate
 from agents.planner.goals import eligible
 from agents.planner.options import Options, task_of
 from agents.planner.publish import Plans, published
@@ -56,7 +59,12 @@ def plan(
     options = Options() if options is None else options
     request, excluded, kept = checked(own, intruders, route, options, own_altitude)
     plans = _planned(request, policy, options, True)
-    return published(request, plans, route, excluded, kept, options)
+    answer = published(request, plans, route, excluded, kept, options)
+    if not answer.safe:
+        return answer
+    start = VehicleState(*(float(field[0]) for field in request.own))
+    asked = (start, tuple(intruders), answer.waypoints, excluded, own_altitude, options)
+    return replace(answer, certify=partial(certificate, *asked))
 
 
 def plan_many(request: Request, policy: Policy, options: Options, *, floats: bool = False) -> Plans:

@@ -4,9 +4,11 @@ import ast
 import copy
 import json
 import math
+import pickle
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +17,8 @@ import pytest
 
 from agents import check
 from agents.inference import Policy
-from agents.planner import Intruder, Options, plan
-from agents.planner.certificate import FORMAT, certificate
+from agents.planner import Intruder, Status, plan
+from agents.planner.certificate import FORMAT
 from agents.planner.request import Altitude
 from benchmarks.safety.certificates import moved, wrong
 from envs import waypoints
@@ -36,8 +38,8 @@ ROUTE = [RoutePoint(100 + i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]
 @pytest.fixture(scope="module")
 def data() -> dict[str, Any]:
     answer = plan(OWN, INTRUDERS, ROUTE, Policy.load(), own_altitude=HEIGHT)
-    assert answer.safe and len(answer.excluded) == 1
-    return json.loads(certificate(OWN, INTRUDERS, answer.waypoints, answer.excluded, HEIGHT, Options()))
+    assert answer.safe and len(answer.excluded) == 1 and answer.certificate is not None
+    return json.loads(answer.certificate)
 
 
 def refusal(data: Any) -> str:
@@ -107,6 +109,14 @@ def test_an_edit_that_matters_is_refused(data: dict[str, Any], path: tuple[Any, 
 def test_what_is_no_certificate_is_refused(data: dict[str, Any], field: str, value: Any) -> None:
     assert refusal(data | {field: value})
     assert refusal({key: one for key, one in data.items() if key != field} if field in data else [])
+
+
+def test_only_a_safe_plan_has_a_certificate() -> None:
+    answer = plan(OWN, [VehicleState(500.0, 0.0, 0.0, 80.0)], ROUTE, Policy.load())
+    assert not answer.safe and answer.certificate is None
+    safe = plan(OWN, [], ROUTE, Policy.load())
+    assert safe.certificate == pickle.loads(pickle.dumps(safe)).certificate
+    assert replace(safe, status=Status.UNRESOLVED).certificate is None
 
 
 def test_intruder_on_the_plan_is_refused(data: dict[str, Any]) -> None:
