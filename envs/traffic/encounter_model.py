@@ -47,7 +47,7 @@ _RANGES = {
 
 _MOST_BINS = 1_000
 _LARGEST = 1e15
-_MOST_COUNTS = 50_000_000
+_MOST_COUNTS = 5_000_000
 
 
 class Variable(NamedTuple):
@@ -210,25 +210,24 @@ def _single(source: str, blocks: _Blocks, name: str) -> str:
 
 
 def _numbers(text: str, where: str) -> np.ndarray:
+    words = text.split(maxsplit=_MOST_COUNTS)
     try:
-        if "_" in text:
-            raise ValueError
-        values = np.array(text.split(), dtype=np.float64)
-    except ValueError:
-        strange = next(word for word in text.split() if not _is_number(word))
-        raise EncounterError(f"{where}: {strange[:40]!r}, expected numbers") from None
+        values = np.array([_number(word) for word in words], dtype=np.float64)
+    except ValueError as problem:
+        raise EncounterError(f"{where}: {problem}, expected numbers") from None
     wrong = ~(abs(values) <= _LARGEST)
     if wrong.any():
         raise EncounterError(f"{where}: {values[wrong][0]}, expected numbers from {-_LARGEST:g} to {_LARGEST:g}")
     return values
 
 
-def _is_number(word: str) -> bool:
+def _number(word: str) -> float:
     try:
-        float(word)
+        if "_" in word:
+            raise ValueError
+        return float(word)
     except ValueError:
-        return False
-    return "_" not in word
+        raise ValueError(repr(word[:40])) from None
 
 
 def _sizes(source: str, blocks: _Blocks, name: str, count: int) -> list[int]:

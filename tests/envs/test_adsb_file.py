@@ -94,7 +94,7 @@ def test_cut_and_absent_files(tmp_path: Path) -> None:
         read_adsb(path, ("aaa",), (1.0, 1.0))
 
 
-def test_a_recorded_pair_comes_as_close_as_published_and_can_be_flown() -> None:
+def test_a_recorded_pair_comes_as_close_as_published() -> None:
     # Published: 2375 m. The pair's list was made of the same second-by-second reports, repeated ones included.
     path = recorded("adsb/quickstart.json.gz")
     pairs = recorded("adsb/real_pairs.csv").read_text().splitlines()

@@ -201,7 +201,7 @@ def test_transitions_come_as_often_as_the_tables_say(tmp_path: Path) -> None:
     assert (after[before == 2] == 2).all()
 
 
-def test_values_change_as_often_as_the_rates_say_and_stay_in_their_bins(tmp_path: Path) -> None:
+def test_values_change_as_the_rates_say_and_stay_in_their_bins(tmp_path: Path) -> None:
     model = read_model(written(tmp_path))
     sampled = sample_model(model, draws.uniforms(4, 0, 4_000, (dimensions(model, 30),)), 30)
     rate = sampled.turn_rate

@@ -127,7 +127,7 @@ def test_every_row_of_every_aircraft_keeps_to_the_ranges(
         read_daidalus(written(tmp_path, "\n".join(lines)))
 
 
-def test_a_negative_ground_speed_and_degrees_for_radians_are_refused(tmp_path: Path) -> None:
+def test_negative_speeds_and_degrees_for_radians_are_refused(tmp_path: Path) -> None:
     with pytest.raises(TrackError, match="line 5, field gs: -200, expected 0 to 2000"):
         read_daidalus(written(tmp_path, LOCAL.replace("180, 200", "180, -200", 1)))
     with pytest.raises(TrackError, match=r"line 4, field trk: 90, expected .* \(are these degrees\?\)"):
@@ -246,7 +246,7 @@ def test_tracks_at_other_times(tmp_path: Path) -> None:
 
 
 @given(st.floats(-80, 80), st.floats(-180, 180), st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
-def test_the_local_frame_is_that_of_a_sphere_but_for_the_flattening(lat, lon, north, east) -> None:
+def test_the_local_frame_is_a_sphere_s_but_for_the_flattening(lat, lon, north, east) -> None:
     reference = math.radians(lat), math.radians(lon)
     x, y, _ = local(reference[0] + math.radians(north), reference[1] + math.radians(east), reference)
     radius = 6_371_000.0

@@ -134,7 +134,7 @@ flights = st.tuples(
 )
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(flights, st.sampled_from([".json", ".daa", ".xyz", ".csv"]))
 def test_what_is_written_can_be_read(tmp_path: Path, flown, form: str) -> None:
     """From our form by any other to Lincoln Laboratory's and to DAIDALUS', the tracks stay the same."""
@@ -145,7 +145,7 @@ def test_what_is_written_can_be_read(tmp_path: Path, flown, form: str) -> None:
     encounter_file.write(paths[0], built([((*own, 0.0, 0.0), (0.0, 0.0, 0.0), [(*other, *turns)])]), ["0"])
     known = []
     for source, target in pairwise(paths):
-        assert convert.main([str(source), str(target), "--altitude-ft", "5000", "--seconds", "90", "--lossy"]) == 0
+        assert convert.main([str(source), str(target), "--altitude-ft", "5000", "--seconds", "40", "--lossy"]) == 0
         if target.suffix == ".json":
             # A row each tenth of a second.
             known.append([(track.x[::10], track.y[::10]) for track in tracks_of(read_lincoln(target)[0])])
@@ -182,7 +182,7 @@ def test_what_the_reader_would_refuse_is_not_written(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["slow.json"]
 
 
-def test_a_shorter_track_and_other_columns_are_lost_only_if_asked_for(
+def test_shorter_tracks_and_other_columns_are_lost_on_request(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = ["NAME, sx, sy, sz, vx, vy, vz, time, heading", "[none], [m], [m], [m], [m/s], [m/s], [m/s], [s], [deg]"]
