@@ -12,6 +12,9 @@ from agents.policy.file import PolicyFile
 from agents.policy.inference import Policy
 from agents.policy.schema import new_metadata
 from envs.kinematics import SURROGATE
+from tests.eval.report_runs import report_page, report_run
+
+__all__ = ["report_page", "report_run"]
 
 # Places in the feature set "cpa".
 GOAL_SINE, AHEAD_DEPTH, HOMEWARD_DEPTH = 9, 17, 21

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from agents.config.figures import save_figure
 from agents.policy.inference import Policy
 from envs.encounters import SCENARIOS
 from envs.kinematics import SURROGATE
@@ -98,13 +99,11 @@ def test_figures_repeat_byte_for_byte(tmp_path: Path, policy: Policy, policy_pat
 
     evaluation = Evaluation(policy_path, SCENARIOS["circle"], None, 3, RULES, SURROGATE)
     table = columns(Pilot(evaluation, policy), 0, 4)
-    folders = [tmp_path / "a", tmp_path / "b"]
-    for path in folders:
-        path.mkdir()
-        draw_all(RunFolder(path, MonteCarloConfig()), table, evaluation)
-    names = sorted(path.name for path in folders[0].iterdir())
-    assert len(names) == 6
-    assert all((folders[0] / name).read_bytes() == (folders[1] / name).read_bytes() for name in names)
+    paths = draw_all(RunFolder(tmp_path, MonteCarloConfig()), table, evaluation)
+    assert len(paths) == 6
+    again = save_figure(separation_histogram(table, RULES.separation), tmp_path / "again")
+    for path in again:
+        assert path.read_bytes() == (tmp_path / f"min_separation{path.suffix}").read_bytes()
 
 
 def test_kinds_put_the_proof_before_the_outcome() -> None:
