@@ -12,7 +12,7 @@ from agents.policy.file import PolicyFile
 from agents.policy.inference import Policy
 from agents.policy.schema import new_metadata
 from envs.kinematics import SURROGATE
-from tests.eval.report_runs import report_page, report_run
+from tests.eval.report.report_runs import report_page, report_run
 
 __all__ = ["report_page", "report_run"]
 

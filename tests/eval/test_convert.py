@@ -18,7 +18,7 @@ from envs.formats.track_files import read_daidalus
 from envs.starts import numbered
 from envs.trees import take
 from eval import convert
-from tests.envs.test_encounter_file import built
+from tests.envs.formats.test_encounter_file import built
 from tests.recorded import recorded
 
 

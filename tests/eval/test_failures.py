@@ -13,7 +13,7 @@ from agents.config.load import ConfigError
 from eval.failures.groups import HOW, failures, grouped, representatives
 from eval.failures.run import main
 from eval.monte_carlo import run as monte_carlo
-from tests.eval.report_runs import COUNT
+from tests.eval.report.report_runs import COUNT
 
 
 def tables(count: int, seed: int) -> dict[str, np.ndarray]:

@@ -1,4 +1,4 @@
-"""The monitor at work for one aircraft, in plain words (whole encounters: tests/eval/test_assured_mode.py)."""
+"""The monitor at work for one aircraft, in plain words (whole encounters: tests/eval/flights/test_assured_mode.py)."""
 
 import math
 from dataclasses import replace

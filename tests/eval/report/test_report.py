@@ -28,9 +28,9 @@ from eval.report.flights import Replayed, Witness, evaluation_of, fly_again
 from eval.report.folder import read_run
 from eval.report.headline import headline
 from eval.report.page import page
-from tests.eval.report_runs import TRACKS
+from tests.eval.report.report_runs import TRACKS
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture

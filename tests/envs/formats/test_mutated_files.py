@@ -23,10 +23,10 @@ from envs.traffic.encounter_model import read_model
 from envs.traffic.encounter_model_sampler import dimensions, flown, sample_model
 from envs.traffic.track_units import FOOT, KNOT
 from envs.traffic.tracks import Track, TrackError
-from tests.envs.flights import WGS84, flight
-from tests.envs.test_encounter_file import HEADER, ROW
-from tests.envs.test_encounter_model import SMALL
-from tests.envs.test_lincoln_file import EVENTS, ONE
+from tests.envs.formats.flights import WGS84, flight
+from tests.envs.formats.test_encounter_file import HEADER, ROW
+from tests.envs.formats.test_lincoln_file import EVENTS, ONE
+from tests.envs.traffic.test_encounter_model import SMALL
 
 Row = dict[str, Any]
 FACTORS = (0.3048, 1 / 0.3048, KNOT, 1 / KNOT, 1e3, 1e-3, math.radians(1), math.degrees(1), 60.0, 1 / 60.0, -1.0)

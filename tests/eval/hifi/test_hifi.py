@@ -22,7 +22,7 @@ from eval.hifi.gap import gap, upper_bound
 from eval.hifi.rows import HIFI_OUTCOMES
 from eval.stats.intervals import clopper_pearson
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 SMALL = ("--condition", "mixed", "--flights", "3", "--seed", "3")
 
 

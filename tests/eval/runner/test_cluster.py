@@ -29,7 +29,7 @@ from eval.monte_carlo import run as monte_carlo
 
 pytest.importorskip("distributed", reason="the extra cluster is not installed")
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 RUN = ("--encounters", "48", "--seed", "4", "--set", "figures=false", "--set", "resamples=200")
 
 

@@ -24,7 +24,7 @@ from envs.trees import take
 from eval.monte_carlo import run as monte_carlo
 from eval.stats.intervals import clopper_pearson
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 FIGURES = ("initial_conditions", "min_separation", "trajectories")
 FILES = {
     ".lock",

@@ -9,7 +9,7 @@ from envs.formats.adsb_file import ordered_flights, read_adsb
 from envs.formats.adsb_pairs import adsb_pairs
 from envs.traffic.track_units import FOOT
 from envs.traffic.tracks import Repairs, Track, TrackError
-from tests.envs.flights import WGS84, flight, reports_file
+from tests.envs.formats.flights import WGS84, flight, reports_file
 from tests.recorded import case
 
 

@@ -22,8 +22,8 @@ from eval.flights import verdicts as hindsight
 from eval.metrics.weighted import summarise_weighted
 from eval.monte_carlo import run as monte_carlo
 from eval.report import run as report
-from tests.envs.test_encounter_model import SMALL
-from tests.envs.test_lincoln_file import ONE
+from tests.envs.formats.test_lincoln_file import ONE
+from tests.envs.traffic.test_encounter_model import SMALL
 from tests.recorded import recorded
 
 QUICK = ("--set", "resamples=200", "--set", "figures=false", "--workers", "1")
