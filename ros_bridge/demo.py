@@ -5,7 +5,7 @@
 
 Starts runner and monitor as processes of their own on a domain of their own, flies encounters with the simulator and
 prints a table: the first answer, the smallest distance since the first SAFE plan was taken up, the largest distance
-from the plans flown, the plans that the monitor asked for, and what answers took.
+from the plans flown, the plans that the monitor requested, and what answers took.
 
 Exit code: 0 if every plan called SAFE kept 1000 m and no flight failed, 1 if not, 2 for bad input.
 """
@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         encounters = list(_encounters(options))
         with free_domain() as domain:
-            # Before ROS is loaded: nobody else's graph is disturbed.
+            # Before ROS is loaded: no other graph is disturbed.
             os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
             return _run(options, encounters)
     except (ValueError, RuntimeError) as error:
@@ -63,9 +63,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=0, help="of the encounters (default 0)")
     parser.add_argument("--vehicle", default="kinematic", help="kinematic, point_mass or c208 (default kinematic)")
     parser.add_argument("--rate", type=float, default=40.0, help="times real time, at most (default 40)")
-    parser.add_argument(
-        "--deciding-rate", type=float, default=1.0, help="the same while a plan is asked for (default 1)"
-    )
+    parser.add_argument("--deciding-rate", type=float, default=1.0, help="the same while a plan is sought (default 1)")
     margins = ", ".join(f"{name} {margin:g}" for name, margin in MARGINS.items())
     parser.add_argument("--margin", type=float, help=f"m added to the separation planned with (default {margins})")
     parser.add_argument("--position-std", type=float, default=0.0, help="noise of traffic, m one sigma (default 0)")
@@ -209,7 +207,7 @@ def _unwritten(error: OSError) -> str:
 def _evaluate(logs: "Sequence[FlightLog]", encounters: Sequence[Any], margin: float) -> None:
     """Note which encounters can be resolved at the separation that was planned with.
 
-    What is not proven unresolvable counts as resolvable; nothing is said where nobody had to ask for a plan.
+    What is not proven unresolvable counts as resolvable; where no plan was requested nothing is noted.
     """
     import numpy as np
 
@@ -222,7 +220,7 @@ def _evaluate(logs: "Sequence[FlightLog]", encounters: Sequence[Any], margin: fl
     for log, encounter in zip(logs, encounters, strict=False):
         if log.first == NEVER_ASKED:
             continue
-        # The first second is the time to hear everybody and to answer: what is lost by then counts, too.
+        # The first second is the time to receive all and to answer: what is lost by then counts, too.
         verdict = classify(encounter, rules, SURROGATE, solved=np.array([log.safe_at is not None])).verdict[0]
         log.resolvable = bool(verdict != Verdict.UNRESOLVABLE)
 

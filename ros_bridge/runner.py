@@ -1,8 +1,8 @@
-"""The runner: hears ownship, traffic, alerts, route and geo-reference, and answers with plans.
+"""The runner: takes in ownship, traffic, alerts, route and geo-reference, and answers with plans.
 
     python -m ros_bridge.runner [--ros-args -r __ns:=/n123 --params-file FILE -p intruder_max_age:=3.0 ...]
 
-A lifecycle node that configures and activates itself (``--manual`` leaves that to others). It listens from the
+A lifecycle node that configures and activates itself (``--manual`` leaves that to others). It subscribes from the
 configuration on, and answers and publishes while it is active:
 
     in    ~/input/ownship, ~/input/traffic    rlcas_msgs/AircraftState   best effort

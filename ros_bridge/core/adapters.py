@@ -1,6 +1,6 @@
-"""Reports of other people's messages: NavSatFix, NovAtel's INSPVA and ADS-B, read by their fields.
+"""Messages of other packages as reports: NavSatFix, NovAtel's INSPVA and ADS-B, read by their fields.
 
-None of their packages is imported. What such a message does not say is the caller's: a NavSatFix has no velocity, and
+None of their packages is imported. What such a message lacks is the caller's: a NavSatFix has no velocity, and
 whether its altitude is above the ellipsoid, as the definition has it, or above mean sea level, as several drivers do,
 is a setting.
 """
@@ -38,7 +38,7 @@ _INS_GOOD = 3  # INS_SOLUTION_GOOD (NovAtel OEM7, inertial solution status)
 def nav_sat_fix(message: Any, twist: Any, identity: str, reference: str = "wgs84", name: str = "fix") -> Report:
     """Return a report from a NavSatFix and the velocity beside it.
 
-    By the definition an altitude of NaN means that there is none; a covariance that is not finite says as little as
+    By the definition an altitude of NaN means that there is none; a covariance that is not finite is as good as
     one of unknown type.
 
     Args:
@@ -77,7 +77,7 @@ def nav_sat_fix(message: Any, twist: Any, identity: str, reference: str = "wgs84
 
 
 def fix_sighting(message: Any, identity: str) -> Sighting:
-    """Return what a NavSatFix says of an aircraft whose velocity is not known."""
+    """Return what a NavSatFix holds of an aircraft whose velocity is not known."""
     name, status = identifier("id", identity), readable(lambda: integer("", message.status.status, -128, 127))
     place = _place(message) if status is not None and status >= 0 else None
     return Sighting(name, readable(lambda: stamp("", message.header.stamp)), place)
@@ -139,8 +139,8 @@ def adsb_vehicle(
 
     The message is stamped when it was received; the state held ``tslc`` (time since last communication, whole
     seconds) before that. What is cut off lies between 0 and 1 s: its root mean square at the reported speed is the
-    position's standard deviation. What ``altitude`` is measured from depends on the receiver (field names speak of
-    QNH and of geometry, documentation of mean sea level), so it counts as unknown unless the caller knows it.
+    position's standard deviation. What ``altitude`` is measured from depends on the receiver (field names mention
+    QNH and geometry, the documentation mean sea level), so it counts as unknown unless the caller knows it.
 
     Args:
         message: mavros_msgs/ADSBVehicle: SI units, heading in degrees clockwise from north, ``tslc`` a duration.
@@ -183,7 +183,7 @@ def _adsb_report(message: Any, references: Mapping[int, str], name: str) -> Repo
 
 
 def _adsb_sighting(message: Any, references: Mapping[int, str]) -> Sighting:
-    """Return what an ADS-B vehicle that cannot be used says all the same."""
+    """Return what an ADS-B vehicle that cannot be used still holds."""
     flags = readable(lambda: integer("", message.flags, 0, 2**16 - 1)) or 0
     place = _place(message) if flags & _COORDINATES else None
     height = readable(lambda: _adsb_altitude(message, references, 0.0, ""))

@@ -164,7 +164,7 @@ def aircraft(message: Any, name: str) -> Report:
 
 
 def _sighting(message: Any, name: str, identity: str) -> Sighting:
-    """Return what an AircraftState that cannot be used says all the same."""
+    """Return what an AircraftState that cannot be used still holds."""
     valid = readable(lambda: flags(f"{name}.valid", message.valid, 0xFF)) or 0
     place = height = None
     if valid & POSITION:

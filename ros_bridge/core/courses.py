@@ -69,7 +69,7 @@ def extended(course: Course, report: Report) -> Course:
     windows = [_Window(w.start, w.reports + 1, w.east + east, w.north + north) for w in course.windows]
     contradiction = course.contradiction
     for number, (window, longest) in enumerate(zip(windows, _WINDOWS, strict=True)):
-        # Two reports alone are judged by the allowance for a jump.
+        # For two reports alone the allowance for a jump holds.
         length = (report.time - window.start.time) / SECOND
         if length < _SHORTEST or window.reports < 3:
             continue

@@ -36,7 +36,7 @@ class FieldError(ValueError):
 
     Attributes:
         field: its name, such as ``ownship.velocity.x``.
-        sighting: what else the message says of the aircraft's place; None: nothing.
+        sighting: what the message still holds of the aircraft; None: nothing.
     """
 
     field: str
@@ -97,7 +97,7 @@ def stamp(name: str, value: Any) -> int:
     """Return a time of ROS (``sec``, ``nanosec``) as nanoseconds, greater than 0.
 
     Raises:
-        FieldError: it is no time, or zero, which means that nobody has set it.
+        FieldError: it is no time, or zero, which means that it was not set.
     """
     seconds = integer(f"{name}.sec", value.sec, -(2**31), 2**31 - 1)
     rest = integer(f"{name}.nanosec", value.nanosec, 0, SECOND - 1)

@@ -1,4 +1,4 @@
-"""Reports of aircraft: a whole state as it was reported, or the little that an unusable message still says."""
+"""Reports of aircraft: a whole state as it was reported, or the little that an unusable message still holds."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -37,7 +37,7 @@ class Report:
 
 
 class Sighting(NamedTuple):
-    """Which aircraft a message that cannot be used is about, and where it was, as far as the message says."""
+    """Which aircraft a message that cannot be used is about, and where it was, as far as that is known."""
 
     identifier: str
     time: int | None = None

@@ -62,7 +62,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Situation:
-    """Everything that was heard; the faults are of newer messages that could not be used."""
+    """Everything that was received; the faults are of newer messages that could not be used."""
 
     origin: Origin | None = None
     origin_fault: Fault | None = None
@@ -84,7 +84,7 @@ class Excluded:
 
 @dataclass(frozen=True)
 class Task:
-    """What the planner is asked."""
+    """What is handed to the planner."""
 
     frame: LocalFrame
     time: int
@@ -197,7 +197,7 @@ def _now(frame: LocalFrame, track: Track, report: Report, now: int) -> VehicleSt
 
 
 def _alerted(situation: Situation, now: int, settings: Settings) -> frozenset[str]:
-    """Return whom an alert that holds is about."""
+    """Return the aircraft that an alert that holds is about."""
     if situation.alert_fault is not None:
         raise Refusal(Code.INVALID_ALERT, situation.alert_fault.field, situation.alert_fault.message)
     alert = situation.alert

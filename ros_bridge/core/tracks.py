@@ -89,7 +89,7 @@ class Track:
     shared: bool = False
     """Whether the rival was confirmed after that: two aircraft."""
     sighting: Sighting | None = None
-    """What the newest report says of the aircraft's place, where it cannot be used otherwise."""
+    """Of the newest report, where it cannot be used otherwise."""
     counts: Mapping[Verdict, int] = field(default_factory=lambda: MappingProxyType({}))
     """Of all reports."""
 

@@ -26,7 +26,7 @@ def traffic(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
     """Take in an AircraftState of an intruder; the own transmission, received again, is passed over.
 
     The own transmission is known by the ownship's id alone. A copy under another id, as TIS-B makes them, is not
-    recognised by its place and velocity: it counts as an intruder, and the task says so (:mod:`situation`).
+    recognised by its place and velocity: it counts as an intruder, and the task has a note of it.
     """
     name = readable(lambda: identifier("", message.id)) or message.id
     if situation.own.last is not None and situation.own.last.identifier == name:
@@ -40,16 +40,16 @@ def traffic(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
 def alert(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
     """Take in a TrafficAlert; one that is older than the last is passed over."""
     try:
-        heard = conversions.alert(message)
-        ahead = (heard.time - now) / SECOND
+        new = conversions.alert(message)
+        ahead = (new.time - now) / SECOND
         if ahead > rules.future:
             field = "alert.header.stamp"
             raise FieldError(field, f"is {ahead:.3f} s ahead of the clock, expected {rules.future:g} s at most")
     except FieldError as error:
         return replace(situation, alert_fault=_fault(error, now))
-    if situation.alert is not None and heard.time < situation.alert.time:
+    if situation.alert is not None and new.time < situation.alert.time:
         return situation
-    return replace(situation, alert=heard, alert_fault=None)
+    return replace(situation, alert=new, alert_fault=None)
 
 
 def route(situation: Situation, message: Any, now: int) -> Situation:

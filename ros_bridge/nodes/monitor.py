@@ -1,16 +1,16 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""The run-time monitor: watches the plan being flown, asks for new ones, and falls back to a backup.
+"""The run-time monitor: checks the plan that is flown, requests new ones, and falls back to a backup.
 
     python -m ros_bridge.monitor [--ros-args -r __ns:=/n123 --params-file FILE -p separation:=1200.0 ...]
 
-A lifecycle node that configures and activates itself (``--manual`` leaves that to others). It hears what the runner
-hears, under the runner's names, so that both need no remapping in one namespace:
+A lifecycle node that configures and activates itself (``--manual`` leaves that to others). It subscribes to the
+runner's inputs under the runner's names, so that both need no remapping in one namespace:
 
     in    rlcas_runner/input/ownship, rlcas_runner/input/traffic   rlcas_msgs/AircraftState   best effort
           rlcas_runner/input/geo_reference                         rlcas_msgs/GeoReference    latched
           rlcas_runner/output/trajectory                           rlcas_msgs/Trajectory      latched
           /diagnostics                                             of the runner: its sign of life
-    out   ~/output/status      rlcas_msgs/AssuranceStatus          latched, at every judgement
+    out   ~/output/status      rlcas_msgs/AssuranceStatus          latched, in every period
           ~/output/backup      rlcas_msgs/Trajectory               latched, while the backup is flown
           /diagnostics         diagnostic_msgs/DiagnosticArray
     calls rlcas_runner/generate_trajectory                         rlcas_msgs/GenerateTrajectory
@@ -92,7 +92,7 @@ class Monitor(ListeningNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop judging."""
+        """Stop monitoring."""
         self._active = False
         return super().on_deactivate(state)
 
@@ -246,10 +246,10 @@ class Monitor(ListeningNode):
             message.trajectory_id.uuid = list(self._supervision.held.unique)
             message.trajectory_revision = self._supervision.held.revision
         if self._verdict is None:
-            message.reasons = ["there is no plan to watch"]
+            message.reasons = ["there is no plan to monitor"]
             return message
         monitor, measured = self._supervision.watch.monitor, self._verdict.measured
-        # An answer may have changed the state since the judgement.
+        # An answer may have changed the state since then.
         causes = int(monitor.causes[0])
         message.state, message.fly, message.causes = int(monitor.state[0]), int(to_fly(self._supervision)), causes
         message.reasons = [why.message for why in watch.reasons(measured._replace(causes=monitor.causes), limits)]

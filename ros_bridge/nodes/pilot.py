@@ -1,5 +1,5 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""The pilot: flies what the monitor says, as speed and yaw rate for an autopilot or a simulator that takes these.
+"""The pilot: flies what the monitor selects, as speed and yaw rate for an autopilot or a simulator that takes these.
 
     python -m ros_bridge.pilot --ros-args -r '~/output/command:=/ownship/cmd_vel'
 
@@ -9,9 +9,9 @@
     out   ~/output/command                     geometry_msgs/Twist, every 0.1 s: linear.x speed along the track, m/s,
                                                angular.z turn rate of the track, rad/s, positive to the left
 
-Nothing is published while nothing is to be flown, nor while the ownship's state is older than ownship_max_age: who
-takes the commands must then hold course and speed. An example of the least that an integration does, and no autopilot:
-an aircraft that rolls needs to look ahead (envs.c208.guidance). Parameters:
+Nothing is published while nothing is to be flown, nor while the ownship's state cannot be used or is older than
+ownship_max_age: the autopilot must then hold course and speed. An example of the least that an integration does, and
+no autopilot: an aircraft that rolls needs to look ahead (envs.c208.guidance). Parameters:
 """
 
 import math
@@ -26,11 +26,11 @@ from rlcas_msgs.msg import AircraftState, AssuranceStatus, Trajectory
 from envs.follower import PERIOD, guidance
 from envs.kinematics import C208_PUBLISHED
 from envs.waypoints import Legs
-from ros_bridge.core import conversions
+from ros_bridge.core import updates
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.geodesy import LocalFrame
-from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import placed
+from ros_bridge.core.situation import Situation, placed
+from ros_bridge.core.tracks import Rules
 from ros_bridge.sim.guidance import Guidance, curve
 from ros_bridge.transport import parameters, process, qos
 from ros_bridge.transport.messages import uuid_of
@@ -39,7 +39,7 @@ from ros_bridge.transport.settings import declare
 __all__ = ["Pilot", "main"]
 
 _RUNNER, _MONITOR = "rlcas_runner", "rlcas_monitor"
-_SILENCE = 0.5  # s of the monitor, after which people are told
+_SILENCE = 0.5  # s of the monitor, after which an error is logged
 
 
 class Pilot(Node):
@@ -48,28 +48,30 @@ class Pilot(Node):
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_pilot", **more)
         declare(self, parameters.PILOT_NUMBERS, parameters.PILOT_OTHERS)
-        self._guidance = Guidance(watched=bool(self.get_parameter("monitor").value))
-        self._own: Report | None = None
+        self._guidance = Guidance(monitored=bool(self.get_parameter("monitor").value))
+        self._situation = Situation()
         self._line: tuple[int, LocalFrame, Legs, int] | None = None
         self._commands = self.create_publisher(Twist, "~/output/command", qos.EVENTS)
         self.create_subscription(AircraftState, f"{_RUNNER}/input/ownship", self._on_ownship, qos.SENSOR)
         self.create_subscription(Trajectory, f"{_RUNNER}/output/trajectory", self._on_trajectory, qos.LATCHED)
-        self.create_subscription(AssuranceStatus, f"{_MONITOR}/output/status", self._guidance.says, qos.LATCHED)
-        self.create_subscription(Trajectory, f"{_MONITOR}/output/backup", self._guidance.backup, qos.LATCHED)
+        self.create_subscription(AssuranceStatus, f"{_MONITOR}/output/status", self._guidance.set_status, qos.LATCHED)
+        self.create_subscription(Trajectory, f"{_MONITOR}/output/backup", self._guidance.set_backup, qos.LATCHED)
         self.create_timer(PERIOD, self._on_timer)
 
     def _on_trajectory(self, message: Trajectory) -> None:
-        self._guidance.plan(message)
+        self._guidance.add_plan(message)
 
     def _on_ownship(self, message: AircraftState) -> None:
-        try:
-            self._own = conversions.aircraft(message, "ownship")
-        except FieldError as error:
-            self.get_logger().error(str(error), throttle_duration_sec=5.0)
+        now = self.get_clock().now().nanoseconds
+        self._situation = updates.ownship(self._situation, message, now, Rules())
+        fault = self._situation.own.fault
+        if fault is not None:
+            self.get_logger().error(fault.message, throttle_duration_sec=5.0)
 
     def _on_timer(self) -> None:
-        wanted, own = self._guidance.wanted(), self._own
-        if wanted is None or own is None:
+        wanted, track = self._guidance.selected(), self._situation.own
+        own = track.last
+        if wanted is None or own is None or track.fault is not None:
             return
         now = self.get_clock().now().nanoseconds
         age = (now - own.time) / SECOND
@@ -87,7 +89,7 @@ class Pilot(Node):
         status = self._guidance.status
         silent = 0.0 if status is None else (now - nanoseconds(status.header.stamp)) / SECOND
         if silent > _SILENCE:
-            # What was said last is still the best that is known; but nobody watches any more.
+            # Its last selection is still the best that is known, but no monitor checks it any more.
             self.get_logger().error(f"the monitor has been silent for {silent:.1f} s", throttle_duration_sec=1.0)
         _, frame, legs, began = self._line
         state = placed(frame, own)

@@ -1,5 +1,5 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""The node of the runner; :mod:`ros_bridge.runner` says what it hears and says, and runs it."""
+"""The node of the runner; :mod:`ros_bridge.runner` lists its topics, and runs it."""
 
 import time
 import uuid
@@ -103,7 +103,7 @@ class Runner(ListeningNode):
         geodesy.distance(0.0, 0.0, 0.0, 1.0)  # loads the ellipsoid
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Withdraw the plan, because nobody would replace it, and stop answering."""
+        """Withdraw the plan, because it would not be replaced, and stop answering."""
         self._withdraw()
         self._active = False
         self._era += 1
@@ -112,7 +112,7 @@ class Runner(ListeningNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget everything."""
         if self._searching:
-            self.get_logger().error("a search is under way, whose answer is owed: ask again in some seconds")
+            self.get_logger().error("a search is under way, whose answer is not given yet: try again in some seconds")
             return TransitionCallbackReturn.FAILURE
         self._end()
         return TransitionCallbackReturn.SUCCESS
@@ -167,7 +167,7 @@ class Runner(ListeningNode):
             self._health.publish(self._diagnosis(now))
 
     def _on_views(self) -> None:
-        """Publish the last plan for people to look at, once."""
+        """Publish path and markers of the last plan, once."""
         if self._views is None or not self._active:
             return
         (result, wanted), self._views = self._views, None
@@ -179,7 +179,7 @@ class Runner(ListeningNode):
         traffic, silent = forgotten(self._situation.traffic, now, self.get_parameter("forget_after").value)
         if silent:
             self._situation = replace(self._situation, traffic=traffic)
-            self.get_logger().info(f"not heard of any more: {', '.join(silent)}")
+            self.get_logger().info(f"silent, and forgotten: {', '.join(silent)}")
 
     # Answers.
 
@@ -271,7 +271,7 @@ class Runner(ListeningNode):
             return
         self._unique = unique
         self._trajectories.publish(message)
-        # The answer does not wait for what people look at.
+        # The answer does not wait for path and markers.
         self._views = result, wanted
 
     def _next(self, now: int) -> int:

@@ -15,7 +15,7 @@ It stands for everything around runner and monitor, which must run with use_sim_
     calls rlcas_runner/generate_trajectory     when the alert begins, and again while there is no plan
 
 Each encounter begins with a clock that steps back, which makes both nodes forget the one before. The clock never runs
-ahead of the monitor's judgements by more than two ticks, and while a plan is asked for it keeps to deciding_rate:
+ahead of the monitor's status by more than two ticks, and while a plan is asked for it keeps to deciding_rate:
 what answers cost in time, they cost in flight. Without --ros-args -p encounters:=N one encounter is flown; then the
 table is printed, and the exit code is 0 if every plan called SAFE kept 1000 m, else 1. Parameters:
 """
@@ -74,7 +74,7 @@ class Simulator(Node):
         super().__init__("rlcas_simulator", **more)
         declare(self, parameters.SIMULATOR_NUMBERS, parameters.SIMULATOR_OTHERS)
         self._frame = LocalFrame(self._value("origin_latitude"), self._value("origin_longitude"))
-        self._watched = bool(self._value("monitor"))
+        self._monitored = bool(self._value("monitor"))
         if self._value("vehicle") not in VEHICLES:
             raise ValueError(f"vehicle is {self._value('vehicle')!r}, expected one of {', '.join(VEHICLES)}")
         if self._value("vehicle") != VEHICLES[0] and importlib.util.find_spec("jsbsim") is None:
@@ -109,7 +109,7 @@ class Simulator(Node):
         return self.get_parameter(name).value
 
     def _forget(self) -> None:
-        self._guidance = Guidance(watched=self._watched)
+        self._guidance = Guidance(monitored=self._monitored)
         self._following = b""
         self._runner_heard = 0
         self._asking: Any = None
@@ -129,9 +129,9 @@ class Simulator(Node):
         return self._clock
 
     def begin(self, encounter: Encounter, name: str, seed: int = 0) -> None:
-        """Begin an encounter, one with own fields ``[1]``; :attr:`flying` tells when it is over.
+        """Begin an encounter, one with own fields ``[1]``; :attr:`flying` becomes false when it is over.
 
-        One that cannot be flown is over at once, and its log says why.
+        One that cannot be flown is over at once, and its log holds the reason.
         """
         try:
             self._air = Air(encounter, self._value("vehicle"))
@@ -151,7 +151,7 @@ class Simulator(Node):
         names = ("rate", "latency", "dropout", "position_std", "velocity_std")
         own, traffic = (Quality(*(self._value(f"{kind}_{name}") for name in names)) for kind in ("own", "traffic"))
         sensor = encounter.sensor
-        # A scenario that says how good its sensors are is not flown with better ones.
+        # A scenario with sensors of its own is not flown with better ones.
         return own, traffic._replace(
             latency=max(traffic.latency, float(sensor.latency[0, 0])),
             position_std=max(traffic.position_std, float(sensor.position_std[0, 0])),
@@ -180,15 +180,15 @@ class Simulator(Node):
         here = self._client.service_is_ready()
         here &= all(one.get_subscription_count() >= 1 for one in (self._alerts, self._routes))
         both = (self._own, self._traffic, self._origins)
-        here &= all(one.get_subscription_count() >= 1 + self._watched for one in both)
+        here &= all(one.get_subscription_count() >= 1 + self._monitored for one in both)
         status = self._guidance.status
-        idle = not self._watched or (status is not None and status.fly == AssuranceStatus.FLY_NOTHING)
+        idle = not self._monitored or (status is not None and status.fly == AssuranceStatus.FLY_NOTHING)
         if here and idle and self._runner_heard:
             self._zero, self._phase = self._clock, _Phase.FLYING
             self._fly()
             return
         if wall - self._since > _COME_UP:
-            what = "runner and monitor have" if self._watched else "the runner has"
+            what = "runner and monitor have" if self._monitored else "the runner has"
             self._end(f"{what} not answered within {_COME_UP:g} s (are they there, with use_sim_time?)")
             return
         self._clock += _TICK
@@ -196,7 +196,7 @@ class Simulator(Node):
 
     def _judged(self, wall: float) -> bool:
         """Return whether the monitor has kept up with the clock, or must be done without."""
-        if not self._watched or wall - self._last > _PATIENCE:
+        if not self._monitored or wall - self._last > _PATIENCE:
             return True
         return (
             self._guidance.status is not None
@@ -213,7 +213,7 @@ class Simulator(Node):
         )
 
     def _fly(self) -> None:
-        """Go on by one tick: the clock, what is heard, alert and request, and then the flight."""
+        """Go on by one tick: the clock, what is received, alert and request, and then the flight."""
         air = self._air
         assert air is not None
         self._clock = self._zero + round(air.time * SECOND)
@@ -282,8 +282,8 @@ class Simulator(Node):
             self.get_logger().info(f"{log.name}: {name} {response.message}")
 
     def _choose(self, air: Air) -> None:
-        """Take up what the monitor says is to be flown, or the newest plan where nobody watches."""
-        wanted = self._guidance.wanted()
+        """Take up the trajectory that the monitor names, or the newest plan where there is no monitor."""
+        wanted = self._guidance.selected()
         if wanted is None or uuid_of(wanted.id).bytes == self._following:
             return
         self._following = uuid_of(wanted.id).bytes
@@ -304,15 +304,15 @@ class Simulator(Node):
 
     def _on_trajectory(self, message: Trajectory) -> None:
         if self._of_now(message):
-            self._log.plans += self._guidance.plan(message)
+            self._log.plans += self._guidance.add_plan(message)
 
     def _on_backup(self, message: Trajectory) -> None:
         if self._of_now(message):
-            self._guidance.backup(message)
+            self._guidance.set_backup(message)
 
     def _on_status(self, message: AssuranceStatus) -> None:
         if _START < nanoseconds(message.header.stamp) <= self._clock:
-            self._guidance.says(message)
+            self._guidance.set_status(message)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         name = self.resolve_topic_name(_RUNNER)

@@ -1,5 +1,5 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-r"""The translator: other people's messages as the runner's inputs.
+r"""The translator: messages of other packages as the runner's inputs.
 
     python -m ros_bridge.translator --ros-args -p own_source:=nav_sat_fix -p own_id:=4b1234 -p traffic_source:=adsb \
         -r '~/input/fix:=/mavros/global_position/global' -r '~/input/velocity:=/mavros/local_position/velocity_local' \

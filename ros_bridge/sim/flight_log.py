@@ -1,4 +1,4 @@
-"""What became of simulated encounters: a row each, and the table that people read."""
+"""What became of simulated encounters: a row each, and a table of all."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ SEPARATION = 1_000.0
 """What a plan called SAFE must keep, m."""
 
 NEVER_ASKED = "no alert"
-"""The first answer where no plan was asked for."""
+"""The first answer where no plan was requested."""
 
 _HEAD = (
     "encounter",

@@ -1,7 +1,7 @@
-"""What is to be flown, as an aircraft's crew or autopilot reads it from the runner and the monitor.
+"""Which trajectory is to be flown, as an autopilot reads it from the runner and the monitor.
 
-Nothing but a SAFE plan that the monitor names, or the monitor's backup; whoever has no monitor flies the newest SAFE
-plan until it is withdrawn. Messages are read by their fields; nothing here needs ROS.
+Nothing but a SAFE plan that the monitor names, or the monitor's backup; without a monitor the newest SAFE plan
+until it is withdrawn. Messages are read by their fields; nothing here needs ROS.
 """
 
 from typing import Any
@@ -20,22 +20,22 @@ _REMEMBERED = 8  # plans; the monitor names one of the last two
 
 
 class Guidance:
-    """Hears plans, backups and the monitor.
+    """Selects among plans and backups.
 
     Args:
-        watched: whether there is a monitor.
+        monitored: whether there is a monitor.
     """
 
-    def __init__(self, *, watched: bool = True) -> None:
-        self._watched = watched
+    def __init__(self, *, monitored: bool = True) -> None:
+        self._monitored = monitored
         self._plans: dict[bytes, Any] = {}
         self._newest: Any = None
         self._backup: Any = None
         self.status: Any = None
-        """The monitor's last word; None: it has not spoken."""
+        """The monitor's last; None: there has been none."""
 
-    def plan(self, message: Any) -> bool:
-        """Hear a trajectory of the runner's; return whether it is a SAFE plan."""
+    def add_plan(self, message: Any) -> bool:
+        """Take in a trajectory of the runner's; return whether it is a SAFE plan."""
         if message.status == STATUS_WITHDRAWN:
             self._newest = None
         if message.status != STATUS_SAFE:
@@ -45,17 +45,17 @@ class Guidance:
             del self._plans[next(iter(self._plans))]
         return True
 
-    def backup(self, message: Any) -> None:
-        """Hear the monitor's backup."""
+    def set_backup(self, message: Any) -> None:
+        """Take in the monitor's backup."""
         self._backup = message
 
-    def says(self, status: Any) -> None:
-        """Hear the monitor."""
+    def set_status(self, status: Any) -> None:
+        """Take in the monitor's status."""
         self.status = status
 
-    def wanted(self) -> Any:
+    def selected(self) -> Any:
         """Return the trajectory that is to be flown now; None: nothing, or what is named has not arrived yet."""
-        if not self._watched:
+        if not self._monitored:
             return self._newest
         if self.status is not None and self.status.fly == FLY_PLAN:
             return self._plans.get(_name(self.status.trajectory_id))

@@ -20,7 +20,7 @@ from envs.waypoints import Legs, Waypoint, at, knots, legs
 __all__ = ["ALTITUDE", "OWN", "VEHICLES", "Air", "Line", "SimulationError", "Truth", "straight_on", "vehicle"]
 
 ALTITUDE = 2_500.0
-"""At which everybody flies, m."""
+"""At which all fly, m."""
 
 OWN = "own"
 """The ownship's name."""
@@ -132,7 +132,7 @@ class Air:
         self.on_plan = False
         """Whether that is a plan, so that errors count."""
         self.truth = Truth()
-        """Since the beginning, or since somebody put a new one here."""
+        """Since the beginning, or since a new one was put here."""
         self.reached: float | None = None
         """When the goal was passed, s."""
         there = np.flatnonzero(encounter.mask[0])
@@ -183,13 +183,13 @@ class Air:
                 self.reached = self.time
 
     def over(self) -> bool:
-        """Return whether the goal has been passed and everybody flies apart."""
+        """Return whether the goal has been passed and all fly apart."""
         if self.reached is None:
             return False
         other = self._intruders.vehicle
         return bool(np.all(straight_cpa(self.own, other, np).time <= 0.0))
 
     def closest(self) -> float:
-        """Return how close anybody would come if all flew straight on, m."""
+        """Return how close an intruder would come if all flew straight on, m."""
         cpa = straight_cpa(self.own, self._intruders.vehicle, np)
         return float(np.min(cpa.distance, initial=math.inf))

@@ -1,11 +1,11 @@
-"""How a process that starts comes among the others soon: by a place of its own, and by how it announces itself.
+"""Fast DDS discovery of a process that starts: ports of its own, and how it announces itself.
 
 DDS gives a process the first free ports of its domain. One that is started again after a kill so gets those of the dead
 one, which the others hold for alive until its lease ends, after 20 s; Fast DDS then takes seconds to bring newcomer and
 others together (docs/reference/ros.md, "Start and restart"). While some of the first ports are held, the process gets
 others. Their number is drawn: process numbers repeat in containers, and the clock where restarts are quick.
 
-What else takes seconds there, Fast DDS can be told to do otherwise: ``fastdds/profile.xml`` says how, and why.
+What else takes seconds there, ``fastdds/profile.xml`` configures otherwise, with the reasons.
 """
 
 import os
@@ -15,18 +15,18 @@ from collections.abc import Generator, MutableMapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-__all__ = ["PORTS", "PROFILE", "SAID", "configure_dds", "port", "reserved_ports"]
+__all__ = ["CONFIGURED", "PORTS", "PROFILE", "configure_dds", "port", "reserved_ports"]
 
 PROFILE = Path(__file__).parents[1] / "fastdds" / "profile.xml"
 """How Fast DDS takes part for a node of ours."""
 
-SAID = (
+CONFIGURED = (
     "FASTDDS_DEFAULT_PROFILES_FILE",
     "FASTRTPS_DEFAULT_PROFILES_FILE",
     "FASTDDS_BUILTIN_TRANSPORTS",
     "ROS_DISCOVERY_SERVER",
 )
-"""Variables by which an integrator says how Fast DDS takes part."""
+"""Variables by which an integrator configures Fast DDS."""
 
 _IN_DIRECTORY = ("DEFAULT_FASTDDS_PROFILES.xml", "DEFAULT_FASTRTPS_PROFILES.xml")  # read where a process starts
 
@@ -40,16 +40,16 @@ def port(domain: int, number: int) -> int:
 
 
 def configure_dds(environment: MutableMapping[str, str] = os.environ, directory: Path | None = None) -> bool:
-    """Have Fast DDS take part by our profile, unless the integrator has said how; return whether.
+    """Have Fast DDS take part by our profile, unless the integrator has configured it; return whether.
 
     To be called before the first node of the process is made. Other implementations of DDS take no notice.
 
     Args:
-        environment: variables, which are set; one of SAID that is there, even empty, is the integrator's word.
-        directory: where the process starts, whose file of profiles is the integrator's word too; None: the present one.
+        environment: variables, which are set; one of CONFIGURED that is there, even empty, is the integrator's.
+        directory: where the process starts, whose file of profiles is the integrator's too; None: the present one.
     """
     here = Path() if directory is None else directory
-    if any(name in environment for name in SAID) or any((here / name).exists() for name in _IN_DIRECTORY):
+    if any(name in environment for name in CONFIGURED) or any((here / name).exists() for name in _IN_DIRECTORY):
         return False
     environment["FASTDDS_DEFAULT_PROFILES_FILE"] = str(PROFILE)
     # On one host alone ROS chooses the transports itself, and the profile what comes by which of them.
@@ -69,7 +69,7 @@ def reserved_ports(skipped: int | None = None) -> Generator[list[int]]:
     wanted = random.randrange(PORTS) if skipped is None else skipped
     with ExitStack() as held:
         ports = []
-        # Those that others hold are passed over, not replaced: who starts at the same time must not be driven further.
+        # Those that are held are passed over, not replaced: a process that starts now too must not be driven further.
         for there in (port(domain, number) for number in range(wanted)):
             if there > 65_535:
                 break

@@ -1,4 +1,4 @@
-"""A DDS domain that nobody else on this machine uses."""
+"""A DDS domain that is not used otherwise on this machine."""
 
 import contextlib
 import socket

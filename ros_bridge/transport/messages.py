@@ -142,7 +142,7 @@ def aircraft_message(report: Report, frame: str = "") -> AircraftState:
 def sighting_message(sighting: Sighting, frame: str = "") -> AircraftState:
     """Return an AircraftState that names an aircraft, and its place if that is known, without the bit of a velocity.
 
-    It can be planned with by nobody; but the aircraft counts until a good state of it follows.
+    No plan can be made with it; but the aircraft counts until a good state of it follows.
     """
     message = AircraftState(header=header(sighting.time or 0, frame), id=sighting.identifier)
     if sighting.place is not None:

@@ -1,5 +1,5 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""What the monitor alone reads and says, as messages of ``rlcas_msgs``; the runner starts sooner without it."""
+"""What the monitor alone reads and publishes, as messages of ``rlcas_msgs``; the runner starts sooner without it."""
 
 import uuid
 

@@ -13,7 +13,7 @@ from ros_bridge.transport.settings import declare, vehicle_limits
 
 __all__ = ["ListeningNode"]
 
-_BACKWARD = SECOND // 2  # by how much the clock may step back before everything heard is forgotten
+_BACKWARD = SECOND // 2  # by how much the clock may step back before everything received is forgotten
 
 
 class ListeningNode(LifecycleNode):
@@ -61,16 +61,16 @@ class ListeningNode(LifecycleNode):
 
     def _subscribe(self, kind: type, topic: str, callback: Callable[[Any], None], quality: Any) -> None:
         events = qos.subscription_events(topic, self._on_qos_problem)
-        heard = self.create_subscription(kind, topic, callback, quality, event_callbacks=events)
-        self._entities.append(lambda: self.destroy_subscription(heard))
+        made = self.create_subscription(kind, topic, callback, quality, event_callbacks=events)
+        self._entities.append(lambda: self.destroy_subscription(made))
 
     def _advertise(self, kind: type, topic: str, quality: Any) -> Any:
         events = qos.publisher_events(topic, self._on_qos_problem)
-        # Diagnostics speak of the inactive node too.
+        # Diagnostics are published by the inactive node too.
         make = self.create_publisher if topic == "/diagnostics" else self.create_lifecycle_publisher
-        said = make(kind, topic, quality, event_callbacks=events)
-        self._entities.append(lambda: self.destroy_publisher(said))
-        return said
+        made = make(kind, topic, quality, event_callbacks=events)
+        self._entities.append(lambda: self.destroy_publisher(made))
+        return made
 
     def _call_every(self, period: float, callback: Callable[[], None]) -> None:
         timer = self.create_timer(period, callback)
@@ -81,11 +81,11 @@ class ListeningNode(LifecycleNode):
         self.get_logger().error(sentence)
 
     def _now(self) -> int:
-        """Return the node's time, ns; when it has stepped back, everything heard belongs to another time."""
+        """Return the node's time, ns; when it has stepped back, everything received belongs to another time."""
         now = self.get_clock().now().nanoseconds
         if now < self._latest - _BACKWARD:
             back = (self._latest - now) / SECOND
-            self.get_logger().warning(f"the clock stepped back by {back:.1f} s: all that was heard is forgotten")
+            self.get_logger().warning(f"the clock stepped back by {back:.1f} s: all that was received is forgotten")
             self._latest = now
             self._stepped_back()
         self._latest = max(self._latest, now)

@@ -1,7 +1,7 @@
 # pyright: reportMissingImports=false
 """Parameters given to a node that it does not have, and sections of parameter files for nodes that there are not.
 
-ROS passes over both without a word: with ``separaton: 2000.0`` in a file a node would plan with its default.
+ROS passes over both silently: with ``separaton: 2000.0`` in a file a node would plan with its default.
 """
 
 import difflib
@@ -49,7 +49,7 @@ def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None
         try:
             content = yaml.safe_load(Path(file).read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError, yaml.YAMLError):
-            continue  # ROS says so itself
+            continue  # ROS refuses it itself
         for name in _sections(content):
             if name.startswith(_OURS) and name not in known:
                 raise ValueError(f"{file} has parameters for {name}, which is no node{_near(name, known)}")

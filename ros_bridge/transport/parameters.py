@@ -109,7 +109,7 @@ _SHARED = (
 )
 MONITOR_NUMBERS = (
     *(one for one in NUMBERS if one.name in _SHARED),
-    Number("period", 0.05, 0.02, 0.09, "s", "between two judgements; read at the configuration"),
+    Number("period", 0.05, 0.02, 0.09, "s", "between two checks; read at the configuration"),
     Number("answer_time", 3.0, 0.1, 10.0, "s", "in which the runner must answer"),
     Number("replan_interval", 2.0, 0.5, 60.0, "s", "least time between two requests"),
     Number("cross_track", 25.0, 1.0, 1_000.0, "m", "largest distance from the path"),
@@ -123,8 +123,8 @@ MONITOR_OTHERS: tuple[tuple[str, Any, str], ...] = (
     ("map_frame", "map", "frame that headers name; read at the configuration"),
 )
 SIMULATOR_NUMBERS = (
-    Number("rate", 20.0, 0.1, 1_000.0, "", "times real time, at most, while nobody decides"),
-    Number("deciding_rate", 1.0, 0.1, 1_000.0, "", "times real time while a plan is asked for"),
+    Number("rate", 20.0, 0.1, 1_000.0, "", "times real time, at most, while no plan is sought"),
+    Number("deciding_rate", 1.0, 0.1, 1_000.0, "", "times real time while a plan is sought"),
     Number("longest", 300.0, 10.0, 900.0, "s", "after which an encounter ends"),
     Number("origin_latitude", 47.0, -89.0, 89.0, "deg", "of the geo-reference"),
     Number("origin_longitude", 8.0, -180.0, 180.0, "deg", "of the geo-reference"),
@@ -147,7 +147,7 @@ SIMULATOR_OTHERS: tuple[tuple[str, Any, str], ...] = (
     ("encounter", 0, "number of the first; read at the start"),
     ("encounters", 1, "how many are flown, one after the other; read at the start"),
     ("vehicle", "kinematic", "kinematic, point_mass or c208 (JSBSim); read at the start"),
-    ("monitor", True, "whether to fly what the monitor says; else the newest plan; read at the start"),
+    ("monitor", True, "whether to fly what the monitor selects; else the newest plan; read at the start"),
     ("map_frame", "map", "frame that headers name; read at the start"),
 )
 TRANSLATOR_NUMBERS = (
@@ -169,7 +169,7 @@ TRANSLATOR_OTHERS: tuple[tuple[str, Any, str], ...] = (
 )
 PILOT_NUMBERS = (next(one for one in NUMBERS if one.name == "ownship_max_age"),)
 PILOT_OTHERS: tuple[tuple[str, Any, str], ...] = (
-    ("monitor", True, "whether to fly what the monitor says; else the newest plan; read at the start"),
+    ("monitor", True, "whether to fly what the monitor selects; else the newest plan; read at the start"),
 )
 NODES = (
     ("runner", NUMBERS, OTHERS),

@@ -25,14 +25,14 @@ _LOOK = 1.0  # s between two looks at whether the node has finished
 
 
 def main(make: Callable[[], Any], program: str, text: str, arguments: Sequence[str] | None = None) -> int:
-    """Run a node until it is told to stop, and return the exit code.
+    """Run a node until it is stopped, and return the exit code.
 
     A lifecycle node is configured and activated first. A node that ends by itself has ``finished``, and then ``code``.
 
     Args:
         make: makes the node, after ROS has been initialised; ValueError where its parameters contradict each other.
         program: such as ``python -m ros_bridge.runner``.
-        text: what ``--help`` says.
+        text: for ``--help``.
         arguments: of the command line, without the program's name; None: those of this process.
     """
     gc.disable()  # until everything that stays is there
@@ -98,7 +98,7 @@ def _has_life_cycle(make: Any) -> bool:
 
 
 def _started(node: Any) -> bool:
-    """Return whether the node could be configured and activated; it has said why not."""
+    """Return whether the node could be configured and activated; it has logged why not."""
     steps = (node.trigger_configure, node.trigger_activate)
     return all(step() is TransitionCallbackReturn.SUCCESS for step in steps)
 

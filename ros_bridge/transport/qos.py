@@ -1,5 +1,5 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""Qualities of service of the topics, and callbacks that say so when two sides do not fit together."""
+"""Qualities of service of the topics, and callbacks for two sides that do not fit together."""
 
 from collections.abc import Callable
 from typing import Any
@@ -24,10 +24,10 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""Of what holds until it is replaced: who comes late gets the last one."""
+"""Of what holds until it is replaced: a late subscriber gets the last one."""
 
 CLOCK = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
-"""Of /clock: the last time is the only one that counts; reliable serves those who ask for less, too."""
+"""Of /clock: the last time is the only one that counts; reliable serves subscribers that ask for less, too."""
 
 _POLICIES = {1 << 1: "durability", 1 << 2: "deadline", 1 << 3: "liveliness", 1 << 4: "reliability", 1 << 5: "history"}
 
@@ -45,20 +45,20 @@ def route_input(durability: str) -> QoSProfile:
     raise ValueError(f"route_durability is {durability!r}, expected transient_local or volatile")
 
 
-def subscription_events(topic: str, say: Callable[[str, str], None]) -> SubscriptionEventCallbacks:
-    """Return callbacks that call ``say(topic, sentence)`` when a publisher does not fit."""
+def subscription_events(topic: str, report: Callable[[str, str], None]) -> SubscriptionEventCallbacks:
+    """Return callbacks that call ``report(topic, sentence)`` when a publisher does not fit."""
 
     def misfit(event: Any) -> None:
-        say(topic, f"{topic}: a publisher offers less {_policy(event)} than asked for; nothing of it is received")
+        report(topic, f"{topic}: a publisher offers less {_policy(event)} than asked for; nothing of it is received")
 
     return SubscriptionEventCallbacks(incompatible_qos=misfit)
 
 
-def publisher_events(topic: str, say: Callable[[str, str], None]) -> PublisherEventCallbacks:
-    """Return callbacks that call ``say(topic, sentence)`` when a subscriber does not fit."""
+def publisher_events(topic: str, report: Callable[[str, str], None]) -> PublisherEventCallbacks:
+    """Return callbacks that call ``report(topic, sentence)`` when a subscriber does not fit."""
 
     def misfit(event: Any) -> None:
-        say(topic, f"{topic}: a subscriber asks for more {_policy(event)} than offered; it receives nothing")
+        report(topic, f"{topic}: a subscriber asks for more {_policy(event)} than offered; it receives nothing")
 
     return PublisherEventCallbacks(incompatible_qos=misfit)
 

@@ -33,11 +33,15 @@ def declare(node: Any, numbers: Sequence[Number] = NUMBERS, others: Sequence[tup
     for name, default, meaning in others:
         fixed = isinstance(default, str) or "read at the start" in meaning
         node.declare_parameter(name, default, ParameterDescriptor(description=meaning, read_only=fixed))
-    refuse_unknown_parameters(node, [*(one.name for one in numbers), *(name for name, *_ in others)])
+    try:
+        refuse_unknown_parameters(node, [*(one.name for one in numbers), *(name for name, *_ in others)])
+    except ValueError:
+        node.destroy_node()
+        raise
 
 
 def aircraft_text(node: Any) -> str:
-    """Return the aircraft that a node's parameters describe, and what is kept from others, for people."""
+    """Return the aircraft that a node's parameters describe, and what it keeps from others, as a text."""
 
     def value(name: str) -> float:
         return node.get_parameter(name).value

@@ -1,5 +1,5 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""What people look at: the plan as a path and as markers in the map's frame, and the state of health."""
+"""For viewers: the plan as a path and as markers in the map's frame, and the state of health."""
 
 import math
 from collections.abc import Mapping

@@ -1,6 +1,7 @@
 """A real graph for tests: nodes in processes of their own, a client in this one, DDS on loopback, a domain apart."""
 
 import contextlib
+import gc
 import math
 import os
 import signal
@@ -46,6 +47,8 @@ NODE = "/rlcas_runner"
 @contextlib.contextmanager
 def domain() -> Generator[int]:
     """Reserve a domain id until the block ends; what still runs on it is killed: the next to have it would hear it."""
+    # Nodes of earlier tests in this process hold ports until they are collected.
+    gc.collect()
     with free_domain() as number:
         try:
             yield number

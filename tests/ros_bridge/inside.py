@@ -19,13 +19,15 @@ def beside(kind: Any, **values: Any) -> Iterator[tuple[Any, Client]]:
     with domain() as number:
         client = Client(number)
         given = [Parameter(name, value=value) for name, value in values.items()]
-        node = kind(context=client.context, parameter_overrides=given)
-        client.executor.add_node(node)
         try:
-            yield node, client
+            node = kind(context=client.context, parameter_overrides=given)
+            client.executor.add_node(node)
+            try:
+                yield node, client
+            finally:
+                client.executor.remove_node(node)
+                node.destroy_node()
         finally:
-            client.executor.remove_node(node)
-            node.destroy_node()
             client.close()
 
 

@@ -89,7 +89,7 @@ def inertial(name: str, **more: Any) -> Any:
     return message("novatel_oem7_msgs", name, header=header(), **(place | velocity | solution | more))
 
 
-def test_inspva_height_is_above_the_ellipsoid_and_inspvax_above_the_sea():
+def test_inspva_height_is_ellipsoidal_and_inspvax_above_the_sea():
     report = inspva(inertial("INSPVA"), "own")
     assert (report.east, report.north, report.time) == (30.0, 40.0, NOW)
     assert report.altitude == Altitude(400.0, "wgs84", -1.0)

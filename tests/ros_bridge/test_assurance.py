@@ -1,4 +1,4 @@
-"""The monitor's memory between messages: which reports it is told, on which clock, and which plans it takes."""
+"""The monitor's memory between messages: which reports it gets, on which clock, and which plans it takes."""
 
 import functools
 import itertools
@@ -64,7 +64,7 @@ def begun() -> tuple[Supervision, Situation]:
     return activated(INITIAL, situation, published(situation)), situation
 
 
-def test_before_the_first_plan_there_is_nothing_to_say():
+def test_there_is_no_verdict_before_the_first_plan():
     supervision, verdict = stepped(INITIAL, heard(), NOW, 600.0)
     assert verdict is None
     assert to_fly(supervision) is Flown.NOTHING
@@ -72,7 +72,7 @@ def test_before_the_first_plan_there_is_nothing_to_say():
 
 
 @given(st.integers(SECOND // 1000, SECOND), st.lists(st.integers(SECOND // 1000, SECOND // 3), min_size=1, max_size=6))
-def test_a_report_that_is_told_again_is_in_order(first: int, steps: list[int]):
+def test_report_handed_over_again_is_in_order(first: int, steps: list[int]):
     supervision, situation = begun()
     situation = own(traffic(situation, first / SECOND), first / SECOND)
     now = NOW + first
@@ -86,20 +86,20 @@ def test_a_report_that_is_told_again_is_in_order(first: int, steps: list[int]):
         assert verdict.state is State.MONITORING
 
 
-def test_reports_close_together_are_told_apart_far_enough_to_show_a_turn():
+def test_reports_are_handed_over_far_enough_apart_to_show_a_turn():
     supervision, situation = begun()
-    told = []
+    times_given = []
     for tenth in range(1, 11):
         seconds = 0.1 * tenth
         situation = own(traffic(situation, seconds), seconds)
         supervision, _ = stepped(supervision, situation, NOW + round(seconds * SECOND), 600.0)
-        told.append(supervision.reported["4b1a2c"].time)
-    times = sorted(set(told))
+        times_given.append(supervision.reported["4b1a2c"].time)
+    times = sorted(set(times_given))
     assert len(times) >= 3
     assert all(b - a >= 0.25 * SECOND for a, b in itertools.pairwise(times))
 
 
-def test_news_is_told_at_once():
+def test_changed_report_is_handed_over_at_once():
     supervision, situation = begun()
     situation = own(traffic(situation, 0.5), 0.5)
     supervision, _ = stepped(supervision, situation, NOW + SECOND // 2, 600.0)
@@ -109,7 +109,7 @@ def test_news_is_told_at_once():
     assert verdict is not None and verdict.measured.intruder_velocity[0] > 50.0
 
 
-def test_who_cannot_be_heard_well_is_missed_and_who_is_forgotten_is_not():
+def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():
     supervision, situation = begun()
     bad = aircraft(0.0, 9_000.0, 0.0, 75.0, id="bad001", latitude=math.nan, time=NOW + SECOND)
     situation = updates.traffic(own(traffic(situation, 1.0), 1.0), bad, NOW + SECOND, RULES)
@@ -124,7 +124,7 @@ def test_who_cannot_be_heard_well_is_missed_and_who_is_forgotten_is_not():
     assert verdict is not None and verdict.state is State.MONITORING
 
 
-def test_an_older_plan_is_passed_over_and_a_withdrawal_ends_the_newer():
+def test_older_plan_is_ignored_and_a_withdrawal_ends_the_newer():
     supervision, situation = begun()
     newer = activated(supervision, situation, replace(published(situation), revision=5))
     assert newer.held is not None and newer.held.revision == 5

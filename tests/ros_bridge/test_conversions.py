@@ -68,7 +68,7 @@ def test_a_good_state_is_taken_field_by_field():
     ],
 )
 @given(value=rubbish)
-def test_what_is_not_finite_or_out_of_range_is_refused_by_name(path: str, value: float):
+def test_value_not_finite_or_out_of_range_is_refused_by_name(path: str, value: float):
     message = full()
     changed(message, path, value)
     with pytest.raises(FieldError) as caught:

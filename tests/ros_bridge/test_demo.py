@@ -21,7 +21,7 @@ def flown(*arguments: str, seconds: float = 120.0) -> subprocess.CompletedProces
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=seconds, check=False)
 
 
-def test_an_encounter_is_flown_safely_and_the_recording_tells_the_same(tmp_path: Path):
+def test_encounter_is_flown_safely_and_recorded(tmp_path: Path):
     reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
     decoder = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is not installed")
     file = tmp_path / "flight.mcap"
@@ -83,7 +83,7 @@ def test_killed_demo_leaves_no_process_and_a_readable_recording(tmp_path: Path):
     assert {"/clock", "/rlcas_runner/input/ownship"} <= topics
 
 
-def test_recording_that_cannot_go_on_ends_in_one_sentence_and_keeps_what_it_holds(tmp_path: Path):
+def test_full_disk_ends_a_recording_in_one_sentence_and_keeps_it(tmp_path: Path):
     reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
     file = tmp_path / "flight.mcap"
     command = ["--scenarios", "head_on", "--each", "9", "--rate", "20", "--record", str(file)]
@@ -128,7 +128,7 @@ def test_the_four_scenarios_are_flown_safely(vehicle: str):
 
 
 @pytest.mark.slow
-def test_the_simulator_by_itself_says_who_is_missing():
+def test_simulator_alone_names_the_missing_nodes():
     with domain() as number:
         process = Process("ros_bridge.simulator", number, "--ros-args", "-p", "monitor:=false")
         output, _ = process.popen.communicate(timeout=60.0)

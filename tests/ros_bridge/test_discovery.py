@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from ros_bridge.transport.discovery import PORTS, PROFILE, SAID, configure_dds, port, reserved_ports
+from ros_bridge.transport.discovery import CONFIGURED, PORTS, PROFILE, configure_dds, port, reserved_ports
 from tests.ros_bridge.graph import MISSING, Process, domain
 
 rclpy = pytest.importorskip("rclpy", reason=MISSING)
@@ -38,7 +38,7 @@ def test_ports_are_held_and_freed(monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
         with reserved_ports(4) as first:
             assert len(first) == 4 and not any(map(free, first))
-            # Who starts at the same time is not driven further.
+            # A process that starts at the same time is not driven further.
             with reserved_ports(6) as second:
                 assert second == [port(number, 4), port(number, 5)]
         assert all(map(free, (*first, *second)))
@@ -68,7 +68,7 @@ def test_a_process_gets_a_later_place():
         assert taken == [False, False, False, True, False, False]
 
 
-def test_the_profile_is_used_where_nothing_is_said(tmp_path: Path):
+def test_own_dds_profile_is_the_default(tmp_path: Path):
     environment = {"ROS_DOMAIN_ID": "7"}
     assert configure_dds(environment, tmp_path)
     assert environment == {
@@ -78,16 +78,16 @@ def test_the_profile_is_used_where_nothing_is_said(tmp_path: Path):
     }
 
 
-@pytest.mark.parametrize("name", SAID)
+@pytest.mark.parametrize("name", CONFIGURED)
 @pytest.mark.parametrize("value", ["", "theirs.xml"])
-def test_what_the_integrator_says_is_left_as_it_is(name: str, value: str, tmp_path: Path):
+def test_dds_configuration_of_the_integrator_is_respected(name: str, value: str, tmp_path: Path):
     environment = {name: value}
     assert not configure_dds(environment, tmp_path)
     assert environment == {name: value}
 
 
 @pytest.mark.parametrize("name", ["DEFAULT_FASTDDS_PROFILES.xml", "DEFAULT_FASTRTPS_PROFILES.xml"])
-def test_so_is_a_file_of_profiles_where_the_process_starts(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_profile_file_in_the_working_directory_is_respected(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / name).write_text("<dds/>")
     environment: dict[str, str] = {}
     assert not configure_dds(environment, tmp_path)
@@ -97,9 +97,9 @@ def test_so_is_a_file_of_profiles_where_the_process_starts(name: str, tmp_path: 
 
 
 @pytest.mark.parametrize("said", [False, True])
-def test_a_node_leaves_no_port_in_shared_memory_when_it_is_killed(said: bool, monkeypatch: pytest.MonkeyPatch):
+def test_killed_node_leaves_no_port_in_shared_memory(said: bool, monkeypatch: pytest.MonkeyPatch):
     """Unless the integrator wants one: a file in /dev/shm that nobody removes, and that holds the others up."""
-    for name in SAID:
+    for name in CONFIGURED:
         monkeypatch.delenv(name, raising=False)
     if said:
         monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "DEFAULT")

@@ -69,7 +69,7 @@ def test_distances_between_places_are_those_on_the_ellipsoid(
 
 @pytest.mark.parametrize("latitude", [0.0, 47.0, 89.0])
 @pytest.mark.parametrize("longitude", [8.0, 179.99])
-def test_straight_flight_is_predicted_from_far_off_the_origin(latitude: float, longitude: float):
+def test_straight_flight_far_from_the_origin_is_predicted(latitude: float, longitude: float):
     frame = LocalFrame(latitude, longitude)
     way = np.linspace(-math.pi, math.pi, 721)
     x, y = 60_000.0 * np.cos(way), 60_000.0 * np.sin(way)

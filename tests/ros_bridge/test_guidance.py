@@ -26,10 +26,10 @@ from tests.ros_bridge.scenes import FRAME
 
 
 def test_the_codes_are_those_of_the_messages():
-    from ros_bridge.sim import guidance as orders
+    from ros_bridge.sim import guidance
 
-    assert orders.STATUS_WITHDRAWN == Trajectory.STATUS_WITHDRAWN
-    assert (orders.FLY_PLAN, orders.FLY_BACKUP) == (AssuranceStatus.FLY_PLAN, AssuranceStatus.FLY_BACKUP)
+    assert guidance.STATUS_WITHDRAWN == Trajectory.STATUS_WITHDRAWN
+    assert (guidance.FLY_PLAN, guidance.FLY_BACKUP) == (AssuranceStatus.FLY_PLAN, AssuranceStatus.FLY_BACKUP)
 
 
 def message(number: int, status: int = Trajectory.STATUS_SAFE) -> SimpleNamespace:
@@ -41,33 +41,33 @@ def word(fly: int, number: int = 0) -> SimpleNamespace:
 
 
 def test_the_monitor_decides_which_plan_is_flown():
-    orders, first, second, backup = Guidance(), message(1), message(2), message(9, Trajectory.STATUS_BACKUP)
-    assert orders.plan(first) and orders.wanted() is None
-    orders.says(word(AssuranceStatus.FLY_PLAN, 1))
-    assert orders.wanted() is first
+    guidance, first, second, backup = Guidance(), message(1), message(2), message(9, Trajectory.STATUS_BACKUP)
+    assert guidance.add_plan(first) and guidance.selected() is None
+    guidance.set_status(word(AssuranceStatus.FLY_PLAN, 1))
+    assert guidance.selected() is first
     # A newer plan is flown when the monitor has taken it up, and one that has not come yet is none.
-    assert orders.plan(second) and orders.wanted() is first
-    orders.says(word(AssuranceStatus.FLY_PLAN, 2))
-    assert orders.wanted() is second
-    orders.says(word(AssuranceStatus.FLY_PLAN, 3))
-    assert orders.wanted() is None
-    orders.says(word(AssuranceStatus.FLY_BACKUP))
-    assert orders.wanted() is None
-    orders.backup(backup)
-    assert orders.wanted() is backup
-    orders.says(word(AssuranceStatus.FLY_NOTHING))
-    assert orders.wanted() is None
+    assert guidance.add_plan(second) and guidance.selected() is first
+    guidance.set_status(word(AssuranceStatus.FLY_PLAN, 2))
+    assert guidance.selected() is second
+    guidance.set_status(word(AssuranceStatus.FLY_PLAN, 3))
+    assert guidance.selected() is None
+    guidance.set_status(word(AssuranceStatus.FLY_BACKUP))
+    assert guidance.selected() is None
+    guidance.set_backup(backup)
+    assert guidance.selected() is backup
+    guidance.set_status(word(AssuranceStatus.FLY_NOTHING))
+    assert guidance.selected() is None
 
 
-def test_what_is_not_safe_is_not_flown_and_a_withdrawn_plan_no_more():
-    orders = Guidance(watched=False)
-    assert not orders.plan(message(1, Trajectory.STATUS_UNRESOLVED)) and orders.wanted() is None
+def test_unsafe_and_withdrawn_plans_are_not_flown():
+    guidance = Guidance(monitored=False)
+    assert not guidance.add_plan(message(1, Trajectory.STATUS_UNRESOLVED)) and guidance.selected() is None
     safe = message(2)
-    assert orders.plan(safe) and orders.wanted() is safe
-    assert not orders.plan(message(3, Trajectory.STATUS_WITHDRAWN)) and orders.wanted() is None
+    assert guidance.add_plan(safe) and guidance.selected() is safe
+    assert not guidance.add_plan(message(3, Trajectory.STATUS_WITHDRAWN)) and guidance.selected() is None
 
 
-def test_the_pilot_turns_to_the_plan_and_falls_silent_without_an_ownship():
+def test_pilot_turns_to_the_plan_and_stops_without_an_ownship():
     with beside(Pilot, ownship_max_age=0.5) as (_, client):
         world = World(client)
         now = client.now()
@@ -84,17 +84,17 @@ def test_the_pilot_turns_to_the_plan_and_falls_silent_without_an_ownship():
         client.idle(0.3)
         assert commands == []
 
-        def told() -> bool:
+        def turning() -> bool:
             east = 75.0 * (client.now() - now) / 1e9
             world.ownship(east, -30.0)
             return bool(commands)
 
-        client.spin(told)
+        client.spin(turning)
         command = commands[-1]
         # Lateral acceleration of 0.25 / s^2 a metre, as a turn rate at 75 m/s, cut off at the limit of 5 degrees/s.
         assert command.angular.z == pytest.approx(min(0.25 * 30.0 / 75.0, math.radians(5.0)), rel=0.05)
         assert command.linear.x == pytest.approx(75.0, abs=0.5)
         client.idle(0.7)
-        told_last = len(commands)
+        before = len(commands)
         client.idle(0.3)
-        assert len(commands) == told_last
+        assert len(commands) == before

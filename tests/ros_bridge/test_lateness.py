@@ -41,18 +41,18 @@ def made(asked: Task) -> Plan:
     return result
 
 
-def test_a_plan_at_once_is_what_it_was(made: Plan, asked: Task):
+def test_plan_without_delay_is_unchanged(made: Plan, asked: Task):
     assert revalidated(made, asked, asked) is made
 
 
 @pytest.mark.parametrize("late", [0.5, 2.0])
-def test_who_flies_on_as_expected_keeps_the_plan(made: Plan, asked: Task, late: float):
+def test_ownship_on_its_prediction_keeps_the_plan(made: Plan, asked: Task, late: float):
     roomy = replace(asked.options, requirement=asked.options.requirement._replace(margin=0.0, separation=950.0))
     present = replace(at(late, (9_000.0 - 75.0 * late, 0.0, math.pi)), options=roomy)
     assert revalidated(made, asked, present).safe
 
 
-def test_an_intruder_that_flies_elsewhere_by_then_voids_it(made: Plan, asked: Task):
+def test_intruder_off_its_prediction_voids_the_plan(made: Plan, asked: Task):
     side = math.copysign(1.0, made.waypoints[1].y)
     late = revalidated(made, asked, at(2.0, (2_500.0, side * 600.0, math.pi)))
     assert not late.safe
@@ -65,6 +65,6 @@ def test_an_ownship_that_turned_away_cannot_join_it(made: Plan, asked: Task):
     assert not away.safe
 
 
-def test_a_plan_that_was_not_safe_stays_so(made: Plan, asked: Task):
+def test_unsafe_plan_stays_unsafe(made: Plan, asked: Task):
     unsafe = replace(made, status=type(made.status).UNRESOLVED)
     assert revalidated(unsafe, asked, at(1.0, (8_925.0, 0.0, math.pi))) is unsafe

@@ -65,7 +65,7 @@ def stand_ins(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.mark.parametrize("file", LAUNCH, ids=lambda file: file.name)
 @pytest.mark.parametrize("params_file", ["", "some.yaml"])
-def test_launch_files_start_our_modules_with_parameters_that_they_have(stand_ins, file: Path, params_file: str):
+def test_launch_files_start_nodes_with_declared_parameters(stand_ins, file: Path, params_file: str):
     description = runpy.run_path(str(file))["generate_launch_description"]()
     *declared, opaque = description.given[0]
     context = {one.given[0]: one.named["default_value"] for one in declared}
@@ -133,7 +133,7 @@ def test_the_aircraft_in_flight_is_that_of_the_evaluations():
         assert read(node).requirement.margin == config.planner.margin
 
 
-def test_what_is_not_set_is_the_paper_s_vehicle():
+def test_default_limits_are_the_papers_vehicle():
     given = {one.name: one.default for one in parameters.NUMBERS}
     assert vehicle_limits(given.__getitem__) == (Options().limits, Thresholds().manoeuvre)
     with pytest.raises(ValueError, match="speed_min, speed_max: allows 99 to 99\\.5 m/s; expected a range"):

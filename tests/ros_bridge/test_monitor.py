@@ -140,9 +140,9 @@ def saved(flight: Flight) -> float:
     return (stamp.sec * 1_000_000_000 + stamp.nanosec - began) / 1e9
 
 
-def test_a_flight_is_watched_and_saved_without_the_runner(flight: Flight):
+def test_monitored_flight_is_saved_without_the_runner(flight: Flight):
     idle = flight.until(state=AssuranceStatus.STATE_IDLE)
-    assert (idle.fly, list(idle.reasons)) == (AssuranceStatus.FLY_NOTHING, ["there is no plan to watch"])
+    assert (idle.fly, list(idle.reasons)) == (AssuranceStatus.FLY_NOTHING, ["there is no plan to monitor"])
 
     flight.plan()
     status = flight.until(state=AssuranceStatus.STATE_MONITORING)
@@ -175,7 +175,7 @@ def test_the_backup_is_flown_within_a_fifth_of_a_second(flight: Flight):
 
 
 @pytest.mark.slow
-def test_the_monitor_asks_for_plans_and_finds_a_new_runner(flight: Flight):
+def test_monitor_requests_plans_and_finds_a_new_runner(flight: Flight):
     flight.plan()
     flight.until(state=AssuranceStatus.STATE_MONITORING)
     flight.tick()

@@ -46,7 +46,7 @@ def test_parameters_of_the_node_itself_are_taken():
 
 
 @pytest.mark.parametrize("node", [Runner, Monitor])
-def test_margin_that_is_not_given_is_an_aircrafts(node: Any):
+def test_default_margin_is_an_aircrafts(node: Any):
     with beside(node) as (made, _):
         assert made.get_parameter("margin").value == parameters.MARGIN > 100.0
 
@@ -59,7 +59,7 @@ def test_margin_that_is_not_given_is_an_aircrafts(node: Any):
         ("/n123/rlcas_runner:\n  ros__parameters: {margin: 50.0}\n/other:\n  ros__parameters: {a: 1}", ""),
     ],
 )
-def test_section_of_a_file_for_a_node_that_there_is_not_is_refused(tmp_path: Path, text: str, wrong: str):
+def test_parameter_file_for_an_unknown_node_is_refused(tmp_path: Path, text: str, wrong: str):
     file = tmp_path / "some.yaml"
     file.write_text(text, encoding="utf-8")
     arguments = ["--ros-args", "--params-file", str(file)]

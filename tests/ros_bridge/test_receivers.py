@@ -24,7 +24,7 @@ def heard(quality: Quality, seconds: float, seed: int = 0, names: tuple[str, ...
 
 
 @given(rate=st.sampled_from([0.5, 1.0, 2.0, 5.0, 10.0]), latency=st.floats(0.0, 3.0), seed=st.integers(0, 1000))
-def test_reports_come_at_their_rate_after_their_latency_each_once_and_in_order(rate, latency, seed):
+def test_reports_come_once_in_order_at_rate_and_latency(rate, latency, seed):
     reports = heard(Quality(rate, latency), 20.0, seed)
     times = [one.time for _, one in reports]
     assert times == sorted(set(times))
@@ -35,14 +35,14 @@ def test_reports_come_at_their_rate_after_their_latency_each_once_and_in_order(r
         assert one.state == VehicleState(70.0 * one.time, 0.0, 0.0, 70.0)
 
 
-def test_everybody_is_heard_at_the_beginning_and_then_at_a_moment_of_its_own():
+def test_aircraft_report_at_the_start_and_then_at_moments_of_their_own():
     names = tuple(f"n{number}" for number in range(20))
     reports = heard(Quality(rate=1.0), 3.0, names=names)
     assert {one.identifier for time, one in reports if time == 0.0} == set(names)
     assert len({time for time, _ in reports if time > 0.0}) > 8
 
 
-def test_losses_and_noise_are_as_asked_for():
+def test_losses_and_noise_are_as_configured():
     quality = Quality(10.0, dropout=0.3, position_std=20.0, velocity_std=2.0)
     reports = heard(quality, 400.0)
     assert len(reports) == pytest.approx(2800, abs=5.0 * math.sqrt(4000 * 0.3 * 0.7))
@@ -54,7 +54,7 @@ def test_losses_and_noise_are_as_asked_for():
         assert abs(float(values.mean())) < 5.0 * spread / math.sqrt(len(values))
 
 
-def test_nothing_arrives_where_all_is_lost_and_a_seed_repeats_itself():
+def test_losses_can_be_total_and_a_seed_repeats_itself():
     assert heard(Quality(dropout=1.0), 5.0) == []
     noisy = Quality(1.0, 0.2, 0.2, 30.0, 3.0)
     assert heard(noisy, 20.0, seed=3) == heard(noisy, 20.0, seed=3) != heard(noisy, 20.0, seed=4)

@@ -32,7 +32,7 @@ def add(made: "writer.Writer", channel: int, number: int, size: int = 8) -> None
     made.add_message(channel, log_time=number, publish_time=number, sequence=number, data=bytes(size))
 
 
-def test_file_can_be_read_after_each_flush_and_when_it_is_finished(tmp_path: Path):
+def test_file_is_readable_after_each_flush_and_at_the_end(tmp_path: Path):
     file = tmp_path / "one.mcap"
     growing, made, channel = begun(file)
     for number in range(20):

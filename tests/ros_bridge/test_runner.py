@@ -81,7 +81,7 @@ def answer(
         client.idle(0.05)
 
 
-def test_one_thing_after_the_other_is_missing_until_there_is_a_plan(client: Client, world: World):
+def test_missing_inputs_are_refused_one_by_one_until_a_plan(client: Client, world: World):
     assert answer(client, Code.NO_GEO_REFERENCE).message == "geo_reference has not been received"
     world.reference()
     answer(client, Code.NO_OWNSHIP)
@@ -99,7 +99,7 @@ def encounter(world: World) -> None:
     world.intruder(8_000.0, -8_000.0, math.pi / 2.0)
 
 
-def test_a_safe_plan_is_published_and_latched_for_who_comes_late(client: Client, world: World):
+def test_safe_plan_is_published_and_latched(client: Client, world: World):
     response = answer(client, Code.SAFE, world.ownship)
     while list(response.trajectory.intruder_ids) != ["4b1a2c"]:
         encounter(world)
@@ -122,7 +122,7 @@ def test_a_safe_plan_is_published_and_latched_for_who_comes_late(client: Client,
     assert 0.0 < response.computation_time < 5.0
 
 
-def test_a_new_plan_has_a_greater_revision_and_replaces_only_the_one_that_holds(client: Client, world: World):
+def test_new_plan_has_a_greater_revision_and_replaces_the_current_one(client: Client, world: World):
     plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
     first = answer(client, Code.SAFE, lambda: encounter(world)).trajectory
     second = answer(client, Code.SAFE, lambda: encounter(world), previous_id=first.id).trajectory
@@ -135,7 +135,7 @@ def test_a_new_plan_has_a_greater_revision_and_replaces_only_the_one_that_holds(
     assert [plan.revision for plan in plans] == sorted({plan.revision for plan in plans})
 
 
-def test_a_plan_that_is_not_safe_goes_into_the_answer_and_the_advice_only(client: Client, world: World):
+def test_unsafe_plan_is_answered_and_advised_but_not_published(client: Client, world: World):
     plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
     advice = client.hear(Trajectory, f"{NODE}/output/advisory", qos.EVENTS)
 
@@ -222,7 +222,7 @@ def test_a_silent_ownship_is_stale(client: Client, world: World):
     assert set_to(client, "ownship_max_age", 10.0).successful
 
 
-def test_limits_of_the_aircraft_that_contradict_each_other_are_refused(client: Client):
+def test_contradicting_limits_of_the_aircraft_are_refused(client: Client):
     assert set_to(client, "speed_max", 70.0).successful
     refused = set_to(client, "speed_min", 80.0)
     assert not refused.successful and "speed_min, speed_max: allows 80 to 70 m/s" in refused.reason
@@ -331,7 +331,7 @@ def test_messages_hold_what_the_conversions_expect():
     assert codes == {code.name: code.value for code in Code}
 
 
-def test_on_simulated_time_nothing_holds_before_the_clock_runs_nor_after_it_has_stepped_back():
+def test_simulated_time_that_is_zero_or_steps_back_voids_everything():
     with domain() as number:
         process = Process("ros_bridge.runner", number, "--ros-args", "-p", "use_sim_time:=true")
         client = Client(number)

@@ -77,7 +77,7 @@ def scene(monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
             scene.go_on.set()
 
 
-def test_others_are_heard_and_answered_during_a_long_search(scene: Scene):
+def test_messages_and_requests_are_handled_during_a_long_search(scene: Scene):
     long = scene.searching()
     for reason in (Request.REASON_REPLAN, Request.REASON_MANUAL):
         short = eventually(scene.client, scene.ask(reason))
@@ -87,7 +87,7 @@ def test_others_are_heard_and_answered_during_a_long_search(scene: Scene):
     assert eventually(scene.client, long).status == Code.UNRESOLVED
 
 
-def test_a_search_that_another_plan_has_overtaken_is_superseded(scene: Scene):
+def test_search_overtaken_by_another_plan_is_superseded(scene: Scene):
     long = scene.searching()
     scene.away()
     assert eventually(scene.client, scene.ask(Request.REASON_REPLAN)).status == Code.SAFE
@@ -107,7 +107,7 @@ def test_a_search_does_not_outlive_the_activation(scene: Scene):
     assert scene.node.trigger_cleanup().name == "SUCCESS"
 
 
-def test_no_plan_is_no_plan_however_old_the_ownship_is_by_then(scene: Scene):
+def test_failed_search_is_no_plan_however_old_the_ownship(scene: Scene):
     long = scene.searching()
     scene.node.set_parameters([Parameter("ownship_max_age", value=0.05)])
     scene.client.idle(0.2)
@@ -115,7 +115,7 @@ def test_no_plan_is_no_plan_however_old_the_ownship_is_by_then(scene: Scene):
     assert eventually(scene.client, long).status == Code.UNRESOLVED
 
 
-def test_the_node_has_planned_before_it_is_asked(monkeypatch: pytest.MonkeyPatch):
+def test_node_plans_once_before_its_first_request(monkeypatch: pytest.MonkeyPatch):
     """Else the first request would wait for what is made at the first plan."""
     planned: list[Any] = []
     really = planning.plan

@@ -23,7 +23,7 @@ def met(name: str = "crossing_left", number: int = 0):
     return numbered(scenario(name), 0, number, 1)
 
 
-def test_the_truth_of_straight_flights_is_the_closest_point_of_approach():
+def test_straight_flights_come_as_close_as_their_cpa():
     encounter = met()
     air = Air(encounter)
     expected = straight_cpa(air.own, encounter.intruders, np)
@@ -42,7 +42,7 @@ def test_the_truth_of_straight_flights_is_the_closest_point_of_approach():
         pytest.param("c208", 20.0, marks=NEEDS_JSBSIM),
     ],
 )
-def test_a_plan_is_flown_as_it_was_made_and_keeps_its_separation(kind: str, bound: float):
+def test_flown_plan_keeps_its_separation(kind: str, bound: float):
     encounter = met("head_on")
     air = Air(encounter, kind)
     own = air.own
@@ -66,7 +66,7 @@ def test_only_intruders_that_exist_fly():
     assert list(moved) == list(air.names)
 
 
-def test_a_vehicle_that_there_is_not_is_refused():
+def test_unknown_vehicle_is_refused():
     with pytest.raises(SimulationError, match=r"vehicle is 'glider', expected one of kinematic, point_mass, c208"):
         vehicle("glider", VehicleState(0.0, 0.0, 0.0, 70.0))
 
@@ -77,7 +77,7 @@ def test_a_vehicle_that_cannot_fly_so_is_refused():
         vehicle("c208", VehicleState(0.0, 0.0, 0.0, 300.0))
 
 
-def test_jsbsim_is_loaded_for_who_needs_it_alone():
+def test_jsbsim_is_loaded_for_vehicles_that_need_it():
     code = (
         "import sys; from envs.kinematics import VehicleState; from ros_bridge.sim.world import vehicle; "
         "vehicle('kinematic', VehicleState(0.0, 0.0, 0.0, 70.0)); "

@@ -41,7 +41,7 @@ def test_reports_come_back_from_their_messages_as_they_were(
     assert conversions.aircraft(aircraft_message(report), "ownship") == report
 
 
-def test_the_route_goes_over_the_goal_and_is_long_enough_for_every_plan():
+def test_route_passes_the_goal_and_is_long_enough_for_every_plan():
     air = Air(numbered(scenario("circle"), 0, 3, 1))
     route = conversions.published_route(route_of(air, FRAME))
     at = FRAME.place([one.latitude for one in route.points], [one.longitude for one in route.points])
@@ -52,7 +52,7 @@ def test_the_route_goes_over_the_goal_and_is_long_enough_for_every_plan():
 
 
 @pytest.mark.skipif(importlib.util.find_spec("jsbsim") is None, reason="JSBSim is not installed")
-def test_an_encounter_that_cannot_be_flown_is_logged_and_no_success():
+def test_encounter_that_cannot_be_flown_is_a_logged_failure():
     encounter = numbered(scenario("circle"), 0, 0, 1)
     fast = encounter._replace(own=encounter.own._replace(speed=encounter.own.speed * 0.0 + 300.0))
     with beside(Simulator, vehicle="c208") as (node, _):

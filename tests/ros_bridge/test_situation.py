@@ -1,4 +1,4 @@
-"""From what was heard to the planner's task: what is refused, under which code, and what the planner is told."""
+"""From what was received to the planner's task: what is refused, under which code, and what the task holds."""
 
 import math
 from dataclasses import replace
@@ -47,7 +47,7 @@ def crossing(**more):
     return aircraft(8_000.0, -8_000.0, math.pi / 2.0, 75.0, **more)
 
 
-def test_a_complete_picture_is_a_task():
+def test_complete_situation_is_a_task():
     wanted = task(heard(crossing()), NOW, Settings())
     assert wanted.own == pytest.approx((0.0, 0.0, 0.0, 75.0), abs=1e-6)
     assert wanted.identifiers == ("4b1a2c",)
@@ -73,7 +73,7 @@ def test_the_ownship_is_carried_to_the_request(origin, x: float, y: float, headi
     assert abs(math.remainder(state.heading - heading, 2.0 * math.pi)) < 1e-9
 
 
-def test_an_intruders_age_is_told_and_its_position_left_to_the_planner():
+def test_intruder_keeps_its_position_and_gets_an_age():
     late = NOW + SECOND
     situation = heard(crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
     [intruder] = task(situation, late, Settings()).intruders
@@ -81,7 +81,7 @@ def test_an_intruders_age_is_told_and_its_position_left_to_the_planner():
     assert intruder.state.y == pytest.approx(-8_000.0, abs=1e-6)
 
 
-def test_a_turn_that_the_reports_show_is_expected_to_go_on_for_a_while():
+def test_turn_shown_by_reports_is_expected_to_go_on():
     later, late = math.pi / 2.0 + math.radians(3.0), NOW + SECOND
     turned = aircraft(8_000.0, -7_925.0, later, 75.0, time=late)
     situation = heard(crossing(), turned, own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
@@ -101,7 +101,7 @@ def test_a_turning_ownship_is_advanced_along_its_arc():
     assert state.y == pytest.approx(2.0 + radius * (math.cos(rate) - math.cos(turned)), abs=0.01)
 
 
-def test_what_is_missing_is_named():
+def test_missing_input_is_named():
     whole = heard(crossing())
     assert refusal(whole, 0) == (Code.NO_CLOCK, "clock")
     assert refusal(replace(whole, origin=None)) == (Code.NO_GEO_REFERENCE, "geo_reference")
@@ -110,7 +110,7 @@ def test_what_is_missing_is_named():
     assert refusal(heard(crossing(), alerts=[alert("4b1a2c", "beef01")])) == (Code.NO_INTRUDER, "intruder beef01")
 
 
-def test_what_is_stale_is_named():
+def test_stale_input_is_named():
     late = NOW + 2 * SECOND
     assert refusal(heard(), late) == (Code.STALE_OWNSHIP, "ownship.header.stamp")
     late = NOW + 6 * SECOND
@@ -118,7 +118,7 @@ def test_what_is_stale_is_named():
     assert refusal(situation, late) == (Code.STALE_INTRUDER, "intruder 4b1a2c.header.stamp")
 
 
-def test_what_comes_from_the_future_is_named():
+def test_future_stamp_is_named():
     early = NOW - SECOND
     assert refusal(heard(now=early), early) == (Code.FUTURE_OWNSHIP, "ownship.header.stamp")
     ahead = crossing(time=NOW + SECOND)
@@ -129,7 +129,7 @@ def test_what_comes_from_the_future_is_named():
     )
 
 
-def test_what_cannot_be_read_is_named_until_it_is_replaced():
+def test_unreadable_input_is_named_until_it_is_replaced():
     bad = crossing(latitude=math.nan)
     assert refusal(heard(bad)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.latitude")
     assert refusal(heard(crossing(), bad)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.latitude")
@@ -155,7 +155,7 @@ def test_places_far_from_the_geo_reference_are_refused_or_left_out():
     far = aircraft(301_000.0, 0.0, 0.0, 75.0)
     wanted = task(heard(far), NOW, Settings())
     assert wanted.identifiers == () and wanted.excluded[0].identifier == "4b1a2c"
-    # Whom an alert names is never left out for its distance.
+    # An aircraft that an alert names is never left out for its distance.
     assert task(heard(far, alerts=[alert("4b1a2c")]), NOW, Settings()).identifiers == ("4b1a2c",)
 
 
@@ -173,7 +173,7 @@ def test_alert_names_an_aircraft_in_any_case():
     assert wanted.identifiers == ("4b1a2c",)
 
 
-def test_copy_of_the_ownship_under_another_id_is_planned_with_and_said():
+def test_copy_of_the_ownship_under_another_id_is_noted():
     wanted = task(heard(aircraft(30.0, -20.0, 0.02, 76.0, id="tisb01"), crossing()), NOW, Settings())
     assert wanted.identifiers == ("4b1a2c", "tisb01")
     assert [note for note in wanted.notes if note.startswith("tisb01")]
@@ -204,7 +204,7 @@ def above(metres: float, **more):
         above(-950.0),
     ],
 )
-def test_silent_aircraft_that_cannot_come_near_is_left_out_and_named(message):
+def test_silent_aircraft_out_of_reach_is_excluded_by_name(message):
     situation, late = silent(message)
     wanted = task(situation, late, Settings())
     assert wanted.identifiers == () and [one.identifier for one in wanted.excluded] == ["4b1a2c"]
@@ -230,7 +230,7 @@ def test_silent_aircraft_that_may_come_near_is_refused(message, code: Code):
     assert refusal(*silent(message))[0] is code
 
 
-def test_far_reports_of_a_name_do_not_hide_a_near_aircraft_of_the_same_name():
+def test_far_reports_do_not_hide_a_near_aircraft_of_the_same_name():
     far, near = (aircraft(x, 0.0, math.pi, 75.0) for x in (320_000.0, 6_000.0))
     for first, second in ((far, near), (near, far)):
         assert refusal(*silent(first, second, seconds=1.0)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.position")
@@ -238,7 +238,7 @@ def test_far_reports_of_a_name_do_not_hide_a_near_aircraft_of_the_same_name():
     assert task(*silent(far, beyond, seconds=1.0), Settings()).identifiers == ()
 
 
-def test_heights_above_the_sea_become_comparable_with_the_undulation_only():
+def test_msl_heights_are_comparable_with_the_undulation_only():
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x07, altitude=1_000.0, altitude_reference=1)
     other = crossing(valid=0x07, altitude=2_000.0, altitude_reference=2)
     without = task(heard(other, own=own), NOW, Settings())
@@ -250,7 +250,7 @@ def test_heights_above_the_sea_become_comparable_with_the_undulation_only():
 
 
 @given(st.floats(-14.0, 14.0), st.floats(-14.0, 14.0), st.floats(-math.pi, math.pi))
-def test_in_wind_no_ground_speed_is_planned_that_the_air_forbids(east: float, north: float, way: float):
+def test_planned_ground_speeds_keep_the_airspeed_in_its_limits(east: float, north: float, way: float):
     calm, wind = Settings(), SimpleNamespace(x=east, y=north, z=0.0)
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x25, wind=wind)
     options = task(heard(own=own), NOW, calm).options

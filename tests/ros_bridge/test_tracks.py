@@ -75,7 +75,7 @@ def test_a_report_from_the_future_is_a_fault_until_a_good_one_comes():
     assert good.fault is None
 
 
-def test_a_jump_is_believed_when_a_second_report_confirms_it():
+def test_jump_is_accepted_when_a_second_report_confirms_it():
     track, verdicts = fed(report(0.0), report(1.0, y=5_000.0))
     assert verdicts[-1] is Verdict.JUMP
     assert track.last == report(0.0)
@@ -86,7 +86,7 @@ def test_a_jump_is_believed_when_a_second_report_confirms_it():
     assert confirmed.fault is None
 
 
-def test_a_single_outlier_is_not_believed():
+def test_single_outlier_is_refused():
     track, verdicts = fed(report(0.0), report(1.0, y=5_000.0), report(2.0))
     assert verdicts == [Verdict.TAKEN, Verdict.JUMP, Verdict.TAKEN]
     assert track.last == report(2.0)
@@ -96,9 +96,9 @@ def test_a_single_outlier_is_not_believed():
 def taken_in_turns(first, second, pattern: str, every: float = 1.0) -> list[Track]:
     """Return the track after each report of two aircraft, called a and b, in the order of a pattern."""
     track, history = UNKNOWN, []
-    for number, who in enumerate(pattern):
+    for number, turn in enumerate(pattern):
         seconds = every * number
-        one = (first if who == "a" else second)(seconds)
+        one = (first if turn == "a" else second)(seconds)
         track, _ = taken(track, one, "it", NOW + round(seconds * SECOND), RULES)
         history.append(track)
     return history
@@ -113,10 +113,10 @@ def other(seconds: float):
 @pytest.mark.parametrize(
     "pattern", ["ababababab", "aabaabaaba", "abbabbabba", "bababababa", "aabbaabbaa", "abbbabbbab"]
 )
-def test_one_name_of_two_aircraft_is_a_fault_while_both_report(pattern: str):
+def test_name_of_two_aircraft_is_a_fault_while_both_report(pattern: str):
     history = taken_in_turns(report, other, pattern)
     doubt = pattern.index("b" if pattern[0] == "a" else "a")
-    # A report of the first one alone cannot be told from the end of an outlier; from the second turn on it can.
+    # A report of the first one alone looks like the end of an outlier; from the second turn on it can.
     sure = next(n for n in range(doubt + 2, 10) if pattern[n] == pattern[doubt] and pattern[n - 1] != pattern[n])
     assert all(track.fault is not None for track in history[sure:])
     assert history[-1].fault is not None and history[-1].fault.verdict is Verdict.SHARED
@@ -161,7 +161,7 @@ def test_frozen_position_under_fresh_stamps_is_a_fault(every: float, moving: flo
     assert track.last is not None and track.age(NOW + round((moving + 40.0) * SECOND)) > 34.0
 
 
-def test_position_that_moves_again_is_believed_after_some_seconds():
+def test_position_that_moves_again_is_accepted_after_some_seconds():
     track = UNKNOWN
     for second in range(30):
         seconds = float(second)
@@ -171,7 +171,7 @@ def test_position_that_moves_again_is_believed_after_some_seconds():
 
 
 @pytest.mark.parametrize("turn", [0.5 * math.pi, math.pi])
-def test_velocity_of_another_direction_than_the_displacement_is_a_fault(turn: float):
+def test_velocity_across_the_displacement_is_a_fault(turn: float):
     track = UNKNOWN
     for second in range(6):
         message = aircraft(80.0 * second, 0.0, turn, 80.0, time=NOW + second * SECOND)
@@ -200,7 +200,7 @@ def test_noisy_turning_aircraft_do_not_contradict_themselves(seed: int, every: f
         assert verdict is Verdict.TAKEN
 
 
-def test_two_outliers_that_disagree_are_not_believed():
+def test_outliers_that_disagree_are_refused():
     track, verdicts = fed(report(0.0), report(1.0, y=5_000.0), report(2.0, y=-5_000.0))
     assert verdicts[1:] == [Verdict.JUMP, Verdict.JUMP]
     assert track.last == report(0.0)
@@ -213,12 +213,12 @@ def test_what_lies_within_the_allowance_is_no_jump(seconds: float, ahead: float,
     assert verdicts[-1] is Verdict.TAKEN
 
 
-def test_after_a_long_silence_any_place_is_believed():
+def test_any_place_is_accepted_after_a_long_silence():
     _, verdicts = fed(report(0.0), report(31.0, y=50_000.0))
     assert verdicts[-1] is Verdict.TAKEN
 
 
-def test_who_is_silent_is_forgotten_and_who_sends_rubbish_is_not():
+def test_silent_aircraft_is_forgotten_and_a_faulty_one_is_not():
     late = NOW + 40 * SECOND
     silent = fed(report(0.0))[0]
     noisy = refused(silent, "it.latitude", "it.latitude is nan", late)

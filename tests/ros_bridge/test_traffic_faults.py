@@ -69,7 +69,7 @@ def test_echo_of_the_ownship_before_its_first_state_is_no_intruder(world: World)
     assert asked(world).status == Code.SAFE
 
 
-def test_far_aircraft_without_velocity_or_reports_is_left_out_and_named(world: World):
+def test_far_aircraft_without_velocity_or_reports_is_excluded_by_name(world: World):
     def far(number: int) -> None:
         world.ownship(id="4b1a2c")
         world.intruder(320_000.0, 0.0, math.pi, 75.0, id="novelo", valid=0x01)

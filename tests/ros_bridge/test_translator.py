@@ -88,7 +88,7 @@ def test_a_fix_goes_with_the_velocity_of_its_time_alone():
         paired(fix(NOW), velocity(NOW - SECOND), "n1", "msl", 0.2)
 
 
-def test_what_is_good_is_passed_on_and_the_rest_is_said():
+def test_good_states_are_passed_on_and_others_reported():
     with beside(Translator, own_source="nav_sat_fix", own_id="4b1234", own_altitude_reference="msl") as (_, client):
         states = client.hear(AircraftState, f"{NODE}/input/ownship", qos.SENSOR)
         health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
