@@ -1,1 +1,22 @@
-"""What messages mean, without ROS: fields, frames, tracks, the situation and the monitor."""
+"""What messages mean, without ROS: reports, tracks, the situation, and the planner's task that follows from it."""
+
+from ros_bridge.core.fields import FieldError
+from ros_bridge.core.geodesy import LocalFrame
+from ros_bridge.core.refusals import Code, Refusal
+from ros_bridge.core.reports import Report
+from ros_bridge.core.situation import Settings, Situation, Task, task
+from ros_bridge.core.tracks import Rules, Track
+
+__all__ = [
+    "Code",
+    "FieldError",
+    "LocalFrame",
+    "Refusal",
+    "Report",
+    "Rules",
+    "Settings",
+    "Situation",
+    "Task",
+    "Track",
+    "task",
+]

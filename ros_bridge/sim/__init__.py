@@ -1,1 +1,8 @@
-"""The simulator behind its node: world, receivers, guidance and log."""
+"""The simulated world around runner and monitor, without ROS: aircraft, receivers, what is flown and how it went."""
+
+from ros_bridge.sim.flight_log import FlightLog
+from ros_bridge.sim.guidance import Guidance
+from ros_bridge.sim.receivers import Quality, Received, Receiver
+from ros_bridge.sim.world import Air, Line, SimulationError
+
+__all__ = ["Air", "FlightLog", "Guidance", "Line", "Quality", "Received", "Receiver", "SimulationError"]

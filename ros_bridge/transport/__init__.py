@@ -1,1 +1,42 @@
-"""ROS 2 itself: qualities of service, parameters, messages, processes and recordings."""
+"""ROS 2 itself: qualities of service, parameters, messages, processes and recordings.
+
+The names are imported when they are used: most modules need ROS, :mod:`domains` and :mod:`children` do not.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ros_bridge.transport.children import started, stopped
+    from ros_bridge.transport.domains import free_domain
+    from ros_bridge.transport.messages import aircraft_message, plan_message
+    from ros_bridge.transport.node_base import ListeningNode
+    from ros_bridge.transport.recording import Recorder, RecordingError
+
+_MODULES = {
+    "ListeningNode": "node_base",
+    "Recorder": "recording",
+    "RecordingError": "recording",
+    "aircraft_message": "messages",
+    "free_domain": "domains",
+    "plan_message": "messages",
+    "started": "children",
+    "stopped": "children",
+}
+
+__all__ = [
+    "ListeningNode",
+    "Recorder",
+    "RecordingError",
+    "aircraft_message",
+    "free_domain",
+    "plan_message",
+    "started",
+    "stopped",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
