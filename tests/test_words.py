@@ -12,9 +12,7 @@ _PIECES = (("w", "ho"), ("wh", "oever"), ("w", "hom"), ("h", "e"), ("h", "im"), 
 WORD = re.compile(rf"(?<![a-z])({'|'.join(map(''.join, _PIECES))})(?![a-z])", re.IGNORECASE)
 READ = {".md", ".msg", ".py", ".srv", ".toml", ".xml", ".yaml", ".yml"}
 # Rooms whose words are not changed yet.
-PENDING = (
-    "tests/agents/test_foresight.py",
-)
+PENDING = ("tests/agents/test_foresight.py",)
 
 
 def texts() -> list[str]:
