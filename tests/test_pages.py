@@ -137,3 +137,29 @@ def test_names_and_files_in_pages_exist() -> None:
             if (ROOT / file).exists() and name not in names_of(ROOT / file)
         ]
     assert not gone, "\n".join(gone)
+
+
+CALL = re.compile(r"python -m ((?:agents|benchmarks|envs|eval|rlcas_jax|ros_bridge)[\w.]*)((?:\\\n|[^\n`#|])*)")
+
+
+def calls() -> dict[str, set[str]]:
+    """Return the options that the pages give to each program."""
+    found: dict[str, set[str]] = {}
+    for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
+        for program, rest in CALL.findall(path.read_text(encoding="utf-8")):
+            given = re.findall(r"(?<=\s)--[a-z][a-z-]*", rest.split("--ros-args")[0])
+            if not program.endswith(".NAME"):
+                found.setdefault(program, set()).update(given)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("program", sorted(calls()))
+def test_options_in_pages_are_options_of_the_program(program: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", program, "--help"], cwd=ROOT, capture_output=True, text=True, timeout=120, check=False
+    )
+    if done.returncode == 2 and "extra" in done.stderr:
+        pytest.skip(done.stderr.strip())
+    assert done.returncode == 0, done.stderr
+    assert not {option for option in calls()[program] if option not in done.stdout}
