@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, NonNegativeFloat, model_validator
 
 from agents.config.load import ConfigError, Strict
-from agents.config.world import RulesConfig, ScenarioConfig, VehicleConfig
+from agents.config.world import RulesConfig, ScenarioConfig, VehicleConfig, check_own_speed
 from envs.kinematics import Limits
 from envs.outcome import RULES, Rules
 
@@ -246,6 +246,12 @@ class TrainConfig(Strict):
     shaping: ShapingConfig = ShapingConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
     checkpoint: CheckpointConfig = CheckpointConfig()
+
+    @model_validator(mode="after")
+    def _fits(self) -> "TrainConfig":
+        for number, entry in enumerate(self.scenarios):
+            check_own_speed(entry.scenario(), self.world.vehicle.limits(), f"scenarios.{number}.own_speed")
+        return self
 
 
 def _divisor(whole: int, near: int) -> int:

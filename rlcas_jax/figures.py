@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from agents.config.figures import save_figure
 from envs.edge.command import ConfigError, Parser, run_cli
 from rlcas_jax.metrics import read
 
@@ -77,6 +76,8 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
     logs = [log for log in map(read, runs) if "step" in log]
     if not logs:
         raise ValueError(f"no metrics to draw in {', '.join(map(str, runs))}")
+    from agents.config.figures import save_figure
+
     out.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(STYLE):
         files = [

@@ -17,6 +17,13 @@ from rlcas_jax.config import EvaluationConfig, NetworkConfig, PpoConfig, TrainCo
 ROOT = Path(__file__).resolve().parents[2]
 
 
+def test_own_speeds_that_the_vehicle_does_not_fly_are_refused():
+    vehicle = "world.vehicle={speed_min_mps: 18, speed_max_mps: 36}"
+    with pytest.raises(ConfigError, match=r"scenarios.0.own_speed is \[50, 100\] m/s"):
+        load(TrainConfig, None, [vehicle])
+    load(TrainConfig, None, [vehicle, "scenarios.0.own_speed=[18, 36]"])
+
+
 def test_the_defaults_are_the_papers_task():
     config = TrainConfig()
     assert config.world.rules() == RULES
