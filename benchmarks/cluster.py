@@ -20,8 +20,7 @@ from envs.encounters import SCENARIOS
 from envs.outcome import RULES
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.runner.cluster import Cluster, connected
-from eval.runner.cluster_kit import DECISIVE, Flier
-from eval.runner.workers import Chunk, fly_chunks
+from eval.runner.workers import DECISIVE, Chunk, Task, fly_chunks
 
 
 class Nothing(NamedTuple):
@@ -70,12 +69,12 @@ def main() -> None:
     found: dict[str, Any] = {"encounters": options.encounters, "chunk": options.chunk}
     for workers in (1, 2):
         with local(workers) as (cluster, start_s):
-            flown = cluster.fly(Flier(Pilot, columns), evaluation, policy.sha256, chunks, lambda: False)
+            flown = cluster.fly(Task(Pilot, columns), evaluation, policy.sha256, chunks, lambda: False)
             next(flown)  # the first imports the toolkit
             begun = time.perf_counter()
             list(flown)
             found[f"cluster_of_{workers}"] = {"start_s": start_s, "wall_s_after_first": time.perf_counter() - begun}
-            nothing = cluster.fly(Flier(idle, made_up), Nothing(None), policy.sha256, empty, lambda: False)
+            nothing = cluster.fly(Task(idle, made_up), Nothing(None), policy.sha256, empty, lambda: False)
             next(nothing)
             begun, busy = time.perf_counter(), time.process_time()
             list(nothing)
@@ -83,7 +82,7 @@ def main() -> None:
             # The scheduler of a local cluster lives in this process.
             more = {"overhead_ms_per_chunk": 1e3 * each, "driver_and_scheduler_cpu_ms_per_chunk": 1e3 * here}
             found[f"cluster_of_{workers}"] |= more
-        flown = fly_chunks(evaluation, chunks, workers, lambda: False)
+        flown = fly_chunks(Task(Pilot, columns), evaluation, workers, chunks, lambda: False)
         next(flown)
         begun = time.perf_counter()
         list(flown)

@@ -24,9 +24,9 @@ from envs.encounters import SCENARIOS
 from envs.outcome import RULES
 from envs.starts import numbered
 from eval.config import MonteCarloConfig
-from eval.flights.chunks import Evaluation, Pilot
+from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.flights.simulate import direct, fly
-from eval.runner.workers import Chunk, cores, fly_chunks
+from eval.runner.workers import Chunk, Task, cores, fly_chunks
 
 ROWS = 256
 """Of a matrix product of the limit."""
@@ -66,7 +66,7 @@ def stages(pilot: Pilot, count: int) -> dict[str, float]:
 
     starts = numbered(SCENARIOS["circle"], 0, 0, count)
     lap("draw_s")
-    flown = fly(starts, pilot.decide, rules, limits)
+    flown = fly(starts, pilot.decider, rules, limits)
     lap("policy_flights_s")
     bare = fly(starts, direct(limits), rules, limits)
     lap("baseline_flights_s")
@@ -92,7 +92,7 @@ def main() -> None:
     for _ in range(options.repeats):
         begun = time.perf_counter()
         tables: list[dict[str, Any]] = [
-            table for _, table in fly_chunks(evaluation, chunks, options.workers, lambda: False)
+            table for _, table in fly_chunks(Task(Pilot, columns), evaluation, options.workers, chunks, lambda: False)
         ]
         walls.append(time.perf_counter() - begun)
         # The policy acts once a second.

@@ -6,6 +6,7 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from agents.baselines.baselines import BASELINES
 from agents.config.keys import nearest
 from agents.config.load import ConfigError, Strict
 from agents.config.world import RulesConfig, ScenarioConfig, VehicleConfig
@@ -36,7 +37,7 @@ _Model = TypeVar("_Model", bound=Strict)
 
 _DEFAULT_ENCOUNTERS = 10_000
 _LARGEST_CHUNK = 1_250
-_AVAILABLE = {"mode": ("policy", "plan", "assured"), "baseline": ("none",)}
+_AVAILABLE = {"mode": ("policy", "plan", "assured"), "baseline": tuple(BASELINES)}
 
 
 class Setting(NamedTuple):
@@ -161,8 +162,9 @@ class MonteCarloConfig(Strict):
     mode: str = Field(default="policy", json_schema_extra={"expected": "policy, plan or assured"})
     """What decides: policy, the network alone, once a second; plan, the planner once at the start, whose plan is then
     followed; assured, the same under a monitor that asks for new plans and falls back to a backup."""
-    baseline: str = Field(default="none", json_schema_extra={"expected": "none"})
-    """What is flown beside for comparison: none, straight along the route without any resolver."""
+    baseline: str = Field(default="none", json_schema_extra={"expected": f"one of {', '.join(BASELINES)}"})
+    """What decides in the policy's place, in mode policy; none: the policy itself. The flight straight along the route
+    is always flown beside."""
     scenario: str = Field(
         default="circle",
         json_schema_extra={"expected": f"one of {', '.join(SCENARIOS)}, or {', '.join(f'{p}PATH' for p in PREFIXES)}"},
@@ -247,6 +249,8 @@ class MonteCarloConfig(Strict):
             self.traffic()
         elif self.changes:
             raise ConfigError(f"changes: {next(iter(self.changes))} cannot be changed, the encounters stand in a file")
+        if self.baseline != "none" and self.mode != "policy":
+            raise ConfigError(f"baseline is {self.baseline!r}; expected none with mode {self.mode}")
         if self.file is None and self.scenario_sha256 is not None:
             wanted = ", ".join(f"{each}PATH" for each in self.files)
             raise ConfigError(f"scenario_sha256 is for a scenario {wanted}, not for {self.scenario!r}; expected null")

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agents.baselines.baselines import BASELINES
 from agents.planner.request import Options
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Method, Verdict
@@ -24,7 +25,7 @@ from eval.config import Setting
 from eval.flights.assured_mode import fly_assured
 from eval.flights.conditions import conditions
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start
-from eval.flights.simulate import OUTCOMES, Flights, direct, fly, sensor_noise
+from eval.flights.simulate import OUTCOMES, Decider, Flights, OnStates, direct, fly, sensor_noise
 from eval.flights.sources import Source, drawn, spread
 from eval.flights.verdicts import verdicts
 
@@ -57,6 +58,8 @@ class Evaluation(NamedTuple):
     """One of :data:`MODES`."""
     setting: Setting = Setting(Options(), C208_PUBLISHED)
     """How plans are made and flown, in the other modes."""
+    baseline: str = "none"
+    """One of :data:`agents.baselines.BASELINES` that decides in the policy's place in mode policy; none: the policy."""
 
 
 class Pilot(NamedTuple):
@@ -74,9 +77,14 @@ class Pilot(NamedTuple):
         """
         return cls(evaluation, Policy.load(evaluation.policy))
 
-    def decide(self, observation: np.ndarray) -> np.ndarray:
-        """Return the network's actions ``[M, 2]`` on observations ``[M, 8]``."""
-        return self.policy.rowwise(observation)
+    @property
+    def decider(self) -> Decider | OnStates:
+        """What decides once a second in mode policy."""
+        if self.evaluation.baseline == "none":
+            return self.policy.rowwise
+        rules = self.evaluation.rules
+        make = BASELINES[self.evaluation.baseline]
+        return OnStates(make(self.evaluation.limits, rules.goal_radius, rules.separation))
 
 
 def encounters(evaluation: Evaluation, first: int, count: int) -> Encounter:
@@ -104,7 +112,7 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     starts, weights = drawn(evaluation.source, evaluation.seed, first, count)
     begun = conditions(starts)
     noise = noise_of(evaluation, starts, first)
-    alone = fly(starts, pilot.decide, rules, limits, noise=noise)
+    alone = fly(starts, pilot.decider, rules, limits, noise=noise)
     bare = fly(starts, direct(limits), rules, limits)
     beside = {"baseline": bare} if evaluation.mode == "policy" else {"baseline": bare, "policy": alone}
     flown, more = (alone, {}) if evaluation.mode == "policy" else _planned(pilot, starts, noise)

@@ -59,7 +59,7 @@ def fly_in_mode(
     evaluation, policy = pilot
     rules, setting = evaluation.rules, evaluation.setting
     if evaluation.mode == "policy":
-        return None, fly(starts, pilot.decide, rules, evaluation.limits, noise=noise, recorder=recorder)
+        return None, fly(starts, pilot.decider, rules, evaluation.limits, noise=noise, recorder=recorder)
     plans = plan_at_start(starts, policy, setting, None if noise is None else noise(0))
     if evaluation.mode == "plan":
         return plans, fly_once(starts, plans, rules, setting, recorder).flights

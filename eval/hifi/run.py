@@ -2,8 +2,7 @@
 
 import argparse
 import time
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ from eval.runner.command import (
     cluster_of,
     concluded,
     first_options,
+    flown_on,
     last_options,
     loaded,
     named_policy,
@@ -22,10 +22,10 @@ from eval.runner.command import (
 )
 
 if TYPE_CHECKING:
+    from envs.kinematics import Limits
     from eval.hifi.config import HifiConfig
     from eval.hifi.flights import Campaign
     from eval.hifi.folder import HifiFolder
-    from eval.runner.workers import Chunk
 
 __all__ = ["campaign_of", "main"]
 
@@ -88,29 +88,20 @@ def _parser() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace) -> int:
     begun = time.perf_counter()
     config = _config(options)
+    from eval.hifi.flights import LoadedCampaign
     from eval.hifi.folder import HifiFolder
-    from eval.hifi.workers import fly_flights
-    from eval.runner.workers import cores
+    from eval.hifi.rows import columns
+    from eval.runner.workers import DECISIVE, Task, cores
 
     with cluster_of(options, _DECISIVE) as cluster:
         workers = config.workers or cores() if cluster is None else cluster.size()
         campaign, config = campaign_of(config, workers)
         folder = HifiFolder(options.out or Path("runs") / time.strftime("hifi_%Y%m%d_%H%M%S"), config)
-        if cluster is None:
-
-            def fly(chunks: "list[Chunk]", stopped: Callable[[], bool]) -> "Iterator[tuple[Chunk, Any]]":
-                return fly_flights(campaign, chunks, workers, stopped)
-
-        else:
-            from eval.hifi.flights import LoadedCampaign
-            from eval.hifi.rows import columns
-            from eval.runner.cluster_kit import DECISIVE, Flier
-
-            flier = Flier(LoadedCampaign, columns, (*DECISIVE, *_DECISIVE))
-            fly = partial(cluster.fly, flier, campaign, str(config.policy_sha256))
+        task = Task(LoadedCampaign, columns, (*DECISIVE, *_DECISIVE))
+        fly = flown_on(cluster, workers, task, campaign, str(config.policy_sha256))
         with run_in(folder, config, resume=options.resume):
             table, flown = whole_table(folder, config, fly, "flights", "python -m eval.hifi")
-            summary = _summary(table, config, time.perf_counter() - begun, flown)
+            summary = _summary(table, config, campaign.limits, time.perf_counter() - begun, flown)
             paths = [folder.write_summary(summary)]
             if config.figures:
                 from eval.hifi.figures import draw_all
@@ -151,9 +142,10 @@ def campaign_of(config: "HifiConfig", workers: int = 1) -> "tuple[Campaign, Hifi
     return campaign, config.model_copy(update=resolved)
 
 
-def _summary(table: Any, config: "HifiConfig", wall_s: float, flown: int) -> dict[str, Any]:
+def _summary(table: Any, config: "HifiConfig", limits: "Limits", wall_s: float, flown: int) -> dict[str, Any]:
     """Return the content of summary.json."""
     from agents.policy.versions import versions
+    from eval.flights.aircraft import flown_limits
     from eval.hifi.summary import SCHEMA_VERSION, summarise
 
     return {
@@ -168,6 +160,7 @@ def _summary(table: Any, config: "HifiConfig", wall_s: float, flown: int) -> dic
         "wind_plan": config.wind_plan,
         "margin_m": config.planner.margin,
         "policy_sha256": config.policy_sha256,
+        **flown_limits(limits, named_policy(config).limits, named=config.vehicle is not None),
         "confidence": config.confidence,
         **summarise(table, config.confidence),
         "wall_s": wall_s,
@@ -179,6 +172,9 @@ def _summary(table: Any, config: "HifiConfig", wall_s: float, flown: int) -> dic
 
 def _show(summary: dict[str, Any], folder: "HifiFolder", paths: list[Path]) -> None:
     """Print the result for a person."""
+    from envs.kinematics import Limits
+    from eval.flights.aircraft import described
+
     print(
         f"{summary['flights']} flights of {summary['aircraft']}, mode {summary['mode']}, scenario "
         f"{summary['scenario']}, condition {summary['condition']['name']}, seed {summary['seed']}"
@@ -187,6 +183,9 @@ def _show(summary: dict[str, Any], folder: "HifiFolder", paths: list[Path]) -> N
         if isinstance(found, dict) and "total" in found and found["value"] is not None:
             ends = f"{100.0 * found['low']:6.2f} .. {100.0 * found['high']:.2f} %"
             print(f"{key:22} {100.0 * found['value']:7.2f} %  {ends:20} {found['count']} of {found['total']}")
+    print(f"aircraft               {described(Limits(**summary['limits']))}")
+    if summary["aircraft_warning"]:
+        print(f"warning: {summary['aircraft_warning']}")
     print(f"smallest separation    {_number(summary['min_separation_m_quantiles']['0'])} m")
     for name, found in summary["errors"].items():
         if found["1"] is not None:

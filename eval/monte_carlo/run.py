@@ -2,8 +2,7 @@
 
 import argparse
 import time
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ from eval.runner.command import (
     cluster_of,
     concluded,
     first_options,
+    flown_on,
     last_options,
     loaded,
     named_policy,
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from agents.policy.inference import Policy
     from eval.config import MonteCarloConfig
     from eval.flights.chunks import Evaluation
-    from eval.runner.workers import Chunk
 
 __all__ = ["main"]
 
@@ -87,7 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--encounters", type=whole(1), metavar="N", help="how many (default: 10000, or all of a file's)")
     add("--seed", type=whole(0), metavar="N", help="of encounters, sensor noise and bootstrap (default: 0)")
-    add("--baseline", metavar="NAME", help="flown beside: none, straight along the route (default: none)")
+    add("--baseline", metavar="NAME", help="decides in the policy's place: rules, mvp or mvp_speed (default: none)")
     last_options(parser, "monte_carlo")
     return parser
 
@@ -95,9 +94,10 @@ def _parser() -> argparse.ArgumentParser:
 def _evaluate(options: argparse.Namespace) -> int:
     begun = time.perf_counter()
     config = _config(options)
+    from eval.flights.chunks import Pilot, columns
     from eval.flights.sources import said, say
     from eval.runner.outputs import RunFolder
-    from eval.runner.workers import cores, fly_chunks
+    from eval.runner.workers import DECISIVE, Task, cores
 
     packages = ("scipy",) if config.draws == "sobol" else ()  # it makes those points
     with cluster_of(options, packages) as cluster:
@@ -105,17 +105,8 @@ def _evaluate(options: argparse.Namespace) -> int:
         evaluation, policy, config = _prepare(config, workers)
         say(evaluation.source)
         folder = RunFolder(options.out or Path("runs") / time.strftime("monte_carlo_%Y%m%d_%H%M%S"), config)
-        if cluster is None:
-
-            def fly(chunks: "list[Chunk]", stopped: Callable[[], bool]) -> "Iterator[tuple[Chunk, Any]]":
-                return fly_chunks(evaluation, chunks, workers, stopped)
-
-        else:
-            from eval.flights.chunks import Pilot, columns
-            from eval.runner.cluster_kit import DECISIVE, Flier
-
-            flier = Flier(Pilot, columns, (*DECISIVE, *packages))
-            fly = partial(cluster.fly, flier, evaluation, policy.sha256)
+        task = Task(Pilot, columns, (*DECISIVE, *packages))
+        fly = flown_on(cluster, workers, task, evaluation, policy.sha256)
         with run_in(folder, config, resume=options.resume):
             table, flown = whole_table(folder, config, fly, "chunks", "python -m eval.monte_carlo")
             wall_s = time.perf_counter() - begun
@@ -148,7 +139,9 @@ def _prepare(config: "MonteCarloConfig", workers: int) -> "tuple[Evaluation, Pol
     resolved |= {"policy_sha256": policy.sha256}
     resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
     rules, setting = config.rules.rules(), config.planner.setting()
-    evaluation = Evaluation(config.policy, source, names, config.seed, rules, limits, config.mode, setting)
+    evaluation = Evaluation(
+        config.policy, source, names, config.seed, rules, limits, config.mode, setting, config.baseline
+    )
     return evaluation, policy, config.model_copy(update=resolved)
 
 
@@ -156,10 +149,12 @@ def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: f
     """Return the content of summary.json."""
     from agents.policy.versions import versions
     from envs.sobol import REPLICATES
+    from eval.flights.aircraft import flown_limits
     from eval.metrics.replicated import replicated
     from eval.metrics.summary import SCHEMA_VERSION, summarise
     from eval.metrics.weighted import summarise_weighted
 
+    limits = policy.limits if config.vehicle is None else config.vehicle.limits()
     how = (config.confidence, config.resamples, config.seed)
     return {
         "schema_version": SCHEMA_VERSION,
@@ -170,6 +165,7 @@ def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: f
         "mode": config.mode,
         "baseline": config.baseline,
         "policy_sha256": policy.sha256,
+        **flown_limits(limits, policy.limits, named=config.vehicle is not None),
         "confidence": config.confidence,
         **summarise(table, *how),
         **({"draws": "sobol"} | replicated(table, REPLICATES, config.confidence) if config.draws == "sobol" else {}),

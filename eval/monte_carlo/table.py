@@ -4,6 +4,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from envs.kinematics import Limits
+from eval.flights.aircraft import described
+
 __all__ = ["show"]
 
 _RATES = (
@@ -27,7 +30,8 @@ def show(summary: Mapping[str, Any], folder: Path, paths: Iterable[Path]) -> Non
     from rich.console import Console
     from rich.table import Table
 
-    title = f"{_n(summary['encounters'])} encounters, scenario {summary['scenario']}, seed {summary['seed']}"
+    decider = summary["mode"] if summary["baseline"] == "none" else f"baseline {summary['baseline']}"
+    title = f"{_n(summary['encounters'])} encounters, {decider}, scenario {summary['scenario']}, seed {summary['seed']}"
     table = Table(title=title, title_justify="left", caption_justify="left")
     table.add_column("")
     table.add_column("value", justify="right")
@@ -71,6 +75,9 @@ def show(summary: Mapping[str, Any], folder: Path, paths: Iterable[Path]) -> Non
         notes.append("the interval of the risk ratio is wide (half of it exceeds half the ratio): fly more encounters")
     if summary.get("draws") == "sobol":
         notes.append("intervals of rates: t over the randomisations of the Sobol points")
+    notes.append(f"aircraft: {described(Limits(**summary['limits']))}")
+    if summary["aircraft_warning"]:
+        notes.append(f"warning: {summary['aircraft_warning']}")
     notes.append(f"files: {folder}: " + ", ".join(sorted(path.name for path in {*paths, *_tables(folder)})))
     for note in notes:
         console.print(note, markup=False, highlight=False, soft_wrap=True)

@@ -108,7 +108,7 @@ class FlightProblem:
         if self._mode == "none":
             return fly(starts, direct(limits), rules, limits)
         if self._mode == "policy":
-            return fly(starts, self._pilot.decide, rules, limits, noise=noise)
+            return fly(starts, self._pilot.decider, rules, limits, noise=noise)
         plans = plan_at_start(starts, self._pilot.policy, evaluation.setting, None if noise is None else noise(0))
         return fly_once(starts, plans, rules, evaluation.setting).flights
 

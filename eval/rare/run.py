@@ -152,7 +152,9 @@ def _problem(config: "MonteCarloConfig", mode: str, *, resolvable_only: bool) ->
     check_own_speed(config.sampled(), limits, "changes.own_speed")
     rules, setting = config.rules.rules(), config.planner.setting()
     flown = "policy" if mode == "none" else mode
-    evaluation = Evaluation(config.policy, config.sampled(), None, config.seed, rules, limits, flown, setting)
+    evaluation = Evaluation(
+        config.policy, config.sampled(), None, config.seed, rules, limits, flown, setting, config.baseline
+    )
     return FlightProblem(Pilot(evaluation, policy), mode, resolvable_only=resolvable_only), policy.sha256
 
 

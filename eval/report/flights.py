@@ -101,7 +101,7 @@ def evaluation_of(run: Run, policy_path: Any = None) -> Evaluation:
                 "(--tracks 0 makes the page without tracks)"
             )
     rules, setting = config.rules.rules(), config.planner.setting()
-    return Evaluation(path, source, names, config.seed, rules, limits, config.mode, setting)
+    return Evaluation(path, source, names, config.seed, rules, limits, config.mode, setting, config.baseline)
 
 
 def fly_again(run: Run, evaluation: Evaluation, numbers: Sequence[int], witnesses: set[int]) -> Iterator[Replayed]:

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from envs.kinematics import Limits
+from eval.flights.aircraft import described
 from eval.plots.style import MARKERS
 from eval.report.choice import NEAR, NEAREST, POINTS, Choice
 from eval.report.data import json_text
@@ -93,6 +95,10 @@ def _about(run: Run) -> str:
         f"goal radius {rules.goal_radius:g} m",
         f"at most {rules.t_max:g} s",
     ]
+    if "limits" in summary:  # runs of earlier versions do not say
+        said.append(f"aircraft {described(Limits(**summary['limits']))}")
+    if summary.get("aircraft_warning"):
+        said.append(f"warning: {summary['aircraft_warning']}")
     if summary.get("changes"):
         said.append("changed: " + ", ".join(f"{key} {value}" for key, value in summary["changes"].items()))
     return escape(visible(" · ".join(said)))

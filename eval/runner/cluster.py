@@ -24,8 +24,8 @@ from distributed.comm.core import connect
 from agents.config.load import ConfigError
 from agents.policy.versions import versions
 from envs.encounters import EncounterError
-from eval.runner.cluster_kit import Flier, differences, fly, packed, unpacked
-from eval.runner.workers import Chunk, WorkerError
+from eval.runner.payload import differences, fly, packed, unpacked
+from eval.runner.workers import Chunk, Task, WorkerError
 
 __all__ = ["Cluster", "connected"]
 
@@ -96,12 +96,12 @@ class Cluster:
             )
 
     def fly(
-        self, flier: Flier, work: Any, sha256: str, chunks: Iterable[Chunk], stopped: Callable[[], bool]
+        self, task: Task, work: Any, sha256: str, chunks: Iterable[Chunk], stopped: Callable[[], bool]
     ) -> Iterator[tuple[Chunk, dict[str, np.ndarray]]]:
         """Fly chunks and yield the table of each as it gets ready, in any order.
 
         Args:
-            flier: for this kind of work.
+            task: for this kind of work.
             work: what is flown, with the path of its policy.
             sha256: digest of the policy.
             chunks: to fly.
@@ -114,14 +114,14 @@ class Cluster:
         """
         name = uuid.uuid4().hex
         # A task and not scattered data: what a task has made is made again when the worker that holds it dies.
-        kit = self._client.submit(unpacked, packed(name, flier, work, sha256), key=f"kit-{name}")
+        payload = self._client.submit(unpacked, packed(name, task, work, sha256), key=f"payload-{name}")
         waiting, suspects, guilty = deque(chunks), deque[Chunk](), list[Chunk]()
         air: dict[Any, tuple[Future, Chunk, bool]] = {}
         landed: SimpleQueue[Future] = SimpleQueue()
 
         def send(chunk: Chunk, alone: bool) -> None:
             # The first part of a key names the group of tasks, by which the scheduler spreads them evenly.
-            future = self._client.submit(fly, kit, *chunk, key=(f"chunks-{name}", chunk.first, int(alone)))
+            future = self._client.submit(fly, payload, *chunk, key=(f"chunks-{name}", chunk.first, int(alone)))
             air[future.key] = future, chunk, alone
             future.add_done_callback(landed.put)
 

@@ -10,6 +10,7 @@ import signal
 import sys
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from eval.config import MonteCarloConfig
     from eval.runner.cluster import Cluster
     from eval.runner.outputs import RunFolder
-    from eval.runner.workers import Chunk
+    from eval.runner.workers import Chunk, Task
 
 __all__ = [
     "Fly",
@@ -29,6 +30,7 @@ __all__ = [
     "cluster_of",
     "concluded",
     "first_options",
+    "flown_on",
     "last_options",
     "loaded",
     "named_policy",
@@ -190,10 +192,19 @@ def cluster_of(options: argparse.Namespace, packages: tuple[str, ...] = ()) -> "
             f"--scheduler: {problem.name} is not installed, expected the extra cluster (pip install "
             "'rlcas-toolkit[cluster]')"
         ) from None
-    from eval.runner.cluster_kit import DECISIVE
+    from eval.runner.workers import DECISIVE
 
     with connected(options.scheduler, (*DECISIVE, *packages)) as cluster:
         yield cluster
+
+
+def flown_on(cluster: "Cluster | None", workers: int, task: "Task", work: Any, sha256: str) -> Fly:
+    """Return what flies chunks of a run: a cluster's workers, or processes of this machine where there is none."""
+    if cluster is not None:
+        return partial(cluster.fly, task, work, sha256)
+    from eval.runner.workers import fly_chunks
+
+    return partial(fly_chunks, task, work, workers)
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 Threads would be simpler, but a step of a chunk is hundreds of short array operations, and two threads spend much of
 their time waiting for the interpreter's lock (measured: 1.2 times the speed of one, against 1.9 with processes).
-A worker ends by itself when its pipe closes, so that none outlives a parent that was killed.
+A worker ends by itself when its pipe closes or its parent has gone, so that none outlives one that was killed.
 """
 
 import multiprocessing
@@ -19,10 +19,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from agents.policy.inference import Policy
 from envs.encounters import EncounterError
-from eval.flights.chunks import Evaluation, Pilot, columns
 
-__all__ = ["Chunk", "RunError", "WorkerError", "cores", "fly_chunks"]
+__all__ = ["DECISIVE", "Chunk", "RunError", "Task", "WorkerError", "cores", "fly_chunks"]
+
+DECISIVE = ("rlcas-toolkit", "numpy")
+"""Packages that must have one version everywhere, because rows depend on it."""
 
 
 class Chunk(NamedTuple):
@@ -30,6 +33,17 @@ class Chunk(NamedTuple):
 
     first: int
     size: int
+
+
+class Task(NamedTuple):
+    """How chunks of one kind of evaluation are flown; its functions are found again by their names in a worker."""
+
+    prepare: Callable[[Any, Policy], Any]
+    """(what is flown, the policy) -> what the next function flies with."""
+    columns: Callable[[Any, int, int], dict[str, np.ndarray]]
+    """(what was prepared, first encounter, how many) -> table of the chunk."""
+    packages: tuple[str, ...] = DECISIVE
+    """On whose versions the rows depend."""
 
 
 class RunError(RuntimeError):
@@ -46,14 +60,15 @@ def cores() -> int:
 
 
 def fly_chunks(
-    evaluation: Evaluation, chunks: Iterable[Chunk], workers: int, stopped: Callable[[], bool]
+    task: Task, work: Any, workers: int, chunks: Iterable[Chunk], stopped: Callable[[], bool]
 ) -> Iterator[tuple[Chunk, dict[str, np.ndarray]]]:
     """Fly chunks and yield the table of each as it gets ready, in any order.
 
     Args:
-        evaluation: what is flown.
-        chunks: to fly.
+        task: for this kind of work.
+        work: what is flown, with the path of its policy.
         workers: processes; with 1 everything happens in this one.
+        chunks: to fly.
         stopped: asked before each chunk; once it is true, none is begun and those in the air are finished.
 
     Raises:
@@ -64,14 +79,14 @@ def fly_chunks(
     if workers == 1 or len(waiting) <= 1:
         # One thread in every case, because BLAS rounds differently with several.
         with threadpool_limits(1):
-            pilot = Pilot.load(evaluation)
+            prepared = task.prepare(work, Policy.load(work.policy))
             while waiting and not stopped():
                 chunk = waiting.popleft()
-                yield chunk, columns(pilot, *chunk)
+                yield chunk, task.columns(prepared, *chunk)
         return
-    with _crew(evaluation, min(workers, len(waiting))) as crew:
+    with _processes(task, work, min(workers, len(waiting))) as pipes:
         busy: dict[Connection, Chunk] = {}
-        idle = list(crew)
+        idle = list(pipes)
         while True:
             while idle and waiting and not stopped():
                 connection = idle.pop()
@@ -87,7 +102,7 @@ def fly_chunks(
 
 
 @contextmanager
-def _crew(evaluation: Evaluation, size: int) -> Generator[list[Connection], None, None]:
+def _processes(task: Task, work: Any, size: int) -> Generator[list[Connection], None, None]:
     """Start workers and give their pipes; on leaving they end."""
     # A fresh interpreter each: a fork would copy the locks of whatever threads numpy has started.
     context = multiprocessing.get_context("spawn")
@@ -95,7 +110,7 @@ def _crew(evaluation: Evaluation, size: int) -> Generator[list[Connection], None
     with _interrupts_ignored():
         for _ in range(size):
             ours, theirs = context.Pipe()
-            process = context.Process(target=_serve, args=(theirs, evaluation), daemon=True)
+            process = context.Process(target=_serve, args=(theirs, task, work), daemon=True)
             process.start()
             theirs.close()
             processes.append(process)
@@ -129,10 +144,18 @@ def _interrupts_ignored() -> Generator[None, None, None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _serve(connection: Connection, evaluation: Evaluation) -> None:
-    """Work on the chunks that come through the pipe until it closes."""
+def _serve(connection: Connection, task: Task, work: Any) -> None:
+    """Work on the chunks that come through the pipe until it closes; without the parent, end at once."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
     with threadpool_limits(1):
-        pilot: Pilot | None = None
+        prepared: Any = None
         while True:
             try:
                 chunk: Chunk = connection.recv()
@@ -140,8 +163,8 @@ def _serve(connection: Connection, evaluation: Evaluation) -> None:
                 return
             answer: Any
             try:
-                pilot = pilot or Pilot.load(evaluation)
-                answer = columns(pilot, *chunk)
+                prepared = prepared or task.prepare(work, Policy.load(work.policy))
+                answer = task.columns(prepared, *chunk)
             except EncounterError as problem:
                 answer = problem
             except Exception:

@@ -14,13 +14,18 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
+from agents.baselines.baselines import BASELINES
 from agents.config.folder_lock import locked
 from agents.config.load import ConfigError
 from envs.edge.command import run_cli
 from envs.encounters import SCENARIOS
 from envs.formats import encounter_file
+from envs.kinematics import SURROGATE
+from envs.outcome import RULES
 from envs.starts import numbered
 from envs.trees import take
+from eval.flights import simulate
+from eval.flights.simulate import OUTCOMES, OnStates
 from eval.monte_carlo import run as monte_carlo
 from eval.stats.intervals import clopper_pearson
 
@@ -138,6 +143,33 @@ def test_chunks_and_workers_change_no_byte(finished: Path, tmp_path: Path, worke
     config = ("--config", str(finished / "config.yaml"))
     other = fly(tmp_path / "other", *config, *QUICK[:4], "--workers", workers, "--set", "chunk=57")
     assert other == (finished / "encounters.parquet").read_bytes()
+
+
+@pytest.mark.parametrize("name", [name for name in BASELINES if name != "none"])
+def test_every_baseline_flies_in_the_policy_s_place(name: str, tmp_path: Path, policy_path: Path) -> None:
+    arguments = ("--policy", str(policy_path), "--encounters", "24", *QUICK)
+    fly(tmp_path / "run", *arguments, "--baseline", name)
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
+    assert summary["baseline"] == name
+    table = pq.read_table(tmp_path / "run" / "encounters.parquet").to_pydict()
+    starts = numbered(SCENARIOS["circle"], 0, 0, 24)
+    expected = simulate.fly(starts, OnStates(BASELINES[name](SURROGATE, 500.0, 1000.0)), RULES, SURROGATE)
+    assert table["outcome"] == [OUTCOMES[code] for code in expected.outcome]
+    np.testing.assert_allclose(table["min_separation_m"], expected.min_separation)
+
+
+@pytest.mark.parametrize("vehicle", ["null", "{speed_max_mps: 101}"])
+def test_the_aircraft_flown_is_named(
+    vehicle: str, tmp_path: Path, policy_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fly(tmp_path / "run", "--policy", str(policy_path), "--encounters", "2", *QUICK, "--set", f"vehicle={vehicle}")
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
+    assert summary["policy_limits"] == SURROGATE._asdict()
+    assert summary["limits"]["speed_max"] == (100.0 if vehicle == "null" else 101.0)
+    assert bool(summary["aircraft_warning"]) is (vehicle != "null")
+    printed = capsys.readouterr().out
+    assert "aircraft: 50 to 10" in printed
+    assert ("warning: the policy was trained for another aircraft" in printed) is (vehicle != "null")
 
 
 def test_a_longer_run_begins_like_a_shorter_one(finished: Path, tmp_path: Path) -> None:
@@ -304,7 +336,8 @@ def mistakes(folder: Path) -> dict[str, tuple[list[str], str]]:
         "many": (["--encounters", "1e4"], "argument --encounters: '1e4'; expected a whole number"),
         "seed": (["--seed", "-1"], "argument --seed"),
         "mode": (["--mode", "glide"], "'glide' is not available in this version; expected policy or plan"),
-        "baseline": (["--baseline", "mvp"], "'mvp' is not available in this version; expected none"),
+        "baseline": (["--baseline", "mpv"], "'mpv' is not available in this version; expected none or rules"),
+        "baseline plans": (["--baseline", "mvp", "--mode", "plan"], "expected none with mode plan"),
         "config": (["--config", str(folder / "wrong.yaml")], "seeds is unknown (its value is 3); did you mean seed?"),
         "no config": (["--config", str(folder / "none.yaml")], "none.yaml: there is no such file"),
         "set": (["--set", "chunk=0"], "--set: chunk is 0; expected a whole number at least 1"),

@@ -250,23 +250,23 @@ def test_a_worker_that_joins_later_is_held_to_the_run_too(policy_path: Path) -> 
     """What it is sent is checked there before it flies: versions and the policy's digest."""
     from agents.policy.inference import Policy
     from eval.flights.chunks import Evaluation, Pilot, columns
-    from eval.runner.cluster_kit import Flier, fly, packed, unpacked
-    from eval.runner.workers import WorkerError
+    from eval.runner.payload import fly, packed, unpacked
+    from eval.runner.workers import Task, WorkerError
 
     policy = Policy.load(policy_path)
     evaluation = Evaluation(policy_path, SCENARIOS["circle"], None, 0, RULES, policy.limits)
-    kit = unpacked(packed("run", Flier(Pilot, columns), evaluation, policy.sha256))
-    assert kit.work.policy is None
-    assert kit.versions == {name: versions(name)[name] for name in ("rlcas-toolkit", "numpy")}
-    other = replace(kit, name="other", versions={"numpy": "1.0"})
+    payload = unpacked(packed("run", Task(Pilot, columns), evaluation, policy.sha256))
+    assert payload.work.policy is None
+    assert payload.versions == {name: versions(name)[name] for name in ("rlcas-toolkit", "numpy")}
+    other = replace(payload, name="other", versions={"numpy": "1.0"})
     with pytest.raises(WorkerError, match=r"^a worker has numpy .* instead of 1.0; expected the same versions every"):
         fly(other, 0, 1)
     with pytest.raises(WorkerError, match=f"SHA-256 {policy.sha256}, expected 00"):
-        fly(replace(kit, name="another", sha256="0" * 64), 0, 1)
+        fly(replace(payload, name="another", sha256="0" * 64), 0, 1)
     with pytest.raises(PolicyFileError, match=f"has changed since it was loaded: its SHA-256 is {policy.sha256}"):
-        packed("run", Flier(Pilot, columns), evaluation, "0" * 64)
+        packed("run", Task(Pilot, columns), evaluation, "0" * 64)
     with pytest.raises(PolicyFileError, match="cannot be read again: No such file"):
-        packed("run", Flier(Pilot, columns), evaluation._replace(policy=policy_path.with_name("none")), policy.sha256)
+        packed("run", Task(Pilot, columns), evaluation._replace(policy=policy_path.with_name("none")), policy.sha256)
 
 
 def test_workers_and_scheduler_exclude_each_other() -> None:
@@ -363,7 +363,7 @@ import numpy as np
 class Work(NamedTuple):
     policy: None
 
-def crew(work, policy):
+def prepare(work, policy):
     return work
 
 def columns(crew, first, count):
@@ -379,8 +379,7 @@ def test_a_chunk_that_workers_die_of_is_named_once_all_others_are_flown(
 ) -> None:
     from agents.policy.inference import Policy
     from eval.runner.cluster import connected
-    from eval.runner.cluster_kit import DECISIVE, Flier
-    from eval.runner.workers import Chunk, WorkerError
+    from eval.runner.workers import DECISIVE, Chunk, Task, WorkerError
 
     (tmp_path / "poison.py").write_text(POISON, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
@@ -393,7 +392,7 @@ def test_a_chunk_that_workers_die_of_is_named_once_all_others_are_flown(
         flown = []
         with connected(processes.address, DECISIVE) as cluster:
             run = cluster.fly(
-                Flier(poison.crew, poison.columns), poison.Work(None), Policy.load().sha256, chunks, lambda: False
+                Task(poison.prepare, poison.columns), poison.Work(None), Policy.load().sha256, chunks, lambda: False
             )
             with pytest.raises(WorkerError, match=r"every worker that flew encounters 8\.\.11 has died of it"):
                 flown.extend(chunk for chunk, _ in run)

@@ -11,9 +11,10 @@ import pytest
 from envs.encounters import SCENARIOS, EncounterError
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
-from eval.flights.chunks import Evaluation
-from eval.runner.workers import Chunk, WorkerError, fly_chunks
+from eval.flights.chunks import Evaluation, Pilot, columns
+from eval.runner.workers import Chunk, Task, WorkerError, fly_chunks
 
+TASK = Task(Pilot, columns)
 CHUNKS = [Chunk(0, 4), Chunk(4, 4), Chunk(8, 4), Chunk(12, 4)]
 
 
@@ -25,7 +26,7 @@ def evaluation(policy_path: Path, scenario: str = "circle", **changes: float) ->
 def test_stopping_begins_no_further_chunk(workers: int, policy_path: Path) -> None:
     stopped: list[bool] = []
     finished = []
-    for chunk, table in fly_chunks(evaluation(policy_path), CHUNKS, workers, lambda: bool(stopped)):
+    for chunk, table in fly_chunks(TASK, evaluation(policy_path), workers, CHUNKS, lambda: bool(stopped)):
         finished.append(chunk)
         assert table["encounter"].tolist() == list(range(chunk.first, chunk.first + chunk.size))
         stopped.append(True)
@@ -38,12 +39,12 @@ def test_stopping_begins_no_further_chunk(workers: int, policy_path: Path) -> No
 def test_an_encounter_that_cannot_be_drawn_is_the_user_s_affair(workers: int, policy_path: Path) -> None:
     impossible = evaluation(policy_path, conflicts_closer_than=1e-9, attempts=1)
     with pytest.raises(EncounterError, match="does not meet the conditions of scenario 'circle' in 1 attempts"):
-        list(fly_chunks(impossible, CHUNKS, workers, lambda: False))
+        list(fly_chunks(TASK, impossible, workers, CHUNKS, lambda: False))
     assert multiprocessing.active_children() == []
 
 
 def test_a_worker_that_is_killed_ends_the_run(policy_path: Path) -> None:
-    chunks = fly_chunks(evaluation(policy_path), CHUNKS, 2, lambda: False)
+    chunks = fly_chunks(TASK, evaluation(policy_path), 2, CHUNKS, lambda: False)
     next(chunks)
     for process in multiprocessing.active_children():
         assert process.pid is not None
@@ -55,4 +56,4 @@ def test_a_worker_that_is_killed_ends_the_run(policy_path: Path) -> None:
 
 def test_a_failure_inside_a_worker_comes_with_its_traceback(tmp_path: Path) -> None:
     with pytest.raises(WorkerError, match=r"no such policy file"):
-        list(fly_chunks(evaluation(tmp_path / "none.safetensors"), CHUNKS, 2, lambda: False))
+        list(fly_chunks(TASK, evaluation(tmp_path / "none.safetensors"), 2, CHUNKS, lambda: False))
