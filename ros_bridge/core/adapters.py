@@ -61,9 +61,9 @@ def nav_sat_fix(message: Any, twist: Any, identity: str, reference: str = "wgs84
             for n, value in zip((0, 4), variances, strict=True)
         )
         spread = math.sqrt(max(east, north))
-    climb = number(f"{name}.twist.linear.z", twist.linear.z, -100.0, 100.0, "m/s")
     height = None
     if not math.isnan(message.altitude):
+        climb = number(f"{name}.twist.linear.z", twist.linear.z, -100.0, 100.0, "m/s")
         height = _altitude(f"{name}.altitude", message.altitude, reference, climb)
     return report(
         name,
