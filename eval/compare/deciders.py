@@ -18,7 +18,7 @@ from envs.outcome import Rules
 from envs.traffic.replay import Replay
 from eval.config import Setting
 from eval.flights.chunks import Evaluation, Pilot, noise_of
-from eval.flights.optimal import Foresight, fly_witnesses
+from eval.flights.optimal import WitnessSearch, fly_witnesses
 from eval.flights.recorded import fly_in_mode
 from eval.flights.simulate import OUTCOMES, Decider, Flights, OnStates, fly
 from eval.flights.sources import drawn
@@ -66,7 +66,7 @@ class Entry(NamedTuple):
     name: str
     kind: str
     """policy, baseline, nnet or witness."""
-    decider: Decider | OnStates | Plans | Foresight
+    decider: Decider | OnStates | Plans | WitnessSearch
     sha256: str | None = None
     """Of a policy file."""
 
@@ -115,7 +115,7 @@ def policy_entries(
 def baseline_entry(name: str, limits: Limits, rules: Rules) -> Entry:
     """Return the entry of a baseline, one of :data:`agents.baselines.BASELINES`, or of the witness."""
     if name == WITNESS:
-        return Entry(name, WITNESS, Foresight())
+        return Entry(name, WITNESS, WitnessSearch())
     return Entry(name, "baseline", OnStates(BASELINES[name](limits, rules.goal_radius, rules.separation)))
 
 
@@ -147,13 +147,13 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
 
 
 def _flown(
-    decider: Decider | OnStates | Plans | Foresight,
+    decider: Decider | OnStates | Plans | WitnessSearch,
     starts: Encounter,
     evaluation: Evaluation,
     noise: Callable[[int], np.ndarray] | None,
 ) -> tuple[Flights, Trajectories]:
     """Fly encounters on after losses of separation; the trajectories end where each flight does."""
-    if isinstance(decider, Foresight):
+    if isinstance(decider, WitnessSearch):
         return fly_witnesses(starts, decider, evaluation.rules, evaluation.limits)
     recorder, endless = TrajectoryRecorder(starts), evaluation.rules._replace(separation=0.0)
     if not isinstance(decider, Plans):

@@ -20,21 +20,21 @@ from eval.flights import simulate
 from eval.flights.simulate import OUTCOMES, Flights, OnStates, turned_to
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
 
-__all__ = ["ROUNDS", "Foresight", "ended", "fly_witnesses", "followed"]
+__all__ = ["ROUNDS", "WitnessSearch", "ended", "fly_witnesses", "followed"]
 
 ROUNDS = 8
 """Of the witness's refinement: 1.4 m longer than 40 on average (300 circle encounters), in a third of the time."""
 
 
-class Foresight(NamedTuple):
-    """Takes part in a comparison with the least-cost witness of each encounter."""
+class WitnessSearch(NamedTuple):
+    """Effort of the search for the least-cost witness of each encounter."""
 
     rounds: int = ROUNDS
     """Of its refinement."""
 
 
 def fly_witnesses(
-    encounters: Encounter, foresight: Foresight, rules: Rules, limits: Limits
+    encounters: Encounter, search: WitnessSearch, rules: Rules, limits: Limits
 ) -> tuple[Flights, Trajectories]:
     """Fly the least-cost witnesses of encounters ``[N]``, float64, until the goal or the time limit.
 
@@ -42,11 +42,11 @@ def fly_witnesses(
 
     Args:
         encounters: the starts.
-        foresight: how long is searched.
+        search: its effort.
         rules: of the task; the witness keeps the separation, the other flights go on after its loss.
         limits: of the ownship.
     """
-    best = least_cost(encounters, rules, limits, rounds=foresight.rounds)
+    best = least_cost(encounters, rules, limits, rounds=search.rounds)
     known = np.isfinite(best.arrival)
     solved, left = np.flatnonzero(known), np.flatnonzero(~known)
     witnesses = followed(take(encounters, solved), take(best.manoeuvre, solved), rules, limits)

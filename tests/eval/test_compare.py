@@ -31,7 +31,7 @@ from eval.compare.deciders import Comparison, baseline_entry, policy_entries
 from eval.flights import chunks, simulate
 from eval.flights import recorded as recorded_flights
 from eval.flights.chunks import Evaluation, Pilot
-from eval.flights.optimal import Foresight
+from eval.flights.optimal import WitnessSearch
 from eval.flights.simulate import OnStates
 from eval.stats.paired import mcnemar_exact, pairs, tango
 from tests.flying import fly_recorded
@@ -91,7 +91,7 @@ def test_resolvers_resolve(name: str) -> None:
 def test_a_held_speed_is_held(policy_path: Path) -> None:
     _, held = policy_entries(policy_path, "ours", SURROGATE, RULES)
     starts = numbered(scenario("circle"), 9, 0, 5)
-    assert not isinstance(held.decider, (comparison.Plans, Foresight))
+    assert not isinstance(held.decider, (comparison.Plans, WitnessSearch))
     _, paths = fly_recorded(starts, held.decider, RULES, SURROGATE)
     assert np.nanmax(np.abs(paths.own.speed - starts.own.speed)) == 0.0
     assert held.name == "ours, speed held"

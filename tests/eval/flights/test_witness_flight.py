@@ -22,14 +22,14 @@ from eval.compare import deciders as comparison
 from eval.compare import run as compare
 from eval.compare.deciders import REFERENCE, WITNESS, Comparison, Entry, baseline_entry
 from eval.flights.chunks import Evaluation
-from eval.flights.optimal import Foresight, ended, fly_witnesses, followed
+from eval.flights.optimal import WitnessSearch, ended, fly_witnesses, followed
 from eval.flights.simulate import OUTCOMES, OnStates
 from tests.flying import fly_recorded
 from tests.recorded import recorded
 
 SHORT = {"radius": (3_000.0, 3_600.0)}
 QUICK = RULES._replace(t_max=150.0)
-FEW = Foresight(rounds=1)
+FEW = WitnessSearch(rounds=1)
 """Enough for the properties, not for the best cost."""
 
 
@@ -53,11 +53,9 @@ def flown(starts: Encounter) -> Any:
     return fly_witnesses(starts, FEW, QUICK, SURROGATE)
 
 
-def comparison_of(source: Any, *names: str, foresight: Foresight = FEW) -> Comparison:
+def comparison_of(source: Any, *names: str, search: WitnessSearch = FEW) -> Comparison:
     entries = tuple(baseline_entry(name, SURROGATE, QUICK) for name in names)
-    return Comparison(
-        (*entries, Entry(WITNESS, WITNESS, foresight)), Evaluation(None, source, None, 4, QUICK, SURROGATE)
-    )
+    return Comparison((*entries, Entry(WITNESS, WITNESS, search)), Evaluation(None, source, None, 4, QUICK, SURROGATE))
 
 
 def test_what_is_flown_is_the_witness(starts: Encounter, best: Witnesses, flown: Any) -> None:
