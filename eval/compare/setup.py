@@ -13,7 +13,7 @@ from envs.outcome import RULES, Rules
 from eval.compare.deciders import REFERENCE, WITNESS, Comparison, Entry, baseline_entry, policy_entries
 from eval.config import FILE, MODEL, TRACKS, MonteCarloConfig
 from eval.flights.chunks import Evaluation
-from eval.runner.command import named_source
+from eval.runner.options import named_source
 
 __all__ = ["policy_names", "prepare"]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from agents.config.load import ConfigError, Parser
 from envs.edge.files import written
 from eval.plots import save as picture_folder
-from eval.runner.command import whole
+from eval.runner.options import whole
 
 if TYPE_CHECKING:
     import numpy as np

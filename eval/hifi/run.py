@@ -7,19 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.config.load import Parser
-from eval.runner.command import (
-    cluster_of,
-    concluded,
-    first_options,
-    flown_on,
-    last_options,
-    loaded,
-    named_policy,
-    named_source,
-    run_in,
-    whole,
-    whole_table,
-)
+from eval.runner.command import cluster_of, concluded, flown_on, run_in, whole_table
+from eval.runner.options import first_options, last_options, loaded, named_policy, named_source, whole
 
 if TYPE_CHECKING:
     from envs.kinematics import Limits

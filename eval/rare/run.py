@@ -13,7 +13,7 @@ import numpy as np
 from agents.config.load import ConfigError, Parser
 from envs.edge.files import write_file
 from eval.plots import save as picture_folder
-from eval.runner.command import loaded, named_policy, whole
+from eval.runner.options import loaded, named_policy, whole
 
 if TYPE_CHECKING:
     from eval.config import MonteCarloConfig

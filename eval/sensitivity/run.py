@@ -12,7 +12,7 @@ from agents.config.figures import save_figure
 from agents.config.load import ConfigError, Parser
 from envs.edge.files import write_file
 from eval.plots import save as picture_folder
-from eval.runner.command import whole
+from eval.runner.options import whole
 
 if TYPE_CHECKING:
     from eval.sensitivity.bins import Run

@@ -1,0 +1,137 @@
+"""The options that the commands share, and what they name: configuration, policy, encounters."""
+
+import argparse
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from agents.config.load import ConfigError, load
+
+if TYPE_CHECKING:
+    from agents.policy.inference import Policy
+    from envs.kinematics import Limits
+    from eval.config import MonteCarloConfig
+
+__all__ = ["first_options", "last_options", "loaded", "named_policy", "named_source", "whole"]
+
+Config = TypeVar("Config", bound="MonteCarloConfig")
+
+
+def whole(least: int) -> Callable[[str], int]:
+    """Return a type of an option: a whole number of at least ``least``."""
+
+    def number(text: str) -> int:
+        if not text.isascii() or not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"{text!r}; expected a whole number of at least {least}")
+        return int(text)
+
+    return number
+
+
+def first_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that a command begins with: configuration and policy."""
+    add = parser.add_argument
+    add("--config", type=Path, metavar="FILE", help="YAML file with what differs from the defaults")
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of the configuration")
+    add("--help-keys", action="store_true", help="list every key of the configuration, and exit")
+    add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
+    add("--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have, 64 hex digits (default: any)")
+
+
+def last_options(parser: argparse.ArgumentParser, name: str) -> None:
+    """Add the options that a command ends with: workers, and the run's folder, whose default begins with ``name``."""
+    add = parser.add_argument
+    add("--workers", type=whole(0), metavar="N", help="processes; 0: one for every core (default: 0)")
+    add("--scheduler", metavar="ADDRESS", help="fly on a Dask cluster instead, such as tcp://node7:8786")
+    add("--resume", action="store_true", help="go on with the run in --out instead of beginning one")
+    add("--out", type=Path, metavar="DIR", help=f"folder of the run (default: runs/{name}_DATE_TIME)")
+
+
+def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, str], prefix: str) -> Config:
+    """Return the configuration: a file's or a begun run's values under those of the command line.
+
+    Args:
+        model: of the configuration.
+        options: with config, resume, out, policy, scenario, set and what ``keys`` names.
+        keys: key of the configuration by the option's name.
+        prefix: what stands for ``--set: `` in messages about options that have names of their own.
+
+    Raises:
+        ConfigError: a value or the run that shall be resumed is not usable.
+    """
+    from eval.config import PREFIXES
+
+    path = options.config
+    if path is None and options.resume:
+        path = options.out / "config.yaml"
+        if not path.is_file():
+            raise ConfigError(f"--resume: {options.out} holds no run (no config.yaml), expected one that was begun")
+    overrides = []
+    if options.policy is not None:
+        # Absolute, because a path of the command line is meant from the working directory.
+        overrides += [f"policy={json.dumps(str(options.policy.absolute()))}"]
+        overrides += [] if options.resume else ["policy_sha256=null"]
+    if options.policy_sha256 is not None:
+        overrides += [f"policy_sha256={options.policy_sha256.lower()}"]
+    if options.scenario is not None:
+        name = options.scenario
+        kind = next((each for each in PREFIXES if name.startswith(each) and name != each), None)
+        name = name if kind is None else f"{kind}{Path(name.removeprefix(kind)).absolute()}"
+        overrides += [f"scenario={name}", *([] if options.resume else ["scenario_sha256=null"])]
+    named = {key: getattr(options, name) for name, key in keys.items()}
+    overrides += [f"{key}={value}" for key, value in named.items() if value is not None]
+    try:
+        return load(model, path, [*overrides, *options.set])
+    except ConfigError as problem:
+        raise ConfigError(str(problem) if options.set else str(problem).replace("--set: ", prefix, 1)) from None
+
+
+def named_policy(config: "MonteCarloConfig") -> "Policy":
+    """Load the policy that a configuration names.
+
+    Raises:
+        ConfigError: it is not the expected one.
+        PolicyFileError: it is refused.
+    """
+    from agents.policy.inference import Policy
+
+    policy = Policy.load(config.policy)
+    if config.policy_sha256 not in (None, policy.sha256):
+        raise ConfigError(
+            f"policy {config.policy or 'that ships'} has SHA-256 {policy.sha256}, "
+            f"expected {config.policy_sha256} (key policy_sha256)"
+        )
+    return policy
+
+
+def named_source(
+    config: "MonteCarloConfig", limits: "Limits", counted: str
+) -> "tuple[Any, tuple[str, ...] | None, dict[str, Any]]":
+    """Return scenario or encounters, names of the encounters of a file, and what is resolved thereby.
+
+    Args:
+        config: of the run.
+        limits: of the ownship.
+        counted: what the number of encounters is called in messages.
+
+    Raises:
+        ConfigError: the file is not the expected one or holds too few.
+    """
+    from eval.flights.sources import read_source
+
+    source, names = read_source(config, limits)
+    if config.file is None:
+        return source, names, {"encounters": config.wanted}
+    digest = hashlib.sha256(config.file.read_bytes()).hexdigest()
+    if config.scenario_sha256 not in (None, digest):
+        raise ConfigError(
+            f"{config.file} has SHA-256 {digest}, expected {config.scenario_sha256} (key scenario_sha256)"
+        )
+    if names is None:
+        return source, names, {"scenario_sha256": digest, "encounters": config.wanted}
+    count = len(names) if config.encounters is None else config.encounters
+    if count > len(names):
+        raise ConfigError(f"{counted} is {count}; expected at most {len(names)}, as many as {config.file} holds")
+    return source, names, {"scenario_sha256": digest, "encounters": count}
