@@ -3,7 +3,7 @@
 #   make test         lint, types, import rules and the default tests
 #   make test-slow    the tests that the default run leaves out
 #   make format       rewrite the sources in the house format
-#   make proofs       check the mathematics behind SAFE (needs coq and coquelicot)
+#   make proofs       check the mathematics behind SAFE (needs coq, coquelicot, gappa)
 #   make docs         build the documentation site into site/ (the build needs no network)
 #   make ros          add ROS 2 and our interfaces to the environment (Linux on x86-64; needs g++)
 #   make constraints  resolve all dependencies anew (needs uv)
@@ -85,8 +85,8 @@ format: venv
 	$(BIN)/ruff format .
 
 proofs:
-	@command -v coqc >/dev/null || { \
-	  echo "'make proofs' needs Coq: on Debian and Ubuntu install coq and libcoq-coquelicot." >&2; exit 1; }
+	@command -v coqc >/dev/null && command -v gappa >/dev/null || { \
+	  echo "'make proofs' needs Coq and Gappa: on Debian and Ubuntu install coq, libcoq-coquelicot and gappa." >&2; exit 1; }
 	@$(MAKE) --no-print-directory -C proofs
 
 docs: venv
