@@ -7,7 +7,6 @@ solved anew, of an intruder, a time, a control, a limit or a claimed distance. W
 object; exit status 1 means that a certificate was refused or a wrong one accepted.
 """
 
-import argparse
 import json
 import multiprocessing
 import sys
@@ -29,6 +28,7 @@ from benchmarks.safety import published
 from benchmarks.safety.adversary import VARIANTS, drawn
 from benchmarks.safety.resimulation import CHECKS, Route, resimulate
 from envs import waypoints
+from envs.edge.command import Parser, run_cli
 from envs.kinematics import Limits, VehicleState
 from envs.trees import mapped, take
 from eval.runner.workers import cores
@@ -162,9 +162,7 @@ def _results(plans: int, seed: int, first: int, workers: int) -> Iterator[Any]:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return the exit status."""
     assert __doc__ is not None
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.safety.certificates", description=__doc__.split("\n\n")[0]
-    )
+    parser = Parser(prog="python -m benchmarks.safety.certificates", description=__doc__.split("\n\n")[0])
     parser.add_argument("--plans", type=int, default=1_000, help="SAFE plans at least (default 1000)")
     parser.add_argument("--seed", type=int, default=0, help="of the requests (default 0)")
     parser.add_argument("--first", type=int, default=0, help="number of the first request (default 0)")
@@ -192,4 +190,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_cli(main)
