@@ -1,9 +1,10 @@
-"""Files of encounters and tracks: read, checked, written. Geographic positions need pyproj (the extra ``report``)."""
+"""Files of encounters and tracks: read, checked, written.
 
-from envs.formats.adsb_file import read_adsb
-from envs.formats.adsb_pairs import adsb_pairs
+The readers of geographic positions, :mod:`envs.formats.adsb_file`, :mod:`envs.formats.adsb_pairs` and
+:mod:`envs.formats.track_files`, need pyproj (the extra ``report``) and are imported from their modules.
+"""
+
 from envs.formats.encounter_file import read, write
 from envs.formats.lincoln_file import read_lincoln
-from envs.formats.track_files import read_daidalus
 
-__all__ = ["adsb_pairs", "read", "read_adsb", "read_daidalus", "read_lincoln", "write"]
+__all__ = ["read", "read_lincoln", "write"]

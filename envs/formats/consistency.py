@@ -15,12 +15,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from envs.formats.local_frame import WGS84
-from envs.traffic.tracks import Track, TrackError
+from envs.traffic.tracks import DISTANT, Track, TrackError
 
 __all__ = [
     "ACCELERATION",
     "CLIMB",
-    "DISTANT",
     "HEIGHT",
     "POSITION",
     "VELOCITY",
@@ -38,9 +37,6 @@ HEIGHT, CLIMB = 100.0, 50.0
 
 WINDOW = 20.0
 """s."""
-
-DISTANT = 1_000_000.0
-"""m; further from its reference a flat map holds neither distances nor directions."""
 
 
 def check_distances(source: str, tracks: Sequence[Track]) -> None:

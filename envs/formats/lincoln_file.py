@@ -15,10 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.formats.consistency import DISTANT
 from envs.traffic.text_file import json_of
 from envs.traffic.track_units import FOOT, KNOT
-from envs.traffic.tracks import Repairs, Track, TrackError, summed
+from envs.traffic.tracks import DISTANT, Repairs, Track, TrackError, summed
 
 __all__ = ["LincolnEncounter", "published_miss", "read_lincoln", "tracks_of"]
 

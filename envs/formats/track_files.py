@@ -11,12 +11,12 @@ import re
 
 import numpy as np
 
-from envs.formats.consistency import DISTANT, check_distances
+from envs.formats.consistency import check_distances
 from envs.formats.local_frame import local
 from envs.formats.track_rows import Reading, Rows, track_rows
 from envs.traffic.text_file import lines_of
 from envs.traffic.track_units import FAMILIES, FOOT, KNOT, si
-from envs.traffic.tracks import Track, TrackError, TrackFile, summed
+from envs.traffic.tracks import DISTANT, Track, TrackError, TrackFile, summed
 
 __all__ = ["read_daidalus"]
 

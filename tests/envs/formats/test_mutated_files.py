@@ -15,14 +15,14 @@ from envs.encounters import EncounterError
 from envs.formats import encounter_file
 from envs.formats.adsb_file import read_adsb
 from envs.formats.adsb_pairs import adsb_pairs
-from envs.formats.consistency import ACCELERATION, CLIMB, DISTANT, HEIGHT, POSITION, VELOCITY, WINDOW
+from envs.formats.consistency import ACCELERATION, CLIMB, HEIGHT, POSITION, VELOCITY, WINDOW
 from envs.formats.encounter_exchange import scenes_of
 from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_files import read_daidalus
 from envs.traffic.encounter_model import read_model
 from envs.traffic.encounter_model_sampler import dimensions, flown, sample_model
 from envs.traffic.track_units import FOOT, KNOT
-from envs.traffic.tracks import Track, TrackError
+from envs.traffic.tracks import DISTANT, Track, TrackError
 from tests.envs.formats.flights import WGS84, flight
 from tests.envs.formats.test_encounter_file import HEADER, ROW
 from tests.envs.formats.test_lincoln_file import EVENTS, ONE
