@@ -125,7 +125,9 @@ def step(state: State, action: tuple[Any, Any], world: World, xp: Any) -> tuple[
 
 def move_intruders(state: State, dt: float, xp: Any) -> Any:
     """Return the intruders one time step later, ``[..., K]``."""
-    time = _against_intruders(state.steps * dt, xp)
+    time = state.steps * dt
+    if not isinstance(xp, FloatNamespace):
+        time = time[..., None]
     return _each(lambda one, intent: intruder.step(one, intent, time, dt, xp), xp, state.intruders, state.intent)
 
 
@@ -141,7 +143,7 @@ def evaluate(state: State, own: VehicleState, intruders: Any, rules: Rules, xp: 
     """
     if state.required_separation is not None:
         rules = rules._replace(separation=state.required_separation)
-    before, after = (VehicleState(*(_against_intruders(field, xp) for field in one)) for one in (state.own, own))
+    before, after = _against_intruders(state.own, xp), _against_intruders(own, xp)
     separations = _each(
         lambda old, new: leg_separation(before, after, old.vehicle, new.vehicle, rules.dt, xp),
         xp,
@@ -196,13 +198,13 @@ def smallest(values: Any, mask: Any, xp: Any) -> Any:
 def _each(function: Callable[..., Any], xp: Any, *trees: Any) -> Any:
     """Apply a function to arrays ``[..., K]`` at once, and to tuples of K plain ones one after another."""
     if isinstance(xp, FloatNamespace):
-        return tuple(function(*one) for one in zip(*trees, strict=True))
+        return tuple(map(function, *trees))
     return function(*trees)
 
 
-def _against_intruders(field: Any, xp: Any) -> Any:
-    """Return a field of the encounter, ``[...]``, shaped to broadcast against fields of its intruders."""
-    return field if isinstance(xp, FloatNamespace) else field[..., None]
+def _against_intruders(own: VehicleState, xp: Any) -> VehicleState:
+    """Return an ownship ``[...]`` shaped to broadcast against its intruders."""
+    return own if isinstance(xp, FloatNamespace) else VehicleState(*(field[..., None] for field in own))
 
 
 def _vehicles(intruders: Any, xp: Any) -> Any:
