@@ -59,8 +59,17 @@ def json_of(source: str, error: type[Exception]) -> Any:
     if text.count("{") + text.count("[") > _MOST_PARTS:
         raise error(f"{source}: more than {_MOST_PARTS} lists and objects, expected at most so many: divide the file")
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=_distinct)
     except json.JSONDecodeError as problem:
         raise error(f"{source} line {problem.lineno}: not JSON, or cut off: {problem.msg}") from None
     except (ValueError, RecursionError) as problem:
         raise error(f"{source}: not usable as JSON: {problem}") from None
+
+
+def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    made = dict(pairs)
+    if len(made) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"{twice[:40]!r} stands twice in one object")
+    return made

@@ -187,7 +187,7 @@ class Own:
             **{key: float(cell) for key, cell in zip(names[1:], ROW.split(",")[1:], strict=True)},
         }
         more = {"turn_onset_s": 5.0, "turn_change_deg": 40.0, "turn_rate_deg_s": 3.0}
-        self.rows = [{**row, **more, "encounter": f"e{i}", "own_y_m": 10.0 * i} for i in range(12)]
+        self.rows = [{**row, **more, "encounter": f"e{i}", "own_y_m": 10.0 * i} for i in range(8)]
 
     def text(self, rows: list[Row]) -> str:
         return "\n".join(
@@ -199,7 +199,7 @@ class Own:
         encounters, names = encounter_file.read(path)
         for field in (*encounters.own, *encounters.intruders, *encounters.intent, *encounters.sensor):
             assert np.isfinite(field).all()
-        return [track for scene in scenes_of(encounters, names, 12) for track in scene.tracks]
+        return [track for scene in scenes_of(encounters, names, 6) for track in scene.tracks]
 
 
 class Model:

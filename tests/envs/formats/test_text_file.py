@@ -81,6 +81,9 @@ def test_lines_lists_and_depth_are_bounded(tmp_path: Path) -> None:
     path.write_bytes(b"[" + b"[]," * 10_000_000 + b"1]")
     with pytest.raises(TrackError, match="more than 10000000 lists"):
         json_of(str(path), TrackError)
+    path.write_text('[{"latitude": 1, "latitude": 2}]')
+    with pytest.raises(TrackError, match="not usable as JSON: 'latitude' stands twice in one object"):
+        json_of(str(path), TrackError)
     path.write_bytes(b"[" * 100_000)
     with pytest.raises(TrackError, match="not usable as JSON"):
         json_of(str(path), TrackError)
