@@ -54,7 +54,7 @@ def end_speed(length: Any, speed: Any, seconds: Any, limits: Limits, xp: Any) ->
 
 
 def clear(
-    own: VehicleState, goal: tuple[Any, Any], other: VehicleState, keep: Any, time: Any, task: Task, xp: Any
+    own: VehicleState, goal: tuple[Any, Any], other: VehicleState, required: Any, time: Any, task: Task, xp: Any
 ) -> Any:
     """Return whether turning onto the goal now and flying there keeps clear of an intruder that flies straight on.
 
@@ -66,7 +66,7 @@ def clear(
         own: ``[...]``.
         goal: its position, m, ``[...]`` each.
         other: the intruder now, ``[...]``.
-        keep: distance to keep from it, m, ``[...]``.
+        required: required separation from it, m, ``[...]``.
         time: now, s.
         task: limits and end.
         xp: array namespace.
@@ -96,7 +96,7 @@ def clear(
     half_sine, half_cosine = sincos(0.5 * part, xp)
     chord = 2.0 * circle * half_sine
     sag = own.speed * task.turn_rate * seconds * seconds * 0.125
-    owed = (keep + sag) * xp.abs(keep + sag)
+    owed = (required + sag) * xp.abs(required + sag)
     # The first chord points half a part to the side, each of the others a part further.
     aside = side * half_sine
     ahead_x, ahead_y = cosine * half_cosine - sine * aside, sine * half_cosine + cosine * aside
@@ -112,7 +112,7 @@ def clear(
     flight = straight / (0.5 * (own.speed + wanted))
     course_sine, course_cosine = sincos(course, xp)
     step_x, step_y = other_vx * flight - straight * course_cosine, other_vy * flight - straight * course_sine
-    return xp.logical_and(possible, _nearest(x, y, step_x, step_y, xp) >= keep * xp.abs(keep))
+    return xp.logical_and(possible, _nearest(x, y, step_x, step_y, xp) >= required * xp.abs(required))
 
 
 def _nearest(x: Any, y: Any, step_x: Any, step_y: Any, xp: Any) -> Any:

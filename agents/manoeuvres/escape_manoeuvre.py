@@ -52,7 +52,7 @@ class Flight(NamedTuple):
     """What is left of the turn, rad."""
     switched: Any
     """Whether the second part has begun, bool."""
-    homing: Any
+    returning: Any
     """Whether the aircraft is on the way to the goal, bool."""
 
 
@@ -62,7 +62,7 @@ def steps(rules: Rules) -> int:
 
 
 def tracks(encounter: Encounter, count: int, rules: Rules) -> VehicleState:
-    """Fly the true intruders alone (they react to nobody) for ``count`` steps.
+    """Fly the true intruders alone (they react to nothing) for ``count`` steps.
 
     Returns:
         Their states at the beginning and after every step, fields ``[count + 1, ..., K]``.
@@ -104,10 +104,10 @@ def fly(
         limits: of the ownship; floats.
     """
     own = flight.own
-    homing = flight.homing.copy()
-    asking = np.flatnonzero(~homing & (time >= manoeuvre.resume))
+    returning = flight.returning.copy()
+    asking = np.flatnonzero(~returning & (time >= manoeuvre.resume))
     if asking.size:
-        homing[asking] = _clear(
+        returning[asking] = _clear(
             take(own, asking),
             take(goal, asking),
             take(traffic, asking),
@@ -118,20 +118,20 @@ def fly(
         )
     full_turn = limits.yaw_rate_max * rules.dt
     escape_turn, escape_throttle, to_turn, switched = _escaping(flight, manoeuvre, time, full_turn)
-    home_turn, home_throttle = _homing(own, goal, time, manoeuvre.throttle_home, rules, limits)
-    turn = np.where(homing, home_turn, escape_turn)
-    throttle = np.where(homing, home_throttle, escape_throttle)
+    goal_turn, goal_throttle = _to_goal(own, goal, time, manoeuvre.throttle_home, rules, limits)
+    turn = np.where(returning, goal_turn, escape_turn)
+    throttle = np.where(returning, goal_throttle, escape_throttle)
     acceleration, yaw_rate = commands((throttle, turn / full_turn), limits, np)
     moved = advance(own, acceleration, yaw_rate, rules.dt, limits, np)
-    return Flight(moved, to_turn - escape_turn, switched, homing)
+    return Flight(moved, to_turn - escape_turn, switched, returning)
 
 
 def fly_away(
     flight: Flight, manoeuvre: Manoeuvre, first: int, count: int, dt: float, limits: Limits
 ) -> tuple[VehicleState, Flight]:
-    """Fly several steps of the escapes as :func:`fly` does, but for the way home, which is left to the caller.
+    """Fly several steps of the escapes as :func:`fly` does, but for the way to the goal, which is left to the caller.
 
-    Until it turns back an escape asks nobody: headings and speeds follow from the manoeuvre alone, and the
+    Until it turns back, headings and speeds of an escape follow from its manoeuvre alone, and the
     displacements of all steps are found at once.
 
     Args:
@@ -153,7 +153,7 @@ def fly_away(
         turns[number], throttles[number], to_turn, switched = _escaping(
             flight, manoeuvre, (first + number) * dt, full_turn
         )
-        flight = Flight(own, to_turn - turns[number], switched, flight.homing)
+        flight = Flight(own, to_turn - turns[number], switched, flight.returning)
     acceleration, yaw_rate = commands((throttles, turns / full_turn), limits, np)
     speed = np.empty((count + 1, shape[1]))
     speed[0] = own.speed
@@ -182,7 +182,7 @@ def _escaping(flight: Flight, manoeuvre: Manoeuvre, time: float, full_turn: Any)
     return np.clip(to_turn, -full_turn, full_turn), throttle, to_turn, switched
 
 
-def _homing(
+def _to_goal(
     own: VehicleState, goal: tuple[Any, Any], time: float, throttle: Any, rules: Rules, limits: Limits
 ) -> tuple[Any, Any]:
     """Return the turn (rad) and the throttle of a step on the way to the goal, ``[M]`` each."""
@@ -208,7 +208,7 @@ def _clear(
     to_goal = bearing(own, *goal, np)
     turning = np.abs(to_goal) / limits.yaw_rate_max
     traffic_vx, traffic_vy = velocity(traffic, np)
-    keep = (rules.separation + slack)[:, None]
+    required = (rules.separation + slack)[:, None]
 
     def turned(fraction: float) -> tuple[Any, Any]:
         """Return the position after a part of the turn."""
@@ -220,7 +220,7 @@ def _clear(
     x, y = turned(0.5)
     seconds = 0.5 * turning[:, None]
     rx, ry = traffic.x + traffic_vx * seconds - x[:, None], traffic.y + traffic_vy * seconds - y[:, None]
-    clear = distance(rx, ry, np) >= keep
+    clear = distance(rx, ry, np) >= required
 
     x, y = turned(1.0)
     rx, ry = rx + traffic_vx * seconds, ry + traffic_vy * seconds
@@ -231,5 +231,5 @@ def _clear(
     # The encounter ends at the goal: what would come closer only beyond it does not count.
     flight = np.maximum(distance(goal[0] - x, goal[1] - y, np) - rules.goal_radius, 0.0) / own.speed
     closest = np.clip(-(rx * vx + ry * vy) / np.maximum(vx * vx + vy * vy, 1e-9), 0.0, flight[:, None])
-    clear &= distance(rx + vx * closest, ry + vy * closest, np) >= keep
+    clear &= distance(rx + vx * closest, ry + vy * closest, np) >= required
     return np.all(clear | ~mask, axis=-1)

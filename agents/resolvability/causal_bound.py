@@ -1,7 +1,7 @@
 """The causal bound: what an oracle achieves that sees the present exactly and knows nothing of the future.
 
 Every second it sees positions, headings and speeds of all, and the turn of the second before; intents are hidden from
-it. It flies escapes (:mod:`agents.manoeuvres.escape_manoeuvre`) in its mind against several futures of the intruders
+it. It simulates escapes (:mod:`agents.manoeuvres.escape_manoeuvre`) against several futures of the intruders
 and follows the one that keeps most distance in them. What it solves, a decider without foresight can solve: a lower
 bound of what such deciders can achieve, as the clairvoyant search's is an upper one.
 """
@@ -39,7 +39,7 @@ _WEIGHTS, _STEEP = (0.5, 0.25, 0.25), 4.0
 """Of the futures, the straight courses first; what a metre below the separation costs more than one above it."""
 
 _STRIDE = 2.0
-"""Time step of flights in the mind, s."""
+"""Time step of simulated escapes, s."""
 
 _LOST = -1e4
 """Worth of a plan, m, below which it fails."""
@@ -51,7 +51,7 @@ _FAMILY = concatenated(STAGES[0], COARSE)
 
 
 class Foresight(NamedTuple):
-    """What the oracle holds possible; angles in rad."""
+    """Intents of intruders that the oracle takes into account; angles in rad."""
 
     turn: float = np.radians(90.0)
     """Heading change of an intruder that might begin to turn now, or go on turning."""
@@ -62,7 +62,7 @@ class Foresight(NamedTuple):
 
 
 class Causal(NamedTuple):
-    """How the oracle fared; fields ``[N]``."""
+    """Flights of the oracle; fields ``[N]``."""
 
     outcome: Any
     """Code, an index into :data:`OUTCOMES`, int8."""
@@ -86,7 +86,7 @@ class _Air(NamedTuple):
 
     number: Any
     encounter: Encounter
-    """As it began: goal, mask and the intents, which move the intruders and are shown to nobody."""
+    """As it began: goal, mask and the intents, which move the intruders and are hidden from the oracle."""
     own: VehicleState
     intruders: IntruderState
     rate: Any
@@ -234,6 +234,6 @@ def _rest(plan: Manoeuvre, flight: Flight, dt: float) -> Manoeuvre:
         throttle=np.where(done, plan.throttle_after, plan.throttle),
         switch=np.maximum(plan.switch - dt, 0.0),
         turn_after=np.where(done, 0.0, plan.turn_after),
-        resume=np.where(flight.homing, 0.0, np.maximum(plan.resume - dt, 0.0)),
-        slack=np.where(flight.homing, REGARDLESS, plan.slack),
+        resume=np.where(flight.returning, 0.0, np.maximum(plan.resume - dt, 0.0)),
+        slack=np.where(flight.returning, REGARDLESS, plan.slack),
     )
