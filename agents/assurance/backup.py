@@ -16,7 +16,7 @@ from agents.planner.validator import Findings, validate
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import distance
-from envs.trees import mapped, scatter, take
+from envs.trees import column, mapped, scatter, take
 from envs.waypoints import Knots, Legs, legs
 
 __all__ = ["HORIZON", "KNOTS", "Backup", "flown", "refreshed", "search"]
@@ -172,10 +172,10 @@ def _estimate(
     """Return the smallest distance less the required one of backups of a family, m, ``[N * F]``; an estimate."""
     count = base.shape[0]
     steps = round(HORIZON / _STEP)
-    tracks = predicted(_axis(traffic), (np.arange(steps + 1) * _STEP)[:, None])
+    tracks = predicted(column(traffic), (np.arange(steps + 1) * _STEP)[:, None])
     least_required = np.where(traffic.mask, base, -np.inf)[:, None]
     if sigmas and traffic.velocity_std.any():
-        spread = uncertainty(_axis(traffic), (np.arange(1, steps + 1) * _STEP)[:, None])
+        spread = uncertainty(column(traffic), (np.arange(1, steps + 1) * _STEP)[:, None])
         least_required = least_required + sigmas * (spread - traffic.position_std[:, None])
     least = np.full(own.x.size, np.inf)
     state, to_turn, step = own, wrap(course - own.heading, np), 0
@@ -211,10 +211,3 @@ def _controls(to_turn: Any, to_gain: Any, duration: float, limits: Limits) -> tu
 def _unbound(limits: Limits) -> Limits:
     """Return limits without a stop of the speed, which the legs' controls already respect."""
     return limits._replace(speed_min=-math.inf, speed_max=math.inf)
-
-
-def _axis(traffic: Traffic) -> Traffic:
-    """Return the intruders with an axis for time, ``[N, 1, K]``."""
-    return Traffic(
-        VehicleState(*(field[:, None] for field in traffic.state)), *(field[:, None] for field in traffic[1:])
-    )

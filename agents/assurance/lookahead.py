@@ -13,6 +13,7 @@ import numpy as np
 from agents.planner.traffic import Traffic, predicted, uncertainty
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import distance
+from envs.trees import column, take
 from envs.waypoints import ARCS, Legs
 
 __all__ = ["FINE", "Course", "Outlook", "course", "outlook"]
@@ -81,7 +82,7 @@ def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: fl
     if traffic.mask.size == 0:
         return Outlook(least, when, loss)
     began, ended = course.time[:, :-1] - since[:, None], course.time[:, 1:] - since[:, None]
-    wide = Traffic(*(_wide(field) for field in traffic))
+    wide = column(traffic)
     ends = predicted(wide, (course.time - since[:, None])[..., None])
     x, y = ends.x - course.x[..., None], ends.y - course.y[..., None]
     turn = np.where(began[..., None] < wide.turn_time, wide.state.speed * np.abs(wide.turn_rate), 0.0)
@@ -104,8 +105,8 @@ def _arcs(
 ) -> None:
     """Look at the arcs of some legs, and at parts of those that are not clear."""
     n, leg, k = which
-    one = Traffic(*(_pick(field, n, k) for field in traffic))
-    arcs = Legs(*(field[n, leg] for field in course.legs))
+    one = column(take(traffic, (n, k)))
+    arcs = take(course.legs, (n, leg))
     step = (arcs.duration / ARCS)[:, None]
     # Of an arc begun already, all of it: what has been flown decides nothing but whether to look closer.
     times = (arcs.time - since[n])[:, None] + np.arange(ARCS + 1) * step
@@ -128,7 +129,7 @@ def _arcs(
     # Parts already flown shrink to the present.
     parts = np.maximum(begin + np.arange(FINE + 1) * fine, np.minimum(0.0, begin + step[m]))
     moved = advance(state, arcs.acceleration[m, arc][:, None], arcs.yaw_rate[m, arc][:, None], parts - begin, _ANY, np)
-    one = Traffic(*(_part(field, m) for field in one))
+    one = take(one, m)
     there = predicted(one, parts)
     x, y = there.x - moved.x, there.y - moved.y
     length = np.diff(parts, axis=1)
@@ -174,17 +175,3 @@ def _growth(traffic: Traffic, shaped: Traffic, time: Any, sigmas: float) -> Any:
     if not (traffic.velocity_std.any() and sigmas):
         return 0.0
     return sigmas * (uncertainty(shaped, np.maximum(time, 0.0)) - shaped.position_std)
-
-
-def _wide(field: Any) -> Any:
-    """Return an intruder's field with an axis for legs, ``[N, 1, K]``."""
-    return VehicleState(*(_wide(part) for part in field)) if isinstance(field, tuple) else field[:, None]
-
-
-def _pick(field: Any, n: Any, k: Any) -> Any:
-    """Return an intruder's values by row and number, ``[m, 1]``."""
-    return VehicleState(*(_pick(part, n, k) for part in field)) if isinstance(field, tuple) else field[n, k][:, None]
-
-
-def _part(field: Any, rows: Any) -> Any:
-    return VehicleState(*(_part(part, rows) for part in field)) if isinstance(field, tuple) else field[rows]

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from agents.assurance import monitor as assurance
+from agents.assurance.conformance import Measured
 from agents.assurance.inputs import Inputs
 from agents.assurance.state import Decision, Flown, Monitor, State
 from agents.assurance.thresholds import Cause, Thresholds
@@ -195,8 +196,6 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
     }
     rest = {
         name: mapped(moved, getattr(new, name), getattr(old, name))
-        if isinstance(getattr(new, name), tuple)
-        else moved(getattr(new, name), getattr(old, name))
         for name in ("expected", "required_separation", "request_traffic", "request_separation")
     }
     return replace(watch, monitor=old._replace(memory=old.memory._replace(**given), **rest), names=names)
@@ -219,24 +218,12 @@ def _ask(decision: Decision) -> Ask:
 
 def reasons(decision: Decision, thresholds: Thresholds) -> tuple[Why, ...]:
     """Return the causes of one second in words."""
-    values = {name: float(field[0]) for name, field in zip(Decision._fields[-7:], decision[-7:], strict=True)}
-    now = _Numbers(**values)
+    now = Measured(*(float(field[0]) for field in decision[-7:]))
     return tuple(
         Why(cause, field, f"{field} {says.format(now=now, **vars(thresholds))}")
         for cause, (field, says) in _SAYS.items()
         if int(decision.causes[0]) & int(cause)
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _Numbers:
-    cross_track: float
-    along_track: float
-    time_error: float
-    intruder_position: float
-    intruder_velocity: float
-    separation: float
-    loss: float
 
 
 def _knots(own: VehicleState, plan: Plan) -> Knots:

@@ -113,11 +113,8 @@ class Decision(NamedTuple):
 def start(count: int, intruders: int) -> Monitor:
     """Return monitors that watch nothing, ``[count]`` with room for so many intruders each."""
     no, zero, none = np.zeros(count, dtype=bool), np.zeros(count), np.full(count, -1)
-    no_traffic = Traffic(
-        VehicleState(*(np.zeros((count, intruders)) for _ in range(4))),
-        np.zeros((count, intruders), dtype=bool),
-        *(np.zeros((count, intruders)) for _ in range(4)),
-    )
+    absent = np.zeros((count, intruders), dtype=bool)
+    no_traffic = Traffic.straight(VehicleState(*(np.zeros(absent.shape) for _ in range(4))), absent)
     straight = placeholder(count, PLAN_KNOTS, 20.0)
     short = placeholder(count, KNOTS, 10.0)
     backup = Backup(zero, zero + 75.0, short, zero + np.nan, zero - np.inf, no, no.copy())

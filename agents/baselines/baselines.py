@@ -67,21 +67,15 @@ def checked(sight: Sight) -> Sight:
     Raises:
         ValueError: one is not; the message names the field and the encounter.
     """
-    for name, values in (
-        *zip(VehicleState._fields, sight.own, strict=True),
-        *zip(Sight._fields[3:], sight[3:], strict=True),
-    ):
-        _finite(name if name in Sight._fields else f"own.{name}", values)
-    for name, values in zip(VehicleState._fields, sight.intruders, strict=True):
-        _finite(f"intruders.{name}", np.where(sight.mask, values, 0.0))
+    fields: dict[str, Any] = {f"own.{name}": values for name, values in sight.own._asdict().items()}
+    seen = sight.intruders._asdict()
+    fields |= {f"intruders.{name}": np.where(sight.mask, values, 0.0) for name, values in seen.items()}
+    fields |= {"goal_x": sight.goal_x, "goal_y": sight.goal_y, "left": sight.left}
+    for name, values in fields.items():
+        for where in np.argwhere(~np.isfinite(values)):
+            value, place = np.asarray(values)[tuple(where)], where.tolist() or ""
+            raise ValueError(f"{name}{place} is {value}, expected a finite number")
     return sight
-
-
-def _finite(name: str, values: Any) -> None:
-    values = np.asarray(values, dtype=float)
-    if not np.isfinite(values).all():
-        where = tuple(np.argwhere(~np.isfinite(values))[0].tolist())
-        raise ValueError(f"{name}{list(where) or ''} is {values[where]}, expected a finite number")
 
 
 def course_to_goal(sight: Sight, limits: Limits, goal_radius: float) -> np.ndarray:

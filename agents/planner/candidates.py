@@ -31,7 +31,7 @@ class Proposals(NamedTuple):
     last: Any
     """Number of the route's point that ends the plan; -1 without one."""
     findings: Findings
-    """Of the validator; everything is wrong with what is no plan."""
+    """Of the validator; everything is wrong with what is no plan, clearance -inf."""
     too_short: Any
     """Whether the route ended too soon for this plan or one that it was chosen from, bool."""
     rejoin_time: Any
@@ -48,24 +48,9 @@ class Proposals(NamedTuple):
         return self.findings.safe
 
     @property
-    def legal(self) -> Any:
-        """Whether it found nothing wrong but separation, bool."""
-        return self.findings.legal
-
-    @property
-    def clearance(self) -> Any:
-        """Smallest distance less the required one, m; -inf without a plan."""
-        return self.findings.clearance
-
-    @property
     def min_separation(self) -> Any:
         """Smallest distance, m; nan without a plan."""
         return self.findings.min_separation
-
-    @property
-    def time_of_min_separation(self) -> Any:
-        """s; nan without one."""
-        return self.findings.time_of_min_separation
 
 
 def empty(count: int) -> Proposals:
@@ -118,7 +103,9 @@ def keep_best(best: Proposals, rows: Any, plans: Proposals) -> Any:
     Returns:
         The numbers of the requests that have a better plan now.
     """
-    key = np.where(plans.safe, plans.cost, np.where(plans.legal, 1e6, 2e6) - np.clip(plans.clearance, -1e5, 1e5) * 0.1)
+    found = plans.findings
+    unsafe = np.where(found.legal, 1e6, 2e6) - 0.1 * np.clip(found.clearance, -1e5, 1e5)
+    key = np.where(plans.safe, plans.cost, unsafe)
     order = np.lexsort((key, ~plans.safe, rows))
     row, first = np.unique(rows[order], return_index=True)
     chosen = take(plans, order[first])
@@ -130,7 +117,7 @@ def keep_best(best: Proposals, rows: Any, plans: Proposals) -> Any:
 def is_better(a: Proposals, b: Proposals) -> Any:
     """Return where ``a`` is better than ``b``: safe and cheaper; if neither is safe, legal and clearer, ``[N]``."""
     a_safe, b_safe = a.safe, b.safe
-    a_legal, b_legal = a.legal, b.legal
+    a_legal, b_legal = a.findings.legal, b.findings.legal
     cheaper = a_safe & (~b_safe | (a.cost < b.cost))
-    clearer = (a_legal > b_legal) | ((a_legal == b_legal) & (a.clearance > b.clearance))
+    clearer = (a_legal > b_legal) | ((a_legal == b_legal) & (a.findings.clearance > b.findings.clearance))
     return cheaper | (~a_safe & ~b_safe & clearer)

@@ -110,8 +110,8 @@ def _tried(best: Proposals, left: Any, request: Request, goal: Any, tried: Any, 
     plans = evaluate(take(request, which), flown.rollout, goal[which], options)
     keep_best(best, left[which], plans)
     # What misses the goal or a limit comes after all that do not.
-    fault = np.where(plans.legal, 0.0, np.where(np.isfinite(plans.clearance), 1e5, 1e6))
-    clearance = np.where(np.isfinite(plans.clearance), plans.clearance, flown.clearance)
+    fault = np.where(plans.findings.legal, 0.0, np.where(np.isfinite(plans.findings.clearance), 1e5, 1e6))
+    clearance = np.where(np.isfinite(plans.findings.clearance), plans.findings.clearance, flown.clearance)
     return (np.minimum(clearance, 1e4) - fault).reshape(left.size, each)
 
 

@@ -16,10 +16,9 @@ from agents.planner import fallback
 from agents.planner.answer import Plan
 from agents.planner.candidates import empty, evaluate, keep_best
 from agents.planner.certificate import certificate
-from agents.planner.goals import eligible
 from agents.planner.options import Options, task_of
 from agents.planner.publish import Plans, published
-from agents.planner.request import Altitude, Intruder, Request, checked, finite, required_separation
+from agents.planner.request import Altitude, Intruder, Request, checked, eligible, finite, required_separation
 from agents.planner.rollout import roll
 from agents.policy.inference import Policy
 from envs.kinematics import VehicleState

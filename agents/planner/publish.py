@@ -13,9 +13,8 @@ import numpy as np
 from agents.planner.answer import Excluded, Kind, Plan, Reason, RequestError, Source, Status
 from agents.planner.audit import audit
 from agents.planner.candidates import Proposals
-from agents.planner.goals import eligible
 from agents.planner.options import Options
-from agents.planner.request import Altitude, Intruder, Request, checked
+from agents.planner.request import Altitude, Intruder, Request, checked, eligible
 from agents.planner.validator import CHECKS, Findings, validate
 from envs.kinematics import VehicleState
 from envs.trees import take
@@ -72,7 +71,7 @@ def published(
         _SOURCES[int(plans.source[0])] if waypoints else Source.NONE,
         reasons,
         float(best.min_separation),
-        float(best.time_of_min_separation),
+        float(best.findings.time_of_min_separation),
         route[int(best.goal)].index if waypoints else None,
         float(best.rejoin_time),
         excluded,

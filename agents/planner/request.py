@@ -22,6 +22,7 @@ __all__ = [
     "Options",
     "Request",
     "checked",
+    "eligible",
     "finite",
     "reported",
     "required_separation",
@@ -138,16 +139,39 @@ def finite(request: Request) -> None:
     Raises:
         RequestError: one is not; it names the field and its place.
     """
-    traffic = request.traffic
-    exists = np.arange(request.route_x.shape[1]) < request.points[:, None]
-    fields = [(f"own.{name}", values, True) for name, values in zip(VehicleState._fields, request.own, strict=True)]
-    names = (*VehicleState._fields, *traffic._fields[2:])
-    seen = zip(names, (*traffic.state, *traffic[2:]), strict=True)
-    fields += [(f"intruders.{name}", values, traffic.mask) for name, values in seen]
-    fields += [("route_x", request.route_x, exists), ("route_y", request.route_y, exists)]
-    for name, values, counts in fields:
+    traffic, exists = request.traffic, np.arange(request.route_x.shape[1]) < request.points[:, None]
+    fields = {f"own.{name}": (values, True) for name, values in request.own._asdict().items()}
+    seen = traffic.state._asdict() | dict(zip(traffic._fields[2:], traffic[2:], strict=True))
+    fields |= {f"intruders.{name}": (values, traffic.mask) for name, values in seen.items()}
+    fields |= {"route_x": (request.route_x, exists), "route_y": (request.route_y, exists)}
+    for name, (values, counts) in fields.items():
         for where in np.argwhere(~np.isfinite(values) & counts):
             raise RequestError(f"{name}{where.tolist()}", f"is {values[tuple(where)]}, expected a finite number")
+
+
+def eligible(request: Request, options: Options) -> Any:
+    """Return the numbers of the route's points that may be rejoined at, the next one first, ``[N, goals]``; -1: none.
+
+    A point counts as passed when the ownship is within the goal radius of it, or beyond it in the direction in which
+    the route goes on there. Points that cannot be reached in time at the greatest speed are left out.
+    """
+    x, y, points = request.route_x, request.route_y, request.points
+    number = np.arange(x.shape[1])
+    exists = number < points[:, None]
+    onward = np.minimum(number + 1, points[:, None] - 1)
+    from_number = np.where(onward > number, number, np.maximum(number - 1, 0))
+    dx = np.take_along_axis(x, onward, 1) - np.take_along_axis(x, from_number, 1)
+    dy = np.take_along_axis(y, onward, 1) - np.take_along_axis(y, from_number, 1)
+    off_x, off_y = request.own.x[:, None] - x, request.own.y[:, None] - y
+    far = np.hypot(off_x, off_y) - options.goal_radius
+    passed = ((off_x * dx + off_y * dy > 0.0) | (far <= 0.0)) & exists
+    first = np.argmin(np.concatenate([passed, np.zeros((points.size, 1), dtype=bool)], axis=1), axis=1)
+    fastest = np.maximum(options.manoeuvre.speed_max, request.own.speed)[:, None]
+    near = far <= fastest * options.rejoin_by
+    chosen = first[:, None] + np.arange(options.goals)
+    inside = chosen < points[:, None]
+    chosen = np.where(inside, chosen, 0)
+    return np.where(inside & np.take_along_axis(near & exists, chosen, 1), chosen, -1)
 
 
 def required_separation(request: Request, options: Options) -> Any:

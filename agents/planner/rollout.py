@@ -75,13 +75,6 @@ def roll(
     if floats:
         start = VehicleState(*(float(field[0]) for field in own))
         return _roll_one(start, traffic, (float(goal[0][0]), float(goal[1][0])), required, policy, task)
-    return _roll_many(own, traffic, goal, required, policy, task)
-
-
-def _roll_many(
-    own: VehicleState, traffic: Traffic, goal: tuple[Any, Any], required: Any, policy: Policy, task: Task
-) -> Rollout:
-    """Roll ``[N]`` requests over arrays."""
     limits = task.limits
     count = np.size(own.x)
     steps = int(task.until / STEP)

@@ -65,12 +65,18 @@ class Findings(NamedTuple):
         return ~self.wrong[:, :-1].any(axis=-1)
 
     @classmethod
+    def blank(cls, count: int) -> "Findings":
+        """Return that nothing is wrong and no intruder seen, ``[count]``."""
+        places = count, len(CHECKS)
+        none, nan, inf = np.full(count, -1), np.full(count, np.nan), np.full(count, np.inf)
+        time, x, y = (np.full(places, np.nan) for _ in range(3))
+        return cls(np.zeros(places, dtype=bool), np.full(places, -1), time, x, y, none, inf, nan, inf.copy())
+
+    @classmethod
     def empty(cls, count: int) -> "Findings":
         """Return the findings of plans that do not exist, ``[count]``: everything is wrong with them."""
-        place = np.full((count, len(CHECKS)), np.nan)
-        nan, wrong, none = np.full(count, np.nan), np.ones(place.shape, dtype=bool), np.full(count, -1)
-        legs = np.full(place.shape, -1)
-        return cls(wrong, legs, place, place.copy(), place.copy(), none, nan, nan.copy(), np.full(count, -np.inf))
+        blank, nan = cls.blank(count), np.full(count, np.nan)
+        return blank._replace(wrong=~blank.wrong, min_separation=nan, clearance=-blank.clearance)
 
 
 def validate(
@@ -103,11 +109,6 @@ def validate(
             )
         )
         curves = legs(usable)
-    found = _Collector(count, points - 1, knots, curves)
-    found.note(0, ~(finite[:, 1:] & finite[:, :-1]))
-    found.note(1, ~ordered & finite[:, 1:] & finite[:, :-1])
-    ok = sound[:, None]
-    found.note(2, ~(curves.miss <= CLOSED) & ok)
     # Comparisons ask for what is right, so that not-a-number is wrong. A plan beyond a speed limit may stay there, but
     # not go further, nor come back to it: the bounds follow the most moderate speed so far, not that of the arc before,
     # or else the tolerance would add up from arc to arc.
@@ -116,54 +117,34 @@ def validate(
     lowest = np.minimum(limits.speed_min, np.maximum.accumulate(so_far, axis=-1)).reshape(speed.shape)
     highest = np.maximum(limits.speed_max, np.minimum.accumulate(so_far, axis=-1)).reshape(speed.shape)
     steady = (after >= lowest - TOLERANCE.speed_min) & (after <= highest + TOLERANCE.speed_max)
-    found.note(3, ~steady.all(axis=-1) & ok)
     gentle = (curves.acceleration >= limits.acceleration_min - TOLERANCE.acceleration_min) & (
         curves.acceleration <= limits.acceleration_max + TOLERANCE.acceleration_max
     )
-    found.note(4, ~gentle.all(axis=-1) & ok)
     turning = np.abs(curves.yaw_rate) <= limits.yaw_rate_max + TOLERANCE.yaw_rate_max
-    found.note(5, ~turning.all(axis=-1) & ok)
+    closed = curves.miss <= CLOSED
+    found, both = Findings.blank(count), finite[:, 1:] & finite[:, :-1]
+    kept = [field | ~sound[:, None] for field in (closed, steady.all(-1), gentle.all(-1), turning.all(-1))]
+    for check, right in enumerate((both, ordered | ~both, *kept)):
+        rows = np.flatnonzero(~right.all(axis=-1))
+        if rows.size:
+            first = np.argmin(right[rows], axis=-1)
+            _place(found, check, rows, first, *(field[rows, first] for field in (knots.time, knots.x, knots.y)))
     _separation(found, knots, curves, traffic, requirement, sound)
-    return found.findings()
+    return found
 
 
 def _gain(curves: Legs) -> Any:
     return curves.acceleration * (curves.duration[..., None] / ARCS)
 
 
-class _Collector:
-    """Gathers what is wrong, the first time and place of each."""
-
-    def __init__(self, count: int, legs: int, knots: Knots, curves: Legs) -> None:
-        shape = (count, len(CHECKS))
-        self.knots, self.curves = knots, curves
-        self.wrong = np.zeros(shape, dtype=bool)
-        self.leg = np.full(shape, -1)
-        self.time, self.x, self.y = (np.full(shape, np.nan) for _ in range(3))
-        self.intruder = np.full(count, -1)
-        self.min_separation = np.full(count, np.inf)
-        self.time_of_min = np.full(count, np.nan)
-        self.clearance = np.full(count, np.inf)
-
-    def note(self, check: int, wrong: Any) -> None:
-        """Note the first leg ``[N, L]`` of each plan that fails a check."""
-        rows = np.flatnonzero(wrong.any(axis=-1))
-        if rows.size:
-            first = np.argmax(wrong[rows], axis=-1)
-            at = (field[rows, first] for field in (self.knots.time, self.knots.x, self.knots.y))
-            self.place(check, rows, first, *at)
-
-    def place(self, check: int, rows: Any, leg: Any, time: Any, x: Any, y: Any) -> None:
-        self.wrong[rows, check], self.leg[rows, check] = True, leg
-        self.time[rows, check], self.x[rows, check], self.y[rows, check] = time, x, y
-
-    def findings(self) -> Findings:
-        places = self.wrong, self.leg, self.time, self.x, self.y
-        return Findings(*places, self.intruder, self.min_separation, self.time_of_min, self.clearance)
+def _place(found: Findings, check: int, rows: Any, leg: Any, *place: Any) -> None:
+    """Note where some plans first fail a check: the leg, the time (s) and the position (m), ``[m]`` each."""
+    found.wrong[rows, check], found.leg[rows, check] = True, leg
+    found.time[rows, check], found.x[rows, check], found.y[rows, check] = place
 
 
 def _separation(
-    found: _Collector, knots: Knots, curves: Legs, traffic: Traffic, requirement: Requirement, sound: Any
+    found: Findings, knots: Knots, curves: Legs, traffic: Traffic, requirement: Requirement, sound: Any
 ) -> None:
     """Judge the separation from all intruders over the whole plan."""
     rows = np.flatnonzero(sound)
@@ -218,13 +199,13 @@ def _separation(
     _note_fine(found, rows, (n, a, k), began, begins, close, needed)
 
 
-def _note_clear(found: _Collector, rows: Any, bound: Any, need: Any, unclear: Any) -> None:
+def _note_clear(found: Findings, rows: Any, bound: Any, need: Any, unclear: Any) -> None:
     """Take the clearance of what is clear from its bound."""
     spare = np.where(unclear, np.inf, bound - need)
     found.clearance[rows] = np.minimum(found.clearance[rows], spare.min(axis=(1, 2)))
 
 
-def _note_fine(found: _Collector, rows: Any, which: Any, began: Any, begins: Any, close: Any, needed: Any) -> None:
+def _note_fine(found: Findings, rows: Any, which: Any, began: Any, begins: Any, close: Any, needed: Any) -> None:
     """Judge the parts ``[m, FINE]`` of what was not clear."""
     n, a, k = which
     spare = close - needed
@@ -236,7 +217,7 @@ def _note_fine(found: _Collector, rows: Any, which: Any, began: Any, begins: Any
     order = np.lexsort((when, value, n))
     owner, first = np.unique(n[order], return_index=True)
     best = order[first]
-    found.min_separation[rows[owner]], found.time_of_min[rows[owner]] = value[best], when[best]
+    found.min_separation[rows[owner]], found.time_of_min_separation[rows[owner]] = value[best], when[best]
 
     bad = np.flatnonzero(~(spare >= 0.0).all(axis=1))
     if bad.size:
@@ -245,5 +226,5 @@ def _note_fine(found: _Collector, rows: Any, which: Any, began: Any, begins: Any
         order = np.lexsort((when, n[bad]))
         owner, first = np.unique(n[bad][order], return_index=True)
         first = order[first]
-        found.place(CHECKS.index("separation"), rows[owner], a[bad][first] // ARCS, when[first], x[first], y[first])
+        _place(found, CHECKS.index("separation"), rows[owner], a[bad][first] // ARCS, when[first], x[first], y[first])
         found.intruder[rows[owner]] = k[bad][first]
