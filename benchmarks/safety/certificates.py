@@ -2,9 +2,10 @@
 
 SAFE plans of the attack's requests (:mod:`benchmarks.safety.adversary`) are certified; the independent checker must
 accept every certificate. Then a number of each is moved a little: of a waypoint, with the legs as they were or
-solved anew, of an intruder, a time, a control, a limit or a claimed distance. Where the moved plan is wrong as
-:mod:`benchmarks.safety.resimulation` flies it by small steps, the checker must refuse it. The last line is one JSON
-object; exit status 1 means that a certificate was refused or a wrong one accepted.
+solved anew, of an intruder, a time, a control, a limit or a claimed distance; or an intruder is shifted to pass close
+to the separation. Where the moved plan is wrong as :mod:`benchmarks.safety.resimulation` flies it by small steps, the
+checker must refuse it. The last line is one JSON object; exit status 1 means that a certificate was refused or a wrong
+one accepted.
 """
 
 import json
@@ -26,7 +27,7 @@ from agents.policy.inference import Policy
 from benchmarks.measure import report
 from benchmarks.safety import published
 from benchmarks.safety.adversary import VARIANTS, drawn
-from benchmarks.safety.resimulation import CHECKS, Route, resimulate
+from benchmarks.safety.resimulation import CHECKS, Route, resimulate, travelled
 from envs import waypoints
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import Limits, VehicleState
@@ -43,13 +44,16 @@ _SLACK = 1e-3  # m, of the resimulation
 
 
 def moved(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, Any], str]:
-    """Return a certificate with one number moved by less than would show in a picture, and what was moved."""
+    """Return a certificate with something moved by less than would show in a picture, and what was moved.
+
+    An ``approach`` shifts an intruder by more, so that it comes as close as the separation but for 1 mm to 30 m.
+    """
     data = json.loads(json.dumps(data))
     size = float(10.0 ** rng.uniform(-3.0, 1.5) * rng.choice([-1.0, 1.0]))  # m
     leg, part = int(rng.integers(len(data["waypoints"]))), int(rng.integers(5))
     unit = (1.0, 1.0, 1e-3, 0.02, 0.01)[part]
     kinds = ["waypoint", "waypoint and legs", "waypoint and legs", "control", "limit"]
-    kinds += ["intruder", "intruder", "bound", "bound", "requirement"] if data["intruders"] else []
+    kinds += ["intruder", "approach", "approach", "approach", "bound", "requirement"] if data["intruders"] else []
     kind = kinds[int(rng.integers(len(kinds)))]
     if kind.startswith("waypoint"):
         data["waypoints"][leg][part] += size * unit
@@ -64,6 +68,8 @@ def moved(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, Any
         row = data["intruders"][int(rng.integers(len(data["intruders"])))]
         field = int(rng.choice([0, 1, 2, 3, 4, 5, 7, 8]))
         row[field] += abs(size) if field > 5 else size * (1.0, 1.0, 1e-3, 0.02, 0.01, 1e-4)[field]
+    elif kind == "approach":
+        _approach(data, int(rng.integers(len(data["intruders"]))), data["requirement"]["separation"] + size)
     elif kind == "bound":
         data["bounds"][int(rng.integers(len(data["bounds"])))] += abs(size)
     else:
@@ -71,10 +77,39 @@ def moved(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, Any
     return data, kind
 
 
+def _approach(data: dict[str, Any], number: int, distance: float) -> None:
+    """Shift an intruder to come as close as that, and ask for nothing but the separation."""
+    data["requirement"] |= {"margin": 0.0, "sigmas": 0.0}
+    data["bounds"] = [1.0] * len(data["bounds"])
+    row = data["intruders"][number]
+    x, y, heading, speed, age, rate, lasts = row[:7]
+    curves = waypoints.legs(_knots(data))
+    times, apart = np.arange(0.0, data["waypoints"][-1][4], 0.5), np.zeros(1, dtype=complex)
+    for _ in range(2):
+        many = mapped(lambda field: np.repeat(field[None], len(times), axis=0), curves)  # noqa: B023
+        own = waypoints.at(many, times)
+        apart = (
+            x
+            + 1j * y
+            + travelled(heading, speed, rate if lasts > 0.0 else 0.0, lasts, times + age)
+            - own.x
+            - 1j * own.y
+        )
+        middle = times[np.argmin(np.abs(apart))]
+        times = np.clip(middle + np.linspace(-0.5, 0.5, 1001), 0.0, data["waypoints"][-1][4])
+    nearest = apart[np.argmin(np.abs(apart))]
+    shift = nearest / np.abs(nearest) * (distance - np.abs(nearest))
+    row[0], row[1] = float(x + shift.real), float(y + shift.imag)
+
+
+def _knots(data: dict[str, Any]) -> waypoints.Knots:
+    points = np.array([[*data["own"], 0.0], *data["waypoints"]])
+    return waypoints.Knots(points[:, 0], points[:, 1], points[:, 2], points[:, 3], points[:, 4])
+
+
 def wrong(data: dict[str, Any]) -> str:
     """Return what small steps find wrong with the plan of a certificate, or nothing."""
-    own, points = data["own"], np.array([[*data["own"], 0.0], *data["waypoints"]])
-    knots = waypoints.Knots(*points.T)
+    own, knots = data["own"], _knots(data)
     if not (np.diff(knots.time) > 0.0).all():
         return "times"
     if np.max(np.abs(np.array(data["controls"]) - np.array(_controls(data)))) > _SAME:
@@ -99,8 +134,7 @@ def wrong(data: dict[str, Any]) -> str:
 
 
 def _controls(data: dict[str, Any]) -> list[list[float]]:
-    points = np.array([[*data["own"], 0.0], *data["waypoints"]])
-    curves = waypoints.legs(waypoints.Knots(*points.T))
+    curves = waypoints.legs(_knots(data))
     return np.concatenate([curves.yaw_rate, curves.acceleration], axis=-1).tolist()
 
 
