@@ -1,9 +1,9 @@
 """What is known of each aircraft: its last good report, what was wrong with a newer one, how old it is.
 
 A report that repeats the last one or comes late is passed over. One from the future, one that contradicts another of
-the same time and one that has jumped is a fault: until a good report follows nothing is planned with that aircraft.
-A jump that the next report confirms was none: the aircraft is where the two agree. Where reports of both places go on
-arriving, one name stands for two aircraft, which is a fault until one of them has fallen silent.
+the same time and one that has jumped is a fault: nothing is planned with that aircraft. A doubtful report was an
+outlier when two good ones follow in a row; a jump that the next report confirms was none. Where reports of both places
+go on arriving, one name stands for two aircraft, which is a fault until one of them has fallen silent.
 """
 
 from collections.abc import Mapping
@@ -40,6 +40,9 @@ class Verdict(Enum):
     INVALID = "invalid"
     """Not finite, out of range or inconsistent; a fault."""
 
+
+_OUTLIER = 2
+"""Good reports in a row that show that a doubtful one was an outlier."""
 
 FAULTS = frozenset(Verdict) - {Verdict.TAKEN, Verdict.DUPLICATE, Verdict.REORDERED}
 
@@ -84,8 +87,8 @@ class Track:
     """The reports that the last good one follows from, those that contradict themselves included."""
     rival: Course | None = None
     """Reports of another place under the same name."""
-    both: bool = False
-    """Whether the course went on after the rival had begun."""
+    since: int = 0
+    """Reports of the course since the rival's newest."""
     shared: bool = False
     """Whether the rival was confirmed after that: two aircraft."""
     sighting: Sighting | None = None
@@ -122,12 +125,12 @@ def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> tu
         problem = f"is {ahead:.3f} s ahead of the clock, expected {rules.future:g} s at most"
         return _faulty(track, Verdict.FUTURE, f"{name}.header.stamp", problem, now), Verdict.FUTURE
     if track.rival is not None and (report.time - track.rival.newest.time) / SECOND > rules.fresh_start:
-        track = replace(track, rival=None, both=False, shared=False)
+        track = replace(track, rival=None, since=0, shared=False)
     if track.course is None:
         return _good(track, begun(report), name, now)
     verdict, field_, problem = _compared(track.course.newest, report, rules)
     if verdict is Verdict.TAKEN:
-        return _good(replace(track, both=track.rival is not None), _next(track.course, report, rules), name, now)
+        return _good(replace(track, since=track.since + 1), _next(track.course, report, rules), name, now)
     if verdict in FAULTS and field_ == "position":
         return _elsewhere(track, report, name, now, rules, verdict, problem)
     if verdict in FAULTS:
@@ -163,7 +166,9 @@ def _good(track: Track, course: Course, name: str, now: int) -> tuple[Track, Ver
         apart = distance(course.newest.latitude, course.newest.longitude, other.latitude, other.longitude)
         problem = f"is the name of two aircraft {apart / 1e3:.1f} km apart, expected one"
         return _faulty(track, Verdict.SHARED, f"{name}.id", problem, now), Verdict.SHARED
-    return replace(track, fault=None, counts=_counted(track, Verdict.TAKEN)), Verdict.TAKEN
+    # One good report after a doubtful one may be the first of two aircraft, in turns.
+    fault = track.fault if track.rival is not None and track.since < _OUTLIER else None
+    return replace(track, fault=fault, counts=_counted(track, Verdict.TAKEN)), Verdict.TAKEN
 
 
 def _elsewhere(
@@ -175,15 +180,15 @@ def _elsewhere(
     if rival is not None:
         again, _, _ = _compared(rival.newest, report, rules)
     if rival is None or again in FAULTS:
-        track = replace(track, rival=begun(report), both=verdict is Verdict.CONFLICT, shared=False)
+        track = replace(track, rival=begun(report), since=0, shared=False)
         return _faulty(track, verdict, f"{name}.position", problem, now), verdict
     if again is not Verdict.TAKEN:
         return replace(track, counts=_counted(track, again)), again
     rival = _next(rival, report, rules)
-    if track.both:
-        return _good(replace(track, rival=rival, shared=True), track.course, name, now)
+    if track.since or track.shared or verdict is Verdict.CONFLICT:
+        return _good(replace(track, rival=rival, since=0, shared=True), track.course, name, now)
     # Nothing came from the old place since: the aircraft is here. If the old place is reported again, there are two.
-    return _good(replace(track, rival=track.course, both=True), rival, name, now)
+    return _good(replace(track, rival=track.course, since=_OUTLIER, fault=None), rival, name, now)
 
 
 def _compared(before: Report, report: Report, rules: Rules) -> tuple[Verdict, str, str]:

@@ -90,7 +90,9 @@ def test_single_outlier_is_refused():
     track, verdicts = fed(report(0.0), report(1.0, y=5_000.0), report(2.0))
     assert verdicts == [Verdict.TAKEN, Verdict.JUMP, Verdict.TAKEN]
     assert track.last == report(2.0)
-    assert track.fault is None
+    # It may be one of two aircraft that report in turns; another good report in a row shows that it is not.
+    assert track.fault is not None and track.fault.verdict is Verdict.JUMP
+    assert fed(report(0.0), report(1.0, y=5_000.0), report(2.0), report(3.0))[0].fault is None
 
 
 def taken_in_turns(first, second, pattern: str, every: float = 1.0) -> list[Track]:
@@ -111,14 +113,13 @@ def other(seconds: float):
 
 
 @pytest.mark.parametrize(
-    "pattern", ["ababababab", "aabaabaaba", "abbabbabba", "bababababa", "aabbaabbaa", "abbbabbbab"]
+    ("pattern", "since"),
+    # Two reports of one aircraft in a row look like the end of an outlier, or of a jump, the first time only.
+    [("ababababab", 1), ("aabaabaaba", 5), ("abbabbabba", 3), ("aabbaabbaa", 4), ("abbbabbbab", 4)],
 )
-def test_name_of_two_aircraft_is_a_fault_while_both_report(pattern: str):
+def test_name_of_two_aircraft_is_a_fault_while_both_report(pattern: str, since: int):
     history = taken_in_turns(report, other, pattern)
-    doubt = pattern.index("b" if pattern[0] == "a" else "a")
-    # A report of the first one alone looks like the end of an outlier; from the second turn on it can.
-    sure = next(n for n in range(doubt + 2, 10) if pattern[n] == pattern[doubt] and pattern[n - 1] != pattern[n])
-    assert all(track.fault is not None for track in history[sure:])
+    assert all(track.fault is not None for track in history[since:])
     assert history[-1].fault is not None and history[-1].fault.verdict is Verdict.SHARED
     assert history[-1].fault.field == "it.id"
 
