@@ -1,4 +1,4 @@
-"""What the commands that fly many encounters share: who flies, the run's folder, chunks, interrupts, exit status."""
+"""What the commands that fly many encounters share: workers, the run's folder, chunks, interrupts, exit status."""
 
 import argparse
 import math
