@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from envs.edge.installation import extra_of, foreign
+from envs.edge.text import visible
 
 __all__ = ["ConfigError", "InputError", "Parser", "run_cli"]
 
@@ -135,7 +136,7 @@ def _version() -> str:
 
 
 def _say(sentence: str, status: int) -> int:
-    print("error:", " ".join(sentence.split()), file=sys.stderr)
+    print("error:", visible(" ".join(sentence.split())), file=sys.stderr)
     return status
 
 

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from agents.config.world import check_own_speed
+from envs.edge.text import visible
 from envs.encounters import Encounter, EncounterError, Scenario
 from envs.formats import encounter_file
 from envs.formats.adsb_file import is_adsb
@@ -138,7 +139,7 @@ def say(source: Source) -> None:
     """Print which recorded encounters are left out and what was repaired, if anything was."""
     found = said(source)
     for sentence in found["left_out"]:
-        print(f"left out: {sentence}", file=sys.stderr)
+        print(f"left out: {visible(sentence)}", file=sys.stderr)
     done = [f"{count} {_DONE[name]}" for name, count in (found["repairs"] or {}).items() if count]
     if done:
         print(f"repaired: {', '.join(done)}", file=sys.stderr)

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from envs.edge.text import visible
 from eval.plots.style import MARKERS
 from eval.report.choice import NEAR
 from eval.report.flights import Replayed
 from eval.report.folder import Run
-from eval.report.headline import visible
 
 __all__ = ["flight_data", "json_text", "page_data", "weight"]
 

@@ -1,10 +1,9 @@
 """The numbers at the head of a report: what each is called, its value, its interval and what it counts."""
 
-import unicodedata
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-__all__ = ["Line", "headline", "spaced", "visible"]
+__all__ = ["Line", "headline", "spaced"]
 
 _RATES = (
     ("success, of all encounters", "success_rate"),
@@ -71,14 +70,6 @@ def headline(summary: Mapping[str, Any], unresolvable: Mapping[str, int]) -> lis
 def spaced(value: int) -> str:
     """Return a whole number with thin spaces between its thousands."""
     return f"{value:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
-
-
-def visible(text: str) -> str:
-    """Return a text with its control and format characters, which may reverse what follows, as their codes."""
-    hidden = {"Cc", "Cf", "Zl", "Zp"}
-    return "".join(
-        f"\\u{ord(each):04x}" if unicodedata.category(each) in hidden and each != "\n" else each for each in text
-    )
 
 
 def _of(count: int, total: int) -> str:

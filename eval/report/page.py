@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from envs.edge.text import visible
 from envs.kinematics import Limits
 from eval.flights.aircraft import described
 from eval.plots.style import MARKERS
 from eval.report.choice import NEAR, NEAREST, POINTS, Choice
 from eval.report.data import json_text
 from eval.report.folder import Run
-from eval.report.headline import Line, headline, spaced, visible
+from eval.report.headline import Line, headline, spaced
 
 __all__ = ["page"]
 

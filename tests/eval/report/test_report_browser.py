@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from envs.edge.text import visible
 from eval.report.choice import choose
 from eval.report.data import page_data
 from eval.report.folder import read_run
-from eval.report.headline import visible
 from eval.report.page import page
 from tests.eval.report.report_runs import HOSTILE, TRACKS
 
