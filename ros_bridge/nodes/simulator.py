@@ -43,7 +43,7 @@ from ros_bridge.nodes.simulator_messages import route_of, state_message
 from ros_bridge.sim.flight_log import FlightLog
 from ros_bridge.sim.guidance import Guidance, curve
 from ros_bridge.sim.receivers import Quality, Receiver
-from ros_bridge.sim.world import OWN, VEHICLES, Air, SimulationError, Truth
+from ros_bridge.sim.world import OWN, VEHICLES, EncounterFlight, SimulationError, Truth
 from ros_bridge.transport import parameters, qos
 from ros_bridge.transport.messages import header, uuid_of
 from ros_bridge.transport.settings import declare
@@ -82,7 +82,7 @@ class Simulator(Node):
         self.logs: list[FlightLog] = []
         """Of the encounters flown so far."""
         self._phase = _Phase.IDLE
-        self._air: Air | None = None
+        self._flight: EncounterFlight | None = None
         self._clock = _START
         self._since = self._last = time.perf_counter()
         self._forget()
@@ -134,7 +134,7 @@ class Simulator(Node):
         One that cannot be flown is over at once, and its log holds the reason.
         """
         try:
-            self._air = Air(encounter, self._value("vehicle"))
+            self._flight = EncounterFlight(encounter, self._value("vehicle"))
         except SimulationError as error:
             self.logs.append(FlightLog(name, failure=str(error)))
             return
@@ -144,7 +144,7 @@ class Simulator(Node):
         self._forget()
         self._clock = _START
         self._phase, self._since = _Phase.SETTLING, time.perf_counter()
-        self._routes.publish(route_of(self._air, self._frame))
+        self._routes.publish(route_of(self._flight, self._frame))
         self._origins.publish(GeoReference(latitude=self._frame.latitude, longitude=self._frame.longitude))
 
     def _qualities(self, encounter: Encounter) -> tuple[Quality, Quality]:
@@ -214,54 +214,54 @@ class Simulator(Node):
 
     def _fly(self) -> None:
         """Go on by one tick: the clock, what is received, alert and request, and then the flight."""
-        air = self._air
-        assert air is not None
-        self._clock = self._zero + round(air.time * SECOND)
+        flight = self._flight
+        assert flight is not None
+        self._clock = self._zero + round(flight.time * SECOND)
         self._clocks.publish(ClockMessage(clock=header(self._clock, "").stamp))
         own, traffic = self._receivers
-        for received in own.receive(air.time, {OWN: air.own}):
+        for received in own.receive(flight.time, {OWN: flight.own}):
             self._own.publish(state_message(received, own.quality, self._frame, self._zero))
-        for received in traffic.receive(air.time, air.traffic):
+        for received in traffic.receive(flight.time, flight.traffic):
             self._traffic.publish(state_message(received, traffic.quality, self._frame, self._zero))
-        self._act(air)
+        self._act(flight)
         try:
-            air.step()
+            flight.step()
         except RuntimeError as error:  # envs.c208.vehicle.FlightError, whose module is not always there
             self._end(str(error))
             return
         if self._guidance.status is not None and self._guidance.status.fly == AssuranceStatus.FLY_BACKUP:
             self._log.backup += PERIOD
-        if air.over() or air.time >= self._value("longest"):
+        if flight.over() or flight.time >= self._value("longest"):
             self._end("")
 
     def _end(self, failure: str) -> None:
-        air, log = self._air, self._log
-        assert air is not None
-        log.failure, log.duration = failure, air.time
+        flight, log = self._flight, self._log
+        assert flight is not None
+        log.failure, log.duration = failure, flight.time
         log.wall = time.perf_counter() - self._since
-        log.separation, log.when, log.error = air.truth
+        log.separation, log.when, log.error = flight.truth
         if self._asking is not None:
             self._client.remove_pending_request(self._asking)
         self.logs.append(log)
-        self._phase, self._air = _Phase.IDLE, None
+        self._phase, self._flight = _Phase.IDLE, None
 
     # Alert, request, and what is flown.
 
-    def _act(self, air: Air) -> None:
-        near = air.closest() < self._value("alert_distance") and air.time >= 1.0
-        if near and air.time - self._alert_at >= _ALERT_AGAIN:
-            self._alert_at = air.time
+    def _act(self, flight: EncounterFlight) -> None:
+        near = flight.closest() < self._value("alert_distance") and flight.time >= 1.0
+        if near and flight.time - self._alert_at >= _ALERT_AGAIN:
+            self._alert_at = flight.time
             level = TrafficAlert.LEVEL_CORRECTIVE
             stamp = header(self._clock, "")
-            self._alerts.publish(TrafficAlert(header=stamp, level=level, intruder_ids=list(air.names)))
-        due = air.time - self._asked_at >= self._value("ask_again") and self._log.safe_at is None
+            self._alerts.publish(TrafficAlert(header=stamp, level=level, intruder_ids=list(flight.names)))
+        due = flight.time - self._asked_at >= self._value("ask_again") and self._log.safe_at is None
         # A tick after the alert, so that it is known.
-        if near and due and self._asking is None and air.time > self._alert_at:
-            self._ask(air)
-        self._choose(air)
+        if near and due and self._asking is None and flight.time > self._alert_at:
+            self._ask(flight)
+        self._choose(flight)
 
-    def _ask(self, air: Air) -> None:
-        self._asked_at = air.time
+    def _ask(self, flight: EncounterFlight) -> None:
+        self._asked_at = flight.time
         request = GenerateTrajectory.Request(reason=GenerateTrajectory.Request.REASON_ALERT)
         request.header = header(self._clock, self._value("map_frame"))
         began = time.perf_counter()
@@ -281,7 +281,7 @@ class Simulator(Node):
         if response.status != response.STATUS_SAFE:
             self.get_logger().info(f"{log.name}: {name} {response.message}")
 
-    def _choose(self, air: Air) -> None:
+    def _choose(self, flight: EncounterFlight) -> None:
         """Take up the trajectory that the monitor names, or the newest plan where there is no monitor."""
         wanted = self._guidance.selected()
         if wanted is None or uuid_of(wanted.id).bytes == self._following:
@@ -293,10 +293,10 @@ class Simulator(Node):
             self.get_logger().error(f"cannot be flown: {error}")
             return
         plan = wanted.status == Trajectory.STATUS_SAFE
-        air.fly(curves, (began - self._zero) / SECOND, plan=plan)
+        flight.fly(curves, (began - self._zero) / SECOND, plan=plan)
         if plan and self._log.safe_at is None:
-            self._log.safe_at, self._log.source = air.time, _SOURCES.get(wanted.source, "none")
-            air.truth = Truth()  # what counts from here on is what the plan promises
+            self._log.safe_at, self._log.source = flight.time, _SOURCES.get(wanted.source, "none")
+            flight.truth = Truth()  # what counts from here on is what the plan promises
 
     def _of_now(self, message: Any) -> bool:
         """Return whether a message belongs to the encounter that is flown."""

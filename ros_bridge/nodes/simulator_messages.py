@@ -10,7 +10,7 @@ from ros_bridge.core.fields import SECOND
 from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.reports import Report
 from ros_bridge.sim.receivers import Quality, Received
-from ros_bridge.sim.world import ALTITUDE, OWN, Air
+from ros_bridge.sim.world import ALTITUDE, OWN, EncounterFlight
 from ros_bridge.transport.messages import aircraft_message
 
 __all__ = ["route_of", "state_message"]
@@ -18,14 +18,14 @@ __all__ = ["route_of", "state_message"]
 _SPACING, _BEYOND = 5_000.0, 45_000.0  # of the route's points, and how far it goes on beyond the goal, m
 
 
-def route_of(air: Air, frame: LocalFrame) -> Trajectory:
+def route_of(flight: EncounterFlight, frame: LocalFrame) -> Trajectory:
     """Return the filed route: the goal, and points every 5 km on the same line to 45 km beyond it."""
-    own = air.own
-    dx, dy = air.goal[0] - own.x, air.goal[1] - own.y
+    own = flight.own
+    dx, dy = flight.goal[0] - own.x, flight.goal[1] - own.y
     length = max(math.hypot(dx, dy), 1.0)
     reach = [_SPACING * number for number in range(round(_BEYOND / _SPACING) + 1)]
     at = frame.geodetic(
-        [air.goal[0] + dx / length * far for far in reach], [air.goal[1] + dy / length * far for far in reach]
+        [flight.goal[0] + dx / length * far for far in reach], [flight.goal[1] + dy / length * far for far in reach]
     )
     points = [
         Waypoint(index=1 + number, latitude=latitude, longitude=longitude)

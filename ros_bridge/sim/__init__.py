@@ -3,6 +3,15 @@
 from ros_bridge.sim.flight_log import FlightLog
 from ros_bridge.sim.guidance import Guidance
 from ros_bridge.sim.receivers import Quality, Received, Receiver
-from ros_bridge.sim.world import Air, Line, SimulationError
+from ros_bridge.sim.world import EncounterFlight, FlightPath, SimulationError
 
-__all__ = ["Air", "FlightLog", "Guidance", "Line", "Quality", "Received", "Receiver", "SimulationError"]
+__all__ = [
+    "EncounterFlight",
+    "FlightLog",
+    "FlightPath",
+    "Guidance",
+    "Quality",
+    "Received",
+    "Receiver",
+    "SimulationError",
+]

@@ -17,7 +17,17 @@ from envs.relative import leg_separation, straight_cpa
 from envs.trees import take
 from envs.waypoints import Legs, Waypoint, at, knots, legs
 
-__all__ = ["ALTITUDE", "OWN", "VEHICLES", "Air", "Line", "SimulationError", "Truth", "straight_on", "vehicle"]
+__all__ = [
+    "ALTITUDE",
+    "OWN",
+    "VEHICLES",
+    "EncounterFlight",
+    "FlightPath",
+    "SimulationError",
+    "Truth",
+    "straight_on",
+    "vehicle",
+]
 
 ALTITUDE = 2_500.0
 """At which all fly, m."""
@@ -47,7 +57,7 @@ class Truth(NamedTuple):
     """Largest distance from where the line was at the time, m, plans only."""
 
 
-class Line:
+class FlightPath:
     """A curve to be flown, and where it is at a time.
 
     Args:
@@ -100,15 +110,15 @@ def vehicle(name: str, state: VehicleState) -> Vehicle:
         raise SimulationError(f"vehicle {name!r}: {error}") from error
 
 
-def straight_on(state: VehicleState, began: float, lags: bool) -> Line:
+def straight_on(state: VehicleState, began: float, lags: bool) -> FlightPath:
     """Return the line straight ahead from a state."""
     reach = state.speed * _LONGEST
     x, y = state.x + reach * math.cos(state.heading), state.y + reach * math.sin(state.heading)
     end = Waypoint(0, x, y, state.heading, state.speed, _LONGEST)
-    return Line(legs(knots(state, [end])), began, lags)
+    return FlightPath(legs(knots(state, [end])), began, lags)
 
 
-class Air:
+class EncounterFlight:
     """One encounter in flight.
 
     Args:
@@ -154,7 +164,7 @@ class Air:
 
     def fly(self, curves: Legs, began: float, *, plan: bool) -> None:
         """Fly other legs ``[L]`` from now on, whose clock was 0 at ``began`` (s)."""
-        self.line, self.on_plan = Line(curves, began, self.lags), plan
+        self.line, self.on_plan = FlightPath(curves, began, self.lags), plan
 
     def step(self) -> None:
         """Fly on by one period.

@@ -14,7 +14,7 @@ from envs.kinematics import VehicleState
 from envs.relative import straight_cpa
 from envs.starts import numbered
 from envs.waypoints import RoutePoint, knots, legs
-from ros_bridge.sim.world import VEHICLES, Air, SimulationError, vehicle
+from ros_bridge.sim.world import VEHICLES, EncounterFlight, SimulationError, vehicle
 
 NEEDS_JSBSIM = pytest.mark.skipif(importlib.util.find_spec("jsbsim") is None, reason="JSBSim is not installed")
 
@@ -25,13 +25,13 @@ def met(name: str = "crossing_left", number: int = 0):
 
 def test_straight_flights_come_as_close_as_their_cpa():
     encounter = met()
-    air = Air(encounter)
-    expected = straight_cpa(air.own, encounter.intruders, np)
-    while not air.over():
-        air.step()
-    assert air.truth.separation == pytest.approx(float(expected.distance[0, 0]), abs=0.1)
-    assert air.truth.when == pytest.approx(float(expected.time[0, 0]), abs=0.2)
-    assert air.reached is not None and air.time < 300.0
+    flight = EncounterFlight(encounter)
+    expected = straight_cpa(flight.own, encounter.intruders, np)
+    while not flight.over():
+        flight.step()
+    assert flight.truth.separation == pytest.approx(float(expected.distance[0, 0]), abs=0.1)
+    assert flight.truth.when == pytest.approx(float(expected.time[0, 0]), abs=0.2)
+    assert flight.reached is not None and flight.time < 300.0
 
 
 @pytest.mark.parametrize(
@@ -44,26 +44,26 @@ def test_straight_flights_come_as_close_as_their_cpa():
 )
 def test_flown_plan_keeps_its_separation(kind: str, bound: float):
     encounter = met("head_on")
-    air = Air(encounter, kind)
-    own = air.own
-    east, north = (air.goal[0] - own.x) / 10.0, (air.goal[1] - own.y) / 10.0
+    flight = EncounterFlight(encounter, kind)
+    own = flight.own
+    east, north = (flight.goal[0] - own.x) / 10.0, (flight.goal[1] - own.y) / 10.0
     route = [RoutePoint(n, own.x + east * n, own.y + north * n) for n in range(10, 90, 10)]
-    made = plan(own, list(air.traffic.values()), route, Policy.load())
+    made = plan(own, list(flight.traffic.values()), route, Policy.load())
     assert made.safe
-    air.fly(legs(knots(own, made.waypoints)), 0.0, plan=True)
-    while not air.over() and air.time < 300.0:
-        air.step()
-    assert air.truth.error < bound
-    assert air.truth.separation == pytest.approx(made.min_separation, abs=2.0 * bound)
+    flight.fly(legs(knots(own, made.waypoints)), 0.0, plan=True)
+    while not flight.over() and flight.time < 300.0:
+        flight.step()
+    assert flight.truth.error < bound
+    assert flight.truth.separation == pytest.approx(made.min_separation, abs=2.0 * bound)
 
 
 def test_only_intruders_that_exist_fly():
     encounter = numbered(scenario("multi"), 0, 0, 1)
-    air = Air(encounter)
-    assert len(air.traffic) == int(encounter.mask.sum()) < encounter.mask.size
-    air.step()
-    moved = {name: state.x for name, state in air.traffic.items()}
-    assert list(moved) == list(air.names)
+    flight = EncounterFlight(encounter)
+    assert len(flight.traffic) == int(encounter.mask.sum()) < encounter.mask.size
+    flight.step()
+    moved = {name: state.x for name, state in flight.traffic.items()}
+    assert list(moved) == list(flight.names)
 
 
 def test_unknown_vehicle_is_refused():

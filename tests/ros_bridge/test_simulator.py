@@ -22,7 +22,7 @@ from ros_bridge.nodes.series import main
 from ros_bridge.nodes.simulator import Simulator
 from ros_bridge.nodes.simulator_messages import route_of
 from ros_bridge.sim.flight_log import kept
-from ros_bridge.sim.world import Air
+from ros_bridge.sim.world import EncounterFlight
 from ros_bridge.transport.messages import aircraft_message
 
 SPEEDS = st.floats(-120.0, 120.0)
@@ -42,12 +42,12 @@ def test_reports_come_back_from_their_messages_as_they_were(
 
 
 def test_route_passes_the_goal_and_is_long_enough_for_every_plan():
-    air = Air(numbered(scenario("circle"), 0, 3, 1))
-    route = conversions.published_route(route_of(air, FRAME))
+    flight = EncounterFlight(numbered(scenario("circle"), 0, 3, 1))
+    route = conversions.published_route(route_of(flight, FRAME))
     at = FRAME.place([one.latitude for one in route.points], [one.longitude for one in route.points])
-    assert (float(at.x[0]), float(at.y[0])) == pytest.approx(air.goal, abs=1e-3)
+    assert (float(at.x[0]), float(at.y[0])) == pytest.approx(flight.goal, abs=1e-3)
     # A plan at 100 m/s takes 400 s and goes no further.
-    assert math.hypot(float(at.x[-1]) - air.own.x, float(at.y[-1]) - air.own.y) > 45_000.0
+    assert math.hypot(float(at.x[-1]) - flight.own.x, float(at.y[-1]) - flight.own.y) > 45_000.0
     assert len({one.index for one in route.points}) == len(route.points) == 10
 
 
