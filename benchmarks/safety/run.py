@@ -11,10 +11,11 @@ import multiprocessing
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
+from agents.config.progress import Progress
 from agents.policy.inference import Policy
 from benchmarks.measure import report
 from benchmarks.safety.adversary import FAMILIES
@@ -26,8 +27,6 @@ __all__ = ["BLOCK", "main"]
 
 BLOCK = 6_400
 """Consecutive requests of which those with the same options are planned side by side."""
-
-_SILENCE_S = 5.0  # between lines of progress
 
 
 _POLICY: list[Policy] = []  # of a worker
@@ -89,7 +88,8 @@ def main(arguments: list[str] | None = None) -> int:
         options.out.mkdir(parents=True, exist_ok=True)
         path = options.out / "violations.jsonl"
         path.write_text("", encoding="utf-8")
-    tally, say = Tally(), _progress(options.requests + single)
+    tally, begun = Tally(), time.perf_counter()
+    progress = Progress(options.requests + single, "requests").start()
     complete = False
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -98,11 +98,13 @@ def main(arguments: list[str] | None = None) -> int:
             if path is not None and one.violations:
                 with path.open("a", encoding="utf-8") as file:
                     file.writelines(json.dumps(violation) + "\n" for violation in one.violations)
-            say(tally)
+            done = tally.requests.total() + tally.single.total()
+            progress.show(done, _figures(tally), done / (time.perf_counter() - begun))
         complete = True
     except KeyboardInterrupt:
         print("interrupted; these are the figures of what was done", file=sys.stderr)
     finally:
+        progress.stop()
         signal.signal(signal.SIGTERM, before)
     figures = {"benchmark": "safety", "seed": options.seed, "first": options.first, "complete": complete}
     figures |= {"block": options.block} | tally.figures()
@@ -112,25 +114,6 @@ def main(arguments: list[str] | None = None) -> int:
     return 1 if tally.violations else 0
 
 
-def _progress(total: int) -> Callable[[Tally], None]:
-    """Return what prints a line on standard error now and then."""
-    begun = shown = time.perf_counter()
-
-    def say(tally: Tally) -> None:
-        nonlocal shown
-        now = time.perf_counter()
-        core = tally.requests.total()
-        done = core + tally.single.total()
-        if now - shown < _SILENCE_S and done < total:
-            return
-        shown, rate = now, done / (now - begun)
-        left = (total - done) / max(rate, 1e-9) / 60.0
-        share = 100.0 * tally.safe.total() / max(core, 1)
-        print(
-            f"{done} of {total}, {rate:.0f}/s, {left:.0f} min left, SAFE {share:.1f} %, "
-            f"{len(tally.violations)} violations",
-            file=sys.stderr,
-            flush=True,
-        )
-
-    return say
+def _figures(tally: Tally) -> str:
+    safe = 100.0 * tally.safe.total() / max(tally.requests.total(), 1)
+    return f"SAFE {safe:.1f} %, {len(tally.violations)} violations"

@@ -147,11 +147,11 @@ def _flown(comparison: "Comparison", total: int) -> "dict[str, np.ndarray]":
     import numpy as np
 
     from eval.compare.deciders import WITNESS, columns
-    from eval.runner.progress import Progress
+    from eval.runner.progress import Encounters
 
     parts = []
     chunk = _SLOW_CHUNK if any(entry.kind == WITNESS for entry in comparison.entries) else _CHUNK
-    with Progress(total, 0) as progress:
+    with Encounters(total) as progress:
         for first in range(0, total, chunk):
             size = min(chunk, total - first)
             parts.append(columns(comparison, first, size))

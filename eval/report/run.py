@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,7 +31,6 @@ _BUDGET = 9_000_000
 """Bytes that the flights may take, so that the page stays below 15 MB with the figures of a run."""
 
 _MOST_WITNESSES = 100
-_SILENCE_S = 5.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -109,18 +107,19 @@ def _flights(run: "Run", chosen: "Sequence[Choice]", policy: Path | None) -> dic
     resolvable = run.table["verdict"] != "unresolvable"
     failed = [number for number in numbers if run.kinds[number] != "success" and resolvable[number]]
     evaluation = evaluation_of(run, policy)
+    from agents.config.progress import Progress
+
     flights: dict[int, dict[str, Any]] = {}
-    size, said = 0, time.perf_counter()
-    for flight in fly_again(run, evaluation, numbers, set(failed[:_MOST_WITNESSES])):
-        found = flight_data(flight)
-        size += weight([found])
-        if size > _BUDGET:
-            print(f"{len(flights)} of {len(numbers)} flights fit on the page; the rest is left out", file=sys.stderr)
-            break
-        flights[flight.number] = found
-        if time.perf_counter() - said >= _SILENCE_S:
-            said = time.perf_counter()
-            print(f"{len(flights)} of {len(numbers)} encounters flown again", file=sys.stderr, flush=True)
+    size = 0
+    with Progress(len(numbers), "encounters").start() as progress:
+        for flight in fly_again(run, evaluation, numbers, set(failed[:_MOST_WITNESSES])):
+            found = flight_data(flight)
+            size += weight([found])
+            if size > _BUDGET:
+                progress.note(f"{len(flights)} of {len(numbers)} flights fit on the page; the rest is left out")
+                break
+            flights[flight.number] = found
+            progress.show(len(flights), "flown again", 0.0)
     differing = sum("differs" in flight for flight in flights.values())
     if differing:
         print(

@@ -127,7 +127,7 @@ def _fly_missing(
     Raises:
         RunError: a chunk cannot be stored, or as ``fly``.
     """
-    from eval.runner.progress import Progress
+    from eval.runner.progress import Encounters
     from eval.runner.workers import Chunk, RunError
 
     assert config.chunk is not None  # it is resolved
@@ -137,7 +137,7 @@ def _fly_missing(
     missing = [chunk for chunk in chunks if chunk.first not in stored]
     before = total - sum(chunk.size for chunk in missing)
     flown = 0
-    with _stop_on_interrupt(what) as stopped, Progress(total, before) as progress:
+    with _stop_on_interrupt(what) as stopped, Encounters(total, before) as progress:
         for chunk, columns in fly(missing, lambda: bool(stopped)):
             try:
                 folder.store(chunk.first, columns)

@@ -1,80 +1,36 @@
-"""How far an evaluation has come: a bar on a terminal, plain lines elsewhere; both on standard error."""
+"""How far an evaluation has come: encounters, encounters a second, success."""
 
-import sys
 import time
-from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
-__all__ = ["Progress"]
+from agents.config.progress import Progress, spaced
 
-_SILENCE_S = 5.0
-"""Least time between two plain lines."""
+__all__ = ["Encounters"]
 
 
-class Progress:
-    """A context in which finished encounters are counted."""
+class Encounters(Progress):
+    """A context in which finished encounters are counted and shown."""
 
-    def __init__(self, total: int, before: int) -> None:
+    def __init__(self, total: int, before: int = 0) -> None:
         """Prepare.
 
         Args:
             total: encounters of the run.
             before: how many of them were stored already.
         """
-        self._total, self._done, self._flown, self._reached = total, before, 0, 0
-        self._begun = self._shown = time.perf_counter()
-        self._bar: Any = None
+        super().__init__(total, "encounters")
+        self._before, self._flown, self._reached = before, 0, 0
+        self._begun = time.perf_counter()
 
     def __enter__(self) -> Self:
-        if self._done:
-            self.note(f"{_n(self._done)} of {_n(self._total)} encounters are stored already")
-        if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-            from rich.progress import Progress as Bar
-
-            columns = (
-                BarColumn(bar_width=30),
-                TextColumn("{task.completed:,.0f}/{task.total:,.0f} encounters"),
-                TextColumn("{task.fields[figures]}"),
-                TimeRemainingColumn(),
-            )
-            self._bar = Bar(*columns, console=Console(stderr=True))
-            self._bar.add_task("flying", total=self._total, completed=self._done, figures="")
-            self._bar.start()
+        self.start(self._before, "flying")
+        if self._before:
+            self.note(f"{self._done(self._before)} are stored already")
         return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-        elif self._flown:
-            self._print()
 
     def advance(self, flown: int, reached: int) -> None:
         """Count encounters that were flown now, and how many of them reached their goal."""
-        self._done, self._flown, self._reached = self._done + flown, self._flown + flown, self._reached + reached
-        if self._bar is not None:
-            self._bar.update(self._bar.task_ids[0], completed=self._done, figures=self._figures())
-        elif time.perf_counter() - self._shown >= _SILENCE_S and self._done < self._total:
-            self._print()
-
-    def note(self, text: str) -> None:
-        """Say something between the figures."""
-        if self._bar is not None:
-            self._bar.console.print(text, markup=False, highlight=False)
-        else:
-            print(text, file=sys.stderr, flush=True)
-
-    def _print(self) -> None:
-        self._shown = time.perf_counter()
-        print(f"{_n(self._done)} of {_n(self._total)} encounters, {self._figures()}", file=sys.stderr, flush=True)
-
-    def _figures(self) -> str:
+        self._flown, self._reached = self._flown + flown, self._reached + reached
         rate = self._flown / max(time.perf_counter() - self._begun, 1e-9)
-        return f"{_n(round(rate))} encounters/s, success {100.0 * self._reached / self._flown:.1f} %"
-
-
-def _n(value: int) -> str:
-    return f"{value:,}".replace(",", " ")
+        figures = f"{spaced(round(rate))} encounters/s, success {100.0 * self._reached / self._flown:.1f} %"
+        self.show(self._before + self._flown, figures, rate)

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.config.load import ConfigError, dump, load
+from agents.config.progress import duration
 from envs.edge.files import write_file
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.progress import duration
 from rlcas_jax.sweep.cli import CONFIG, Options, parse, prepare
 from rlcas_jax.sweep.space import overrides
 from rlcas_jax.sweep.watch import Watch

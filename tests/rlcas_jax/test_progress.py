@@ -3,7 +3,8 @@ import math
 
 import pytest
 
-from rlcas_jax.progress import Reporter, duration
+from agents.config.progress import duration
+from rlcas_jax.progress import Reporter
 
 
 class Terminal(io.StringIO):

@@ -92,7 +92,8 @@ def quick(drawing: None, monkeypatch: pytest.MonkeyPatch) -> None:
 def arguments(folder: Path, out: str = "out", space: str = SPACE, trials: int = 6, more: str = "") -> list[str]:
     for name, text in (("tiny.yaml", TINY), ("space.yaml", space)):
         (folder / name).write_text(text)
-    given = f"--config {folder / 'tiny.yaml'} --space {folder / 'space.yaml'} --trials {trials} --out {folder / out}"
+    given = f"--config {folder / 'tiny.yaml'} --space {folder / 'space.yaml'} --out {folder / out}"
+    given += "" if "--trials" in more else f" --trials {trials}"
     return [*given.split(), "--quiet", "--startup", "3", *more.split()]
 
 

@@ -1,0 +1,137 @@
+"""How far a program has come, for a person: two live lines on a terminal, now and then a plain line elsewhere."""
+
+import math
+import sys
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Self, TextIO
+
+__all__ = ["Progress", "duration", "spaced"]
+
+
+class Progress:
+    """Shows what is done of a whole, some figures and the time left.
+
+    On a terminal rich draws two lines that stay in their place; a file or a pipe gets plain text without any control
+    sequences, at most a line every few seconds besides the last one.
+    """
+
+    def __init__(
+        self,
+        total: int,
+        unit: str,
+        *,
+        quiet: bool = False,
+        silence_s: float = 5.0,
+        stream: TextIO | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Prepare; nothing is shown before :meth:`start`.
+
+        Args:
+            total: of the whole, in units.
+            unit: its name, plural.
+            quiet: show nothing at all.
+            silence_s: least time between two plain lines, s.
+            stream: where to; standard error by default.
+            clock: seconds from any origin.
+        """
+        self._total, self._unit, self._quiet, self._silence = total, unit, quiet, silence_s
+        self._stream = sys.stderr if stream is None else stream
+        self._clock = clock
+        self._live: Any = None
+        self._shown = clock()
+        self._origin: tuple[float, float] | None = None
+        self._unsaid = ""
+
+    def start(self, done: float = 0, word: str = "") -> Self:
+        """Begin.
+
+        Args:
+            done: in units, where a run goes on.
+            word: what happens until the first figures come, such as ``compiling``.
+        """
+        self._shown = self._clock()
+        if not self._quiet and self._stream.isatty():
+            from rich.console import Console
+            from rich.live import Live
+
+            screen = self._screen(done, word, "")
+            self._live = Live(screen, console=Console(file=self._stream), auto_refresh=False)
+            self._live.start()
+        return self
+
+    def show(self, done: float, figures: str, rate: float) -> None:
+        """Take how far it has come, with figures, and how many units a second are done at present."""
+        now = self._clock()
+        # What comes before the first figures, such as a compilation, does not count.
+        self._origin = self._origin or (done, now)
+        since = done - self._origin[0], now - self._origin[1]
+        if min(since) > 0:
+            rate = since[0] / since[1]
+        left = f"{duration((self._total - done) / rate if rate > 0 else math.nan)} left"
+        if self._live is not None:
+            self._live.update(self._screen(done, left, figures), refresh=True)
+        elif not self._quiet:
+            self._unsaid = f"{self._done(done)}, {figures}, {left}"
+            if now - self._shown >= self._silence and done < self._total:
+                self._shown = now
+                self._say()
+
+    def note(self, text: str) -> None:
+        """Say something between the figures."""
+        if self._live is not None:
+            self._live.console.print(text, markup=False, highlight=False)
+        elif not self._quiet:
+            print(text, file=self._stream, flush=True)
+
+    def stop(self) -> None:
+        """End; the last figures stay to be seen."""
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+        elif self._unsaid:
+            self._say()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def _say(self) -> None:
+        print(self._unsaid, file=self._stream, flush=True)
+        self._unsaid = ""
+
+    def _done(self, done: float) -> str:
+        return f"{spaced(int(done))} of {spaced(self._total)} {self._unit}"
+
+    def _screen(self, done: float, left: str, figures: str) -> Any:
+        """Return what a terminal shows; it fits into 80 columns."""
+        from rich.console import Group
+        from rich.progress_bar import ProgressBar
+        from rich.table import Table
+        from rich.text import Text
+
+        line = Table.grid(padding=(0, 1))
+        bar = ProgressBar(total=self._total, completed=done, width=20)
+        line.add_row(bar, f"{done / self._total:.0%}", self._done(done), left)
+        return Group(line, Text(figures, no_wrap=True, overflow="ellipsis"))
+
+
+def duration(seconds: float) -> str:
+    """Return a time in words: ``45 s``, ``3 min 20 s``, ``2 h 5 min``."""
+    if math.isnan(seconds):
+        return "? s"
+    whole = max(0, round(seconds))
+    minutes, rest = divmod(whole, 60)
+    hours, minutes_rest = divmod(minutes, 60)
+    return f"{hours} h {minutes_rest} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+def spaced(value: int) -> str:
+    """Return a whole number with a space between its thousands."""
+    return f"{value:,}".replace(",", " ")
