@@ -1,6 +1,6 @@
 (* What the theorem rests on: nothing but the axioms of Coq's real numbers. *)
 
-Require Import Motion Quadrature Safe.
+Require Import Motion Quadrature Safe Example.
 
 Print Assumptions safe.
 Print Assumptions advanced_x.
@@ -10,3 +10,4 @@ Print Assumptions turning_x.
 Print Assumptions turning_y.
 Print Assumptions onward_x.
 Print Assumptions onward_y.
+Print Assumptions example.

@@ -1,0 +1,71 @@
+(* The hypotheses of the theorem can be met: a straight plan of ten seconds beside an intruder on a parallel course. *)
+
+From Coq Require Import Reals Lra Psatz List.
+From Coquelicot Require Import Coquelicot.
+Require Import Vectors Chord Bound Motion Constants Safe.
+Import ListNotations.
+Open Scope R_scope.
+
+Definition A : arc := Arc 0 10 0 0 0 80 0 0.
+Definition i : intruder := Intruder 0 3000 0 80 0 0 0 0.
+Definition r : requirement := Requirement 1000 0 0.
+Definition L : limits := Limits 30 100 (-1) 1 (1 / 10).
+Definition T : tolerance := Tolerance 0 0 0.
+
+Lemma own_straight t : own_px A t = 80 * t /\ own_py A t = 0.
+Proof.
+  unfold own_px, own_py, own_x, own_y, travelled; simpl.
+  rewrite (RInt_ext _ (fun _ => 80)), (RInt_ext (own_vy _ _ _ _) (fun _ => 0)).
+  - rewrite !RInt_const; unfold scal; simpl; unfold mult; simpl; split; ring.
+  - intros; unfold own_vy; rewrite Rmult_0_l, Rplus_0_l, sin_0; apply Rmult_0_r.
+  - intros; unfold own_vx; rewrite !Rmult_0_l, !Rplus_0_r, cos_0; apply Rmult_1_r.
+Qed.
+
+Lemma other_straight t : other_px i t = 80 * t /\ other_py i t = 3000.
+Proof.
+  unfold other_px, other_py, other_x, other_y, travelled; simpl.
+  rewrite (RInt_ext _ (fun _ => 80)), (RInt_ext (other_vy _ _ _ _) (fun _ => 0)).
+  - rewrite !RInt_const; unfold scal; simpl; unfold mult; simpl; split; ring.
+  - intros; unfold other_vy, course; rewrite Rmult_0_l, Rplus_0_l, sin_0; apply Rmult_0_r.
+  - intros; unfold other_vx, course; rewrite Rmult_0_l, Rplus_0_r, cos_0; apply Rmult_1_r.
+Qed.
+
+Lemma axis x y : 0 <= y -> x = 0 -> norm x y = y.
+Proof. intros pos zero; unfold norm; rewrite zero, Rmult_0_l, Rplus_0_l; apply sqrt_square; assumption. Qed.
+
+Theorem example : checked r L T 0 0 0 10 0 0 80 [A] [i].
+Proof.
+  constructor; simpl.
+  - lra.
+  - lra.
+  - unfold Rmin; destruct (Rle_dec 30 80); lra.
+  - unfold during; simpl; lra.
+  - lra.
+  - split; [|exact I]; unfold Rmin, Rmax; repeat destruct (Rle_dec _ _); lra.
+  - split; [|exact I]; replace (80 - 80) with 0 by ring; rewrite Rabs_R0; lra.
+  - intros B [here | []]; subst B; simpl; lra.
+  - intros B [here | []]; subst B; simpl; rewrite Rabs_R0; lra.
+  - intros B j [here | []] [there | []]; subst B j; simpl.
+    exists [10]; simpl; repeat split; try lra.
+    destruct (own_straight 0) as [x0 y0]; destruct (own_straight 10) as [x1 y1].
+    destruct (other_straight 0) as [u0 v0]; destruct (other_straight 10) as [u1 v1].
+    exists (own_px A 0), (own_py A 0), (own_px A 10), (own_py A 10).
+    exists (bow (pull A i) (10 - 0)).
+    exists (norm (other_px i 0 - own_px A 0) (other_py i 0 - own_py A 0)
+      - norm (other_px i 10 - own_px A 10 - (other_px i 0 - own_px A 0))
+          (other_py i 10 - own_py A 10 - (other_py i 0 - own_py A 0)) - bow (pull A i) (10 - 0)).
+    assert (self : forall x y, norm (x - x) (y - y) = 0).
+    { intros x y; replace (x - x) with 0 by ring; replace (y - y) with 0 by ring; apply norm_zero. }
+    rewrite !self; repeat split; try lra; [apply by_reach|].
+    rewrite x0, y0, x1, y1, u0, v0, u1, v1.
+    rewrite (axis (80 * 0 - 80 * 0)), (axis (80 * 10 - 80 * 10 - (80 * 0 - 80 * 0))) by lra.
+    assert (small : bow (pull A i) (10 - 0) <= 1).
+    { unfold bow, pull, other_swerve, swerve, quickest; simpl.
+      destruct (Rlt_dec 0 0); [lra|].
+      rewrite Rmult_0_r, norm_zero; unfold TINY, Rmax; destruct (Rle_dec _ _); lra. }
+    unfold owes, owed, need, required, growth; simpl.
+    rewrite !Rmult_0_l, !Rplus_0_r.
+    assert (away : norm (0 - 0) (3000 - 0) = 3000).
+    { replace (3000 - 0) with 3000 by ring; apply axis; lra. }
+    rewrite away; unfold CLOSE, ROUNDING, Rmax, Rmin; repeat destruct (Rle_dec _ _); lra.
+Qed.
