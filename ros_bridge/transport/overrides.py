@@ -34,25 +34,28 @@ def refuse_unknown_parameters(node: Any, known: Iterable[str]) -> None:
 
 
 def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None:
-    """Refuse parameter files with a section for a node of ours that there is not.
+    """Refuse parameters, in files or arguments, for a node of ours that there is not.
 
     Args:
         arguments: of the command line.
         known: names of our nodes.
 
     Raises:
-        ValueError: a file has one.
+        ValueError: there are some.
     """
-    for flag, file in itertools.pairwise(arguments):
-        if flag != "--params-file":
-            continue
-        try:
-            content = yaml.safe_load(Path(file).read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError):
-            continue  # ROS refuses it itself
-        for name in _sections(content):
-            if name.startswith(_OURS) and name not in known:
-                raise ValueError(f"{file} has parameters for {name}, which is no node{_near(name, known)}")
+    for flag, value in itertools.pairwise(arguments):
+        sections, where = [], value
+        if flag == "--params-file":
+            try:
+                sections = list(_sections(yaml.safe_load(Path(value).read_text(encoding="utf-8"))))
+            except (OSError, UnicodeDecodeError, yaml.YAMLError):
+                continue  # ROS refuses it itself
+        elif flag in ("-p", "--param") and ":" in value.partition(":=")[0]:
+            sections, where = [value.partition(":")[0].rpartition("/")[2]], f"{flag} {value}"
+        for name in sections:
+            # A second node of a kind is called after it, such as rlcas_translator_2.
+            if name.startswith(_OURS) and not any(f"{name}_".startswith(f"{one}_") for one in known):
+                raise ValueError(f"{where} has parameters for {name}, which is no node{_near(name, known)}")
 
 
 def _sections(content: Any) -> Iterable[str]:

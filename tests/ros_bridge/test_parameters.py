@@ -56,6 +56,7 @@ def test_default_margin_is_an_aircrafts(node: Any):
     [
         ("/**/rlcas_runer:\n  ros__parameters: {margin: 50.0}", "rlcas_runer"),
         ("n123:\n  rlcas_montor:\n    ros__parameters: {margin: 50.0}", "rlcas_montor"),
+        ("/**/rlcas_translator_2:\n  ros__parameters: {own_id: a}", ""),
         ("/n123/rlcas_runner:\n  ros__parameters: {margin: 50.0}\n/other:\n  ros__parameters: {a: 1}", ""),
     ],
 )
@@ -69,3 +70,10 @@ def test_parameter_file_for_an_unknown_node_is_refused(tmp_path: Path, text: str
         return
     with pytest.raises(ValueError, match=f"parameters for {wrong}, which is no node; the nearest is rlcas_"):
         refuse_unknown_nodes(arguments, names)
+
+
+def test_argument_for_an_unknown_node_is_refused():
+    names = [f"rlcas_{name}" for name, *_ in parameters.NODES]
+    refuse_unknown_nodes(["--ros-args", "-p", "rlcas_runner:margin:=50.0", "-p", "policy_file:=a:b"], names)
+    with pytest.raises(ValueError, match="for rlcas_runer, which is no node; the nearest is rlcas_runner"):
+        refuse_unknown_nodes(["--ros-args", "-p", "/n1/rlcas_runer:margin:=50.0"], names)
