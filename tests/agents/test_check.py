@@ -140,6 +140,23 @@ def test_checker_and_small_steps_agree_on_moved_certificates(data: dict[str, Any
     assert bad >= 5
 
 
+def test_what_is_accepted_with_an_edited_byte_is_still_right(data: dict[str, Any]) -> None:
+    rng, text = np.random.default_rng(8), json.dumps(data)
+    digits = [place for place, character in enumerate(text) if character.isdigit() or character in "-.,e"]
+    accepted = 0
+    for place in rng.choice(digits, 50, replace=False).tolist():
+        byte = "0123456789-.,e"[int(rng.integers(14))]
+        edited = text[:place] + byte + text[place + 1 :]
+        try:
+            changed = json.loads(edited)
+            check.accept(changed)
+        except (ValueError, ArithmeticError):
+            continue
+        accepted += 1
+        assert not wrong(changed), (place, text[place - 30 : place + 30], byte)
+    assert 5 <= accepted <= 45
+
+
 def test_controls_are_the_legs() -> None:
     rng = np.random.default_rng(5)
     for _ in range(20):
