@@ -47,7 +47,7 @@ def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None
         sections, where = [], value
         if flag == "--params-file":
             try:
-                sections = list(_sections(yaml.safe_load(Path(value).read_text(encoding="utf-8"))))
+                sections = list(_sections(Path(value).read_text(encoding="utf-8")))
             except (OSError, UnicodeDecodeError, yaml.YAMLError):
                 continue  # ROS refuses it itself
         elif flag in ("-p", "--param") and ":" in value.partition(":=")[0]:
@@ -58,13 +58,26 @@ def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None
                 raise ValueError(f"{where} has parameters for {name}, which is no node{_near(name, known)}")
 
 
-def _sections(content: Any) -> Iterable[str]:
-    """Yield the names of the nodes that a file's sections are for; sections in others stand in a namespace."""
-    for key, value in content.items() if isinstance(content, dict) else ():
-        if isinstance(value, dict) and "ros__parameters" in value:
-            yield str(key).rpartition("/")[2]
-        elif isinstance(value, dict):
-            yield from _sections(value)
+def _sections(text: str) -> Iterable[str]:
+    """Yield the names of the nodes that a file's sections are for; sections in others stand in a namespace.
+
+    Events are read one by one, so that neither depth nor aliases cost anything.
+    """
+    keys: list[str | None] = []  # of the mappings around; None: in a sequence, or before a key
+    waiting = True  # for a key
+    for event in yaml.parse(text):
+        if isinstance(event, yaml.CollectionStartEvent):
+            keys.append(None)
+            waiting = isinstance(event, yaml.MappingStartEvent)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            keys.pop()
+            waiting = bool(keys) and keys[-1] is not None
+        elif isinstance(event, yaml.ScalarEvent) and waiting and keys:
+            if event.value == "ros__parameters" and len(keys) > 1 and keys[-2] is not None:
+                yield keys[-2].rpartition("/")[2]
+            keys[-1], waiting = event.value, False
+        elif isinstance(event, yaml.NodeEvent) and keys:
+            waiting = keys[-1] is not None
 
 
 def _near(name: str, known: Iterable[str]) -> str:

@@ -57,6 +57,8 @@ def test_default_margin_is_an_aircrafts(node: Any):
         ("/**/rlcas_runer:\n  ros__parameters: {margin: 50.0}", "rlcas_runer"),
         ("n123:\n  rlcas_montor:\n    ros__parameters: {margin: 50.0}", "rlcas_montor"),
         ("/**/rlcas_translator_2:\n  ros__parameters: {own_id: a}", ""),
+        ("a: {b: [1, {c: d}], e: &x f}\n/rlcas_runr:\n  ros__parameters: {list: [1, 2], other: *x}", "rlcas_runr"),
+        ("{a: " * 3000 + "1" + "}" * 3000, ""),
         ("/n123/rlcas_runner:\n  ros__parameters: {margin: 50.0}\n/other:\n  ros__parameters: {a: 1}", ""),
     ],
 )
