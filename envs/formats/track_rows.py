@@ -80,7 +80,7 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
     """
     counts = dict.fromkeys(Repairs._fields, 0)
     groups: list[list[_Flight]] = []
-    recent: list[_Flight] = []  # the one with the latest row last
+    recent: list[_Flight] = []  # that with the latest row last
     for number, values in rows:
         bad = next((key for key, value in values.items() if not math.isfinite(value)), None)
         if bad is not None:
@@ -89,18 +89,17 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
             counts["not_finite"] += 1
             continue
         fault = ""
-        for flight in reversed(recent[-_MOST_OPEN:]):
+        for flight in reversed(recent):
             found, filled = flight.add(number, values, how)
             if found in ("", "out_of_order", "stale"):
                 fault = found
-                if flight is not recent[-1]:
-                    recent.remove(flight)
-                    recent.append(flight)
+                recent.remove(flight)
+                recent.append(flight)
                 break
             fault = fault if found == "apart" and fault else found
         else:
             if fault in ("", "apart") or how.repair:
-                recent.append(_Flight(number, values))
+                recent = [*recent[1 - _MOST_OPEN :], _Flight(number, values)]
                 if fault in ("", "apart"):
                     groups.append([])
                 groups[-1].append(recent[-1])
@@ -119,7 +118,7 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
         lasting = [flight for flight in group if flight is longest or flight.lasts() >= LASTING]
         kept += [flight.rows for flight in lasting]
         counts["split"] += len(lasting) - 1
-        counts["impossible"] += sum(len(flight.rows) for flight in group if flight not in lasting)
+        counts["impossible"] += sum(len(flight.rows) for flight in group) - sum(len(flight.rows) for flight in lasting)
     return kept or [[]], Repairs(**counts)
 
 
@@ -150,19 +149,19 @@ class _Flight:
         last = self.rows[-1][1]
         if _same_place(last, values) and values.get("gs", 0.0) * step > how.standing:
             return "stale", 0
-        filling = []
-        if step > how.max_gap:
-            if not how.repair:
-                return "impossible", 0
-            filling = _between(last, values, how.max_gap, how.field(number, "time"))
+        parts = math.ceil(min(step / how.max_gap, _MOST_FILLED + 1))
+        if parts > 1 and (not how.repair or parts > _MOST_FILLED):
+            return "impossible", 0
         size = len(self.rows)
-        for each in (*filling, values):
-            if not self.follows(each):
+        for part in range(1, parts + 1):
+            share = part / parts
+            each = values if part == parts else {key: _mixed(key, last[key], values[key], share) for key in last}
+            if each["time"] <= self.times[-1] or not self.follows(each):
                 del self.rows[size:], self.times[size:], self.missed[size:]
                 return "impossible", 0
             self.rows.append((number, each))
             self.times.append(each["time"])
-        return "", len(filling)
+        return "", parts - 1
 
     def follows(self, values: dict[str, float]) -> bool:
         """Return whether an aircraft can come from the last row to another; if so what it misses is noted."""
@@ -220,15 +219,6 @@ def _sentence(name: str, number: int, values: dict[str, float], flight: _Flight,
         f"{place}: the positions of {name!r} in the {WINDOW:g} s before do not agree with its velocities, "
         f"expected agreement within {POSITION:g} m and {VELOCITY:g} m/s, and in altitude {HEIGHT:g} m and {CLIMB:g} m/s"
     )
-
-
-def _between(before: dict[str, float], after: dict[str, float], max_gap: float, where: str) -> list[dict[str, float]]:
-    """Return rows on the straight line across a gap."""
-    parts = math.ceil((after["time"] - before["time"]) / max_gap)
-    if parts > _MOST_FILLED:
-        raise TrackError(f"{where}: a gap that takes {parts} rows to fill, expected at most {_MOST_FILLED}")
-    shares = [part / parts for part in range(1, parts)]
-    return [{key: _mixed(key, before[key], after[key], share) for key in before} for share in shares]
 
 
 def _mixed(key: str, first: float, second: float, share: float) -> float:
