@@ -2,13 +2,16 @@
 
 import errno
 import os
+import shutil
 import stat
 import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["check_regular", "write_file", "written"]
+from envs.edge.command import ConfigError
+
+__all__ = ["check_regular", "check_space", "write_file", "written"]
 
 
 @contextmanager
@@ -67,3 +70,23 @@ def check_regular(path: str | os.PathLike[str]) -> None:
     """
     if not stat.S_ISREG(Path(path).stat().st_mode):
         raise OSError(errno.EINVAL, "not a regular file", os.fspath(path))
+
+
+def check_space(folder: Path, needed: int, what: str) -> None:
+    """Refuse an output folder whose disk has too little room, before anything is worked out.
+
+    Args:
+        folder: that exists already or not.
+        needed: bytes, generously.
+        what: they are for, such as ``10000 rows``.
+
+    Raises:
+        ConfigError: there are fewer.
+    """
+    there = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+    disk = shutil.disk_usage(there)
+    # What has no size, such as /proc, refuses by itself.
+    if disk.total and disk.free < needed:
+        raise ConfigError(
+            f"--out {folder}: {disk.free / 1e6:.1f} MB are free there, expected about {needed / 1e6:.1f} MB for {what}"
+        )

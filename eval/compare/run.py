@@ -23,6 +23,9 @@ _CHUNK = 500
 _SLOW_CHUNK = 100
 """Where the witness takes part: it takes minutes a thousand encounters, and progress is to be seen."""
 
+_FIGURE_BYTES, _ROW_BYTES = 1_000_000, 300
+"""What the figure takes on the disk, and each row of an entry, generously."""
+
 _DESCRIPTION = """\
 Fly policies and baselines through the same encounters and say how they differ, with intervals for paired samples.
 
@@ -65,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     comparison, total = prepare(options)
     out = options.out or Path("runs") / time.strftime("compare_%Y%m%d_%H%M%S")
-    picture_folder.create(out)
+    picture_folder.create(out, _FIGURE_BYTES + _ROW_BYTES * total * len(comparison.entries))
     say(comparison.evaluation.source)
 
     from threadpoolctl import threadpool_limits

@@ -6,17 +6,25 @@ from typing import Any
 
 from agents.config.figures import save_figure
 from agents.config.load import ConfigError
-from envs.edge.files import write_file
+from envs.edge.files import check_space, write_file
 
 __all__ = ["create", "write", "write_found"]
 
+_PICTURES = 2_000_000
+"""Bytes of a few figures."""
 
-def create(folder: Path) -> None:
+
+def create(folder: Path, needed: int = _PICTURES) -> None:
     """Make a folder that is new, or take one that is empty.
 
+    Args:
+        folder: to be written.
+        needed: bytes that its files take, generously.
+
     Raises:
-        ConfigError: it holds something already, or cannot be written.
+        ConfigError: it holds something already, has too little room, or cannot be written.
     """
+    check_space(folder, needed, "the files of this command")
     try:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise ConfigError(f"--out {folder}: holds something already, expected a folder that is new or empty")

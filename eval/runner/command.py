@@ -1,9 +1,7 @@
 """What the commands that fly many encounters share: workers, the run's folder, chunks, interrupts, exit status."""
 
 import argparse
-import math
 import os
-import shutil
 import signal
 import sys
 from collections.abc import Callable, Generator, Iterable, Mapping
@@ -12,6 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from agents.config.load import ConfigError
+from envs.edge.files import check_space
 
 if TYPE_CHECKING:
     from eval.config import MonteCarloConfig
@@ -99,15 +98,8 @@ def run_in(folder: "RunFolder", config: "MonteCarloConfig", *, resume: bool) -> 
 def _check_room(folder: "RunFolder", config: "MonteCarloConfig") -> None:
     """Refuse a run whose files the disk has no room for."""
     assert config.chunk is not None  # it is resolved
-    there = next(path for path in (folder.path.absolute(), *folder.path.absolute().parents) if path.exists())
-    disk, needed = shutil.disk_usage(there), config.wanted * _ROW_BYTES
-    free = disk.free if disk.total else math.inf  # what has no size, such as /proc, refuses by itself
-    needed += -(-config.wanted // config.chunk) * _PART_BYTES
-    if free < needed:
-        raise ConfigError(
-            f"--out {folder.path}: {free / 1e6:.1f} MB are free there, expected about {needed / 1e6:.1f} MB for "
-            f"{config.wanted} rows"
-        )
+    needed = config.wanted * _ROW_BYTES + -(-config.wanted // config.chunk) * _PART_BYTES
+    check_space(folder.path, needed, f"{config.wanted} rows")
 
 
 def _fly_missing(

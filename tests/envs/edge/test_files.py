@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from envs.edge.files import check_regular, write_file, written
+from envs.edge.command import ConfigError
+from envs.edge.files import check_regular, check_space, write_file, written
 
 
 def test_a_file_is_replaced_whole(tmp_path: Path):
@@ -53,3 +54,10 @@ def test_a_named_pipe_is_no_regular_file(tmp_path: Path):
     for path in (tmp_path / "pipe", tmp_path, tmp_path / "none"):
         with pytest.raises(OSError):
             check_regular(path)
+
+
+def test_a_disk_without_room_is_refused_by_name(tmp_path: Path):
+    check_space(tmp_path / "new", 1, "a file")
+    with pytest.raises(ConfigError, match="MB are free there, expected about"):
+        check_space(tmp_path / "new" / "deep", 10**18, "a file")
+    assert list(tmp_path.iterdir()) == []
