@@ -91,16 +91,19 @@ def _planned(request: Request, policy: Policy, options: Options, floats: bool) -
         rows = np.flatnonzero(~best.safe & (goals[:, choice] >= 0))
         if rows.size == 0:
             break
-        part, goal = take(request, rows), goals[rows, choice]
+        part, goal = request if rows.size == count else take(request, rows), goals[rows, choice]
         to = part.route_x[np.arange(rows.size), goal], part.route_y[np.arange(rows.size), goal]
         required = required_separation(part, options) + SLACK
         flown = roll(part.own, part.traffic, to, required, policy, task_of(options), floats=floats)
         plans = evaluate(part, flown, goal, options)
+        wanting = ~plans.safe | (plans.cost > options.fallback_cost_threshold)
+        if count == 1 and choice == 0 and not wanting[0]:
+            # The usual case: there is nothing to compare with.
+            return Plans(plans, np.full(1, _POLICY, dtype=np.int8), plans.safe)
         best.too_short[rows] |= plans.too_short
         source[keep_best(best, rows, plans)] = _POLICY
         if choice == 0:
             policy_safe[rows] = plans.safe
-        wanting = ~plans.safe | (plans.cost > options.fallback_cost_threshold)
         if wanting.any():
             found = fallback.search(take(part, wanting), goal[wanting], options)
             source[keep_best(best, rows[wanting], found)] = _FALLBACK

@@ -71,6 +71,8 @@ def advanced(reports: Traffic, age: Any) -> Traffic:
         reports: as of the reports' own times, ``[..., K]``; each turn lasts ``turn_time`` from there.
         age: of the reports at the request, s, ``[..., K]``; below 0 the report is moved back along its arc.
     """
+    if not np.any(age):
+        return reports._replace(state=reports.state._replace(heading=wrap(reports.state.heading, np)))
     turn_rate = np.where(reports.turn_time > 0.0, reports.turn_rate, 0.0)
     turn_time = np.where(turn_rate == 0.0, 0.0, np.maximum(reports.turn_time - age, 0.0))
     return Traffic(
