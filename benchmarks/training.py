@@ -22,7 +22,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from agents.config.load import ConfigError, Parser, load, run_cli
+from agents.config.load import ConfigError, Parser, load
 from agents.learning import ppo
 from agents.learning.networks import Actor, Critic
 from agents.policy import features
@@ -31,6 +31,7 @@ from benchmarks.learning import sb3 as sb3_task
 from benchmarks.learning.sb3 import Cell
 from benchmarks.measure import machine, report
 from envs import observation
+from envs.edge.command import run_cli
 from rlcas_jax import task
 from rlcas_jax.config import TrainConfig
 

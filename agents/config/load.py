@@ -13,9 +13,9 @@ from pydantic.fields import FieldInfo
 
 from agents.config.keys import RENAMED, expected, field_at, nearest, nested_model, shown
 from agents.config.yaml import YamlError, coerced, read, write
-from envs.edge.command import ConfigError, Parser, run_cli
+from envs.edge.command import ConfigError, Parser
 
-__all__ = ["ConfigError", "Parser", "Strict", "dump", "load", "run_cli"]
+__all__ = ["ConfigError", "Parser", "Strict", "dump", "load"]
 
 Model = TypeVar("Model", bound="Strict")
 

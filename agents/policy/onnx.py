@@ -142,10 +142,10 @@ def _traced(content: PolicyFile) -> Graph:
     for number in range(len(content.hidden)):
         x = graph.apply("Tanh", layer(x, f"hidden_{number}"))
     x = layer(x, "head")
-    hand = side(list(components), content.feature_set, graph)
-    if isinstance(hand, Traced):
+    mirror_sign = side(list(components), content.feature_set, graph)
+    if isinstance(mirror_sign, Traced):
         acceleration, yaw_rate = graph.apply_many("Split", [x], 2, axis=1)
-        x = graph.apply("Concat", acceleration, yaw_rate * hand, axis=1)
+        x = graph.apply("Concat", acceleration, yaw_rate * mirror_sign, axis=1)
     # 0 where all components are finite, NaN where one is not: comparisons inside would make a number of it.
     zero = graph.apply("MatMul", graph.value(INPUT), graph.tensor("zeros", np.zeros((SIZE, 2))))
     graph.rename(graph.clip(x, -1.0, 1.0) + zero, OUTPUT)

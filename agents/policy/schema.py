@@ -236,7 +236,7 @@ def _check_fields(value: Mapping[str, Any], fields: Mapping[str, Any], path: str
 
 
 def _is(value: Any, kind: Any) -> bool:
-    """Tell whether a JSON value is of a kind; true and false are not numbers here."""
+    """Return whether a JSON value is of a kind; true and false are not numbers here."""
     return isinstance(value, kind) and not isinstance(value, bool)
 
 

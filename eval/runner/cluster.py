@@ -1,7 +1,7 @@
 """An existing Dask cluster that flies chunks: ``--scheduler tcp://HOST:PORT`` (docs/howto/cluster.md).
 
 Dask hands chunks to workers, and again to others where a worker dies. What is decided here: how many chunks are under
-way, so that nobody ever holds more than those; that workers fit the run; and what a chunk is that workers die of.
+way, so that no more than those are ever held; that workers fit the run; and what a chunk is that workers die of.
 """
 
 import asyncio
@@ -156,7 +156,7 @@ class Cluster:
         return found
 
     def _next(self, landed: SimpleQueue[Future], stopped: Callable[[], bool]) -> Future | None:
-        """Return a chunk that has ended, None where none can end because nobody is left to fly it."""
+        """Return a chunk that has ended, None where none can end because no worker is left."""
         while True:
             try:
                 return landed.get(timeout=_PATIENCE_S)
@@ -216,7 +216,7 @@ def _greet(address: str) -> None:
     """Ask for the identity of what listens, because a client would wait for ever for one that keeps silent.
 
     Raises:
-        ConfigError: nobody answers, or it is no scheduler.
+        ConfigError: nothing answers, or it is no scheduler.
     """
     from distributed.security import Security
 

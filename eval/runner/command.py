@@ -44,7 +44,7 @@ def cluster_of(options: argparse.Namespace, packages: tuple[str, ...] = ()) -> "
         packages: beside the usual ones, whose versions must be the same on every worker.
 
     Raises:
-        ConfigError: nobody answers there, a worker does not fit, or Dask is not installed.
+        ConfigError: nothing answers there, a worker does not fit, or Dask is not installed.
     """
     if options.scheduler is None:
         yield None

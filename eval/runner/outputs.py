@@ -172,7 +172,7 @@ class RunFolder:
                     held = held.slice(_ROW_GROUP)
 
     def _identity(self) -> str:
-        """Return what tells whether a stored part belongs to this run."""
+        """Return a digest by which a stored part is known to belong to this run."""
         made = {
             "config": _plain(self._config),
             "versions": {k: versions("numpy")[k] for k in ("rlcas-toolkit", "numpy")},

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from pydantic import Field, ValidationError, model_validator
 
 from agents.config.keys import RENAMED, help_text, keys, markdown
-from agents.config.load import ConfigError, Parser, Strict, dump, load, run_cli
+from agents.config.load import ConfigError, Parser, Strict, dump, load
 from agents.config.yaml import read, write
+from envs.edge.command import run_cli
 
 
 class Inner(Strict):
@@ -319,7 +320,7 @@ def test_bad_arguments_are_one_sentence():
 
 
 def test_a_reader_that_stops_early_sees_no_traceback() -> None:
-    program = "from agents.config.load import run_cli; run_cli(lambda: print('x' * 200_000))"
+    program = "from envs.edge.command import run_cli; run_cli(lambda: print('x' * 200_000))"
     with subprocess.Popen(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.config.load import ConfigError, run_cli
+from agents.config.load import ConfigError
 from agents.resolvability.classify import Verdict
+from envs.edge.command import run_cli
 from envs.kinematics import SURROGATE, Limits
 from envs.outcome import RULES
 from eval.boundary import run as boundary

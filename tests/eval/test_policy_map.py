@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.config.load import run_cli
 from agents.policy.inference import Policy
+from envs.edge.command import run_cli
 from envs.kinematics import SURROGATE, VehicleState
 from envs.observation import observe
 from envs.outcome import RULES

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from agents.config.load import ConfigError, run_cli
+from agents.config.load import ConfigError
 from envs.draws import uniforms
+from envs.edge.command import run_cli
 from envs.encounters import sample, scenario
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES

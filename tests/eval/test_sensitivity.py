@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.config.load import run_cli
+from envs.edge.command import run_cli
 from eval.sensitivity import run as sensitivity
 from eval.sensitivity.bins import QUANTITIES, Quantity, Run, binned, mapped, rates, read_run
 from eval.sensitivity.sweep import PARAMETERS, Sweep, swept
