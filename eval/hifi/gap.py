@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from agents.config.load import ConfigError, Parser
+from eval.metrics.table import read_table
 
 __all__ = ["gap", "main", "upper_bound"]
 
@@ -135,18 +136,10 @@ def _show(path: Path, found: Mapping[str, Any]) -> None:
 
 
 def _table(path: Path) -> dict[str, np.ndarray]:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     file = path / "flights.parquet"
     if not file.is_file():
         raise ConfigError(f"{path} holds no flights.parquet; expected the folder of a finished run of eval.hifi")
-    try:
-        table = pq.read_table(file)
-    except (OSError, pa.ArrowException) as problem:
-        raise ConfigError(f"{file} cannot be read: {problem}") from None
-    if (table.schema.metadata or {}).get(b"rlcas_schema") != b"hifi 1":
-        raise ConfigError(f"{file} is of another schema; expected the table of a run of eval.hifi")
+    table = read_table(file, "the table of a run of eval.hifi", b"hifi 1")
     columns = {name: table.column(name).to_numpy() for name in table.column_names}
     if not np.isfinite(columns["position_error_max_m"]).any():
         raise ConfigError(f"{file} holds no flight along a plan; expected a run of mode plan")

@@ -12,6 +12,7 @@ from agents.config.load import ConfigError, load
 from eval.config import MonteCarloConfig
 from eval.flights.simulate import OUTCOMES
 from eval.metrics.summary import SCHEMA_VERSION
+from eval.metrics.table import read_table
 from eval.plots.style import kinds_of
 
 __all__ = ["FIGURES", "POINT_COLUMNS", "Run", "read_run"]
@@ -131,16 +132,7 @@ def _number(value: Any, *, or_none: bool = False) -> bool:
 
 
 def _table(path: Path) -> dict[str, np.ndarray]:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        read = pq.read_table(path)
-    except (OSError, pa.ArrowException) as problem:
-        raise ConfigError(f"{path}: cannot be read as parquet ({problem}), expected a table of encounters") from None
-    schema = (read.schema.metadata or {}).get(b"rlcas_schema", b"none").decode(errors="replace")
-    if schema != _SCHEMA.decode():
-        raise ConfigError(f"{path}: has the schema {schema!r}, expected {_SCHEMA.decode()!r}")
+    read = read_table(path, "a table of encounters", _SCHEMA)
     for name in _COLUMNS:
         if name not in read.column_names:
             raise ConfigError(f"{path}: has no column {name}, expected one")

@@ -9,6 +9,7 @@ import numpy as np
 
 from agents.config.load import ConfigError
 from agents.config.yaml import YamlError, read
+from eval.metrics.table import read_table
 from eval.stats.plain import share
 
 __all__ = ["QUANTITIES", "Quantity", "Run", "binned", "mapped", "rates", "read_run", "successes"]
@@ -93,25 +94,21 @@ def read_run(path: Path) -> Run:
     Raises:
         ConfigError: it is none, or its table lacks a column.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     file = next((path / name for name in _TABLES if (path / name).is_file()), None)
     if file is None:
         raise ConfigError(f"{path} holds no {' or '.join(_TABLES)}; expected the folder of a finished run")
     try:
         settings = read(path / "config.yaml")
-        known = pq.read_schema(file).names
-        missing = [name for name in _NEEDED if name not in known]
-        if missing:
-            raise ConfigError(f"{file} has no column {missing[0]}; expected the table of a run")
-        wanted = [*_NEEDED, "weight", "baseline_outcome", *(f"{name}_outcome" for name in _BESIDE)]
-        columns = [name for name in [*wanted, *(each.column for each in QUANTITIES)] if name in known]
-        read_in = pq.read_table(file, columns=columns)
-    except YamlError as problem:
-        raise ConfigError(f"{path / 'config.yaml'}: {problem}") from None
-    except (OSError, pa.ArrowException) as problem:
-        raise ConfigError(f"{path} cannot be read: {problem}; expected the folder of a finished run") from None
+    except (YamlError, OSError) as problem:
+        raise ConfigError(
+            f"{path / 'config.yaml'} cannot be read: {problem}; expected that of a finished run"
+        ) from None
+    read_in = read_table(file, "the table of a run")
+    missing = [name for name in _NEEDED if name not in read_in.column_names]
+    if missing:
+        raise ConfigError(f"{file} has no column {missing[0]}; expected the table of a run")
+    wanted = [*_NEEDED, "weight", "baseline_outcome", *(f"{name}_outcome" for name in _BESIDE)]
+    columns = [name for name in [*wanted, *(each.column for each in QUANTITIES)] if name in read_in.column_names]
     if not isinstance(settings, dict) or not isinstance(settings.get("mode"), str):
         raise ConfigError(f"{path / 'config.yaml'} names no mode; expected the configuration of a run")
     if not read_in.num_rows:
