@@ -208,12 +208,23 @@ def main(arguments: list[str] | None = None) -> int:
     counts: Counter[str] = Counter()
     failures: list[str] = []
     slowest, largest = 0.0, 0
-    for more, bad, seconds, size in _results(options.plans, options.seed, options.first, options.workers):
-        counts.update(more)
-        failures += bad
-        slowest, largest = max(slowest, seconds), max(largest, size)
-        print(f"{counts['certificates']} certificates, {len(failures)} failures", *bad, sep="\n", file=sys.stderr)
-    figures = {"benchmark": "certificates", "seed": options.seed, "first": options.first, "failures": failures}
+    complete = False
+    try:
+        for more, bad, seconds, size in _results(options.plans, options.seed, options.first, options.workers):
+            counts.update(more)
+            failures += bad
+            slowest, largest = max(slowest, seconds), max(largest, size)
+            print(f"{counts['certificates']} certificates, {len(failures)} failures", *bad, sep="\n", file=sys.stderr)
+        complete = True
+    except KeyboardInterrupt:
+        print("interrupted; these are the figures of what was done", file=sys.stderr)
+    figures = {
+        "benchmark": "certificates",
+        "seed": options.seed,
+        "first": options.first,
+        "complete": complete,
+        "failures": failures,
+    }
     figures |= {
         "counts": dict(sorted(counts.items())),
         "slowest_check_s": slowest,
