@@ -13,7 +13,7 @@ Figures are medians; ratios are medians of the ratios within each turn.
 import importlib
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -80,7 +80,7 @@ def whole_update(config: TrainConfig) -> Work:
 
 def learner_alone(config: TrainConfig) -> Work:
     """Return a function that learns by one update from samples of the same shapes that are made once."""
-    settings = ppo.PpoSettings(**{field.name: getattr(config.ppo, field.name) for field in fields(ppo.PpoSettings)})
+    settings = task.ppo_settings(config)
     hidden, feature_set = tuple(config.network.hidden), config.network.feature_set
     parts = ppo.learner(
         Actor(hidden, feature_set, config.network.log_std_initial), Critic(hidden, feature_set), settings

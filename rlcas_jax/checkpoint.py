@@ -1,7 +1,7 @@
 """Checkpoints: any pytree of arrays in one safetensors file, whole or not there at all.
 
-A file is written under another name, flushed to the disk and renamed, so that a kill or a power cut at any moment
-leaves the checkpoints before it as they were. A digest tells a damaged file from a good one.
+A kill or a power cut at any moment leaves the checkpoints before it as they were (:mod:`envs.edge.files`). A digest
+tells a damaged file from a good one.
 """
 
 import hashlib
@@ -22,9 +22,12 @@ from safetensors.numpy import save as save_tensors
 from envs.edge.command import InputError
 from envs.edge.files import write_file
 
-__all__ = ["CheckpointError", "latest", "restore", "restore_part", "save"]
+__all__ = ["CheckpointError", "latest", "meta", "restore", "restore_part", "save"]
 
 SCHEMA = "rlcas-checkpoint-1"
+KEPT = 3
+"""Newest checkpoints that stay."""
+
 _HEADER = "rlcas-checkpoint"
 _NAME = "checkpoint-{:010d}.safetensors"
 _NAMES = re.compile(r"checkpoint-(\d{10,})\.safetensors")
@@ -35,7 +38,7 @@ class CheckpointError(InputError):
     """A checkpoint that cannot be used; the message says which and why."""
 
 
-def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any], *, keep: int = 2) -> Path:
+def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any], *, keep: int = KEPT) -> Path:
     """Write a checkpoint and remove all but the newest ones.
 
     Args:
@@ -53,6 +56,8 @@ def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any], *, ke
     written = json.dumps(dict(meta))
     header = {"schema": SCHEMA, "meta": written, "sha256": _digest(tensors, written)}
     path = directory / _NAME.format(number)
+    for left in directory.glob(".checkpoint-*.tmp"):  # by a process that was killed
+        left.unlink()
     # All under one key: safetensors writes several in an order that changes from run to run.
     write_file(path, save_tensors(tensors, {_HEADER: json.dumps(header)}))
     for old in _stored(directory)[keep:]:
@@ -78,7 +83,16 @@ def latest(directory: Path) -> Path:
     raise CheckpointError(f"{directory}: {what}")
 
 
-def restore(path: Path, like: Any) -> tuple[Any, dict[str, Any]]:
+def meta(path: Path) -> dict[str, Any]:
+    """Return the meta data of a checkpoint.
+
+    Raises:
+        CheckpointError: the file is not there or not whole.
+    """
+    return _read(path)[1]
+
+
+def restore(path: Path, like: Any) -> Any:
     """Read a checkpoint.
 
     Args:
@@ -87,13 +101,12 @@ def restore(path: Path, like: Any) -> tuple[Any, dict[str, Any]]:
             matter, so ``jax.eval_shape`` makes a good one where there are no typed PRNG keys.
 
     Returns:
-        The tree, bit for bit as saved, and the meta data.
+        The tree, bit for bit as saved.
 
     Raises:
         CheckpointError: the file is not there, not whole, or not of this structure.
     """
-    tensors, meta = _read(path)
-    return _fitted(path, tensors, like), meta
+    return _fitted(path, _read(path)[0], like)
 
 
 def restore_part(path: Path, like: Any, part: str) -> Any:

@@ -4,13 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
+from agents.config.folder_lock import is_unused
 from agents.config.keys import help_text
 from agents.config.load import ConfigError, Parser, dump, load
 from envs.edge.files import write_file
 from rlcas_jax.config import SEED_END, TrainConfig
 
-__all__ = ["Job", "Options", "Processes", "new_directory", "parse", "prepare"]
+__all__ = ["Job", "Options", "Processes", "new_directory", "parse", "write_configurations"]
 
 _DESCRIPTION = """\
 Train a conflict resolution policy in the surrogate.
@@ -50,6 +52,8 @@ class Options:
     jobs: tuple[Job, ...]
     """One for each seed; the job of a single seed has :attr:`directory` for its own."""
     quiet: bool
+    resumed: bool = False
+    """The directory is that of an earlier run."""
     devices: int | None = None
     """How many devices each process uses; None: all that are visible."""
     processes: Processes | None = None
@@ -76,9 +80,10 @@ def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> 
                 raise ConfigError(
                     f"--{name} cannot change a run that is resumed; leave it out, or start a new run without --resume"
                 )
-        return Options(given.resume, _resumed(given.resume), given.quiet, given.devices, processes)
+        return Options(given.resume, _resumed(given.resume), given.quiet, True, given.devices, processes)
     overrides = given.set + ([f"steps={given.steps}"] if given.steps else [])
     config = load(TrainConfig, given.config, overrides)
+    _check_effective(config, overrides)
     seeds = 1 if given.seeds is None else given.seeds
     if not 1 <= seeds <= SEED_END - config.seed:
         raise ConfigError(f"--seeds is {seeds}; expected 1 to {SEED_END - config.seed} (seeds are below {SEED_END})")
@@ -87,7 +92,7 @@ def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> 
     # Another process may have begun to fill it.
     alone = processes is None or processes.number == 0
     directory = new_directory(config, given.out, now, empty=alone)
-    return Options(directory, _fresh(config, directory, seeds), given.quiet, given.devices, processes)
+    return Options(directory, _fresh(config, directory, seeds), given.quiet, False, given.devices, processes)
 
 
 def new_directory(config: TrainConfig, out: Path | None, now: datetime | None, *, empty: bool = True) -> Path:
@@ -104,13 +109,13 @@ def new_directory(config: TrainConfig, out: Path | None, now: datetime | None, *
     """
     moment = datetime.now(UTC) if now is None else now
     directory = out or Path("runs") / f"{config.name}-{moment:%Y%m%dT%H%M%S}-{config.seed}"
-    if empty and directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+    if empty and not is_unused(directory):
         raise ConfigError(f"--out {directory} exists and is not empty; name another, or go on with it by --resume")
     return directory
 
 
-def prepare(options: Options) -> None:
-    """Make the directories and write each run's configuration, so that a run of several seeds can be resumed.
+def write_configurations(options: Options) -> None:
+    """Write each run's configuration where there is none, so that a run of several seeds can be resumed.
 
     Raises:
         ConfigError: that is not possible.
@@ -118,11 +123,23 @@ def prepare(options: Options) -> None:
     for job in options.jobs:
         file = job.directory / "config.yaml"
         try:
-            job.directory.mkdir(parents=True, exist_ok=True)
             if not file.exists():
                 write_file(file, dump(job.config))
         except OSError as problem:
             raise ConfigError(f"--out {job.directory} cannot be written ({problem.strerror})") from None
+
+
+def _check_effective(config: TrainConfig, overrides: Sequence[str]) -> None:
+    """Refuse to change a key that the phases set themselves, which would have no effect on them."""
+    for text in overrides:
+        path = text.partition("=")[0].split(".")
+        for number, phase in enumerate(config.phases):
+            at: Any = phase
+            for step in path:
+                at = at.get(step) if isinstance(at, dict) else None
+            if at is not None:
+                key = ".".join(path)
+                raise ConfigError(f"{key} is set by phase {number} itself; expected phases.{number}.{key} (--set)")
 
 
 def _processes(coordinator: str | None, count: int | None, number: int | None) -> Processes | None:

@@ -1,15 +1,16 @@
-"""The configuration of a training run: the models behind ``configs/*.yaml`` and ``--set``."""
+"""The configuration of a training: the models behind ``configs/*.yaml`` and ``--set``."""
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, NonNegativeFloat, model_validator
 
-from agents.config.load import ConfigError, Strict
+from agents.config.load import ConfigError, Strict, validated
 from agents.config.world import RulesConfig, ScenarioConfig, VehicleConfig, check_own_speed
-from envs.kinematics import Limits
+from agents.policy.features import begins
+from envs.kinematics import SURROGATE, Limits
 from envs.outcome import RULES, Rules
 
 __all__ = [
@@ -27,6 +28,8 @@ __all__ = [
 SEED_END = 2**31
 """Seeds are below this."""
 
+Weight = Annotated[float, Field(ge=0.0, le=1e6)]
+
 
 class NetworkConfig(Strict):
     """Actor and critic; they share the shape and no weights."""
@@ -34,11 +37,11 @@ class NetworkConfig(Strict):
     hidden: tuple[Annotated[int, Field(ge=1, le=4096)], ...] = Field(default=(256, 256), min_length=1, max_length=8)
     """Widths of the hidden layers of actor and of critic (paper: two of 256)."""
     feature_set: Literal["advised", "cpa", "foresight", "mirror", "none", "pressed"] = "cpa"
-    """What the first layer sees: the bare observation (none), geometry and closest point of approach derived from it
+    """Inputs of the first layer: the bare observation (none), geometry and closest point of approach derived from it
     inside the network (cpa), those with the intruder always left of the line to the goal, so that the policy is
-    exactly symmetric (mirror), these and the separations that twelve simple manoeuvres would keep (foresight), these
-    and what those do that keep most (advised), or these and what the best one alone does where metres decide
-    (pressed)."""
+    exactly symmetric (mirror), these and the separations that twelve escape manoeuvres would keep (foresight), these
+    and the mean command of the best ones (advised), or these and the command of the single best one where its margin
+    is a few metres (pressed)."""
     log_std_initial: float = Field(default=-0.5, ge=-5.0, le=2.0)
     """Natural logarithm of the initial standard deviation of both actions (full deflection is 1)."""
 
@@ -46,48 +49,39 @@ class NetworkConfig(Strict):
 class PpoConfig(Strict):
     """Proximal policy optimisation."""
 
-    environments: int = Field(default=1024, ge=1)
+    environments: int = Field(default=1024, ge=1, le=1_000_000)
     """Encounters that are flown at the same time."""
-    rollout: int = Field(default=32, ge=1)
+    rollout: int = Field(default=32, ge=1, le=10_000)
     """Time steps that each of them is flown between two updates, 1 s each; short ones learn more from a step."""
     epochs: int = Field(default=4, ge=1, le=100)
     """Passes over a rollout in an update."""
-    minibatch: int = Field(default=2048, ge=2)
+    minibatch: int = Field(default=2048, ge=2, le=10_000_000)
     """Samples a gradient step; a divisor of environments times rollout."""
-    segment: int = Field(default=16, ge=1)
+    segment: int = Field(default=16, ge=1, le=10_000)
     """Consecutive samples of one environment that stay together in a shuffle (shuffling single samples is slow on a
     CPU), time steps; a divisor of rollout and of minibatch."""
     learning_rate: float = Field(default=7e-4, gt=0.0, le=1.0)
     """Step size of Adam at the start."""
     learning_rate_final: float = Field(default=0.0, ge=0.0, le=1.0)
     """Step size at the end; it changes linearly with the steps."""
-    noise_memory: float = Field(default=0.0, ge=0.0)
-    """Time constant with which the noise of the actions forgets, s (Hollenstein et al. 2024); 0: drawn anew each step.
-    What lasts leads further from the path that is flown anyway. Its spread at any step stays the same."""
     discount: float = Field(default=0.995, gt=0.0, le=1.0)
     """Worth of a reward one time step (1 s) later."""
     gae_lambda: float = Field(default=0.95, ge=0.0, le=1.0)
     """Decay of the generalised advantage estimate: 0 trusts the critic alone, 1 the returns alone."""
     clip: float = Field(default=0.2, gt=0.0, le=1.0)
     """How far an update may move the ratio of new to old action probability from 1 before its gradient stops."""
-    entropy: float = Field(default=0.0, ge=0.0)
+    entropy: Weight = 0.0
     """Weight of the entropy bonus in the loss."""
-    value: float = Field(default=0.5, gt=0.0)
-    """Weight of the critic's squared error in the loss."""
-    max_grad_norm: float = Field(default=0.5, gt=0.0)
+    max_grad_norm: float = Field(default=0.5, gt=0.0, le=1e6)
     """The gradients of actor and critic are each scaled down to this norm."""
-    adam_epsilon: float = Field(default=1e-5, gt=0.0)
-    """Adam's guard against a division by zero."""
     reward_scale: float = Field(default=0.01, gt=0.0)
     """Factor on the task's reward before learning; logged scores are unscaled."""
-    normalize_advantage: bool = True
-    """Shift and scale the advantages of each minibatch to mean 0 and deviation 1."""
     smoothness: tuple[NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0)
     """Weights, in the loss, of the mean change of acceleration and turn rate (1: full deflection) from one time step to
     the next, within a `segment`."""
-    critic_first: int = Field(default=0, ge=0)
-    """Environment steps at the beginning in which the actor stays as it is, so that a fresh critic comes to know it
-    (`start_from` of a policy)."""
+    critic_warmup_steps: int = Field(default=0, ge=0, le=10**12)
+    """Environment steps at the beginning in which the actor stays as it is, while a fresh critic learns its values
+    (`warm_start` from a policy file)."""
 
     @property
     def samples(self) -> int:
@@ -119,17 +113,17 @@ class PpoConfig(Strict):
 
 
 class WorldConfig(RulesConfig):
-    """The task and the vehicle; training may ask for more separation than the evaluation."""
+    """The task and the vehicle; training may require more separation than the evaluation."""
 
     vehicle: VehicleConfig = Field(
         default=VehicleConfig(), json_schema_extra={"expected": "the path of a YAML file, or a group of keys"}
     )
     """Limits of the ownship. A path is looked for beside the configuration file, then in the working directory."""
-    separation_spread: float = Field(default=0.0, ge=0.0)
+    separation_spread: float = Field(default=0.0, ge=0.0, le=1e6)
     """The environments require separations spread evenly from `separation` to this much more, m, which the observation
     does not show: the closer an encounter comes, the more often it is lost."""
     separation_headroom: float | None = Field(default=None, ge=0.0)
-    """An encounter requires no more than the best of twelve simple manoeuvres keeps less this, m, and never less than
+    """An encounter requires no more than the best of twelve escape manoeuvres keeps less this, m, and never less than
     `separation`; null: the spread alone decides."""
 
     def required_separation(self, environments: int) -> np.ndarray:
@@ -144,69 +138,57 @@ class WorldConfig(RulesConfig):
 
 
 class ShapingConfig(Strict):
-    """What learning is paid besides the task's reward, in units of the scaled reward; scores never contain it.
+    """Rewards for learning besides the task's, in units of the scaled reward; scores never contain them.
 
-    The potentials (goal, conflict, escape, delay) leave the optimal policy as it is; the prices (turn, swing,
-    rejoin, detour) do not.
+    The potentials (goal, escape_margin, lateness) leave the optimal policy as it is; the costs do not.
     """
 
-    goal: float = Field(default=0.0, ge=0.0)
-    """Worth of 10 km less to the goal."""
-    conflict: float = Field(default=0.0, ge=0.0)
-    """Worth of a predicted closest approach at the required separation instead of at 0 m."""
-    escape: float = Field(default=0.0, ge=0.0)
-    """Worth of 50 m more of the separation that the best of twelve simple manoeuvres would keep, from 50 m less than
-    required to 50 m more."""
-    delay: float = Field(default=0.0, ge=0.0)
-    """Worth of a speed at which the goal is reached 30 s before the time limit instead of 30 s after it."""
-    turn: float = Field(default=0.0, ge=0.0)
-    """Price of a time step (1 s) of full turn; half a turn rate costs a quarter of it."""
-    swing: float = Field(default=0.0, ge=0.0)
-    """Price of 90 degrees of turning, to whichever side and however sharp."""
-    rejoin: float = Field(default=0.0, ge=0.0)
-    """Price of 90 degrees of turning towards the goal at the full rate; slower turns cost less, and up to 0.35 degrees
+    goal: Weight = 0.0
+    """Potential of 10 km less to the goal."""
+    escape_margin: Weight = 0.0
+    """Potential of 50 m more separation under the best of twelve escape manoeuvres, from 50 m less than required to
+    50 m more."""
+    lateness: Weight = 0.0
+    """Potential of a speed at which the goal is reached 30 s before the time limit instead of 30 s after it."""
+    turn_rate_cost: Weight = 0.0
+    """Cost of a time step (1 s) at the full turn rate; half of it costs a quarter."""
+    heading_change_cost: Weight = 0.0
+    """Cost of 90 degrees of turning, to either side and at any rate."""
+    rejoin_turn_cost: Weight = 0.0
+    """Cost of 90 degrees of turning towards the goal at the full rate; slower turns cost less, and up to 0.35 degrees
     a second nothing."""
-    detour: float = Field(default=0.0, ge=0.0)
-    """Price of 10 km flown that bring the goal no nearer."""
+    path_excess_cost: Weight = 0.0
+    """Cost of 10 km flown that bring the goal no nearer."""
 
 
 class NearLimitConfig(Strict):
     """Hard examples: encounters that begin near the limit of what can be resolved."""
 
-    encounters: int = Field(default=0, ge=0, le=1_000_000)
-    """How many are drawn before training begins, to be flown again and again; 0: none."""
-    share: float = Field(default=0.1, gt=0.0, lt=1.0)
-    """Share of all encounters that are taken from them; the scenarios have the rest."""
-    margin: float = Field(default=50.0, gt=0.0)
-    """The best of twelve simple manoeuvres keeps up to this much more than `world.separation` in them, m. Courses are
+    share: float = Field(default=0.0, ge=0.0, lt=1.0)
+    """Share of all encounters that are taken from 20 000 such ones, drawn before training begins; the scenarios have
+    the rest."""
+    margin: float = Field(default=50.0, gt=0.0, le=1e6)
+    """The best of twelve escape manoeuvres keeps up to this much more than `world.separation` in them, m. Courses are
     within 60 degrees of each other, and intruders fly straight on."""
 
 
 class EvaluationConfig(Strict):
     """Evaluations of the deterministic policy on encounters that training never sees."""
 
-    every_steps: int = Field(default=2_000_000, ge=1)
+    every_steps: int = Field(default=2_000_000, ge=1, le=10**12)
     """Environment steps between evaluations during training."""
-    encounters: int = Field(default=1_000, ge=1)
+    encounters: int = Field(default=1_000, ge=1, le=1_000_000)
     """Encounters of each of them."""
-    final_encounters: int = Field(default=10_000, ge=1)
+    final_encounters: int = Field(default=10_000, ge=1, le=1_000_000)
     """Encounters of the evaluation after training."""
     seed: int = Field(default=1_000_003, ge=0, lt=2**63)
     """Of the encounters; the same whatever the seed of the training, so that runs are compared on equal terms."""
-    separation: float = Field(default=RULES.separation, gt=0.0)
-    """Distance to an intruder below which an encounter is lost, m, whatever the training asks for."""
-    t_max: float | None = Field(default=None, ge=1.0, le=3600.0, multiple_of=1.0)
-    """Time limit, s, a whole number of seconds, whatever the training gives; that of the training where null."""
-    goal_radius: float | None = Field(default=None, gt=0.0)
-    """Distance from the goal at which it counts as reached, m, whatever the training asks for; that of the training
-    where null."""
+    separation: float = Field(default=RULES.separation, gt=0.0, le=1e6)
+    """Distance to an intruder below which an encounter is lost, m, whatever the training requires."""
 
     def rules(self, world: WorldConfig) -> Rules:
-        """Return the task by which policies are judged."""
-        rules = world.rules()
-        t_max = rules.t_max if self.t_max is None else self.t_max
-        goal_radius = rules.goal_radius if self.goal_radius is None else self.goal_radius
-        return rules._replace(separation=self.separation, t_max=t_max, goal_radius=goal_radius)
+        """Return the task by which policies are evaluated."""
+        return world.rules()._replace(separation=self.separation)
 
 
 class CheckpointConfig(Strict):
@@ -214,44 +196,99 @@ class CheckpointConfig(Strict):
 
     every_seconds: float = Field(default=60.0, ge=0.0)
     """Least time between checkpoints, s; 0: after every update."""
-    keep: int = Field(default=2, ge=1)
-    """How many are kept."""
 
 
 class TrainConfig(Strict):
     """A training run; the defaults train the paper's circle encounters."""
+
+    PHASE_KEYS: ClassVar = ("steps", "ppo", "world", "scenarios", "pool_rows", "near_limit", "shaping")
 
     name: str = Field(
         default="train",
         pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$",
         json_schema_extra={"expected": "a text of at most 64 letters, digits, dots, dashes and underscores"},
     )
-    """What the run is called; part of the default name of its folder."""
+    """Name of the run; part of the default name of its folder."""
     seed: int = Field(default=0, ge=0, lt=SEED_END)
     """Everything random in the run follows from it."""
-    steps: int = Field(default=10_000_000, ge=1)
+    steps: int = Field(default=10_000_000, ge=1, le=10**12)
     """Length of the training, environment steps; rounded down to whole updates, of which there is at least one."""
-    start_from: Path | None = None
-    """Directory of an earlier run, or one of its checkpoints: its networks, with the optimiser's state, are what this
-    training begins with (a path as seen from the working directory). Or a policy file: its actor, beside a fresh critic
-    (see `ppo.critic_first`). null begins with fresh ones."""
+    warm_start: Path | None = None
+    """Directory of an earlier run, or one of its checkpoints: training begins with its networks and the optimiser's
+    state (a path as seen from the working directory). Or a policy file: training begins with its actor and a fresh
+    critic (see `ppo.critic_warmup_steps`). null: with fresh networks."""
     network: NetworkConfig = NetworkConfig()
     ppo: PpoConfig = PpoConfig()
     world: WorldConfig = WorldConfig()
-    scenarios: tuple[ScenarioConfig, ...] = Field(default=(ScenarioConfig(name="circle"),), min_length=1)
+    scenarios: tuple[ScenarioConfig, ...] = Field(default=(ScenarioConfig(name="circle"),), min_length=1, max_length=64)
     """The mixture of encounters that training draws from."""
-    pool_rows: int = Field(default=16, ge=1)
+    pool_rows: int = Field(default=16, ge=1, le=10_000)
     """Encounters that are drawn per environment and update; an encounter that ends goes on with the next of them."""
     near_limit: NearLimitConfig = NearLimitConfig()
     shaping: ShapingConfig = ShapingConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
     checkpoint: CheckpointConfig = CheckpointConfig()
+    phases: tuple[dict[str, Any], ...] = Field(
+        default=(), max_length=16, json_schema_extra={"expected": "a list of groups of keys"}
+    )
+    """Parts of the training, one after the other in one run: each names what differs in it from the other keys (steps,
+    ppo, world, scenarios, pool_rows, near_limit and shaping; not world.vehicle), and goes on with the networks of the
+    one before. Empty: one phase."""
+
+    def in_phases(self) -> tuple["TrainConfig", ...]:
+        """Return the configuration of each phase, itself without phases; of a training without any, its own.
+
+        Raises:
+            ConfigError: a phase's keys are not valid.
+        """
+        whole = self.model_dump(exclude={"phases"})
+        return tuple(self._phase(whole, number, changes) for number, changes in enumerate(self.phases)) or (self,)
+
+    def _phase(self, whole: dict[str, Any], number: int, changes: dict[str, Any]) -> "TrainConfig":
+        for key in changes:
+            if key not in self.PHASE_KEYS:
+                raise ConfigError(f"phases.{number}.{key}: expected one of {', '.join(self.PHASE_KEYS)}")
+        world = changes.get("world")
+        if isinstance(world, dict) and "vehicle" in world:
+            raise ConfigError(f"phases.{number}.world.vehicle: expected the same vehicle in all phases")
+        try:
+            return validated(TrainConfig, _merged(whole, changes))
+        except ConfigError as problem:
+            raise ConfigError(f"phases.{number}: {problem}") from None
 
     @model_validator(mode="after")
-    def _fits(self) -> "TrainConfig":
-        for number, entry in enumerate(self.scenarios):
-            check_own_speed(entry.scenario(), self.world.vehicle.limits(), f"scenarios.{number}.own_speed")
+    def _check(self) -> "TrainConfig":
+        self._check_vehicle()
+        self.in_phases() if self.phases else None
         return self
+
+    def _check_vehicle(self) -> None:
+        limits = self.world.limits()
+        for number, entry in enumerate(self.scenarios):
+            check_own_speed(entry.scenario(), limits, f"scenarios.{number}.own_speed")
+        if limits == SURROGATE:
+            return
+        for key, looks_ahead in (
+            ("network.feature_set", begins(self.network.feature_set, "foresight")),
+            ("shaping.escape_margin", self.shaping.escape_margin > 0.0),
+            ("near_limit.share", self.near_limit.share > 0.0),
+            ("world.separation_headroom", self.world.separation_headroom is not None),
+        ):
+            if looks_ahead:
+                raise ConfigError(
+                    f"{key} looks ahead with the surrogate's limits (configs/vehicle_surrogate.yaml); with another "
+                    "world.vehicle, expected network.feature_set none, cpa or mirror, and no escape_margin, near_limit "
+                    "or separation_headroom"
+                )
+
+
+def _merged(whole: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Return nested values with some of them changed; a list is replaced as a whole."""
+    merged = dict(whole)
+    for key, value in changes.items():
+        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = _merged(merged[key], value) if both else value
+    return merged
 
 
 def _divisor(whole: int, near: int) -> int:

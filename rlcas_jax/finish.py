@@ -1,10 +1,9 @@
-"""What a training leaves behind: the policy file, the final evaluation, the figures and a summary."""
+"""The end of a training: the final evaluation, the policy file, the figures and a summary."""
 
 import json
 import math
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,28 +14,27 @@ from agents.learning.export import write
 from agents.policy import file as policy_file
 from agents.resolvability.classify import Verdict, classify
 from envs.edge.files import write_file
-from envs.encounters import SCENARIOS, Encounter
-from envs.outcome import Outcome, Rules
+from envs.encounters import SCENARIOS
 from envs.starts import numbered
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.figures import training_figures
 from rlcas_jax.loop import Run, outcomes, rates
 
-__all__ = ["POLICY", "export", "finish", "judge", "judged", "table"]
+__all__ = ["POLICY", "evaluate", "export", "finish", "table"]
 
 POLICY = "policy.safetensors"
 
 
 def finish(run: Run) -> dict[str, Any]:
-    """Judge the trained policy, write it, its summary and the training figures; return the summary."""
-    evaluation = judge(run)
+    """Evaluate the trained policy, write it, its summary and the training figures; return the summary."""
+    evaluation = evaluate(run)
     path = export(run, evaluation["score_mean"])
     figures = training_figures([run.directory], run.directory / "figures")
     summary = {
         "name": run.config.name,
         "seed": run.config.seed,
         "finished": run.finished,
-        "steps": int(run.state.update) * run.task.steps_per_update,
+        "steps": run.steps,
         "training_score": run.score if math.isfinite(run.score) else None,  # no episode has ended yet
         "evaluation": evaluation,
         "wall_s": run.wall_s,
@@ -48,27 +46,17 @@ def finish(run: Run) -> dict[str, Any]:
     return summary
 
 
-def judge(run: Run) -> dict[str, Any]:
-    """Fly the deterministic policy through the final encounters and count its successes, as :func:`judged` does."""
-    return judged(run.config, run.task.rules, partial(outcomes, run.task, run.state))
+def evaluate(run: Run) -> dict[str, Any]:
+    """Fly the deterministic policy through the final encounters and count its successes, of all and of the resolvable.
 
-
-def judged(config: TrainConfig, rules: Rules, flown: Callable[[Encounter], Outcome]) -> dict[str, Any]:
-    """Count the successes of a policy in the final encounters, of all and of the resolvable.
-
-    What is not proven unresolvable counts as resolvable, so a weak search cannot flatter the rate.
-
-    Args:
-        config: says which encounters.
-        rules: of the task.
-        flown: encounters ``[N]`` -> how the policy ends them.
+    What is not proven unresolvable counts as resolvable, so that a weak search cannot flatter the rate.
     """
     began = time.monotonic()
-    settings = config.evaluation
+    settings = run.config.evaluation
     encounters = numbered(SCENARIOS["circle"], settings.seed, 0, settings.final_encounters)
-    outcome = flown(encounters)
-    solved = np.asarray(outcome.reached)
-    verdict = classify(encounters, rules, config.world.limits(), solved=solved).verdict
+    outcome = outcomes(run.task, run.state, encounters)
+    solved, rules = np.asarray(outcome.reached), run.task.rules
+    verdict = classify(encounters, rules, run.config.world.limits(), solved=solved).verdict
     resolvable = int(np.sum(verdict != Verdict.UNRESOLVABLE))
     found = rates(outcome, rules)
     return {
@@ -96,29 +84,29 @@ def export(run: Run, score: float | None) -> Path:
         feature_set=config.network.feature_set,
         limits=config.world.limits(),
         config=config.model_dump(mode="json"),
-        steps=int(run.state.update) * run.task.steps_per_update,
+        steps=run.steps,
         score=score,
     )
     return path
 
 
 def table(directory: Path, summaries: Sequence[dict[str, Any]]) -> str:
-    """Return what a person wants to know at the end, as text."""
+    """Return the summaries as a text for a terminal."""
     lines = []
     for summary in summaries:
-        judged = summary["evaluation"]
+        found = summary["evaluation"]
         state = "" if summary["finished"] else ", interrupted"
         lines.append(f"seed {summary['seed']}: {summary['steps']:,} steps in {summary['wall_s']:.0f} s{state}")
         score = "none yet" if summary["training_score"] is None else f"{summary['training_score']:+.1f}"
         rows = {
             "training score (stochastic policy, last 5 % of the episodes)": score,
-            f"deterministic policy, {judged['encounters']} encounters: mean score": f"{judged['score_mean']:+.1f}",
-            "resolved, of all": f"{judged['success_rate']:.2%}",
-            "resolved, of the resolvable": f"{judged['success_given_resolvable']:.2%}",
-            "separation violated": f"{judged['violation_rate']:.2%}",
-            "out of time": f"{judged['timeout_rate']:.2%}",
-            "proven unresolvable": f"{judged['unresolvable_proven']}",
-            "undecided (counted as resolvable)": f"{judged['undecided']}",
+            f"deterministic policy, {found['encounters']} encounters: mean score": f"{found['score_mean']:+.1f}",
+            "resolved, of all": f"{found['success_rate']:.2%}",
+            "resolved, of the resolvable": f"{found['success_given_resolvable']:.2%}",
+            "separation violated": f"{found['violation_rate']:.2%}",
+            "out of time": f"{found['timeout_rate']:.2%}",
+            "proven unresolvable": f"{found['unresolvable_proven']}",
+            "undecided (counted as resolvable)": f"{found['undecided']}",
         }
         lines += [f"  {name:<64}{value:>9}" for name, value in rows.items()]
     if len(summaries) > 1:

@@ -1,20 +1,18 @@
-"""The training run: updates, metrics, evaluations and checkpoints until the steps are done or somebody stops it."""
+"""The training run: updates, metrics, evaluations and checkpoints, phase after phase, until it is done or stopped."""
 
 import json
 import math
 import platform
-import signal
 import time
-from collections.abc import Callable, Generator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
 
 from agents.config.load import ConfigError, dump
+from agents.learning.ppo import LearnerState
 from agents.policy.versions import versions
 from envs.draws import uniforms
 from envs.edge.files import write_file
@@ -24,10 +22,12 @@ from envs.starts import numbered
 from rlcas_jax import checkpoint, metrics, progress
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import Devices, agreed, everywhere, first, local, place
+from rlcas_jax.interrupt import Interrupt
+from rlcas_jax.memory import check_memory
 from rlcas_jax.task import Task, TrainState, build
-from rlcas_jax.warm_start import begun
+from rlcas_jax.warm_start import warm_learner
 
-__all__ = ["Run", "TrainingError", "made_with", "outcomes", "rates", "run"]
+__all__ = ["Run", "Training", "TrainingError", "made_with", "outcomes", "prepared", "rates", "run"]
 
 LEAST_ACCEPTED = 0.05
 """Smallest share of a scenario's draws that must meet its conditions."""
@@ -38,113 +38,191 @@ class TrainingError(RuntimeError):
 
 
 @dataclass(frozen=True)
+class Training:
+    """A training that can begin: everything in it has been checked, and nothing has been written."""
+
+    config: TrainConfig
+    directory: Path
+    tasks: tuple[Task, ...]
+    """Of each phase."""
+    learner: LearnerState | None
+    """Networks and optimiser of a warm start; what is None is made afresh."""
+    resumed: tuple[int, TrainState] | None
+    """Phase and state of the newest checkpoint; None: the training begins."""
+
+
+@dataclass(frozen=True)
 class Run:
     """A training run's end."""
 
     directory: Path
     state: TrainState
     task: Task
+    """Of the phase in which it ended."""
     config: TrainConfig
+    steps: int
+    """Environment steps in all."""
     finished: bool
-    """False when it was interrupted."""
+    """False when it was stopped early."""
     score: float
     """Mean sparse return of the stochastic policy over the last twentieth of the steps."""
     wall_s: float
     """Time spent in this process, compilation included."""
 
 
-def run(
-    config: TrainConfig,
-    directory: Path,
-    reporter: progress.Reporter,
-    devices: Devices | None = None,
-    *,
-    resume: bool = False,
-) -> Run:
-    """Train.
+def prepared(config: TrainConfig, directory: Path, devices: Devices | None = None, *, resume: bool = False) -> Training:
+    """Check everything that a training needs, and write nothing.
 
     Args:
         config: what to train.
-        directory: of the run; exists, for all processes if there are several.
-        reporter: shows how it goes.
-        devices: to train on; one by default. Of several processes the first one alone writes.
+        directory: of the run; need not exist unless it is resumed.
+        devices: to train on; one by default.
         resume: go on from the directory's newest checkpoint instead of starting.
 
     Raises:
-        TrainingError: a loss or a parameter is no longer finite.
+        ConfigError: the configuration asks for what cannot be had, or the checkpoint is of another one.
         CheckpointError: there is nothing to resume from, or nothing to start from, or it has other networks.
     """
-    began = time.monotonic()
-    saved = directory / "checkpoints"
-    _check_scenarios(config)
-    task = build(config, devices)
-    state, writes = task.initial(), first()
+    check_memory(config)
+    phases = config.in_phases()
+    for phase in phases:
+        _check_scenarios(phase)
+    tasks = tuple(build(phase, devices, number) for number, phase in enumerate(phases))
     if resume:
-        whole, meta = checkpoint.restore(checkpoint.latest(saved), like=state)
-        state = place(whole, task.placed)
-        _check_same(config, meta, directory)
-    elif config.start_from is not None:
-        state = place(state._replace(learner=begun(config, state.learner)), task.placed)
-    if writes and not resume:
-        write_file(directory / "versions.json", json.dumps(made_with(), indent=2) + "\n")
+        path = checkpoint.latest(directory / "checkpoints")
+        meta = checkpoint.meta(path)
+        if meta["config"] != dump(config):
+            raise ConfigError(f"{directory}: its checkpoint was made with another configuration than its config.yaml")
+        number = int(meta["phase"])
+        return Training(config, directory, tasks, None, (number, checkpoint.restore(path, tasks[number].shapes())))
+    learner = None if config.warm_start is None else warm_learner(config, tasks[0].shapes().learner)
+    return Training(config, directory, tasks, learner, None)
 
-    update = int(state.update)
-    per_update = task.steps_per_update
-    judged = numbered(SCENARIOS["circle"], config.evaluation.seed, 0, config.evaluation.encounters)
-    log = metrics.Writer(directory, resume_update=update if resume else None) if writes else None
-    reporter.start(total_steps=task.updates * per_update, step=update * per_update)
 
-    def save() -> None:
-        whole = everywhere(state)
-        if writes:
-            checkpoint.save(saved, int(state.update), whole, {"config": dump(config)}, keep=config.checkpoint.keep)
+def run(training: Training, reporter: progress.Reporter, interrupt: Interrupt | None = None) -> Run:
+    """Train.
 
-    last_saved = time.monotonic()
-    with _interruptible() as interrupted, ExitStack() as stack:
-        if log is not None:
-            stack.enter_context(log)
-        stack.callback(reporter.stop)
-        if not resume:
-            save()
-        stop = False
-        while update < task.updates and not stop:
+    Args:
+        training: see :func:`prepared`; its directory exists, for all processes if there are several.
+        reporter: shows the progress.
+        interrupt: asked between updates whether to stop early.
+
+    Raises:
+        TrainingError: a loss or a parameter is no longer finite.
+        OSError: a file cannot be written.
+    """
+    return _Runner(training, reporter, interrupt or Interrupt()).run()
+
+
+class _Runner:
+    """One run of a training; of several processes the first one alone writes."""
+
+    def __init__(self, training: Training, reporter: progress.Reporter, interrupt: Interrupt) -> None:
+        self._training, self._reporter, self._interrupt = training, reporter, interrupt
+        self._began = self._last_saved = time.monotonic()
+        self._writes = first()
+        evaluation = training.config.evaluation
+        self._evaluated = numbered(SCENARIOS["circle"], evaluation.seed, 0, evaluation.encounters)
+        self._log: metrics.Writer | None = None
+
+    def run(self) -> Run:
+        training, tasks = self._training, self._training.tasks
+        directory = training.directory
+        self._interrupt.waits_for(None)
+        number, state = (0, None) if training.resumed is None else training.resumed
+        if state is not None:
+            state = place(state, tasks[number].placed)
+        elif self._writes:
+            write_file(directory / "versions.json", json.dumps(made_with(), indent=2) + "\n")
+        self._reporter.start(_steps(tasks), _steps(tasks[:number]) + _done(state, tasks[number]))
+        with ExitStack() as stack:
+            stack.callback(self._reporter.stop)
+            if self._writes:
+                resumed = None if state is None else _updates(tasks[:number]) + int(state.update)
+                self._log = stack.enter_context(metrics.Writer(directory, resume_update=resumed))
+            learner = training.learner
+            while True:
+                task = tasks[number]
+                if state is None:
+                    state = task.initial()
+                    if learner is not None:
+                        given = {name: part for name, part in learner._asdict().items() if part is not None}
+                        state = place(state._replace(learner=state.learner._replace(**given)), task.placed)
+                    self._save(number, state)
+                state, stopped = self._phase(number, state)
+                self._save(number, state)
+                if stopped or number + 1 == len(tasks):
+                    break
+                number, state, learner = number + 1, None, everywhere(state.learner)
+        return Run(
+            directory,
+            state,
+            task,
+            training.config,
+            _steps(tasks[:number]) + _done(state, task),
+            number + 1 == len(tasks) and int(state.update) >= task.updates,
+            _final_score(metrics.read(directory / "metrics.jsonl")) if self._writes else math.nan,
+            time.monotonic() - self._began,
+        )
+
+    def _phase(self, number: int, state: TrainState) -> tuple[TrainState, bool]:
+        """Train until the phase ends or a stop is asked for; return the last state and whether it was."""
+        task, before = self._training.tasks[number], self._training.tasks[:number]
+        updates_before, steps_before, per_update = _updates(before), _steps(before), task.steps_per_update
+        every_steps = self._training.config.evaluation.every_steps
+        update = int(state.update)
+        while update < task.updates:
             tick = time.monotonic()
             following, figures = task.update(state)
             row = {name: float(value) for name, value in jax.device_get(figures).items()}
+            step = steps_before + (update + 1) * per_update
             if not row.pop("finite"):
                 raise TrainingError(
-                    f"a loss or a parameter is not finite after update {update + 1} "
-                    f"(step {(update + 1) * per_update}); the last good checkpoint is {checkpoint.latest(saved)}"
+                    f"a loss or a parameter is not finite after update {updates_before + update + 1} (step {step}); "
+                    f"the last good checkpoint is {checkpoint.latest(self._training.directory / 'checkpoints')}"
                 )
-            state = following
-            before, update = update, update + 1
-            row = {"step": update * per_update, "update": update} | row
-            row |= {"wall_s": time.monotonic() - began, "steps_per_s": per_update / (time.monotonic() - tick)}
-            if log is not None:
-                if _crosses(before, update, per_update, config.evaluation.every_steps):
-                    row |= rates(outcomes(task, state, judged), task.rules)
-                log.write(row)
-            reporter.update(row)
-            due = time.monotonic() - last_saved >= config.checkpoint.every_seconds
-            stop, due = agreed([interrupted(), writes and due])
+            self._interrupt.waits_for("the end of this update")
+            state, update = following, update + 1
+            row = {"step": step, "update": updates_before + update} | row
+            row |= {"wall_s": time.monotonic() - self._began, "steps_per_s": per_update / (time.monotonic() - tick)}
+            if self._log is not None:
+                if (step - per_update) // every_steps != step // every_steps:
+                    row |= rates(outcomes(task, state, self._evaluated), task.rules)
+                self._log.write(row)
+            self._reporter.update(row)
+            due = time.monotonic() - self._last_saved >= self._training.config.checkpoint.every_seconds
+            stop, due = agreed([self._interrupt.requested, self._writes and due])
+            if stop:
+                return state, True
             if due:
-                save()
-                last_saved = time.monotonic()
-        save()
-    return Run(
-        directory,
-        state,
-        task,
-        config,
-        update >= task.updates,
-        _final_score(metrics.read(directory / "metrics.jsonl")) if writes else math.nan,
-        time.monotonic() - began,
-    )
+                self._save(number, state)
+        return state, False
+
+    def _save(self, number: int, state: TrainState) -> None:
+        whole = everywhere(state)
+        if self._writes:
+            updates = _updates(self._training.tasks[:number]) + int(state.update)
+            meta = {"config": dump(self._training.config), "phase": number}
+            # A phase begins with the number of updates with which the one before ended: the later file counts.
+            checkpoint.save(self._training.directory / "checkpoints", updates, whole, meta)
+        self._last_saved = time.monotonic()
 
 
-def outcomes(task: Task, state: TrainState, judged: Encounter) -> Outcome:
+def _updates(tasks: tuple[Task, ...]) -> int:
+    return sum(task.updates for task in tasks)
+
+
+def _steps(tasks: tuple[Task, ...]) -> int:
+    return sum(task.updates * task.steps_per_update for task in tasks)
+
+
+def _done(state: TrainState | None, task: Task) -> int:
+    return 0 if state is None else int(state.update) * task.steps_per_update
+
+
+def outcomes(task: Task, state: TrainState, starts: Encounter) -> Outcome:
     """Return how the deterministic policy ends encounters ``[N]``; one process may ask alone."""
-    single = jax.tree.map(lambda field: field.astype(np.float32) if field.dtype == np.float64 else field, judged)
+    single = jax.tree.map(lambda field: field.astype(np.float32) if field.dtype == np.float64 else field, starts)
     return Outcome(*jax.device_get(task.evaluate(local(state.learner.actor), single)))
 
 
@@ -156,10 +234,6 @@ def rates(outcome: Outcome, rules: Rules) -> dict[str, float]:
         "eval_timeout": float(np.mean(outcome.timeout)),
         "eval_score": float(np.mean(reward(outcome, rules, np))),
     }
-
-
-def _crosses(before: int, after: int, per_update: int, every_steps: int) -> bool:
-    return before * per_update // every_steps != after * per_update // every_steps
 
 
 def _final_score(log: dict[str, np.ndarray]) -> float:
@@ -189,26 +263,3 @@ def _check_scenarios(config: TrainConfig) -> None:
                 f"scenarios.{number}: {int(accepted.sum())} of {tried} draws meet the conditions of {entry.name}; "
                 f"expected at least {LEAST_ACCEPTED:.0%} (see min_initial_separation and conflicts_closer_than)"
             )
-
-
-def _check_same(config: TrainConfig, meta: dict[str, Any], directory: Path) -> None:
-    if meta["config"] != dump(config):
-        raise ConfigError(f"{directory}: its checkpoint was made with another configuration than its config.yaml")
-
-
-@contextmanager
-def _interruptible() -> Generator[Callable[[], bool]]:
-    """Turn the first Ctrl-C (or SIGTERM) into a question that the loop asks between updates; the second one kills."""
-    asked = False
-
-    def ask(number: int, _frame: Any) -> None:
-        nonlocal asked
-        asked = True
-        signal.signal(number, signal.SIG_DFL if number == signal.SIGTERM else signal.default_int_handler)
-
-    previous = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: asked
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import time
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
@@ -27,8 +28,8 @@ METRICS = {
     "timeout": "Share of those episodes that ran out of time.",
     "episodes": "How many episodes ended during the update.",
     "episode_length": "Environment steps of the update per episode that ended in it, 1 s each.",
-    "loss": "What the optimiser minimises: policy_loss + ppo.value * value_loss - ppo.entropy * entropy; mean over the"
-    " last epoch of the update.",
+    "loss": "What the optimiser minimises: policy_loss + value_loss / 2 - ppo.entropy * entropy, and the"
+    " weighted variations with ppo.smoothness; mean over the last epoch of the update.",
     "policy_loss": "PPO's clipped surrogate objective, negated.",
     "value_loss": "Half the critic's mean squared error, in units of the scaled reward squared.",
     "entropy": "Entropy of the action distribution, nats; it falls as the policy makes up its mind.",
@@ -56,6 +57,10 @@ WALL_CLOCK = ("wall_s", "steps_per_s")
 """The only metrics in which two runs of one configuration differ."""
 
 
+_FLUSH_S = 10.0
+"""Time between two flushes of the file for TensorBoard, each of which waits for the disk, s."""
+
+
 class Writer:
     """Appends a run's metrics to ``metrics.jsonl`` in its directory, flushed line by line.
 
@@ -78,12 +83,9 @@ class Writer:
         with path.open("ab") as file:
             file.truncate(sum(map(len, kept)))
         self._file: IO[str] = path.open("a", encoding="utf-8")
-        self._board: Any = None
+        self._board: _Board | None = None
         if tensorboard and find_spec("tensorboardX") is not None:
-            from tensorboardX import SummaryWriter
-
-            last_step = json.loads(kept[-1])["step"] if kept else -1
-            self._board = SummaryWriter(str(directory / "tensorboard"), purge_step=last_step + 1)
+            self._board = _Board(directory / "tensorboard", json.loads(kept[-1])["step"] + 1 if kept else 0)
 
     def write(self, row: Mapping[str, Any]) -> None:
         """Write the figures of an update.
@@ -101,9 +103,7 @@ class Writer:
         self._file.write(json.dumps(figures) + "\n")
         self._file.flush()
         if self._board is not None:
-            for name, value in figures.items():
-                if value is not None and name not in ("step", "update"):
-                    self._board.add_scalar(name, value, global_step=figures["step"])
+            self._board.write(figures)
 
     def close(self) -> None:
         """Close the files."""
@@ -122,6 +122,38 @@ class Writer:
     ) -> None:
         """Close the files."""
         self.close()
+
+
+class _Board:
+    """Writes figures for TensorBoard in this thread, so that a full disk raises here; SummaryWriter has its own."""
+
+    def __init__(self, directory: Path, first_step: int) -> None:
+        """Begin a file; TensorBoard forgets what earlier ones have from ``first_step`` on."""
+        from tensorboardX.event_file_writer import EventsWriter
+        from tensorboardX.proto import event_pb2
+        from tensorboardX.summary import scalar
+
+        directory.mkdir(exist_ok=True)
+        messages: Any = event_pb2
+        self._writer, self._event, self._scalar = EventsWriter(str(directory / "events")), messages.Event, scalar
+        self._flushed = time.monotonic()
+        self._write(step=first_step, session_log=messages.SessionLog(status=messages.SessionLog.START))
+
+    def write(self, figures: Mapping[str, int | float | None]) -> None:
+        """Write the figures of an update that are known."""
+        for name, value in figures.items():
+            if value is not None and name not in ("step", "update"):
+                self._write(step=figures["step"], summary=self._scalar(name, value))
+        if time.monotonic() - self._flushed > _FLUSH_S:
+            self._writer.flush()
+            self._flushed = time.monotonic()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._writer.close()
+
+    def _write(self, **content: Any) -> None:
+        self._writer.write_event(self._event(wall_time=time.time(), **content))
 
 
 def read(path: Path) -> dict[str, np.ndarray]:

@@ -1,7 +1,7 @@
 """The starts that a training draws: its mixture of encounters, and the separation that each requires."""
 
 import math
-from functools import reduce
+from functools import lru_cache, reduce
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,10 @@ from envs.trees import mapped
 from rlcas_jax.config import TrainConfig, WorldConfig
 from rlcas_jax.escape_margin import best
 
-__all__ = ["draw", "late", "near_limit", "noisy", "required_separation"]
+__all__ = ["NEAR_LIMIT", "draw", "late", "near_limit", "noisy", "required_separation"]
+
+NEAR_LIMIT = 20_000
+"""Near-limit starts of a training."""
 
 _BLOCK = 50_000
 """Encounters drawn at a time when near-limit starts are looked for."""
@@ -37,13 +40,18 @@ def near_limit(config: TrainConfig) -> Encounter | None:
     Raises:
         ConfigError: there are hardly any for this separation and margin.
     """
-    wanted, margin, separation = config.near_limit.encounters, config.near_limit.margin, config.world.separation
-    if not wanted:
+    if not config.near_limit.share:
         return None
-    random = np.random.default_rng(config.seed)
+    return _near_limit(config.seed, config.near_limit.margin, config.world.separation)
+
+
+@lru_cache(maxsize=2)
+def _near_limit(seed: int, margin: float, separation: float) -> Encounter:
+    """Return them; the phases of a training share them."""
+    random = np.random.default_rng(seed)
     found: list[Encounter] = []
     have = drawn = 0
-    while have < wanted:
+    while have < NEAR_LIMIT:
         family = _FAMILIES[len(found) % len(_FAMILIES)]
         starts, accepted = sample(family, random.random((1, _BLOCK, family.dimensions)), np)
         spare = best(starts.own, starts.goal_x, starts.goal_y, starts.intruders, starts.mask, np) - separation
@@ -57,7 +65,7 @@ def near_limit(config: TrainConfig) -> Encounter | None:
                 f"encounters are such, expected {expected:.0f} at least"
             )
     together = reduce(joined, found)
-    return cast(mapped(lambda field: field[:wanted], together), np.float32)
+    return cast(mapped(lambda field: field[:NEAR_LIMIT], together), np.float32)
 
 
 def draw(

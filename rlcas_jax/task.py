@@ -1,6 +1,5 @@
 """The training task: the surrogate with its mixture of encounters, and one compiled update of everything."""
 
-import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
@@ -17,10 +16,10 @@ from envs.outcome import Outcome, Rules
 from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import AXIS, Devices
-from rlcas_jax.shaping import paid
+from rlcas_jax.shaping import learning_reward
 from rlcas_jax.starts import draw, near_limit, noisy
 
-__all__ = ["Task", "TrainState", "build", "fly"]
+__all__ = ["Task", "TrainState", "build", "fly", "ppo_settings"]
 
 
 class TrainState(NamedTuple):
@@ -45,36 +44,31 @@ class Task(NamedTuple):
     updates: int
     steps_per_update: int
     rules: Rules
-    """Of the task itself, by which policies are judged."""
+    """Of the task itself, by which policies are evaluated."""
     placed: Any = None
     """Where the state's arrays belong; None on one device."""
 
+    def shapes(self) -> Any:
+        """Return shapes and dtypes of the state as a :class:`TrainState`."""
+        return jax.eval_shape(self.initial)
 
-def build(config: TrainConfig, devices: Devices | None = None) -> Task:
-    """Assemble and compile the task of a configuration.
+
+def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -> Task:
+    """Assemble the task of a configuration; its functions are compiled when they are first called.
 
     Args:
         config: what to train.
         devices: to split the encounters over; one by default. The same encounters are flown with the same draws
             whatever their number, and each device shuffles its own.
+        phase: number of the phase of training; each has draws of its own.
 
     Raises:
-        ConfigError: encounters or minibatches cannot be split over so many devices.
+        ConfigError: encounters or minibatches cannot be split over so many devices, or there are hardly any near-limit
+            starts.
     """
     devices = Devices(None) if devices is None else devices
     _check_split(config, devices.count)
-    settings = ppo.PpoSettings(
-        epochs=config.ppo.epochs,
-        minibatches=config.ppo.minibatches,
-        segment=config.ppo.segment,
-        clip=config.ppo.clip,
-        entropy=config.ppo.entropy,
-        value=config.ppo.value,
-        max_grad_norm=config.ppo.max_grad_norm,
-        adam_epsilon=config.ppo.adam_epsilon,
-        normalize_advantage=config.ppo.normalize_advantage,
-        smoothness=config.ppo.smoothness,
-    )
+    settings = ppo_settings(config)
     hidden, feature_set = tuple(config.network.hidden), config.network.feature_set
     actor = Actor(hidden, feature_set, config.network.log_std_initial)
     parts = ppo.learner(actor, Critic(hidden, feature_set), settings)._replace(axis=devices.axis)
@@ -85,13 +79,15 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
     updates = max(1, config.steps // (count * steps))
 
     def initial() -> TrainState:
-        learner_key, start_key, key = jax.random.split(jax.random.key(config.seed), 3)
+        seeded = jax.random.key(config.seed)
+        seeded = jax.random.fold_in(seeded, phase) if phase else seeded
+        learner_key, start_key, key = jax.random.split(seeded, 3)
         learner = ppo.initial_state(parts, learner_key, observation.SIZE)
         environment = jax.tree.map(lambda a: a[0], draw(start_key, config, scenarios, 1, hard))
         return TrainState(learner, environment, jax.random.key_data(key), jnp.zeros((), jnp.int32))
 
-    def practise(state: Any, drawn: _Drawn, rate: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
-        """Fly and learn; on several devices with the encounters of one of them."""
+    def iterate(state: Any, drawn: _Drawn, rate: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
+        """Roll out and learn; on several devices with the encounters of one of them."""
         learner, flying = state
         environment = _training_environment(config, world, drawn.pool, scenarios)
         key = drawn.observe_key if axis is None else jax.random.fold_in(drawn.observe_key, jax.lax.axis_index(axis))
@@ -105,8 +101,8 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
         whole, split, second = PartitionSpec(), PartitionSpec(AXIS), PartitionSpec(None, AXIS)
         drawn_specs = _Drawn(second, second, whole, whole, whole)
         # Without the check of what varies: it would add up the gradients before they can be averaged by name.
-        practise = jax.shard_map(
-            practise,
+        iterate = jax.shard_map(
+            iterate,
             mesh=devices.mesh,
             in_specs=((whole, split), drawn_specs, whole),
             out_specs=((whole, split), whole),
@@ -117,18 +113,19 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
         pool_key, rollout_key, shuffle_key, key = jax.random.split(jax.random.wrap_key_data(state.key), 4)
         noise_key, observe_key = jax.random.split(rollout_key)
         pool = draw(pool_key, config, scenarios, config.pool_rows, hard)
-        noise = _coloured(jax.random.normal(noise_key, (steps, count, 2)), config.ppo.noise_memory)
+        noise = jax.random.normal(noise_key, (steps, count, 2))
         done = state.update.astype(jnp.float32) / updates
         rate = config.ppo.learning_rate + (config.ppo.learning_rate_final - config.ppo.learning_rate) * done
-        waits = state.update * (count * steps) < config.ppo.critic_first
+        warmup = 0 if phase else config.ppo.critic_warmup_steps
+        actor_waits = state.update * (count * steps) < warmup
         drawn = _Drawn(
             pool,
             noise,
             observe_key,
             shuffle_key,
-            jnp.where(waits, 0.0, rate) if config.ppo.critic_first else rate,
+            jnp.where(actor_waits, 0.0, rate) if warmup else rate,
         )
-        (learner, flown), figures = practise((state.learner, state.environment), drawn, rate)
+        (learner, flown), figures = iterate((state.learner, state.environment), drawn, rate)
         finite = jax.tree.reduce(jnp.logical_and, jax.tree.map(lambda p: jnp.all(jnp.isfinite(p)), learner))
         std = jnp.exp(learner.actor["params"]["log_std"])
         figures |= {
@@ -139,7 +136,7 @@ def build(config: TrainConfig, devices: Devices | None = None) -> Task:
         }
         return TrainState(learner, flown, jax.random.key_data(key), state.update + 1), figures
 
-    # What is judged is the task itself, whatever the training does to be on the safe side of it.
+    # Policies are evaluated by the task itself, whatever more the training requires.
     task_world = world._replace(rules=config.evaluation.rules(config.world))
 
     def evaluate(actor_variables: Any, encounter: Encounter) -> Outcome:
@@ -172,22 +169,18 @@ class _Drawn(NamedTuple):
     actor_rate: Any
 
 
-def _coloured(white: jax.Array, memory: float) -> jax.Array:
-    """Return standard normal draws ``[T, ...]`` that are correlated in time, with a time constant in steps.
-
-    A first-order autoregression that begins in its stationary state, so that each draw has unit variance.
-    """
-    if memory == 0.0:
-        return white
-    kept = math.exp(-1.0 / memory)
-    fresh = math.sqrt(1.0 - kept * kept)
-
-    def forward(last: jax.Array, now: jax.Array) -> tuple[jax.Array, jax.Array]:
-        drawn = kept * last + fresh * now
-        return drawn, drawn
-
-    _, later = jax.lax.scan(forward, white[0], white[1:])
-    return jnp.concatenate([white[:1], later])
+def ppo_settings(config: TrainConfig) -> ppo.PpoSettings:
+    """Return the settings of the algorithm under a configuration."""
+    chosen = config.ppo
+    return ppo.PpoSettings(
+        epochs=chosen.epochs,
+        minibatches=chosen.minibatches,
+        segment=chosen.segment,
+        clip=chosen.clip,
+        entropy=chosen.entropy,
+        max_grad_norm=chosen.max_grad_norm,
+        smoothness=chosen.smoothness,
+    )
 
 
 def _check_split(config: TrainConfig, devices: int) -> None:
@@ -209,7 +202,7 @@ def fly(policy: Callable[[jax.Array], jax.Array], encounter: Encounter, world: s
         encounter: the starts.
         world: parameters; the time limit must be a whole number of steps, known when this is compiled.
     """
-    nobody = jnp.zeros(encounter.goal_x.shape, bool)
+    none = jnp.zeros(encounter.goal_x.shape, bool)
 
     def forward(carry: tuple[surrogate.State, jax.Array, Outcome], _: None) -> tuple[Any, None]:
         state, ended, outcome = carry
@@ -218,7 +211,7 @@ def fly(policy: Callable[[jax.Array], jax.Array], encounter: Encounter, world: s
         outcome = Outcome(*(seen | (now & ~ended) for seen, now in zip(outcome, result.outcome, strict=True)))
         return (state, ended | result.outcome.ended(jnp), outcome), None
 
-    begin = (surrogate.reset(encounter), nobody, Outcome(nobody, nobody, nobody))
+    begin = (surrogate.reset(encounter), none, Outcome(none, none, none))
     steps = round(world.rules.t_max / world.rules.dt)
     (_, _, outcome), _ = jax.lax.scan(forward, begin, None, length=steps)
     return outcome
@@ -235,7 +228,7 @@ def _training_environment(
 
     def step(state: surrogate.State, action: jax.Array) -> tuple[surrogate.State, Step]:
         following, result = surrogate.step(state, (action[:, 0], action[:, 1]), world)
-        reward = paid(result.reward, state, following, action[:, 1], config)
+        reward = learning_reward(result.reward, state, following, action[:, 1], config)
         return following, Step(reward, following.ended, (result.reward, result.outcome))
 
     def restart(state: surrogate.State, index: jax.Array) -> surrogate.State:

@@ -27,17 +27,17 @@ __all__ = [
 ]
 
 RENAMED = {
-    "calm": "smoothness_weight",
     "critic_first": "critic_warmup_steps",
     "delay": "lateness",
     "detour": "path_excess_cost",
     "doubtful": "fallback_cost_threshold",
     "escape": "escape_margin",
-    "noise_memory": "noise_correlation_time",
     "rejoin": "rejoin_turn_cost",
-    "roomy": "clearance",
+    "practice": "near_limit",
+    "start_from": "warm_start",
     "swing": "heading_change_cost",
     "thorough": "exhaustive",
+    "turn": "turn_rate_cost",
 }
 """New names of keys by their old ones, each the last part of a dotted key; a refusal names the new one."""
 

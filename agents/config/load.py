@@ -15,7 +15,7 @@ from agents.config.keys import RENAMED, expected, field_at, nearest, nested_mode
 from agents.config.yaml import YamlError, coerced, read, write
 from envs.edge.command import ConfigError, Parser
 
-__all__ = ["ConfigError", "Parser", "Strict", "dump", "load"]
+__all__ = ["ConfigError", "Parser", "Strict", "dump", "load", "validated"]
 
 Model = TypeVar("Model", bound="Strict")
 
@@ -69,6 +69,18 @@ def load(model: type[Model], path: Path | None = None, overrides: Sequence[str] 
         return model.model_validate(values, context={"folder": Path() if path is None else path.parent})
     except ValidationError as problem:
         raise ConfigError(_sentence(model, problem, path, named)) from None
+
+
+def validated(model: type[Model], values: Any) -> Model:
+    """Return plain values as a configuration.
+
+    Raises:
+        ConfigError: a key or a value is not valid.
+    """
+    try:
+        return model.model_validate(values)
+    except ValidationError as problem:
+        raise ConfigError(_sentence(model, problem, None, [])) from None
 
 
 def dump(model: BaseModel) -> str:

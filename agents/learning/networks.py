@@ -7,17 +7,17 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from agents.policy.features import MIRRORED, features, side
+from agents.policy.features import MIRRORED, features, mirror_sign
 
 __all__ = ["Actor", "Critic", "Derived", "derived"]
 
 
 class Derived(NamedTuple):
-    """What the networks make of an observation before their first layer; it can be derived once for many calls."""
+    """The inputs that the networks derive from an observation, once for several uses."""
 
     inputs: jax.Array
     """Of the first layer, ``[..., F]``."""
-    hand: jax.Array
+    mirror_sign: jax.Array
     """Factor of the yaw rate, -1 where the scene is seen mirrored, ``[...]``."""
 
 
@@ -25,7 +25,7 @@ def derived(observation: jax.Array, feature_set: str) -> Derived:
     """Return what networks with a feature set take instead of observations ``[..., 8]``."""
     components = [observation[..., i] for i in range(observation.shape[-1])]
     inputs = jnp.stack(features(components, feature_set, jnp), axis=-1)
-    return Derived(inputs, jnp.broadcast_to(side(components, feature_set, jnp), inputs.shape[:-1]))
+    return Derived(inputs, jnp.broadcast_to(mirror_sign(components, feature_set, jnp), inputs.shape[:-1]))
 
 
 def _derived(seen: jax.Array | Derived, feature_set: str) -> Derived:
@@ -61,10 +61,10 @@ class Actor(nn.Module):
     @nn.compact
     def __call__(self, observation: jax.Array | Derived) -> tuple[jax.Array, jax.Array]:
         """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
-        inputs, hand = _derived(observation, self.feature_set)
+        inputs, sign = _derived(observation, self.feature_set)
         mean = Trunk(self.hidden, 2, 0.01, name="trunk")(inputs)
         if self.feature_set in MIRRORED:
-            mean = mean * jnp.stack([jnp.ones_like(hand), hand], axis=-1)
+            mean = mean * jnp.stack([jnp.ones_like(sign), sign], axis=-1)
         log_std = self.param("log_std", nn.initializers.constant(self.log_std_initial), (2,))
         return mean, log_std
 

@@ -11,7 +11,7 @@ from agents.policy.escape_features import ADVICE, COUNT, PRESSED, advice, presse
 from envs.kinematics import SURROGATE
 from envs.observation import DISTANCE_HALF, Decoded, decode
 
-__all__ = ["FEATURE_SETS", "KEPT_UNIT", "MIRRORED", "begins", "features", "side", "size"]
+__all__ = ["FEATURE_SETS", "KEPT_UNIT", "MIRRORED", "begins", "features", "mirror_sign", "size"]
 
 FEATURE_SETS = ("none", "cpa", "mirror", "foresight", "advised", "pressed")
 """``none``: the bare observation (the paper's set-up); ``cpa``: geometry and closest point of approach; ``mirror``: the
@@ -21,7 +21,7 @@ same with every scene seen so that the intruder is left of the line to the goal:
 
 MIRRORED = ("mirror", "foresight", "advised", "pressed")
 """The sets that see a scene and its mirror image alike, each beginning with the one before; the yaw rate then
-wants the factor of :func:`side`."""
+wants the factor of :func:`mirror_sign`."""
 
 KEPT_UNIT = 30.0
 """Of what manoeuvres keep beyond 1000 m, before it is squashed, m."""
@@ -51,7 +51,7 @@ def begins(feature_set: str, shorter: str) -> bool:
     return both and MIRRORED.index(shorter) < MIRRORED.index(feature_set)
 
 
-def side(observation: list[Any], feature_set: str, xp: Any) -> Any:
+def mirror_sign(observation: list[Any], feature_set: str, xp: Any) -> Any:
     """Return the factor of the network's yaw rate, ``[...]`` or 1.0: -1 where the scene is seen mirrored.
 
     The scene is mirrored where the intruder is to the right of the line to the goal. That line moves with the positions
@@ -85,7 +85,7 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
     size(feature_set)
     if feature_set == "none":
         return list(observation)
-    hand = side(observation, feature_set, xp)
+    sign = mirror_sign(observation, feature_set, xp)
     geometry = decode(observation, xp)
     x, y = geometry.intruder_x, geometry.intruder_y
     far = observation[5] + 1.0
@@ -98,7 +98,7 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
     vx, vy = geometry.intruder_vx - geometry.own_speed, geometry.intruder_vy
     ahead = _passing(x, y, vx, vy, xp)
     # The same question for the course that leads straight to the goal: is it time to turn back?
-    homeward = _passing(
+    to_goal = _passing(
         x,
         y,
         geometry.intruder_vx - geometry.own_speed * goal_cosine,
@@ -106,18 +106,18 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
         xp,
     )
     if feature_set in MIRRORED:
-        ahead, homeward = (_mirrored(passing, hand) for passing in (ahead, homeward))
-        goal_sine = goal_sine * hand
+        ahead, to_goal = (_mirrored(passing, sign) for passing in (ahead, to_goal))
+        goal_sine = goal_sine * sign
     foreseen: list[Any] = []
     if begins(feature_set, "foresight"):
-        foreseen = _foreseen(geometry, observation[_GOAL], hand, feature_set, xp)
+        foreseen = _foreseen(geometry, observation[_GOAL], sign, feature_set, xp)
     return [
         observation[0],
         observation[2],
         geometry.intruder_vx * 0.01,
-        geometry.intruder_vy * 0.01 * hand,
+        geometry.intruder_vy * 0.01 * sign,
         x / intruder_range,
-        y / intruder_range * hand,
+        y / intruder_range * sign,
         observation[5],
         _soft((intruder_range - 1_000.0) * (1.0 / 1_000.0), xp),
         goal_cosine,
@@ -127,24 +127,24 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
         vx * 0.01,
         (x * vx + y * vy) / (intruder_range * 100.0),
         *ahead,
-        *homeward,
+        *to_goal,
         *foreseen,
     ]
 
 
-def _foreseen(geometry: Decoded, goal_bearing: Any, hand: Any, feature_set: str, xp: Any) -> list[Any]:
+def _foreseen(geometry: Decoded, goal_bearing: Any, sign: Any, feature_set: str, xp: Any) -> list[Any]:
     """Describe what simple manoeuvres keep, how far the goal is from the turning circles, and the best manoeuvre."""
-    seen = geometry._replace(intruder_y=geometry.intruder_y * hand, intruder_vy=geometry.intruder_vy * hand)
-    homeward = goal_bearing * (math.pi * hand)
-    kept = [_soft((separation - 1_000.0) * (1.0 / KEPT_UNIT), xp) for separation in separations(seen, homeward, xp)]
+    seen = geometry._replace(intruder_y=geometry.intruder_y * sign, intruder_vy=geometry.intruder_vy * sign)
+    to_goal = goal_bearing * (math.pi * sign)
+    kept = [_soft((separation - 1_000.0) * (1.0 / KEPT_UNIT), xp) for separation in separations(seen, to_goal, xp)]
     radius = geometry.own_speed * (1.0 / SURROGATE.yaw_rate_max)
-    goal_x, goal_y = geometry.goal_x, geometry.goal_y * hand
+    goal_x, goal_y = geometry.goal_x, geometry.goal_y * sign
     circles = [xp.sqrt(goal_x * goal_x + y * y + 1.0) - radius for y in (goal_y - radius, goal_y + radius)]
     return [
         *kept,
         *(_soft(outside * (1.0 / 500.0), xp) for outside in circles),
-        *(advice(kept, homeward, xp) if begins(feature_set, "advised") else ()),
-        *(pressed(kept, homeward, xp) if begins(feature_set, "pressed") else ()),
+        *(advice(kept, to_goal, xp) if begins(feature_set, "advised") else ()),
+        *(pressed(kept, to_goal, xp) if begins(feature_set, "pressed") else ()),
     ]
 
 
@@ -169,9 +169,9 @@ def _passing(x: Any, y: Any, vx: Any, vy: Any, xp: Any) -> tuple[Any, Any, Any, 
     )
 
 
-def _mirrored(passing: tuple[Any, Any, Any, Any], hand: Any) -> tuple[Any, Any, Any, Any]:
+def _mirrored(passing: tuple[Any, Any, Any, Any], sign: Any) -> tuple[Any, Any, Any, Any]:
     time, miss, far_miss, depth = passing
-    return time, miss * hand, far_miss * hand, depth
+    return time, miss * sign, far_miss * sign, depth
 
 
 def _soft(value: Any, xp: Any) -> Any:

@@ -7,13 +7,12 @@ array overhead would cost ten times its arithmetic (the planner rolls hundreds o
 import os
 from collections.abc import Callable, Mapping
 from importlib import resources
-from math import isfinite
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from agents.policy.features import features, side
+from agents.policy.features import features, mirror_sign
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read
 from envs.backend import FLOATS
 from envs.kinematics import Limits
@@ -184,9 +183,7 @@ class Policy:
             x += hidden_bias
             np.tanh(x, x)
         throttle, steering = (x.dot(kernel) + bias).tolist()
-        steering *= side(values, self._feature_set, FLOATS)
-        if not (isfinite(throttle) and isfinite(steering)):
-            raise ValueError(_NOT_FINITE)
+        steering *= mirror_sign(values, self._feature_set, FLOATS)
         return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
 
 
@@ -218,9 +215,7 @@ def _forward(
         x += hidden_bias
         np.tanh(x, out=x)
     x = product(x, kernel) + bias
-    x[:, 1] *= side(components, feature_set, np)
-    if not np.isfinite(x).all():
-        raise ValueError(_NOT_FINITE)
+    x[:, 1] *= mirror_sign(components, feature_set, np)
     return np.clip(x, -1.0, 1.0)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.policy.features import features, side
+from agents.policy.features import features, mirror_sign
 from agents.policy.file import PolicyFile, read
 from agents.policy.inference import PARITY_TOLERANCE, Policy
 from agents.policy.onnx_trace import Graph, Traced
@@ -142,10 +142,10 @@ def _traced(content: PolicyFile) -> Graph:
     for number in range(len(content.hidden)):
         x = graph.apply("Tanh", layer(x, f"hidden_{number}"))
     x = layer(x, "head")
-    mirror_sign = side(list(components), content.feature_set, graph)
-    if isinstance(mirror_sign, Traced):
+    sign = mirror_sign(list(components), content.feature_set, graph)
+    if isinstance(sign, Traced):
         acceleration, yaw_rate = graph.apply_many("Split", [x], 2, axis=1)
-        x = graph.apply("Concat", acceleration, yaw_rate * mirror_sign, axis=1)
+        x = graph.apply("Concat", acceleration, yaw_rate * sign, axis=1)
     # 0 where all components are finite, NaN where one is not: comparisons inside would make a number of it.
     zero = graph.apply("MatMul", graph.value(INPUT), graph.tensor("zeros", np.zeros((SIZE, 2))))
     graph.rename(graph.clip(x, -1.0, 1.0) + zero, OUTPUT)

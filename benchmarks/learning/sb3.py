@@ -22,6 +22,7 @@ from agents.policy import features
 from envs.gym.gymnasium_contract import action_space
 from envs.gym.gymnasium_vector import DeconflictionVectorEnv
 from envs.observation import SIZE
+from rlcas_jax import task
 from rlcas_jax.config import TrainConfig
 
 __all__ = ["DEFAULTS", "INSTALL", "Cell", "Flying", "algorithm", "available", "environment", "in_peers_form", "numbers"]
@@ -67,7 +68,7 @@ def _inputs(observation: jax.Array, feature_set: str) -> jax.Array:
 def _mirrored_back(actions: np.ndarray, observation: np.ndarray, feature_set: str) -> np.ndarray:
     """Return the actions ``[N, 2]`` in the scene as it is, not as the network saw it."""
     actions = np.array(actions, np.float32)
-    actions[:, 1] *= features.side(list(observation.T), feature_set, np)
+    actions[:, 1] *= features.mirror_sign(list(observation.T), feature_set, np)
     return actions
 
 
@@ -184,14 +185,14 @@ def numbers(config: TrainConfig, cell: Cell, activation: Any) -> dict[str, Any]:
         "gae_lambda": config.ppo.gae_lambda,
         "clip_range": config.ppo.clip,
         "ent_coef": config.ppo.entropy,
-        "vf_coef": 0.5 * config.ppo.value,  # of the squared error, which our loss halves first
+        "vf_coef": 0.5 * task.ppo_settings(config).value,  # of the squared error, which our loss halves first
         "max_grad_norm": config.ppo.max_grad_norm,
-        "normalize_advantage": config.ppo.normalize_advantage,
+        "normalize_advantage": task.ppo_settings(config).normalize_advantage,
         "policy_kwargs": {
             "net_arch": {"pi": hidden, "vf": hidden},
             "activation_fn": activation,
             "log_std_init": config.network.log_std_initial,
-            "optimizer_kwargs": {"eps": config.ppo.adam_epsilon},
+            "optimizer_kwargs": {"eps": task.ppo_settings(config).adam_epsilon},
         },
         "seed": config.seed,
         "device": "cpu",

@@ -15,7 +15,7 @@ from agents.config.load import ConfigError
 from agents.learning.networks import derived
 from envs import surrogate
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.shaping import paid
+from rlcas_jax.shaping import learning_reward
 from rlcas_jax.starts import draw, near_limit, noisy
 
 __all__ = ["TrainingFlight", "check"]
@@ -112,7 +112,7 @@ def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
         state: surrogate.State, hand: jax.Array, action: jax.Array, pool: surrogate.State, row: int
     ) -> tuple[surrogate.State, jax.Array, jax.Array, jax.Array]:
         moved, result = surrogate.step(state, (action[:, 0], action[:, 1] * hand), world)
-        reward = paid(result.reward, state, moved, action[:, 1], config)
+        reward = learning_reward(result.reward, state, moved, action[:, 1], config)
         # The barrier keeps the compiler from flying the step again for every field that the restart chooses.
         moved, reward = jax.lax.optimization_barrier((moved, reward))
         following = surrogate.restart(moved, jax.tree.map(lambda rows: rows[row], pool))

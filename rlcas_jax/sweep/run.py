@@ -1,197 +1,208 @@
-"""Search for hyper-parameters: ``python -m rlcas_jax.sweep --space FILE --trials N --out DIR`` (see ``--help``)."""
+"""Search for hyper-parameters: ``python -m rlcas_jax.sweep --space FILE --trials N --out DIR`` (see ``--help``).
+
+The search is an Optuna study in ``study.db`` (SQLite) of the sweep's directory, which Optuna's own tools read, too.
+"""
 
 import gc
 import json
-import shutil
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from agents.config.figures import save_figure
+from agents.config.folder_lock import locked
 from agents.config.load import ConfigError, dump, load
-from agents.config.progress import duration
 from envs.edge.files import write_file
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.sweep.cli import CONFIG, Options, parse, prepare
+from rlcas_jax.interrupt import INTERRUPTED, Interrupt
+from rlcas_jax.progress import Reporter
+from rlcas_jax.sweep.cli import CONFIG, SETTINGS, Options, parse
 from rlcas_jax.sweep.space import overrides
-from rlcas_jax.sweep.watch import Watch
 
 if TYPE_CHECKING:
+    from optuna.study import Study
     from optuna.trial import Trial
 
-    from rlcas_jax.sweep.study import Memory
+__all__ = ["STUDY", "main", "trial_directory"]
 
-__all__ = ["main", "trial_directory"]
-
-INTERRUPTED = 130
+STUDY = "study.db"
 FAILED = 1
 
 _INTERMEDIATE = {"success": "eval_success", "score": "eval_score"}
 _FINAL = {"success": "success_given_resolvable", "score": "score_mean"}
 
 
-class _Pruned(Exception):  # noqa: N818
-    """A training that is not worth its end."""
-
-
-class _Stopped(Exception):  # noqa: N818
-    """Somebody asked to stop; what is there goes on with ``--resume``."""
+class _StoppedError(Exception):
+    """A stop was asked for; the trial is queued again."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return 0 when done or out of time, 1 when no trial succeeded, 130 when interrupted."""
     options = parse(argv)
-    prepare(options)
-    # Imported here: --help and bad input must not wait for JAX and Optuna.
-    from rlcas_jax.sweep import report as sweep_report
-    from rlcas_jax.sweep.study import open_memory
-
-    settings = options.settings
-    deadline = None if options.timeout_s is None else time.monotonic() + options.timeout_s
-    watch = Watch(quiet=options.quiet, deadline=deadline)
-    with open_memory(options.directory, settings.sampler_seed, settings.startup, pruning=settings.pruning) as memory:
-        try:
-            _search(options, memory, watch)
-            stopped = ""
-        except (KeyboardInterrupt, _Stopped):
-            stopped = "time is up" if watch.late() else "interrupted"
-        rows = sweep_report.rows(memory.trials())
-        print(sweep_report.write(options, rows, memory.study, finished=not stopped))
-    if stopped:
-        print(f"{stopped}: go on with  python -m rlcas_jax.sweep --resume --out {options.directory}")
-    if stopped == "interrupted":
+    with Interrupt() as interrupt, locked(options.directory):
+        write_file(options.directory / SETTINGS, dump(options.settings))
+        if not options.resumed:
+            write_file(options.directory / CONFIG, dump(options.base))
+        study = _opened(options)
+        missing = max(options.settings.trials - _counted(study), 0)
+        with suppress(_StoppedError):
+            study.optimize(lambda trial: _objective(trial, options, interrupt), missing, options.timeout_s)
+        best = _written(options, study)
+    if interrupt.requested:
+        print(f"interrupted: go on with  python -m rlcas_jax.sweep --resume --out {options.directory}")
         return INTERRUPTED
-    return 0 if stopped or any(row.state == "complete" for row in rows) else FAILED
+    return 0 if best else FAILED
 
 
 def trial_directory(directory: Path, number: int) -> Path:
-    """Return where a trial's training lives."""
+    """Return the folder of a trial's training."""
     return directory / f"trial_{number:04d}"
 
 
-def _search(options: Options, memory: "Memory", watch: Watch) -> None:
-    """Make the trials that are missing."""
-    from rlcas_jax.sweep.report import best_of, rows, shown_value
+def _opened(options: Options) -> "Study":
+    """Open the study, with a trial that a kill left unfinished queued again."""
+    import optuna
+    from optuna.trial import TrialState
 
-    def configured(values: Mapping[str, Any]) -> TrainConfig:
-        return load(TrainConfig, options.directory / CONFIG, overrides(options.space, values))
-
-    def usable(values: Mapping[str, Any]) -> bool:
-        try:
-            configured(values)
-        except ConfigError:
-            return False
-        return True
-
-    while memory.finished() < options.settings.trials:
-        if watch.stopping or watch.late():
-            raise _Stopped
-        trial = memory.next(options.space, usable)
-        if trial is None:
-            watch.note("no further combination of values is valid and new: the space is used up")
-            break
-        values = ", ".join(overrides(options.space, trial.params))
-        watch.note(f"trial {trial.number} ({memory.finished() + 1} of {options.settings.trials}): {values}")
-        began = time.monotonic()
-        _judge(options, memory, trial, configured(trial.params), watch)
-        spent = time.monotonic() - began
-        done = memory.trials()[trial.number]
-        objective = options.settings.objective
-        came = done.user_attrs.get("reason") or shown_value(done.value, objective)
-        best = best_of(rows(memory.trials()))
-        so_far = "" if best is None else f" (best: trial {best.trial}, {shown_value(best.value, objective)})"
-        watch.note(f"trial {trial.number}: {came}{so_far}, {duration(spent)}")
+    optuna.logging.set_verbosity(optuna.logging.WARNING if options.quiet else optuna.logging.INFO)
+    settings = options.settings
+    storage = optuna.storages.RDBStorage(f"sqlite:///{(options.directory / STUDY).absolute()}")
+    study = optuna.create_study(
+        storage=storage, study_name=options.base.name, direction="maximize", load_if_exists=True
+    )
+    for trial in study.get_trials(states=(TrialState.RUNNING,)):
+        study.tell(trial.number, state=TrialState.FAIL)
+        study.enqueue_trial(trial.params)
+    # Optuna does not store the sampler's state: with the same seed a resumed study would repeat its first draws.
+    seed = settings.sampler_seed + len(study.trials)
+    study.sampler = optuna.samplers.TPESampler(seed=seed, n_startup_trials=settings.startup)
+    startup = max(settings.startup, 1)
+    study.pruner = optuna.pruners.MedianPruner(startup) if settings.pruning else optuna.pruners.NopPruner()
+    return study
 
 
-def _judge(options: Options, memory: "Memory", trial: "Trial", config: TrainConfig, watch: Watch) -> None:
-    """Train a trial's seeds and tell the study what came of it."""
+def _counted(study: "Study") -> int:
+    from optuna.trial import TrialState
+
+    return len(study.get_trials(deepcopy=False, states=(TrialState.COMPLETE, TrialState.PRUNED)))
+
+
+def _objective(trial: "Trial", options: Options, interrupt: Interrupt) -> float:
+    """Train a trial's seeds and return the mean of the objective."""
     import jax
+    import optuna
     from optuna.trial import TrialState
 
     from rlcas_jax.loop import TrainingError
 
     settings = options.settings
+    values = {parameter.key: parameter.suggest(trial) for parameter in options.space}
+    for done in trial.study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)):
+        if done.params == values:
+            return float(done.value or 0.0)
     directory = trial_directory(options.directory, trial.number)
-    state, value, reason = TrialState.COMPLETE, None, ""
+    found = []
     try:
-        values = []
+        config = load(TrainConfig, options.directory / CONFIG, overrides(values))
         for index in range(settings.seeds):
-            watch.evaluated = _pruner(trial, config, settings.objective, watch) if index == 0 else None
             own = directory if settings.seeds == 1 else directory / f"seed-{index}"
-            summary = _trained(config.model_copy(update={"seed": config.seed + index}), own, watch)
-            values.append(float(summary["evaluation"][_FINAL[settings.objective]]))
-        trial.set_user_attr("values", values)
-        value = sum(values) / len(values)
-    except _Pruned:
-        state, reason = TrialState.PRUNED, "pruned"
-    except TrainingError as problem:
-        # The model learns from a pruned trial that its region is bad, and nothing from a failed one.
-        state, reason = TrialState.PRUNED, f"diverged: {problem}"
-    except (ConfigError, jax.errors.JaxRuntimeError) as problem:
-        state, reason = TrialState.FAIL, f"failed: {' '.join(str(problem).split()):.200}"
+            watch = _Watch(options, trial if index == 0 else None, config)
+            summary = _trained(config.model_copy(update={"seed": config.seed + index}), own, watch, interrupt)
+            if interrupt.requested:
+                trial.study.enqueue_trial(values)
+                raise _StoppedError
+            found.append(float(summary["evaluation"][_FINAL[settings.objective]]))
+    except (ConfigError, TrainingError, jax.errors.JaxRuntimeError) as problem:
+        # Of a pruned trial Optuna learns that its region is bad, of a failed one nothing.
+        reason = " ".join(str(problem).split())[:200]
+        trial.set_user_attr("reason", reason)
+        raise optuna.TrialPruned(reason) from None
     finally:
-        watch.evaluated = None
         jax.clear_caches()  # every trial compiles its own programs; they would pile up
         gc.collect()
-    if reason:
-        trial.set_user_attr("reason", reason)
-    memory.study.tell(trial, value, state=state)
+    return sum(found) / len(found)
 
 
-def _pruner(trial: "Trial", config: TrainConfig, objective: str, watch: Watch) -> Callable[[Mapping[str, float]], None]:
-    """Return what hears of the evaluations of a trial's first training and stops it when it is not worth its end."""
-    per_update = config.ppo.environments * config.ppo.rollout
-    total = max(1, config.steps // per_update) * per_update
-    known = set(_reported(trial))
+class _Watch(Reporter):
+    """Shows a training's progress and reports its evaluations to Optuna's pruner."""
 
-    def evaluated(row: Mapping[str, float]) -> None:
-        # Counted, because trials of different batch sizes are evaluated at different steps.
-        number = int(row["step"]) // config.evaluation.every_steps
-        if number not in known:
-            trial.report(row[_INTERMEDIATE[objective]], number)
-            known.add(number)
-        # A resumed training repeats evaluations that are judged already; the last one comes too late to save anything.
-        if number == max(known) and row["step"] < total and trial.should_prune():
-            watch.note(f"trial {trial.number} is below the median of those before it: stopped")
-            raise _Pruned
+    def __init__(self, options: Options, trial: "Trial | None", config: TrainConfig) -> None:
+        super().__init__(quiet=options.quiet)
+        self._trial, self._metric = trial, _INTERMEDIATE[options.settings.objective]
+        self._every = config.evaluation.every_steps
 
-    return evaluated
+    def update(self, row: Mapping[str, float]) -> None:
+        """Take the figures of an update; raises ``optuna.TrialPruned``."""
+        super().update(row)
+        if self._trial is not None and self._metric in row:
+            import optuna
 
-
-def _reported(trial: "Trial") -> list[int]:
-    """Return the numbers of the evaluations that the journal knows of a trial."""
-    return list(trial.study.trials[trial.number].intermediate_values)
+            # Counted, because trials of different batch sizes are evaluated at different steps.
+            self._trial.report(row[self._metric], int(row["step"]) // self._every)
+            if row["step"] < self._total and self._trial.should_prune():
+                raise optuna.TrialPruned
 
 
-def _trained(config: TrainConfig, directory: Path, watch: Watch) -> dict[str, Any]:
-    """Train and judge in a run's own directory, or go on with what is there; return the summary."""
-    from rlcas_jax.checkpoint import CheckpointError
+def _trained(config: TrainConfig, directory: Path, watch: Reporter, interrupt: Interrupt) -> dict[str, Any]:
+    """Train and evaluate in a run's own directory and return the summary."""
     from rlcas_jax.finish import finish
-    from rlcas_jax.loop import run
+    from rlcas_jax.loop import prepared, run
 
-    summary = _summary(directory)
-    if summary is not None:
-        return summary
+    training = prepared(config, directory)
     directory.mkdir(parents=True, exist_ok=True)
-    resume = any((directory / "checkpoints").glob("checkpoint-*.safetensors"))
-    if not resume:
-        write_file(directory / "config.yaml", dump(config))
-    try:
-        done = run(config, directory, watch, resume=resume)
-    except CheckpointError as problem:
-        watch.note(f"{problem}: the training begins anew")
-        shutil.rmtree(directory / "checkpoints")
-        done = run(config, directory, watch)
-    if watch.stopping or not done.finished:
-        raise _Stopped
-    watch.note("judging the policy")
-    return finish(done)
+    write_file(directory / "config.yaml", dump(config))
+    done = run(training, watch, interrupt)
+    interrupt.waits_for("the evaluation of the policy")
+    return finish(done) if done.finished else {}
 
 
-def _summary(directory: Path) -> dict[str, Any] | None:
-    """Return the summary of a training that is done, None for any other."""
-    try:
-        summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return summary if summary["finished"] else None
+def _written(options: Options, study: "Study") -> bool:
+    """Write ``best.yaml``, ``sweep.json`` and the figures, print the best trial, and return whether there is one."""
+    from optuna.trial import TrialState
+
+    trials = study.get_trials(deepcopy=False)
+    complete = [trial for trial in trials if trial.state == TrialState.COMPLETE]
+    best = study.best_trial if complete else None
+    states = [trial.state.name.lower() for trial in trials]
+    report = {
+        "name": options.base.name,
+        "objective": options.settings.objective,
+        "finished": _counted(study) >= options.settings.trials,
+        "states": {state: states.count(state) for state in dict.fromkeys(states)},
+        "best": best and {"trial": best.number, "value": best.value, "parameters": best.params},
+    }
+    write_file(options.directory / "sweep.json", json.dumps(report, indent=2) + "\n")
+    if best is not None:
+        chosen = overrides(best.params)
+        config = load(TrainConfig, options.directory / CONFIG, chosen)
+        head = f"# Trial {best.number} of {len(trials)}: {options.settings.objective} {best.value:.6g}"
+        write_file(options.directory / "best.yaml", f"{head}, {', '.join(chosen)}\n{dump(config)}")
+        _draw(study, len(complete), options.directory / "figures")
+        print(f"best: trial {best.number}, {options.settings.objective} {best.value:.6g}: {', '.join(chosen)}")
+    print(f"study, best configuration and figures: {options.directory}")
+    return best is not None
+
+
+def _draw(study: "Study", complete: int, out: Path) -> None:
+    """Draw Optuna's figures of the study as PNG and SVG."""
+    import warnings
+
+    import matplotlib as mpl
+    import optuna
+    from optuna.visualization import matplotlib as plots
+
+    mpl.use("Agg")
+    from matplotlib import pyplot
+
+    out.mkdir(exist_ok=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # its plots are experimental
+        drawn = {"history": plots.plot_optimization_history, "slices": plots.plot_slice}
+        if complete >= 8:
+            evaluator = optuna.importance.PedAnovaImportanceEvaluator()
+            drawn["importance"] = lambda of: plots.plot_param_importances(of, evaluator=evaluator)
+        for name, plot in drawn.items():
+            plot(study)
+            save_figure(pyplot.gcf(), out / name)
+            pyplot.close("all")

@@ -1,102 +1,61 @@
-"""The space of a hyper-parameter search: which keys of the training configuration vary, and between which values."""
+"""The space of a hyper-parameter search: keys of the training configuration, each with a range or choices."""
 
-import itertools
 import json
 import math
 import random
 import re
-import types
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from pydantic.fields import FieldInfo
 
-from agents.config.keys import field_at, keys, nearest, shown
+from agents.config.keys import expected, field_at, keys, nearest, shown
 from agents.config.load import ConfigError
 from rlcas_jax.config import TrainConfig
 
 if TYPE_CHECKING:
-    from optuna.distributions import BaseDistribution
+    from optuna.trial import Trial
 
-__all__ = ["Choices", "Objective", "Parameter", "Range", "check", "overrides", "parse"]
+__all__ = ["Objective", "Parameter", "check", "overrides", "parse"]
 
 Objective = Literal["success", "score"]
-Values = Mapping[str, Any]
 
 _TRIED = 64
 """Combinations with the other keys that are tried for a value that is not valid by itself."""
 
-_FIXED = ("name", "seed", "evaluation", "checkpoint", "world.t_max", "world.goal_radius", "world.vehicle")
+_FIXED = ("name", "seed", "evaluation", "checkpoint", "phases", "world.t_max", "world.goal_radius", "world.vehicle")
 _SCORES = ("world.reward_violation", "world.reward_goal", "world.reward_timeout")
 
 
-class Range(NamedTuple):
-    """A number that varies between two bounds, both included; its unit is that of the configuration key."""
+class Parameter(NamedTuple):
+    """A key that varies: between two numbers, both included, or among choices."""
 
     key: str
     """Dotted, list items by their index."""
-    low: float
-    high: float
-    log: bool
-    """Draw its logarithm evenly."""
-    step: float | None
-    whole: bool
-    """A whole number."""
+    low: float = 0.0
+    high: float = 0.0
+    log: bool = False
+    step: float | None = None
+    whole: bool = False
+    """A range of whole numbers."""
+    choices: tuple[str, ...] = ()
+    """As ``--set`` takes them; empty for a range."""
 
-    def distribution(self) -> "BaseDistribution":
-        """Return what Optuna draws from."""
-        from optuna.distributions import FloatDistribution, IntDistribution
-
+    def suggest(self, trial: "Trial") -> Any:
+        """Return the value that Optuna suggests for a trial."""
+        if self.choices:
+            return trial.suggest_categorical(self.key, self.choices)
         if self.whole:
-            return IntDistribution(int(self.low), int(self.high), log=self.log, step=int(self.step or 1))
-        return FloatDistribution(self.low, self.high, log=self.log, step=self.step)
+            return trial.suggest_int(self.key, int(self.low), int(self.high), step=int(self.step or 1), log=self.log)
+        return trial.suggest_float(self.key, self.low, self.high, step=self.step, log=self.log)
 
-    def rounded(self, value: Any) -> Any:
-        """Return a drawn number as a person would write it: four digits, within the bounds."""
-        if self.whole:
-            return value
-        digits = 4 if self.step is None else 12
-        return min(max(float(f"{value:.{digits}g}"), self.low), self.high)
-
-    def text(self, value: Any) -> str:
-        """Return a value as ``--set`` takes it."""
-        return repr(int(value) if self.whole else float(value))
-
-    def ends(self) -> list[Any]:
+    def ends(self) -> tuple[Any, ...]:
         """Return the values that are checked before the search."""
-        return [int(self.low), int(self.high)] if self.whole else [self.low, self.high]
+        return self.choices or (self.low, self.high)
 
 
-class Choices(NamedTuple):
-    """A key that takes one of a few values, each kept as the text that ``--set`` takes."""
-
-    key: str
-    texts: tuple[str, ...]
-
-    def distribution(self) -> "BaseDistribution":
-        """Return what Optuna draws from."""
-        from optuna.distributions import CategoricalDistribution
-
-        return CategoricalDistribution(self.texts)
-
-    def rounded(self, value: Any) -> Any:
-        """Return the value as it is."""
-        return value
-
-    def text(self, value: Any) -> str:
-        """Return a value as ``--set`` takes it."""
-        return str(value)
-
-    def ends(self) -> list[Any]:
-        """Return the values that are checked before the search: all."""
-        return list(self.texts)
-
-
-Parameter = Range | Choices
-
-
-def parse(entries: Values, source: Path | str, objective: Objective) -> tuple[Parameter, ...]:
+def parse(entries: Mapping[str, Any], source: Path | str, objective: Objective) -> tuple[Parameter, ...]:
     """Read the entries of a space file.
 
     Args:
@@ -109,15 +68,16 @@ def parse(entries: Values, source: Path | str, objective: Objective) -> tuple[Pa
     """
     if not entries:
         raise ConfigError(f"{source}: it names no key; expected some, such as ppo.learning_rate: {{low: .., high: ..}}")
-    return tuple(_parameter(key, entry, source, objective) for key, entry in entries.items())
+    fixed = _FIXED + (_SCORES if objective == "score" else ())
+    return tuple(_parameter(key, entry, f"{source}: {key}", fixed) for key, entry in entries.items())
 
 
-def overrides(space: Sequence[Parameter], values: Values) -> list[str]:
+def overrides(values: Mapping[str, Any]) -> list[str]:
     """Return a trial's values as the ``KEY=VALUE`` of ``--set``."""
-    return [f"{parameter.key}={parameter.text(values[parameter.key])}" for parameter in space]
+    return [f"{key}={value}" for key, value in values.items()]
 
 
-def check(space: Sequence[Parameter], source: Path | str, load: Callable[[list[str]], TrainConfig]) -> None:
+def check(space: tuple[Parameter, ...], source: Path | str, load: Callable[[list[str]], TrainConfig]) -> None:
     """Find out whether each choice and both ends of each range are valid, alone or with some values of the others.
 
     Args:
@@ -130,91 +90,70 @@ def check(space: Sequence[Parameter], source: Path | str, load: Callable[[list[s
     """
     draw = random.Random(0)
     for parameter, value in ((p, value) for p in space for value in p.ends()):
-        own = overrides([parameter], {parameter.key: value})
-        first: ConfigError | None = None
-        for others in itertools.chain([[]], _combinations(space, parameter, draw)):
+        problems = []
+        for others in _combinations(space, parameter, draw):
             try:
-                load([*others, *own])
+                load(overrides(others | {parameter.key: value}))
                 break
             except ConfigError as problem:
-                first = first or problem
+                problems.append(re.sub("^--set:? ", "", str(problem)))
         else:
-            raise ConfigError(f"{source}: {re.sub('^--set:? ', '', str(first))}")
+            raise ConfigError(f"{source}: {problems[0]}")
 
 
-def _combinations(space: Sequence[Parameter], but: Parameter, draw: random.Random) -> Iterator[list[str]]:
+def _combinations(space: tuple[Parameter, ...], but: Parameter, draw: random.Random) -> Iterator[dict[str, Any]]:
+    yield {}
     others = [parameter for parameter in space if parameter is not but]
     for _ in range(_TRIED if others else 0):
-        yield overrides(others, {parameter.key: draw.choice(parameter.ends()) for parameter in others})
+        yield {parameter.key: draw.choice(parameter.ends()) for parameter in others}
 
 
-def _parameter(key: str, entry: Any, source: Path | str, objective: Objective) -> Parameter:
-    path = key.split(".")
-    field = field_at(TrainConfig, path)
+def _parameter(key: str, entry: Any, where: str, fixed: tuple[str, ...]) -> Parameter:
+    field = field_at(TrainConfig, key.split("."))
     if not isinstance(field, FieldInfo):
         close = nearest(key, [known.name.replace("[]", ".0") for known in keys(TrainConfig)])
         hint = f"did you mean {close}?" if close else "expected a key of the training configuration, see train --help"
-        raise ConfigError(f"{source}: {key} is unknown; {hint}")
-    if any(key == fixed or key.startswith(f"{fixed}.") for fixed in _fixed(objective)):
-        raise ConfigError(f"{source}: {key} cannot be searched, because trials would not be compared on equal terms")
-    where = f"{source}: {key}"
-    if not isinstance(entry, dict):
+        raise ConfigError(f"{where} is unknown; {hint}")
+    if any(key == one or key.startswith(f"{one}.") for one in fixed):
+        raise ConfigError(f"{where} cannot be searched, because trials would not be compared on equal terms")
+    if not isinstance(entry, dict) or not {"choices", "low"} & set(entry):
         raise ConfigError(f"{where} is {shown(entry)}; expected {{low, high}} or {{choices}}")
     known = ("choices",) if "choices" in entry else ("low", "high", "log", "step")
     for name in entry:
         if name not in known:
             close = nearest(name, known)
-            hint = f"did you mean {close}?" if close else f"expected {', '.join(known)}"
-            raise ConfigError(f"{where}.{name} is unknown; {hint}")
-    kind = _kind(field.annotation, path[-1].isdecimal())
-    return _choices(key, entry["choices"], where, kind) if "choices" in entry else _range(key, entry, where, kind)
+            raise ConfigError(f"{where}.{name} is unknown; " + (f"did you mean {close}?" if close else f"use {known}"))
+    return _choices(key, entry["choices"], where) if "choices" in entry else _range(key, entry, where, expected(field))
 
 
-def _choices(key: str, values: Any, where: str, kind: Any) -> Choices:
+def _choices(key: str, values: Any, where: str) -> Parameter:
     if not isinstance(values, list) or len(values) < 2:
         raise ConfigError(f"{where}.choices is {shown(values)}; expected a list of at least 2 values")
-    # --set takes what belongs to a text as it stands; JSON is YAML in one line.
-    texts = tuple(value if kind is str and isinstance(value, str) else json.dumps(value) for value in values)
+    # A text stands as it is; JSON of anything else is YAML in one line.
+    texts = tuple(value if isinstance(value, str) else json.dumps(value) for value in values)
     if len(set(texts)) < len(texts):
         raise ConfigError(f"{where}.choices is {shown(values)}; expected every value once")
-    return Choices(key, texts)
+    return Parameter(key, choices=texts)
 
 
-def _range(key: str, entry: Values, where: str, kind: Any) -> Range:
-    if kind not in (int, float):
+def _range(key: str, entry: Mapping[str, Any], where: str, kind: str) -> Parameter:
+    whole = "a whole number" in kind
+    if not whole and "a number" not in kind:
         raise ConfigError(f"{where} is no number; expected {{choices: [...]}}")
-    whole = kind is int
-    for name in ("low", "high", "step"):
-        value: Any = entry.get(name)
+    values: tuple[Any, ...] = tuple(entry.get(name) for name in ("low", "high", "step", "log"))
+    low, high, step, log = values
+    for name, value in (("low", low), ("high", high), ("step", step)):
+        number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
         if name == "step" and value is None:
             continue
-        number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-        if not number or (whole and value % 1 != 0):
-            wanted = "a whole number" if whole else "a number"
-            raise ConfigError(f"{where}.{name} is {shown(value)}; expected {wanted}")
-    low, high, step, log = float(entry["low"]), float(entry["high"]), entry.get("step"), entry.get("log", False)
+        if not number or (whole and value % 1):
+            raise ConfigError(f"{where}.{name} is {shown(value)}; expected {'a whole number' if whole else 'a number'}")
     if not low < high:
-        raise ConfigError(f"{where}.low is {shown(entry['low'])}; expected less than high, {shown(entry['high'])}")
-    if not isinstance(log, bool):
+        raise ConfigError(f"{where}.low is {shown(low)}; expected less than high, {shown(high)}")
+    if not isinstance(log, bool | None):
         raise ConfigError(f"{where}.log is {shown(log)}; expected true or false")
     if log and (low <= 0.0 or step is not None):
         raise ConfigError(f"{where}.log is true; expected low above 0 and no step")
     if step is not None and (step <= 0 or abs((high - low) / step - round((high - low) / step)) > 1e-9):
         raise ConfigError(f"{where}.step is {shown(step)}; expected a whole part of high less low, {high - low:g}")
-    return Range(key, low, high, log, None if step is None else float(step), whole)
-
-
-def _fixed(objective: Objective) -> tuple[str, ...]:
-    return _FIXED + (_SCORES if objective == "score" else ())
-
-
-def _kind(annotation: Any, item: bool) -> Any:
-    """Return the plain type that a key holds: int, float, str or something else."""
-    origin, arguments = get_origin(annotation), get_args(annotation)
-    if origin is Annotated:
-        return _kind(arguments[0], item)
-    if origin in (Union, types.UnionType):
-        return _kind(next(one for one in arguments if one is not type(None)), item)
-    if origin in (tuple, list) and item:
-        return _kind(arguments[0], False)
-    return annotation
+    return Parameter(key, low, high, bool(log), step, whole)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from agents.policy.features import FEATURE_SETS, MIRRORED, features, side, size
+from agents.policy.features import FEATURE_SETS, MIRRORED, features, mirror_sign, size
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState
 from envs.observation import observe
@@ -72,7 +72,7 @@ def test_a_mirrored_scene_looks_the_same_to_the_mirrored_sets(feature_set):
     mirrored = observation.copy()
     mirrored[:, [1, 3, 4, 6]] *= -1.0
     np.testing.assert_allclose(inputs(mirrored, feature_set), inputs(observation, feature_set), atol=1e-8)
-    hands = [side(list(seen.T), feature_set, np) for seen in (observation, mirrored)]
+    hands = [mirror_sign(list(seen.T), feature_set, np) for seen in (observation, mirrored)]
     np.testing.assert_array_equal(hands[0], -hands[1])
     assert set(hands[0]) == {-1.0, 1.0}
     # An intruder to the left of the line to the goal is seen as it is.
@@ -84,9 +84,9 @@ def test_a_mirrored_scene_looks_the_same_to_the_mirrored_sets(feature_set):
 def test_the_side_does_not_depend_on_the_sign_of_zero():
     for bearing, goal in ((0.0, 0.0), (-0.0, 0.0), (0.0, -0.0), (-0.0, -0.0), (0.3, 0.3)):
         values = [0.1] * 4 + [bearing, 0.1, goal, 0.1]
-        assert side(values, "mirror", FLOATS) == 1.0
-        assert float(side([np.float32(v) for v in values], "mirror", np)) == 1.0
-        assert float(side([jnp.float32(v) for v in values], "mirror", jnp)) == 1.0
+        assert mirror_sign(values, "mirror", FLOATS) == 1.0
+        assert float(mirror_sign([np.float32(v) for v in values], "mirror", np)) == 1.0
+        assert float(mirror_sign([jnp.float32(v) for v in values], "mirror", jnp)) == 1.0
 
 
 @given(OBSERVATION)

@@ -104,7 +104,7 @@ def test_peer_sees_the_inputs_of_our_networks_and_our_scaled_rewards(feature_set
     for _ in range(310):
         actions = np.tile(np.float32([0.0, 0.3]), (4, 1))
         # What the peer turns to, our world turns to as the features saw the scene.
-        hands = features.side(list(seen.T), feature_set, np) * np.ones(4)
+        hands = features.mirror_sign(list(seen.T), feature_set, np) * np.ones(4)
         seen, reward, terminated, truncated, _ = mine.step((actions * np.stack([np.ones(4), hands], -1)).astype("f4"))
         their_seen, their_reward, done, infos = theirs.step(actions)
         np.testing.assert_allclose(their_seen, inputs(seen), atol=1e-4)

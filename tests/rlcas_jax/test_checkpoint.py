@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from rlcas_jax.checkpoint import CheckpointError, latest, restore, save
+from rlcas_jax.checkpoint import meta as stored_meta
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -54,7 +55,7 @@ def assert_same(one: Any, other: Any) -> None:
 def test_a_tree_comes_back_bit_for_bit_with_its_kinds_of_leaves(tmp_path: Path):
     meta = {"config": "name: é\n", "numbers": [1, 0.5, None]}
     path = save(tmp_path / "made", 3, tree(), meta)
-    restored, restored_meta = restore(path, like=tree(seed=1))
+    restored, restored_meta = restore(path, like=tree(seed=1)), stored_meta(path)
     assert_same(restored, tree())
     assert restored_meta == meta
     assert jax.random.uniform(restored["key"][1]) == jax.random.uniform(tree()["key"][1])
@@ -63,12 +64,12 @@ def test_a_tree_comes_back_bit_for_bit_with_its_kinds_of_leaves(tmp_path: Path):
 def test_shapes_alone_are_enough_to_restore(tmp_path: Path):
     whole = {"a": jnp.arange(3.0), "key": jax.random.PRNGKey(5)}
     path = save(tmp_path, 0, whole, {})
-    assert_same(restore(path, like=jax.eval_shape(lambda: whole))[0], whole)
+    assert_same(restore(path, like=jax.eval_shape(lambda: whole)), whole)
 
 
 def test_a_restored_array_can_be_donated(tmp_path: Path):
     path = save(tmp_path, 0, jnp.arange(3.0), {})
-    restored, _ = restore(path, like=jnp.zeros(3))
+    restored = restore(path, like=jnp.zeros(3))
     assert jax.jit(lambda x: x + 1.0, donate_argnums=0)(restored).tolist() == [1.0, 2.0, 3.0]
 
 
@@ -179,11 +180,11 @@ def test_a_kill_at_any_moment_leaves_a_whole_checkpoint(tmp_path: Path):
             process.send_signal(signal.SIGKILL)
             confirmed = max([confirmed, *map(int, process.stdout.read().split())])
         assert process.returncode == -signal.SIGKILL
-        restored, meta = restore(latest(tmp_path), like)
+        restored, meta = restore(latest(tmp_path), like), stored_meta(latest(tmp_path))
         number = meta["number"]
         # What was reported as saved is there; the next one may be.
         assert number in (confirmed, confirmed + 1)
         assert (restored["a"] == number).all()
     # A save that was cut short leaves nothing behind that the next one does not clear away.
     save(tmp_path, number + 1, like, {})
-    assert len(list(tmp_path.iterdir())) == 2
+    assert len(list(tmp_path.iterdir())) == 3

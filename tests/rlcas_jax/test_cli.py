@@ -7,11 +7,17 @@ import pytest
 
 from agents.config.keys import keys
 from agents.config.load import ConfigError, load
-from rlcas_jax.cli import parse, prepare
+from rlcas_jax.cli import Options, parse, write_configurations
 from rlcas_jax.config import TrainConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 MOMENT = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)
+
+
+def written(options: Options) -> None:
+    for job in options.jobs:
+        job.directory.mkdir(parents=True, exist_ok=True)
+    write_configurations(options)
 
 
 def test_without_arguments_the_defaults_are_trained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -38,7 +44,7 @@ def test_several_seeds_are_several_runs(tmp_path: Path):
     options = parse(["--set", "seed=4", "--seeds", "3", "--out", str(tmp_path / "out")])
     assert [job.config.seed for job in options.jobs] == [4, 5, 6]
     assert [job.directory.name for job in options.jobs] == ["seed-0", "seed-1", "seed-2"]
-    prepare(options)
+    written(options)
     assert load(TrainConfig, tmp_path / "out" / "seed-2" / "config.yaml").seed == 6
 
 
@@ -46,12 +52,12 @@ def test_several_seeds_are_several_runs(tmp_path: Path):
 def test_a_resumed_run_is_the_prepared_one(tmp_path: Path, seeds: int):
     out = tmp_path / "out"
     fresh = parse(["--set", "ppo.clip=0.3", "--seeds", str(seeds), "--out", str(out)])
-    prepare(fresh)
+    written(fresh)
     checkpoints = fresh.jobs[0].directory / "checkpoints"
     checkpoints.mkdir()
     (checkpoints / "checkpoint-0000000003.safetensors").touch()
     resumed = parse(["--resume", str(out), "--quiet"])
-    prepare(resumed)
+    written(resumed)
     assert [job.config for job in resumed.jobs] == [job.config for job in fresh.jobs]
     assert [job.directory for job in resumed.jobs] == [job.directory for job in fresh.jobs]
     # What was not begun yet begins.
@@ -63,7 +69,7 @@ def test_a_resumed_run_is_the_prepared_one(tmp_path: Path, seeds: int):
     [
         (["--config", "none.yaml"], "none.yaml: there is no such file"),
         (["--set", "ppo.clipp=1"], "--set: ppo.clipp is unknown (its value is 1); did you mean ppo.clip?"),
-        (["--steps", "1.5"], "--set: steps is 1.5; expected a whole number at least 1"),
+        (["--steps", "1.5"], "--set: steps is 1.5; expected a whole number at least 1 and at most 1e+12"),
         (["--seeds", "0"], "--seeds is 0; expected 1 to 2147483648 (seeds are below 2147483648)"),
         (
             ["--set", "seed=2147483647", "--seeds", "2"],
@@ -100,11 +106,13 @@ def test_a_directory_in_use_is_not_overwritten(tmp_path: Path):
     assert parse(["--out", str(tmp_path / "empty")]).directory == tmp_path / "empty"
 
 
-def test_a_directory_that_cannot_be_written_is_refused_before_training(tmp_path: Path):
-    (tmp_path / "file").touch()
-    options = parse(["--out", str(tmp_path / "file" / "out")])
-    with pytest.raises(ConfigError, match=r"--out .*file/out cannot be written \(Not a directory\)"):
-        prepare(options)
+def test_a_key_that_the_phases_set_themselves_is_refused(tmp_path: Path):
+    phases = "phases=[{steps: 100, ppo: {epochs: 1}}, {steps: 200}]"
+    for given, key in (("steps=7", "steps"), ("ppo.epochs=2", "ppo.epochs")):
+        with pytest.raises(ConfigError, match=rf"{key} is set by phase 0 itself; expected phases\.0\.{key}"):
+            parse(["--set", phases, "--set", given, "--out", str(tmp_path / "out")])
+    options = parse(["--set", phases, "--set", "phases.1.steps=7", "--out", str(tmp_path / "out")])
+    assert [phase.steps for phase in options.jobs[0].config.in_phases()] == [100, 7]
 
 
 def test_help_lists_every_key_and_loads_nothing_heavy():

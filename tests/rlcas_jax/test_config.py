@@ -87,7 +87,7 @@ def test_a_dump_repeats_the_run(
     ("override", "sentence"),
     [
         ("seed=-1", "--set: seed is -1; expected a whole number at least 0 and below 2147483648"),
-        ("steps=0", "--set: steps is 0; expected a whole number at least 1"),
+        ("steps=0", "--set: steps is 0; expected a whole number at least 1 and at most 1e+12"),
         (
             "name=a/b",
             "--set: name is 'a/b'; expected a text of at most 64 letters, digits, dots, dashes and underscores",

@@ -166,7 +166,7 @@ def test_what_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpoint(con
     assert "Traceback" not in done.stderr
     kept = checkpoint.latest(out / "checkpoints")
     assert str(kept) in done.stderr
-    state, _ = checkpoint.restore(kept, like=build(load(TrainConfig, out / "config.yaml")).initial())
+    state = checkpoint.restore(kept, like=build(load(TrainConfig, out / "config.yaml")).initial())
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(state.learner))
 
 

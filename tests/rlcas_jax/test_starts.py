@@ -6,14 +6,22 @@ import pytest
 
 from agents.config.load import ConfigError, load
 from envs.encounters import Encounter
+from rlcas_jax import starts
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.escape_margin import best
 from rlcas_jax.starts import draw, near_limit
 
 
-def spare(starts: Encounter) -> np.ndarray:
+@pytest.fixture(autouse=True)
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Look for 100 near-limit starts only."""
+    monkeypatch.setattr(starts, "NEAR_LIMIT", 100)
+    starts._near_limit.cache_clear()
+
+
+def spare(found: Encounter) -> np.ndarray:
     """Return what the best manoeuvre keeps beyond 1000 m."""
-    return best(starts.own, starts.goal_x, starts.goal_y, starts.intruders, starts.mask, np) - 1_000.0
+    return best(found.own, found.goal_x, found.goal_y, found.intruders, found.mask, np) - 1_000.0
 
 
 def test_near_limit_starts_have_the_margin_and_the_share() -> None:
@@ -21,7 +29,6 @@ def test_near_limit_starts_have_the_margin_and_the_share() -> None:
         TrainConfig,
         None,
         [
-            "near_limit.encounters=100",
             "near_limit.margin=30",
             "near_limit.share=0.4",
             "ppo.environments=64",
@@ -34,6 +41,7 @@ def test_near_limit_starts_have_the_margin_and_the_share() -> None:
     left = spare(found)
     assert np.all((left > -0.05) & (left <= 30.05))  # rounded to float32
     assert np.quantile(left, 0.75) - np.quantile(left, 0.25) > 5.0
+    starts._near_limit.cache_clear()
     again = near_limit(config)
     assert again is not None
     np.testing.assert_array_equal(found.own.x, again.own.x)
@@ -50,6 +58,6 @@ def test_no_near_limit_starts_by_default() -> None:
 
 
 def test_near_limit_starts_that_hardly_exist_are_refused() -> None:
-    config = load(TrainConfig, None, ["near_limit.encounters=1000", "near_limit.margin=1e-4"])
+    config = load(TrainConfig, None, ["near_limit.share=0.1", "near_limit.margin=1e-4"])
     with pytest.raises(ConfigError, match=r"near_limit\.margin"):
         near_limit(config)

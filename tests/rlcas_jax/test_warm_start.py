@@ -1,4 +1,4 @@
-"""A training that begins with the networks of an earlier one."""
+"""A warm start: training begins with the networks of an earlier run or of a policy file."""
 
 from pathlib import Path
 
@@ -10,9 +10,8 @@ from agents.config.load import ConfigError, load
 from agents.learning import export
 from agents.policy import file as policy_file
 from rlcas_jax import checkpoint
-from rlcas_jax.cli import Job
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.loop import Run, run
+from rlcas_jax.loop import Run, prepared, run
 from rlcas_jax.progress import Reporter
 from rlcas_jax.train import main
 
@@ -30,9 +29,9 @@ TINY = [
 
 
 def trained(directory: Path, *overrides: str) -> Run:
+    training = prepared(load(TrainConfig, None, [*TINY, *overrides]), directory)
     directory.mkdir()
-    job = Job(load(TrainConfig, None, [*TINY, *overrides]), directory, resume=False)
-    return run(job.config, job.directory, Reporter(quiet=True))
+    return run(training, Reporter(quiet=True))
 
 
 def first_checkpoint(run: Run) -> Path:
@@ -44,10 +43,10 @@ def earlier(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return trained(tmp_path_factory.mktemp("runs") / "earlier")
 
 
-def test_it_begins_with_the_networks_and_the_optimiser_of_the_earlier_run(earlier: Run, tmp_path: Path) -> None:
+def test_networks_and_optimiser_are_those_of_the_earlier_run(earlier: Run, tmp_path: Path) -> None:
     # Other encounters and another number of them: only the networks have to be the same.
-    changes = ["seed=7", "ppo.environments=32", "scenarios=[{name: noisy}]", "checkpoint.keep=9"]
-    later = trained(tmp_path / "later", *changes, f"start_from={earlier.directory}")
+    changes = ["seed=7", "ppo.environments=32", "scenarios=[{name: noisy}]"]
+    later = trained(tmp_path / "later", *changes, f"warm_start={earlier.directory}")
     begun = checkpoint.restore_part(first_checkpoint(later), earlier.state.learner, "learner")
     fresh = checkpoint.restore_part(first_checkpoint(earlier), earlier.state.learner, "learner")
     for mine, theirs, new in zip(*map(jax.tree.leaves, (begun, earlier.state.learner, fresh)), strict=True):
@@ -57,10 +56,10 @@ def test_it_begins_with_the_networks_and_the_optimiser_of_the_earlier_run(earlie
 
 
 @pytest.mark.slow
-def test_a_checkpoint_s_file_is_as_good_as_its_run(earlier: Run, tmp_path: Path) -> None:
+def test_a_checkpoint_is_as_good_as_its_run(earlier: Run, tmp_path: Path) -> None:
     file = checkpoint.latest(earlier.directory / "checkpoints")
-    of_run = trained(tmp_path / "a", f"start_from={earlier.directory}")
-    of_file = trained(tmp_path / "b", f"start_from={file}")
+    of_run = trained(tmp_path / "a", f"warm_start={earlier.directory}")
+    of_file = trained(tmp_path / "b", f"warm_start={file}")
     for mine, theirs in zip(jax.tree.leaves(of_run.state), jax.tree.leaves(of_file.state), strict=True):
         np.testing.assert_array_equal(mine, theirs)
 
@@ -74,14 +73,17 @@ def test_a_checkpoint_s_file_is_as_good_as_its_run(earlier: Run, tmp_path: Path)
 )
 def test_other_networks_are_refused(overrides: list[str], said: str, earlier: Run, tmp_path: Path) -> None:
     with pytest.raises(checkpoint.CheckpointError, match=said):
-        trained(tmp_path / "other", f"start_from={earlier.directory}", *overrides)
+        trained(tmp_path / "other", f"warm_start={earlier.directory}", *overrides)
 
 
-def test_where_there_is_no_run_it_is_said_in_a_sentence(tmp_path: Path) -> None:
+def test_nothing_is_created_before_everything_is_checked(tmp_path: Path) -> None:
     changes = [argument for change in TINY for argument in ("--set", change)]
-    nowhere = tmp_path / "nowhere"
-    with pytest.raises(ConfigError, match=f"{nowhere}: there is no such checkpoint"):
-        main([*changes, "--set", f"start_from={nowhere}", "--out", str(tmp_path / "run"), "--quiet"])
+    nowhere, out = tmp_path / "nowhere", tmp_path / "run"
+    with pytest.raises(checkpoint.CheckpointError, match=f"{nowhere}: there is no such checkpoint"):
+        main([*changes, "--set", f"warm_start={nowhere}", "--out", str(out), "--quiet"])
+    with pytest.raises(ConfigError, match=r"near_limit\.margin"):
+        main([*changes, "--set", "near_limit={share: 0.1, margin: 1e-4}", "--out", str(out), "--quiet"])
+    assert not out.exists()
 
 
 @pytest.fixture(scope="module")
@@ -101,13 +103,11 @@ def policy(earlier: Run) -> Path:
     return path
 
 
-def test_a_policy_alone_keeps_its_actor_until_a_fresh_critic_knows_it(
-    earlier: Run, policy: Path, tmp_path: Path
-) -> None:
+def test_the_actor_of_a_policy_waits_for_the_critic(earlier: Run, policy: Path, tmp_path: Path) -> None:
     # Two updates of 256 steps, of which the first is the critic's alone.
-    changes = [f"start_from={policy}", "checkpoint.keep=9", "checkpoint.every_seconds=0"]
+    changes = [f"warm_start={policy}", "checkpoint.every_seconds=0"]
     for first, moves in ((256, (False, True)), (0, (True, True))):
-        later = trained(tmp_path / f"later-{first}", *changes, f"ppo.critic_first={first}")
+        later = trained(tmp_path / f"later-{first}", *changes, f"ppo.critic_warmup_steps={first}")
         learners = [
             checkpoint.restore_part(file, earlier.state.learner, "learner")
             for file in sorted((later.directory / "checkpoints").glob("*.safetensors"))
@@ -124,12 +124,12 @@ def same(one: object, other: object) -> bool:
     return all(np.array_equal(mine, theirs) for mine, theirs in leaves)
 
 
-def test_a_policy_of_another_network_and_a_damaged_one_are_refused(policy: Path, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"start_from: .*network\.hidden \(8, 8\); expected \(8, 9\)"):
-        trained(tmp_path / "other", f"start_from={policy}", "network.hidden=[8, 9]")
+def test_an_unfit_policy_file_is_refused(policy: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"warm_start: .*network\.hidden \(8, 8\); expected \(8, 9\)"):
+        trained(tmp_path / "other", f"warm_start={policy}", "network.hidden=[8, 9]")
     damaged = tmp_path / "damaged.safetensors"
     content = bytearray(policy.read_bytes())
     content[-1] ^= 1
     damaged.write_bytes(content)
-    with pytest.raises(ConfigError, match=r"start_from: .*edited or damaged"):
-        trained(tmp_path / "of_damaged", f"start_from={damaged}")
+    with pytest.raises(ConfigError, match=r"warm_start: .*edited or damaged"):
+        trained(tmp_path / "of_damaged", f"warm_start={damaged}")

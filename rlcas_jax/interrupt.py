@@ -1,0 +1,78 @@
+"""Ctrl-C and SIGTERM in a training: answered at once, also while JAX compiles or a compiled program runs."""
+
+import os
+import signal
+import sys
+import threading
+from types import FrameType, TracebackType
+from typing import Any, TextIO
+
+__all__ = ["INTERRUPTED", "Interrupt"]
+
+INTERRUPTED = 130
+"""Exit status."""
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Interrupt:
+    """A context in which the first signal asks the program to stop, and the second one ends it.
+
+    The program looks at :attr:`requested` where it can stop. A thread hears the signals: Python itself would answer
+    only when the compiled call has returned, and an exception inside such a call can crash the process. Where nothing
+    would be lost (:meth:`waits_for` None) the first signal ends the process already.
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        """Prepare; messages go to the stream, standard error by default."""
+        self.requested = False
+        self._stream = sys.stderr if stream is None else stream
+        self._what: str | None = None
+        self._before: list[tuple[int, Any]] = []
+
+    def waits_for(self, what: str | None) -> None:
+        """Say what a signal would have to wait for from now on; None: for nothing, as there is nothing to lose."""
+        self._what = what
+
+    def __enter__(self) -> "Interrupt":
+        """Take over the signals; only possible in the main thread."""
+        reader, self._writer = os.pipe()
+        os.set_blocking(self._writer, False)
+        self._before = [(number, signal.signal(number, _taken)) for number in _SIGNALS]
+        self._wakeup = signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
+        threading.Thread(target=self._listen, args=(reader,), daemon=True).start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Give the signals back."""
+        signal.set_wakeup_fd(self._wakeup)
+        for number, handler in self._before:
+            signal.signal(number, handler)
+        os.close(self._writer)
+
+    def _listen(self, reader: int) -> None:
+        while heard := os.read(reader, 64):
+            for number in heard:
+                if number in _SIGNALS:
+                    self._answer()
+        os.close(reader)
+
+    def _answer(self) -> None:
+        what = self._what
+        if self.requested or what is None:
+            self._say("interrupted; the last checkpoint is kept" if what else "interrupted")
+            if self._stream.isatty():
+                self._stream.write("\x1b[?25h")  # a live display hides the cursor
+                self._stream.flush()
+            os._exit(INTERRUPTED)
+        self.requested = True
+        self._say(f"stopping: waits for {what}; Ctrl-C again ends at once, and the last checkpoint is kept")
+
+    def _say(self, text: str) -> None:
+        print(text, file=self._stream, flush=True)
+
+
+def _taken(_number: int, _frame: FrameType | None) -> None:
+    """Leave the signal to the thread."""

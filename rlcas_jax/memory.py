@@ -1,0 +1,61 @@
+"""The memory that a training needs, estimated before it starts."""
+
+import os
+
+import jax
+
+from agents.config.load import ConfigError
+from agents.policy.features import size
+from envs.observation import SIZE
+from rlcas_jax.config import TrainConfig
+
+__all__ = ["check_memory", "needed_bytes"]
+
+_FLOAT = 4
+_START = 40
+"""Numbers of an encounter's start with one intruder, and of each further one some of them again."""
+
+
+def needed_bytes(config: TrainConfig) -> int:
+    """Return about how many bytes the largest phase of a training holds at once, all devices together.
+
+    Counted are the pool of starts, twice (drawn, then reset), the samples of a rollout, twice (in the order of time,
+    then of encounters), the activations of a minibatch, and the parameters with their gradients and moments.
+    """
+    return max(_of_phase(phase) for phase in config.in_phases())
+
+
+def _of_phase(config: TrainConfig) -> int:
+    ppo = config.ppo
+    inputs, hidden = size(config.network.feature_set), config.network.hidden
+    intruders = max(entry.scenario().intruders[1] for entry in config.scenarios)
+    pool = 2 * ppo.environments * config.pool_rows * _START * (1 + intruders) // 2
+    samples = 2 * ppo.samples * (inputs + SIZE)
+    # The critic sees the whole rollout at once.
+    activations = max(2 * 3 * ppo.minibatch, ppo.samples) * (inputs + sum(hidden))
+    widths = (inputs, *hidden)
+    parameters = 2 * 4 * sum(before * after for before, after in zip(widths, (*hidden, 2), strict=True))
+    return _FLOAT * (pool + samples + activations + parameters)
+
+
+def check_memory(config: TrainConfig) -> int:
+    """Return :func:`needed_bytes`.
+
+    Raises:
+        ConfigError: the devices have less memory.
+    """
+    needed, had = needed_bytes(config), _had_bytes()
+    if needed > had:
+        raise ConfigError(
+            f"ppo.environments {config.ppo.environments} with ppo.rollout {config.ppo.rollout} and pool_rows "
+            f"{config.pool_rows} need about {needed / 2**30:.3g} GiB of memory; expected at most {had / 2**30:.3g} GiB"
+        )
+    return needed
+
+
+def _had_bytes() -> int:
+    devices = jax.local_devices()
+    if devices[0].platform == "cpu":
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") * jax.process_count()
+    own = sum((device.memory_stats() or {}).get("bytes_limit", 2**63) for device in devices)
+    return own * jax.process_count()
