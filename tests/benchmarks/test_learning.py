@@ -33,7 +33,7 @@ from benchmarks.learning.task import TrainingFlight, check
 from benchmarks.learning.training import Log
 from benchmarks.learning.trials import Trial, best, described
 from envs import surrogate
-from rlcas_jax import task
+from rlcas_jax import starts, task
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.starts import near_limit
 from tests.benchmarks import tiny
@@ -121,7 +121,9 @@ def test_noisy_reports_are_refused():
         check(tiny("scenarios=[{name: noisy}]"))
 
 
-def test_peers_get_the_near_limit_starts():
+def test_peers_get_the_near_limit_starts(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("rlcas_jax.starts.NEAR_LIMIT", 40)
+    monkeypatch.setattr("rlcas_jax.starts._near_limit", starts._near_limit.__wrapped__)
     config = tiny("near_limit.share=0.9", "ppo.environments=64")
     hard = near_limit(config)
     assert hard is not None
