@@ -131,6 +131,7 @@ class _Watch(Reporter):
         super().__init__(quiet=options.quiet)
         self._trial, self._metric = trial, _INTERMEDIATE[options.settings.objective]
         self._every = config.evaluation.every_steps
+        self._last = max(1, config.steps // config.ppo.samples) * config.ppo.samples
 
     def update(self, row: Mapping[str, float]) -> None:
         """Take the figures of an update; raises ``optuna.TrialPruned``."""
@@ -140,7 +141,7 @@ class _Watch(Reporter):
 
             # Counted, because trials of different batch sizes are evaluated at different steps.
             self._trial.report(row[self._metric], int(row["step"]) // self._every)
-            if row["step"] < self._total and self._trial.should_prune():
+            if row["step"] < self._last and self._trial.should_prune():
                 raise optuna.TrialPruned
 
 
