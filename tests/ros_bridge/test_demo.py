@@ -83,6 +83,7 @@ def test_killed_demo_leaves_no_process_and_a_readable_recording(tmp_path: Path):
     assert {"/clock", "/rlcas_runner/input/ownship"} <= topics
 
 
+@pytest.mark.slow
 def test_full_disk_ends_a_recording_in_one_sentence_and_keeps_it(tmp_path: Path):
     reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
     file = tmp_path / "flight.mcap"
