@@ -35,6 +35,7 @@ __all__ = [
     "geo_reference",
     "report",
     "route",
+    "sighting",
     "trajectory",
 ]
 
@@ -159,13 +160,13 @@ def aircraft(message: Any, name: str) -> Report:
     try:
         return _aircraft(message, name, identity)
     except FieldError as error:
-        error.sighting = _sighting(message, name, identity)
+        error.sighting = sighting(message, identity)
         raise
 
 
-def _sighting(message: Any, name: str, identity: str) -> Sighting:
-    """Return what an AircraftState that cannot be used still holds."""
-    valid = readable(lambda: flags(f"{name}.valid", message.valid, 0xFF)) or 0
+def sighting(message: Any, identity: str) -> Sighting:
+    """Return what an AircraftState holds of an aircraft's place, whether or not it can be used otherwise."""
+    valid = readable(lambda: flags("", message.valid, 0xFF)) or 0
     place = height = None
     if valid & POSITION:
         place = readable(lambda: (latitude("", message.latitude), longitude("", message.longitude)))

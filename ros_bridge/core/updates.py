@@ -6,6 +6,7 @@ from typing import Any
 
 from ros_bridge.core import conversions
 from ros_bridge.core.fields import SECOND, FieldError, identifier, readable
+from ros_bridge.core.geodesy import carried, distance
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import UNKNOWN, Fault, Rules, Track, Verdict, refused, taken
@@ -17,20 +18,27 @@ def ownship(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
     """Take in an AircraftState of the ownship; ``now`` in ns. Its transmission, received as traffic before, goes."""
     own = _track(situation.own, lambda: conversions.aircraft(message, "ownship"), "ownship", now, rules)
     traffic = situation.traffic
-    if own.last is not None and own.last.identifier in traffic:
-        traffic = {name: track for name, track in traffic.items() if name != own.last.identifier}
+    echo = None if own.last is None else traffic.get(own.last.identifier)
+    if own.last is not None and echo is not None:
+        last = echo.last
+        if last is None or _near(own.last, (last.latitude, last.longitude), last.time, rules):
+            traffic = {name: track for name, track in traffic.items() if name != own.last.identifier}
     return replace(situation, own=own, traffic=traffic)
 
 
 def traffic(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
     """Take in an AircraftState of an intruder; the own transmission, received again, is passed over.
 
-    The own transmission is known by the ownship's id alone. A copy under another id, as TIS-B makes them, is not
-    recognised by its place and velocity: it counts as an intruder, and the task has a note of it.
+    The own transmission is known by the ownship's id, at the ownship's place: another aircraft of that id counts. A
+    copy under another id, as TIS-B makes them, is not recognised by its place and velocity: it counts as an intruder,
+    and the task has a note of it.
     """
     name = readable(lambda: identifier("", message.id)) or message.id
-    if situation.own.last is not None and situation.own.last.identifier == name:
-        return situation
+    own = situation.own.last
+    if own is not None and own.identifier == name:
+        _, time, place, _ = conversions.sighting(message, name)
+        if time is None or place is None or _near(own, place, time, rules):
+            return situation
     called = f"intruder {name}"
     before = situation.traffic.get(name, UNKNOWN)
     track = _track(before, lambda: conversions.aircraft(message, called), called, now, rules)
@@ -71,6 +79,13 @@ def geo_reference(situation: Situation, message: Any, now: int) -> Situation:
 def reset(situation: Situation) -> Situation:
     """Return what holds after the clock has stepped back: route and geo-reference, for they have no age."""
     return replace(situation, own=UNKNOWN, traffic={}, alert=None, alert_fault=None)
+
+
+def _near(own: Report, place: tuple[float, float], time: int, rules: Rules) -> bool:
+    """Return whether a place is where the ownship is to be expected at a time, ns."""
+    seconds = (time - own.time) / SECOND
+    expected = carried(own.latitude, own.longitude, own.east, own.north, seconds)
+    return distance(*expected, *place) <= rules.jump_distance + rules.jump_speed * abs(seconds)
 
 
 def _track(before: Track, read: Callable[[], Report], name: str, now: int, rules: Rules) -> Track:

@@ -168,6 +168,16 @@ def test_own_transmission_received_again_is_no_intruder(own_id: str, echo: str):
     assert not updates.ownship(before, own, NOW, RULES).traffic
 
 
+def test_another_aircraft_with_the_ownships_id_counts():
+    own = aircraft(0.0, 0.0, 0.0, 75.0, id="4B1A2C")
+    far = aircraft(8_000.0, 0.0, math.pi, 75.0, id="4b1a2c")
+    assert task(heard(far, own=own), NOW, Settings()).identifiers == ("4b1a2c",)
+    before = updates.traffic(Situation(), far, NOW, RULES)
+    assert list(updates.ownship(before, own, NOW, RULES).traffic) == ["4b1a2c"]
+    # Without a place it is taken for the own transmission.
+    assert task(heard(aircraft(0.0, 0.0, 0.0, 75.0, id="4b1a2c", valid=0), own=own), NOW, Settings()).identifiers == ()
+
+
 def test_alert_names_an_aircraft_in_any_case():
     wanted = task(heard(crossing(id="4B1A2C "), alerts=[alert("4b1A2c")]), NOW, Settings())
     assert wanted.identifiers == ("4b1a2c",)
