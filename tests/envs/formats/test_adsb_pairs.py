@@ -143,6 +143,15 @@ def test_a_clock_that_goes_back_is_refused_or_counted(tmp_path: Path, back: floa
     assert adsb_pairs(path, repair=True)[1] == Repairs(split=1)
 
 
+def test_a_frozen_position_with_jitter_is_refused(tmp_path: Path) -> None:
+    one, two = meeting(47.0, 8.0)
+    for second in range(100, 126):
+        two[second] |= {"latitude": two[100]["latitude"] + 1e-6 * second, "longitude": two[100]["longitude"]}
+    with pytest.raises(TrackError, match=r"report 3\d\d, field latitude"):
+        adsb_pairs(reports_file(tmp_path, one, two))
+    assert adsb_pairs(reports_file(tmp_path, one, two), repair=True)[1] != Repairs()
+
+
 def test_flights_in_any_order_of_a_file_are_no_fault(tmp_path: Path) -> None:
     early, late = flight("aaa001", 47.0, 8.0, 90.0), flight("aaa001", 48.0, 9.0, 0.0, begin=1_600_010_000.0)
     ((_, flights, repairs),) = ordered_flights(reports_file(tmp_path, late, early), 60.0)
