@@ -5,6 +5,7 @@ cannot disagree with the code.
 """
 
 import difflib
+import re
 import types
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -95,9 +96,18 @@ def markdown(model: type[BaseModel], prefix: str = "", *, beside: type[BaseModel
     for key in keys(model, prefix):
         if key in known:
             continue
-        cells = (f"`{key.name}`", key.expected, f"`{key.default}`", key.text)
+        cells = (f"`{key.name}`", _short(key.expected), f"`{key.default}`", key.text)
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(rows) + "\n"
+
+
+def _short(expected: str) -> str:
+    """Return what a key takes in the signs of a table: ``whole number 1..100`` for one at least 1 and at most 100."""
+    text = re.sub(r"\ba (?=number|whole number|list|text|path|group)", "", expected)
+    text = re.sub(r"at least (\S+) and at most (\S+)", r"\1..\2", text)
+    for words, sign in (("at least", "≥"), ("at most", "≤"), ("above", ">"), ("below", "<")):
+        text = re.sub(rf"\b{words} (?=-?\d)", f"{sign} ", text)
+    return text
 
 
 def field_at(model: type[BaseModel], path: Sequence[str | int]) -> FieldInfo | type[BaseModel] | None:
