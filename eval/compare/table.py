@@ -12,6 +12,8 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from eval.flights.aircraft import lines_about
+
     table = Table(
         title=f"{summary['encounters']} encounters, scenario {summary['scenario']}, seed {summary['seed']}",
         title_justify="left",
@@ -58,6 +60,7 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
             if summary["weighted"]
             else []
         ),
+        *lines_about(summary),
         f"{summary['late_at_first_speed']} of the routes are too long for their time without going faster",
     ]
     # A warning of every entry is one of the sample: once is enough.

@@ -161,8 +161,7 @@ def _summary(table: Any, config: "HifiConfig", limits: "Limits", wall_s: float, 
 
 def _show(summary: dict[str, Any], folder: "HifiFolder", paths: list[Path]) -> None:
     """Print the result for a person."""
-    from envs.kinematics import Limits
-    from eval.flights.aircraft import described
+    from eval.flights.aircraft import lines_about
 
     print(
         f"{summary['flights']} flights of {summary['aircraft']}, mode {summary['mode']}, scenario "
@@ -172,9 +171,7 @@ def _show(summary: dict[str, Any], folder: "HifiFolder", paths: list[Path]) -> N
         if isinstance(found, dict) and "total" in found and found["value"] is not None:
             ends = f"{100.0 * found['low']:6.2f} .. {100.0 * found['high']:.2f} %"
             print(f"{key:22} {100.0 * found['value']:7.2f} %  {ends:20} {found['count']} of {found['total']}")
-    print(f"aircraft               {described(Limits(**summary['limits']))}")
-    if summary["aircraft_warning"]:
-        print(f"warning: {summary['aircraft_warning']}")
+    print("\n".join(lines_about(summary)))
     print(f"smallest separation    {_number(summary['min_separation_m_quantiles']['0'])} m")
     for name, found in summary["errors"].items():
         if found["1"] is not None:

@@ -4,8 +4,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from envs.kinematics import Limits
-from eval.flights.aircraft import described
+from eval.flights.aircraft import lines_about
 
 __all__ = ["show"]
 
@@ -75,9 +74,7 @@ def show(summary: Mapping[str, Any], folder: Path, paths: Iterable[Path]) -> Non
         notes.append("the interval of the risk ratio is wide (half of it exceeds half the ratio): fly more encounters")
     if summary.get("draws") == "sobol":
         notes.append("intervals of rates: t over the randomisations of the Sobol points")
-    notes.append(f"aircraft: {described(Limits(**summary['limits']))}")
-    if summary["aircraft_warning"]:
-        notes.append(f"warning: {summary['aircraft_warning']}")
+    notes += lines_about(summary)
     notes.append(f"files: {folder}: " + ", ".join(sorted(path.name for path in {*paths, *_tables(folder)})))
     for note in notes:
         console.print(note, markup=False, highlight=False, soft_wrap=True)

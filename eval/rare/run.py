@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     _check(options)
     config, mode = _config(options)
-    problem, policy_sha256 = _problem(config, mode, resolvable_only=options.resolvable_only)
+    problem, policy_sha256, aircraft = _problem(config, mode, resolvable_only=options.resolvable_only)
     picture_folder.create(options.out)
 
     from threadpoolctl import threadpool_limits
@@ -80,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _say(f"repetition {number} of {options.repetitions}: {made[-1].probability[-1]:.3g}")
         blamed = [_blamed(problem, one) for one in made]
         found = _found(options, config, mode, plan, made, blamed)
-        found["policy_sha256"] = policy_sha256
+        found |= {"policy_sha256": policy_sha256} | aircraft
         _write_worst(options.out, problem, made, blamed)
     from agents.config.load import dump
     from eval.rare.figure import levels_figure
@@ -142,20 +142,24 @@ def _config(options: argparse.Namespace) -> "tuple[MonteCarloConfig, str]":
     return config, mode
 
 
-def _problem(config: "MonteCarloConfig", mode: str, *, resolvable_only: bool) -> "tuple[FlightProblem, str]":
+def _problem(
+    config: "MonteCarloConfig", mode: str, *, resolvable_only: bool
+) -> "tuple[FlightProblem, str, dict[str, Any]]":
     from agents.config.world import check_own_speed
+    from eval.flights.aircraft import flown_limits
     from eval.flights.chunks import Evaluation, Pilot
     from eval.rare.problem import FlightProblem
 
     policy = named_policy(config)
     limits = policy.limits if config.vehicle is None else config.vehicle.limits()
     check_own_speed(config.sampled(), limits, "changes.own_speed")
+    aircraft = flown_limits(limits, policy.limits, named=config.vehicle is not None)
     rules, setting = config.rules.rules(), config.planner.setting()
     flown = "policy" if mode == "none" else mode
     evaluation = Evaluation(
         config.policy, config.sampled(), None, config.seed, rules, limits, flown, setting, config.baseline
     )
-    return FlightProblem(Pilot(evaluation, policy), mode, resolvable_only=resolvable_only), policy.sha256
+    return FlightProblem(Pilot(evaluation, policy), mode, resolvable_only=resolvable_only), policy.sha256, aircraft
 
 
 def _blamed(problem: "FlightProblem", one: "Repetition") -> np.ndarray:
@@ -284,6 +288,8 @@ def _write_worst(
 
 
 def _show(found: dict[str, Any], out: Path) -> None:
+    from eval.flights.aircraft import lines_about
+
     what = "losses not proven unresolvable" if found["resolvable_only"] else "losses of separation"
     print(f"scenario {found['scenario']}, mode {found['mode']}, below {found['separation_m']:g} m")
     for name, rate in ((what, found["rate"]), ("of them not proven unresolvable", found["rate_not_unresolvable"])):
@@ -292,6 +298,7 @@ def _show(found: dict[str, Any], out: Path) -> None:
         ends = f"{rate['low']:.3g} .. {rate['high']:.3g}"
         print(f"{name:34} {rate['value']:.3g}   {100.0 * found['confidence']:g} % interval {ends}")
     print(f"flights {found['flights']}; plain sampling would take {_many(found['plain_flights_for_the_same_error'])}")
+    print("\n".join(lines_about(found)))
     for sentence in found["warnings"]:
         print(f"warning: {sentence}")
     print(f"written to {out}")

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from envs.edge.text import visible
-from envs.kinematics import Limits
-from eval.flights.aircraft import described
+from eval.flights.aircraft import lines_about
 from eval.plots.style import MARKERS
 from eval.report.choice import NEAR, NEAREST, POINTS, Choice
 from eval.report.data import json_text
@@ -96,10 +95,7 @@ def _about(run: Run) -> str:
         f"goal radius {rules.goal_radius:g} m",
         f"at most {rules.t_max:g} s",
     ]
-    if "limits" in summary:  # runs of earlier versions do not say
-        said.append(f"aircraft {described(Limits(**summary['limits']))}")
-    if summary.get("aircraft_warning"):
-        said.append(f"warning: {summary['aircraft_warning']}")
+    said += lines_about(summary)
     if summary.get("changes"):
         said.append("changed: " + ", ".join(f"{key} {value}" for key, value in summary["changes"].items()))
     return escape(visible(" · ".join(said)))
