@@ -30,8 +30,8 @@ def main() -> None:
     parser = Parser(description=__doc__)
     parser.add_argument(
         "--config",
-        default="configs/best.yaml",
-        help="what is trained, from nothing (default configs/best.yaml)",
+        default="configs/quick.yaml",
+        help="what is trained, from nothing (default configs/quick.yaml)",
     )
     parser.add_argument("--updates", type=int, default=10, help="updates of each run (default 10)")
     parser.add_argument("--turns", type=int, default=2, help="runs of each kind (default 2)")
@@ -45,7 +45,7 @@ def main() -> None:
     one, many = [], []
     with tempfile.TemporaryDirectory() as folder:
         for turn in range(options.turns):
-            common = ["--config", options.config, "--set", f"steps={steps}", "--set", "start_from=null"]
+            common = ["--config", options.config, "--set", f"steps={steps}", "--set", "warm_start=null"]
             common += ["--set", "evaluation.final_encounters=10"]
             common += ["--set", "evaluation.every_steps=1000000000", "--quiet"]
             out = Path(folder) / f"one-{turn}"

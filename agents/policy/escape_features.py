@@ -136,8 +136,8 @@ def _blended(kept: list[Any], most: Any, goal_bearing: Any, alike: float, xp: An
     left, right, straight, home = (reduce(add, shares[first : first + 3]) for first in range(0, COUNT, 3))
     braking, accelerating = reduce(add, shares[0::3]), reduce(add, shares[2::3])
     whole = left + right + straight + home
-    homeward = xp.clip(goal_bearing * (1.0 / SURROGATE.yaw_rate_max), -1.0, 1.0)
-    return (accelerating - braking) / whole, (left - right + home * homeward) / whole
+    to_goal = xp.clip(goal_bearing * (1.0 / SURROGATE.yaw_rate_max), -1.0, 1.0)
+    return (accelerating - braking) / whole, (left - right + home * to_goal) / whole
 
 
 def _threefold(values: np.ndarray, like: Any, xp: Any) -> Any:

@@ -7,6 +7,7 @@ array overhead would cost ten times its arithmetic (the planner rolls hundreds o
 import os
 from collections.abc import Callable, Mapping
 from importlib import resources
+from math import isfinite
 from typing import Any, NoReturn
 
 import numpy as np
@@ -184,6 +185,8 @@ class Policy:
             np.tanh(x, x)
         throttle, steering = (x.dot(kernel) + bias).tolist()
         steering *= mirror_sign(values, self._feature_set, FLOATS)
+        if not (isfinite(throttle) and isfinite(steering)):
+            raise ValueError(_NOT_FINITE)
         return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
 
 
@@ -216,6 +219,8 @@ def _forward(
         np.tanh(x, out=x)
     x = product(x, kernel) + bias
     x[:, 1] *= mirror_sign(components, feature_set, np)
+    if not np.isfinite(x).all():
+        raise ValueError(_NOT_FINITE)
     return np.clip(x, -1.0, 1.0)
 
 

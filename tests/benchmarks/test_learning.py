@@ -71,7 +71,7 @@ def curve(*scores: float, step: int = 100, wall_s: float = 2.0) -> list[Point]:
 def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: str):
     config = tiny(
         f"network.feature_set={feature_set}",
-        "shaping.conflict=0.3",
+        "shaping.escape_margin=0.3",
         "world.separation_spread=50.0",
         "scenarios=[{name: circle, weight: 0.7}, {name: head_on, weight: 0.3}]",
         "ppo.rollout=96",
