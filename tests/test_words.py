@@ -10,9 +10,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # In pieces, so that this file does not hold them either. An underscore ends a word, so that keys and names count.
 _PIECES = (("w", "ho"), ("wh", "oever"), ("w", "hom"), ("h", "e"), ("h", "im"), ("hi", "s"), ("to", "ld"))
 WORD = re.compile(rf"(?<![a-z])({'|'.join(map(''.join, _PIECES))})(?![a-z])", re.IGNORECASE)
-READ = {".md", ".msg", ".py", ".srv", ".toml", ".xml", ".yaml", ".yml"}
-# Rooms whose words are not changed yet.
-PENDING = ("tests/agents/test_foresight.py",)
+READ = {".cfg", ".css", ".g", ".html", ".md", ".msg", ".py", ".sdf", ".srv", ".svg", ".toml", ".xml", ".yaml", ".yml"}
 
 
 def texts() -> list[str]:
@@ -27,7 +25,6 @@ def test_no_thing_is_called_a_person() -> None:
     found = [
         f"{name}:{number}: {line.strip()}"
         for name in texts()
-        if not name.startswith(PENDING)
         for number, line in enumerate((ROOT / name).read_text(encoding="utf-8").splitlines(), 1)
         if WORD.search(line)
     ]

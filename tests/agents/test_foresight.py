@@ -135,24 +135,24 @@ def test_between_two_sides_that_keep_the_same_it_advises_neither() -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "numbers", "most", "seed"),
+    ("derived", "numbers", "most", "seed"),
     [(advice, ADVICE, 1.0, 3), (pressed, PRESSED, 0.3, 4)],
     ids=["advice", "pressed"],
 )
-def test_a_mirrored_scene_is_told_the_other_turn(told: Any, numbers: int, most: float, seed: int) -> None:
+def test_a_mirrored_scene_gives_the_other_turn(derived: Any, numbers: int, most: float, seed: int) -> None:
     random = np.random.default_rng(seed)
     kept = list(random.uniform(-1.0, most, (COUNT, 200)))
     bearing = random.uniform(-math.pi, math.pi, 200)
-    here = told(kept, bearing, np)
-    there = told([kept[i] for i in SWAPPED], -bearing, np)
+    here = derived(kept, bearing, np)
+    there = derived([kept[i] for i in SWAPPED], -bearing, np)
     assert len(here) == numbers
     np.testing.assert_allclose(np.array(here) * [[1.0], [1.0], [-1.0]], there, atol=1e-12)
     assert np.abs(here).max() <= 1.0
 
 
 @pytest.mark.parametrize(("most", "near"), [(-0.5, 1.0), (0.1, 1.0), (0.175, 0.5), (0.25, 0.0), (0.9, 0.0)])
-def test_where_metres_decide_the_one_best_manoeuvre_is_told(most: float, near: float) -> None:
-    # Braking to the left keeps a metre more than accelerating to the right, which the mean of both hardly tells.
+def test_near_the_limit_the_input_is_the_one_best_manoeuvre(most: float, near: float) -> None:
+    # Braking to the left keeps a metre more than accelerating to the right, which the mean of both hardly shows.
     kept = [most - 0.3] * COUNT
     kept[0], kept[5] = most, most - 0.033
     blunt, sharp = advice(kept, 0.0, FLOATS), pressed(kept, 0.0, FLOATS)
