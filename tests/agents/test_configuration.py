@@ -289,7 +289,7 @@ def test_help_and_documentation_list_every_key_with_its_text():
         "items[].weight",
     ]
     assert "  inner.rate: a number above 0 and at most 1 (default: 0.0007)\n      Rate, 1/s.\n" in help_text(Outer)
-    assert "| `items[].name` | a text | `required` | Name. |\n" in markdown(Outer)
+    assert "| `items[].name` | text | `required` | Name. |\n" in markdown(Outer)
 
 
 @pytest.mark.parametrize(("status", "expected"), [(None, 0), (0, 0), (3, 3)])
