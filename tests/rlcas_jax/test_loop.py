@@ -1,6 +1,7 @@
 """The training run as a whole: repeatable, resumable after anything, and loud when it goes wrong."""
 
 import json
+import resource
 import shutil
 import signal
 import subprocess
@@ -93,9 +94,9 @@ def test_a_run_leaves_what_is_promised(uninterrupted: Path) -> None:
     summary = json.loads((uninterrupted / "summary.json").read_text())
     assert summary["finished"]
     assert summary["steps"] == 25600
-    judged = summary["evaluation"]
-    assert judged["success_rate"] + judged["violation_rate"] + judged["timeout_rate"] == pytest.approx(1.0)
-    assert judged["success_given_resolvable"] >= judged["success_rate"]
+    evaluated = summary["evaluation"]
+    assert evaluated["success_rate"] + evaluated["violation_rate"] + evaluated["timeout_rate"] == pytest.approx(1.0)
+    assert evaluated["success_given_resolvable"] >= evaluated["success_rate"]
     policy = Policy.load(uninterrupted / "policy.safetensors")
     assert policy.sha256 == summary["policy_sha256"]
 
@@ -184,6 +185,24 @@ def test_a_run_whose_files_cannot_be_written_says_so_and_goes_on_later(uninterru
     (copy / "policy.safetensors").rmdir()
     assert train("--resume", copy, "--quiet").returncode == 0
     assert (copy / "policy.safetensors").read_bytes() == (uninterrupted / "policy.safetensors").read_bytes()
+
+
+def test_a_full_disk_ends_a_training_in_one_sentence(uninterrupted: Path, config_file: Path, tmp_path: Path) -> None:
+    """The limit on the size of files stands in for it; the second thing that grows is the file for TensorBoard."""
+    out = tmp_path / "full"
+    done = subprocess.run(
+        command("--config", config_file, "--out", out, "--quiet"),
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000)),
+    )
+    assert done.returncode == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    assert f"--resume {out}" in done.stderr.strip().splitlines()[-1]
+    assert train("--resume", out, "--quiet").returncode == 0
+    assert figures(out) == figures(uninterrupted)
 
 
 def test_a_resumed_run_must_be_the_run_that_was_begun(uninterrupted: Path, tmp_path: Path) -> None:
