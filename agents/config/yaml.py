@@ -132,7 +132,8 @@ def _parsed(text: str, name: str) -> Any:
         return yaml.load(text, _Loader)  # a SafeLoader
     except YamlError as problem:
         raise YamlError(f"{name}: {problem}") from None
-    except (yaml.YAMLError, ValueError) as problem:
+    # PyYAML converts what carries a tag, such as !!int, without looking at it first.
+    except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError) as problem:
         mark = getattr(problem, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark is not None else ""
         what = getattr(problem, "problem", None) or str(problem)

@@ -261,6 +261,14 @@ def test_a_file_that_expands_without_end_is_refused(tmp_path: Path, text: str, w
         load(Outer, path)
 
 
+@pytest.mark.parametrize("value", ['!!int ""', '!!float ""', "!!bool x", "!!timestamp x", "!!map [1]", "!!set [1]"])
+def test_a_value_that_is_not_what_its_tag_says_is_refused(tmp_path: Path, value: str):
+    path = tmp_path / "c.yaml"
+    path.write_text(f"name: {value}\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"c\.yaml: .*not valid YAML"):
+        load(Outer, path)
+
+
 def test_aliases_are_read(tmp_path: Path):
     path = tmp_path / "c.yaml"
     path.write_text("a: &a [1, 2]\nb: [*a, *a]\n", encoding="utf-8")
