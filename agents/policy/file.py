@@ -205,14 +205,14 @@ def _header(data: bytes, source: str) -> dict[str, Any]:
     try:
         text = data[_HEADER_AT : _HEADER_AT + length].decode()
         header = json.loads(text)
+        plain = json.dumps(header, separators=(",", ":"), ensure_ascii=False)
+        blanks = -len(plain.encode()) % 8  # they fill it to a multiple of eight bytes
     except (ValueError, RecursionError) as error:
         raise PolicyFileError(f"{source}: the header is not JSON, expected a safetensors file: {error}") from error
     if not isinstance(header, dict):
         raise PolicyFileError(f"{source}: the header is not an object, expected a safetensors file")
     # The digest covers what the header means. Holding its text to one spelling makes every byte count.
-    plain = json.dumps(header, separators=(",", ":"), ensure_ascii=False)
-    # Blanks fill it to a multiple of eight bytes.
-    if text != plain + " " * (-len(plain.encode()) % 8):
+    if text != plain + " " * blanks:
         raise PolicyFileError(f"{source}: the header is not in canonical form: edited or damaged")
     return header
 

@@ -166,6 +166,7 @@ def test_nothing_can_be_hidden_beside_the_content():
         (forged(b"[" * 100_000), "header is not JSON"),
         (forged(b"[1]"), "header is not an object"),
         (forged(b"{}"), "no policy metadata"),
+        (forged(b'{"\\ud800":1}'), "header is not JSON"),
         (forged(b'{"a":1,"a":1}'), "canonical form"),
         (forged(b'{"__metadata__":{"rlcas_policy":"nonsense"}}'), "not canonical JSON"),
         (forged(b'{"__metadata__":{"rlcas_policy":"[NaN]"}}'), "not canonical JSON"),
