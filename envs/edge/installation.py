@@ -16,7 +16,11 @@ EXTRAS = {
     "sweep": ("optuna",),
     "onnx": ("onnx", "onnxruntime"),
     "peers": ("sbx", "stable_baselines3", "torch"),
-    "ros": ("builtin_interfaces", "mcap", "mcap_ros2", "rclpy", "rlcas_msgs"),
+    "ros": (
+        *("builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "mcap", "mcap_ros2", "nav_msgs", "rcl_interfaces"),
+        *("rclpy", "rlcas_msgs", "rosgraph_msgs", "rosidl_adapter", "sensor_msgs", "std_msgs"),
+        *("unique_identifier_msgs", "visualization_msgs"),
+    ),
 }
 """Modules that the optional dependencies of pyproject.toml install."""
 

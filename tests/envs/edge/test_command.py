@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 
 from envs.edge.command import ConfigError, InputError, Parser, run_cli
-from envs.edge.installation import EXTRAS, PACKAGES, extra_of
+from envs.edge.installation import PACKAGES, extra_of
 
 ROOT = Path(__file__).resolve().parents[3]
 BLOCKER = """
 import sys
 class Blocker:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {names!r}:
+        if name.partition(".")[0] not in {{*sys.stdlib_module_names, *{names!r}}}:
             raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 sys.meta_path.insert(0, Blocker())
 """
@@ -125,7 +125,7 @@ def commands() -> list[str]:
 
 
 def test_without_extras_every_program_names_what_to_install(tmp_path: Path):
-    names = {module for modules in EXTRAS.values() for module in modules}
+    names = {*PACKAGES, "numpy", "safetensors", "sitecustomize"}
     (tmp_path / "sitecustomize.py").write_text(BLOCKER.format(names=names), encoding="utf-8")
     environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
 
