@@ -15,7 +15,7 @@ import numpy as np
 
 from agents.policy.features import features, mirror_sign
 from agents.policy.file import PolicyFile, read
-from agents.policy.inference import PARITY_TOLERANCE, Policy
+from agents.policy.inference import PARITY_TOLERANCE, TOLERANCE, Policy
 from agents.policy.onnx_trace import Graph, Traced
 from agents.policy.schema import canonical
 from agents.policy.versions import versions
@@ -36,8 +36,8 @@ INPUT, OUTPUT = "observation", "action"
 
 _DESCRIPTION = """\
 Write a policy as an ONNX model: observation [N, 8] to action [N, 2], both float32 in [-1, 1], N free, derived inputs
-and clip included; an observation that is not finite gives NaN. The model is compared with the policy on its parity
-vectors before it is written."""
+and clip included; an observation that is not finite, or that leaves [-1, 1], gives NaN. The model is compared with the
+policy on its parity vectors before it is written."""
 
 _EPILOG = """\
 example:
@@ -146,8 +146,9 @@ def _traced(content: PolicyFile) -> Graph:
     if isinstance(sign, Traced):
         acceleration, yaw_rate = graph.apply_many("Split", [x], 2, axis=1)
         x = graph.apply("Concat", acceleration, yaw_rate * sign, axis=1)
-    # 0 where all components are finite, NaN where one is not: comparisons inside would make a number of it.
-    zero = graph.apply("MatMul", graph.value(INPUT), graph.tensor("zeros", np.zeros((SIZE, 2))))
+    # 0 where all components are in range, NaN where one is not: comparisons inside would make a number of it.
+    inside = graph.sqrt(1.0 + TOLERANCE - graph.abs(graph.value(INPUT)))
+    zero = graph.apply("MatMul", inside, graph.tensor("zeros", np.zeros((SIZE, 2))))
     graph.rename(graph.clip(x, -1.0, 1.0) + zero, OUTPUT)
     return graph
 
