@@ -235,6 +235,7 @@ def accept(data: Any) -> float:
 def main(arguments: list[str] | None = None) -> int:
     """Check a file; return the exit status."""
     parser = argparse.ArgumentParser(prog="python -m agents.check", description="Check the certificate of a plan.")
+    parser.add_argument("--version", action="version", version=FORMAT)
     parser.add_argument("file", type=Path, help="the certificate")
     path = parser.parse_args(arguments).file
     try:
