@@ -117,6 +117,13 @@ def _parser() -> argparse.ArgumentParser:
         help="policy file, may be repeated (default: the one that ships)",
     )
     add(
+        "--policy-sha256",
+        metavar="DIGEST",
+        action="append",
+        default=[],
+        help="SHA-256 that the policy must have, once for each --policy in their order; a .nnet file has none",
+    )
+    add(
         "--baseline",
         metavar="NAME",
         action="append",

@@ -13,7 +13,7 @@ from envs.outcome import RULES, Rules
 from eval.compare.deciders import REFERENCE, WITNESS, Comparison, Entry, baseline_entry, policy_entries
 from eval.config import FILE, MODEL, TRACKS, MonteCarloConfig
 from eval.flights.chunks import Evaluation
-from eval.runner.options import named_source
+from eval.runner.options import check_digest, named_source
 
 __all__ = ["policy_names", "prepare"]
 
@@ -30,7 +30,7 @@ def prepare(options: argparse.Namespace) -> tuple[Comparison, int]:
             ``TrackError``: a file cannot be used.
     """
     config = _config(options)
-    limits = _limits(options.policy)
+    limits = _limits(options.policy, options.policy_sha256)
     entries = _entries(options, limits, RULES)
     source, names, resolved = named_source(config, limits, "--encounters")
     evaluation = Evaluation(None, source, names, config.seed, RULES, limits)
@@ -54,12 +54,24 @@ def _config(options: argparse.Namespace) -> MonteCarloConfig:
         raise ConfigError(f"--{sentence}") from None
 
 
-def _limits(policies: Sequence[Path]) -> Limits:
-    """Return the limits of the ownship: those that the policies were trained for, which must agree."""
-    files = [path for path in policies if path.suffix != ".nnet"]
-    if policies and not files:
+def _limits(policies: Sequence[Path], digests: Sequence[str]) -> Limits:
+    """Return the limits of the ownship: those that the policies were trained for, which must agree.
+
+    Args:
+        policies: their files.
+        digests: SHA-256 that the files must have, of each one but the ``.nnet`` files, or none.
+    """
+    files = [path for path in policies if path.suffix != ".nnet"] or ([] if policies else [None])
+    if digests and len(digests) != len(files):
+        raise ConfigError(
+            f"--policy-sha256: given {len(digests)} times; expected once for each of {len(files)} policies"
+        )
+    loaded = {path: Policy.load(path) for path in files}
+    for path, digest in zip(files, digests, strict=False):
+        check_digest(path, loaded[path].sha256, digest, "--policy-sha256")
+    if not loaded:
         return SURROGATE
-    found = {path: Policy.load(path).limits for path in files or [None]}
+    found = {path: policy.limits for path, policy in loaded.items()}
     first, *others = found
     for path in others:
         if found[path] != found[first]:

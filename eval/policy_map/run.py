@@ -48,8 +48,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     headings = options.relative_heading or list(HEADINGS)
     _check(options, headings)
     from agents.policy.inference import Policy
+    from eval.runner.options import check_digest
 
     policy = Policy.load(options.policy)
+    check_digest(options.policy, policy.sha256, options.policy_sha256, "--policy-sha256")
     scenes = _scenes(options, headings, policy)
     out = options.out or Path("runs") / time.strftime("policy_map_%Y%m%d_%H%M%S")
     picture_folder.create(out)
@@ -72,6 +74,7 @@ def _parser() -> argparse.ArgumentParser:
         parser.add_argument(name, type=kind, metavar=metavar, help=help_text, **more)
 
     add("--policy", Path, "FILE", "policy file (default: the one that ships)")
+    add("--policy-sha256", str, "DIGEST", "SHA-256 that the policy must have (default: any)")
     add("--out", Path, "DIR", "folder, new or empty (default: runs/policy_map_DATE_TIME)")
     add("--own-speed", float, "M/S", "of the ownship (default: 75)", default=75.0)
     add("--intruder-speed", float, "M/S", "of the intruder (default: 75)", default=75.0)

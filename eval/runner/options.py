@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from envs.kinematics import Limits
     from eval.config import MonteCarloConfig
 
-__all__ = ["first_options", "last_options", "loaded", "named_policy", "named_source", "whole"]
+__all__ = ["check_digest", "first_options", "last_options", "loaded", "named_policy", "named_source", "whole"]
 
 Config = TypeVar("Config", bound="MonteCarloConfig")
 
@@ -98,12 +98,24 @@ def named_policy(config: "MonteCarloConfig") -> "Policy":
     from agents.policy.inference import Policy
 
     policy = Policy.load(config.policy)
-    if config.policy_sha256 not in (None, policy.sha256):
-        raise ConfigError(
-            f"policy {config.policy or 'that ships'} has SHA-256 {policy.sha256}, "
-            f"expected {config.policy_sha256} (key policy_sha256)"
-        )
+    check_digest(config.policy, policy.sha256, config.policy_sha256, "key policy_sha256")
     return policy
+
+
+def check_digest(path: Path | None, found: str, wanted: str | None, option: str) -> None:
+    """Refuse a policy that is not the expected one.
+
+    Args:
+        path: of its file; None: the one that ships.
+        found: its SHA-256.
+        wanted: the expected one; None: any.
+        option: that says so, for the message.
+
+    Raises:
+        ConfigError: they differ.
+    """
+    if wanted is not None and found != wanted.lower():
+        raise ConfigError(f"policy {path or 'that ships'} has SHA-256 {found}, expected {wanted} ({option})")
 
 
 def named_source(

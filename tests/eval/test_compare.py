@@ -236,6 +236,9 @@ def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         (["--policy", "absent.nnet"], NnetError, "absent.nnet: there is no such file"),
         (["--policy", "mvp.nnet"], NnetError, "mvp.nnet: there is no such file"),
         (["--policy", "a.nnet", "--policy", "a.nnet"], ConfigError, "a file stands twice"),
+        (["--policy-sha256", "0" * 64], ConfigError, "expected 000"),
+        (["--policy-sha256", "0" * 64] * 2, ConfigError, "given 2 times; expected once for each of 1 policies"),
+        (["--policy", "a.nnet", "--policy-sha256", "0" * 64], ConfigError, "each of 0 policies"),
     ],
 )
 def test_bad_input_is_one_sentence(tmp_path: Path, arguments: list[str], kind: type, sentence: str) -> None:

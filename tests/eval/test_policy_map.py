@@ -195,6 +195,7 @@ def test_a_run_writes_its_files_and_repeats_itself(
         (["--cells", "3"], "--cells: 3; expected 11 to 1001"),
         (["--cells", "many"], "invalid int value: 'many'"),
         (["--encounters", "0"], "--encounters: 0; expected 1 to 10000"),
+        (["--policy-sha256", "0" * 64], "expected 000"),
         (["--policy", "none.safetensors"], "none.safetensors: no such policy file"),
     ],
 )
