@@ -117,7 +117,7 @@ def identifier(name: str, value: Any) -> str:
 
     Receivers write the same 24-bit address in either case and pad it.
     """
-    if not isinstance(value, str) or not value.strip() or not value.isprintable():
+    if not isinstance(value, str) or not value.strip() or not value.strip().isprintable():
         raise FieldError(name, f"is {value!r:.60}, expected a printable name")
     if len(value.encode()) > _LONGEST_ID:
         raise FieldError(name, f"is {len(value.encode())} bytes long, expected {_LONGEST_ID} at most")

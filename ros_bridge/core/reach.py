@@ -5,6 +5,7 @@ that it cannot come near while a plan lasts is left out by its last places: each
 may have flown since, must lie beyond what both can fly until the end.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -40,6 +41,8 @@ class Reach:
     """Highest of the ownship, m/s."""
     undulation: float | None = None
     """Height of the geoid above the ellipsoid, m; None: unknown."""
+    limit: float = math.inf
+    """Distance from the ownship, m, beyond which aircraft with good reports are left out, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,16 +67,18 @@ def level(altitude: Altitude | None, age: int, undulation: float | None) -> Alti
 
 def out_of_reach(track: Track, reach: Reach) -> str | None:
     """Return why an aircraft cannot come near by any of its last places, or None."""
+    if track.last is None and any(one.sighting.place is None for one in track.sightings):
+        return None  # a second aircraft without a place may bear the name
     reasons = [_beyond(place, reach) for place in _places(track)]
     return reasons[0] if reasons and all(reasons) else None
 
 
 def _places(track: Track) -> Iterator[_Place]:
-    """Yield where the aircraft may have been: by its newest message, by its last good report, and by a rival's."""
-    sighting, fault = track.sighting, track.fault
-    if sighting is not None and sighting.place is not None and fault is not None:
-        time = fault.arrived if sighting.time is None else min(sighting.time, fault.arrived)
-        yield _Place(time, *sighting.place, FASTEST, sighting.altitude)
+    """Yield where the aircraft may have been: by unusable messages, by its last good report, and by a rival's."""
+    fault = track.fault
+    for one in track.sightings:
+        if one.sighting.place is not None:
+            yield _Place(one.time, *one.sighting.place, FASTEST, one.sighting.altitude)
     rival = () if track.rival is None else (track.rival.newest,)
     for report in (track.last, *rival):
         if report is not None:
@@ -89,7 +94,7 @@ def _beyond(place: _Place, reach: Reach) -> str | None:
     away = distance(own.latitude, own.longitude, place.latitude, place.longitude)
     since = f"{age:.1f} s ago, and cannot come near within {reach.horizon:.0f} s"
     both = place.speed * (age + reach.horizon) + reach.speed * (reach.horizon + abs(reach.now - own.time) / SECOND)
-    if away - both > reach.separation:
+    if away - both > reach.separation or away - place.speed * age > reach.limit:
         return f"was {away / 1e3:.0f} km away {since}"
     mine = level(own.altitude, reach.now - own.time, reach.undulation)
     other = level(place.altitude, reach.now - place.time, reach.undulation)

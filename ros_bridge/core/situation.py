@@ -132,7 +132,7 @@ def task(situation: Situation, now: int, settings: Settings, asked_route: Route 
     separation = options.requirement.separation + options.requirement.margin
     speed, undulation = options.limits.speed_max, situation.origin.undulation
     horizon = _latest_end(points, options)
-    reach = Reach(report, now, horizon, separation, options.vertical_filter, speed, undulation)
+    reach = Reach(report, now, horizon, separation, options.vertical_filter, speed, undulation, REACH + far)
     identifiers, intruders, excluded = _intruders(situation, frame, now, settings, alerted, reach)
     copies = [name for name, one in zip(identifiers, intruders, strict=True) if _like(own, one.state)]
     if copies:

@@ -10,13 +10,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from types import MappingProxyType
+from typing import NamedTuple
 
 from ros_bridge.core.courses import Course, begun, extended
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.geodesy import carried, distance
-from ros_bridge.core.reports import Report, Sighting
+from ros_bridge.core.reports import FASTEST, Report, Sighting
 
-__all__ = ["UNKNOWN", "Fault", "Rules", "Track", "Verdict", "forgotten", "refused", "taken"]
+__all__ = ["UNKNOWN", "Fault", "Rules", "Sighted", "Track", "Verdict", "forgotten", "refused", "taken"]
 
 
 class Verdict(Enum):
@@ -43,6 +44,9 @@ class Verdict(Enum):
 
 _OUTLIER = 2
 """Good reports in a row that show that a doubtful one was an outlier."""
+
+_MOST_SIGHTED = 8
+"""Places of unusable reports that are remembered of one name."""
 
 FAULTS = frozenset(Verdict) - {Verdict.TAKEN, Verdict.DUPLICATE, Verdict.REORDERED}
 
@@ -75,6 +79,23 @@ class Rules:
     """After so long without a report, s, any place is believed."""
 
 
+class Sighted(NamedTuple):
+    """Where a name was reported by a message that cannot be used."""
+
+    sighting: Sighting
+    arrived: int
+    """When, ns."""
+    again: bool = False
+    """Whether another such report agreed with it."""
+    since: int = 0
+    """Good reports of another place since."""
+
+    @property
+    def time(self) -> int:
+        """At which it held at the latest, ns."""
+        return self.arrived if self.sighting.time is None else min(self.sighting.time, self.arrived)
+
+
 @dataclass(frozen=True, slots=True)
 class Track:
     """One aircraft."""
@@ -91,8 +112,8 @@ class Track:
     """Reports of the course since the rival's newest."""
     shared: bool = False
     """Whether the rival was confirmed after that: two aircraft."""
-    sighting: Sighting | None = None
-    """Of the newest report, where it cannot be used otherwise."""
+    sightings: tuple[Sighted, ...] = ()
+    """Of the reports that cannot be used and that no good report explains; the newest last."""
     counts: Mapping[Verdict, int] = field(default_factory=lambda: MappingProxyType({}))
     """Of all reports."""
 
@@ -123,14 +144,15 @@ def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> tu
     ahead = (report.time - now) / SECOND
     if ahead > rules.future:
         problem = f"is {ahead:.3f} s ahead of the clock, expected {rules.future:g} s at most"
+        track = _sighted(track, _seen(report)._replace(time=None), now, rules)
         return _faulty(track, Verdict.FUTURE, f"{name}.header.stamp", problem, now), Verdict.FUTURE
     if track.rival is not None and (report.time - track.rival.newest.time) / SECOND > rules.fresh_start:
         track = replace(track, rival=None, since=0, shared=False)
     if track.course is None:
-        return _good(track, begun(report), name, now)
+        return _good(track, begun(report), name, now, rules)
     verdict, field_, problem = _compared(track.course.newest, report, rules)
     if verdict is Verdict.TAKEN:
-        return _good(replace(track, since=track.since + 1), _next(track.course, report, rules), name, now)
+        return _good(replace(track, since=track.since + 1), _next(track.course, report, rules), name, now, rules)
     if verdict in FAULTS and field_ == "position":
         return _elsewhere(track, report, name, now, rules, verdict, problem)
     if verdict in FAULTS:
@@ -138,10 +160,11 @@ def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> tu
     return replace(track, counts=_counted(track, verdict)), verdict
 
 
-def refused(track: Track, field: str, message: str, now: int, sighting: Sighting | None = None) -> Track:
+def refused(track: Track, field: str, message: str, now: int, rules: Rules, sighting: Sighting | None = None) -> Track:
     """Note that a report could not be used; ``message`` begins with ``field``."""
     fault = Fault(Verdict.INVALID, field, message, now)
-    return replace(track, fault=fault, sighting=sighting, counts=_counted(track, Verdict.INVALID))
+    track = track if sighting is None else _sighted(track, sighting, now, rules)
+    return replace(track, fault=fault, counts=_counted(track, Verdict.INVALID))
 
 
 def forgotten(tracks: Mapping[str, Track], now: int, after: float) -> tuple[dict[str, Track], tuple[str, ...]]:
@@ -154,9 +177,45 @@ def forgotten(tracks: Mapping[str, Track], now: int, after: float) -> tuple[dict
     return {name: track for name, track in tracks.items() if name not in silent}, silent
 
 
-def _good(track: Track, course: Course, name: str, now: int) -> tuple[Track, Verdict]:
+def _seen(report: Report) -> Sighting:
+    return Sighting(report.identifier, report.time, (report.latitude, report.longitude), report.altitude)
+
+
+def _sighted(track: Track, sighting: Sighting, now: int, rules: Rules) -> Track:
+    """Return the track with a sighting, which takes the place of those that may be of the same aircraft."""
+    new, kept = Sighted(sighting, now), []
+    for old in track.sightings:
+        if (now - old.arrived) / SECOND > rules.fresh_start:
+            continue
+        here, there = sighting.place, old.sighting.place
+        if here is None or there is None:
+            same = here is there
+        else:
+            reach = rules.jump_distance + FASTEST * abs(new.time - old.time) / SECOND
+            same = distance(*here, *there) <= reach
+        if same:
+            new = new._replace(again=True)
+        else:
+            kept.append(old)
+    return replace(track, sightings=(*kept[1 - _MOST_SIGHTED :], new))
+
+
+def _unexplained(track: Track, report: Report, now: int, rules: Rules) -> tuple[Sighted, ...]:
+    """Return the sightings that were elsewhere than a good report says."""
+    found = []
+    for one in track.sightings:
+        place, seconds = one.sighting.place, (one.time - report.time) / SECOND
+        if place is None or (now - one.arrived) / SECOND > rules.fresh_start:
+            continue
+        expected = carried(report.latitude, report.longitude, report.east, report.north, seconds)
+        if distance(*expected, *place) > rules.jump_distance + rules.jump_speed * abs(seconds):
+            found.append(one._replace(since=one.since + 1))
+    return tuple(found)
+
+
+def _good(track: Track, course: Course, name: str, now: int, rules: Rules) -> tuple[Track, Verdict]:
     """Return the track with a report that follows from those before it."""
-    track = replace(track, course=course, sighting=None)
+    track = replace(track, course=course, sightings=_unexplained(track, course.newest, now, rules))
     if course.contradiction:
         field_ = f"{name}.position"
         return _faulty(track, Verdict.CONTRADICTION, field_, course.contradiction, now), Verdict.CONTRADICTION
@@ -167,7 +226,10 @@ def _good(track: Track, course: Course, name: str, now: int) -> tuple[Track, Ver
         problem = f"is the name of two aircraft {apart / 1e3:.1f} km apart, expected one"
         return _faulty(track, Verdict.SHARED, f"{name}.id", problem, now), Verdict.SHARED
     # One good report after a doubtful one may be the first of two aircraft, in turns.
-    fault = track.fault if track.rival is not None and track.since < _OUTLIER else None
+    doubtful = track.rival is not None and track.since < _OUTLIER
+    # So may one after a report that cannot be used and comes from elsewhere; several of those are a second aircraft.
+    doubtful |= any(one.again or one.since < _OUTLIER for one in track.sightings)
+    fault = track.fault if doubtful else None
     return replace(track, fault=fault, counts=_counted(track, Verdict.TAKEN)), Verdict.TAKEN
 
 
@@ -180,15 +242,17 @@ def _elsewhere(
     if rival is not None:
         again, _, _ = _compared(rival.newest, report, rules)
     if rival is None or again in FAULTS:
+        if rival is not None:
+            track = _sighted(track, _seen(rival.newest), now, rules)
         track = replace(track, rival=begun(report), since=0, shared=False)
         return _faulty(track, verdict, f"{name}.position", problem, now), verdict
     if again is not Verdict.TAKEN:
         return replace(track, counts=_counted(track, again)), again
     rival = _next(rival, report, rules)
     if track.since or track.shared or verdict is Verdict.CONFLICT:
-        return _good(replace(track, rival=rival, since=0, shared=True), track.course, name, now)
+        return _good(replace(track, rival=rival, since=0, shared=True), track.course, name, now, rules)
     # Nothing came from the old place since: the aircraft is here. If the old place is reported again, there are two.
-    return _good(replace(track, rival=track.course, since=_OUTLIER, fault=None), rival, name, now)
+    return _good(replace(track, rival=track.course, since=_OUTLIER), rival, name, now, rules)
 
 
 def _compared(before: Report, report: Report, rules: Rules) -> tuple[Verdict, str, str]:

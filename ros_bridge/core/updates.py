@@ -92,7 +92,7 @@ def _track(before: Track, read: Callable[[], Report], name: str, now: int, rules
     try:
         report = read()
     except FieldError as error:
-        return refused(before, error.field, str(error), now, error.sighting)
+        return refused(before, error.field, str(error), now, rules, error.sighting)
     return taken(before, report, name, now, rules)[0]
 
 

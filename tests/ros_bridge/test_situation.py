@@ -159,7 +159,9 @@ def test_places_far_from_the_geo_reference_are_refused_or_left_out():
     assert task(heard(far, alerts=[alert("4b1a2c")]), NOW, Settings()).identifiers == ("4b1a2c",)
 
 
-@pytest.mark.parametrize(("own_id", "echo"), [("own", "own"), ("4B1A2C", "4b1a2c"), ("4b1a2c", " 4B1A2C  ")])
+@pytest.mark.parametrize(
+    ("own_id", "echo"), [("own", "own"), ("4B1A2C", "4b1a2c"), ("4b1a2c", " 4B1A2C  "), ("4b1a2c", "4B1A2C\t\n")]
+)
 def test_own_transmission_received_again_is_no_intruder(own_id: str, echo: str):
     own, copy = aircraft(0.0, 0.0, 0.0, 75.0, id=own_id), aircraft(0.0, 0.0, 0.0, 75.0, id=echo)
     assert task(heard(copy, own=own), NOW, Settings()).identifiers == ()
@@ -246,6 +248,62 @@ def test_far_reports_do_not_hide_a_near_aircraft_of_the_same_name():
         assert refusal(*silent(first, second, seconds=1.0)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.position")
     beyond = aircraft(400_000.0, 0.0, math.pi, 75.0)
     assert task(*silent(far, beyond, seconds=1.0), Settings()).identifiers == ()
+
+
+def unusable(kind: str, second: int, x: float):
+    """Return a report of an aircraft that flies westwards and lacks its velocity, or comes from ahead of the clock."""
+    time = NOW + second * SECOND
+    if kind == "no velocity":
+        return aircraft(x - 75.0 * second, 0.0, math.pi, 75.0, time=time, valid=0x01)
+    return aircraft(x - 75.0 * second, 0.0, math.pi, 75.0, time=time + 3 * SECOND)
+
+
+@pytest.mark.parametrize("kind", ["no velocity", "future"])
+@pytest.mark.parametrize("good", [True, False])
+@pytest.mark.parametrize("pattern", ["fnfnfnfnfn", "fffnfffnfffnf", "nffnffnf"])
+def test_usable_reports_do_not_hide_an_unusable_aircraft_of_the_same_name(kind: str, good: bool, pattern: str):
+    situation, refusals = heard(), []
+    for second, which in enumerate(pattern):
+        now = NOW + second * SECOND
+        if which == "n":
+            message = unusable(kind, second, 9_000.0)
+        elif good:
+            message = aircraft(60_000.0 - 75.0 * second, 0.0, math.pi, 75.0, time=now)
+        else:
+            message = unusable(kind, second, 320_000.0)
+        own = aircraft(75.0 * second, 0.0, 0.0, 75.0, id="own", time=now)
+        situation = updates.traffic(updates.ownship(situation, own, now, RULES), message, now, RULES)
+        refusals += [] if answered(situation, now) else [second]
+    # One report alone may be an outlier; from the second on there is another aircraft.
+    since = [second for second, which in enumerate(pattern) if which == "n"][1]
+    assert [second for second in refusals if second >= since] == list(range(since, len(pattern)))
+
+
+def answered(situation: Situation, now: int) -> bool:
+    try:
+        task(situation, now, Settings())
+    except Refusal:
+        return False
+    return True
+
+
+def test_unusable_report_at_the_same_place_is_no_second_aircraft():
+    situation = heard(aircraft(9_000.0, 0.0, math.pi, 75.0))
+    late = NOW + SECOND
+    situation = updates.traffic(situation, unusable("no velocity", 1, 9_000.0), late, RULES)
+    assert not answered(situation, late)
+    late += SECOND
+    good = aircraft(8_850.0, 0.0, math.pi, 75.0, time=late)
+    situation = updates.ownship(situation, aircraft(150.0, 0.0, 0.0, 75.0, id="own", time=late), late, RULES)
+    assert answered(updates.traffic(situation, good, late, RULES), late)
+
+
+def test_far_aircraft_without_velocity_is_excluded_on_long_legs_too():
+    far = aircraft(320_000.0, 0.0, math.pi, 75.0, valid=0x01)
+    situation, late = silent(far, seconds=1.0)
+    long = published(route_points(spacing=45_000.0, count=2))
+    wanted = task(updates.route(situation, long, late), late, Settings())
+    assert [one.identifier for one in wanted.excluded] == ["4b1a2c"]
 
 
 def test_msl_heights_are_comparable_with_the_undulation_only():

@@ -171,6 +171,26 @@ def test_position_that_moves_again_is_accepted_after_some_seconds():
     assert track.fault is None and track.last == report(29.0)
 
 
+@pytest.mark.parametrize("std", [(46.2, 0.0), (46.2, 5.0), (60.0, 5.0)])
+def test_frozen_position_is_a_fault_under_declared_noise_too(std: tuple[float, float]):
+    track, faulty = UNKNOWN, []
+    for second in range(60):
+        message = aircraft(0.0, 0.0, 0.0, 80.0, time=NOW + second * SECOND, valid=0xC5)
+        message.position_std, message.velocity_std = std
+        track, _ = taken(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
+        faulty.append(track.fault is not None)
+    assert faulty.index(True) <= 15 and all(faulty[faulty.index(True) :])
+
+
+@pytest.mark.parametrize("unit", [1_852.0 / 3_600.0, 3_600.0 / 1_852.0, 0.3048, 1.0 / 0.3048, 3.6, 1.0 / 3.6])
+def test_velocity_in_another_unit_is_a_fault(unit: float):
+    track = UNKNOWN
+    for second in range(12):
+        message = aircraft(80.0 * second, 0.0, 0.0, 80.0 * unit, time=NOW + second * SECOND)
+        track, _ = taken(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
+    assert track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
+
+
 @pytest.mark.parametrize("turn", [0.5 * math.pi, math.pi])
 def test_velocity_across_the_displacement_is_a_fault(turn: float):
     track = UNKNOWN
@@ -222,7 +242,7 @@ def test_any_place_is_accepted_after_a_long_silence():
 def test_silent_aircraft_is_forgotten_and_a_faulty_one_is_not():
     late = NOW + 40 * SECOND
     silent = fed(report(0.0))[0]
-    noisy = refused(silent, "it.latitude", "it.latitude is nan", late)
+    noisy = refused(silent, "it.latitude", "it.latitude is nan", late, RULES)
     fresh = replace(silent, last=report(39.0))
     kept, gone = forgotten({"a": silent, "b": noisy, "c": fresh}, late, 30.0)
     assert set(kept) == {"b", "c"}
