@@ -2,8 +2,8 @@
 
 ``icao24`` (upper or lower case), ``timestamp`` (ms), ``latitude`` and ``longitude`` (deg), ``altitude`` (ft),
 ``groundspeed`` (kt), ``track`` (deg clockwise from north) and ``vertical_rate`` (ft/min); null where a receiver had no
-value. ``onground`` is optional; reports on the ground are left out. The units are those of the form and stand nowhere
-in the file.
+value. ``onground`` (or ``on_ground``) is optional; reports on the ground are left out. The units are those of the form
+and stand nowhere in the file.
 """
 
 import math
@@ -35,6 +35,8 @@ _FIELDS: dict[str, tuple[str, float, float, float]] = {
     "vs": ("vertical_rate", FOOT / 60.0, -50_000.0, 50_000.0),
 }
 """Our names: the form's name, SI value of one unit, and the range that is accepted, in that unit."""
+
+_GROUND = frozenset(("onground", "on_ground", "onGround"))
 
 _NAMES = {key: name for key, (name, *_) in _FIELDS.items()}
 
@@ -139,7 +141,7 @@ def _airborne(source: str) -> Iterator[tuple[int, str, dict[str, Any]]]:
         name = report.get("icao24")
         if not isinstance(name, str) or not name.strip():
             raise TrackError(f"{where}, field icao24: {repr(name)[:40]}, expected an address")
-        if not _on_ground(report.get("onground"), where):
+        if not any(_on_ground(report[key], where) for key in _GROUND & report.keys()):
             yield number, _address(name), report
 
 

@@ -41,7 +41,7 @@ _EVENTS = "events_time_s_vrate_fps_turn_radps_accel_ftpss"
 _EVENT_FIELDS = {
     "time": (-_LONGEST, _LONGEST),
     "vertical rate": (-1_000.0, 1_000.0),
-    "turn rate": (-math.pi, math.pi),
+    "turn rate": (-1.0, 1.0),  # 3 is a standard turn in degrees a second
     "acceleration": (-500.0, 500.0),
 }
 

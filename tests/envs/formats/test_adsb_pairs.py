@@ -179,6 +179,12 @@ def test_aircraft_on_the_ground_do_not_fly(tmp_path: Path, value: object) -> Non
         read_adsb(path, ("aaa001", "bbb002"), (0.0, 1e10))
 
 
+@pytest.mark.parametrize("name", ["on_ground", "onGround"])
+def test_other_spellings_of_onground_are_read(tmp_path: Path, name: str) -> None:
+    one, two = meeting(47.0, 8.0)
+    assert found(reports_file(tmp_path, one, [{**report, name: 1} for report in two])) == []
+
+
 @pytest.mark.parametrize("value", [False, 0, 0.0, "false", None])
 def test_aircraft_not_on_the_ground_fly(tmp_path: Path, value: object) -> None:
     one, two = meeting(47.0, 8.0)
