@@ -84,8 +84,9 @@ def test_time_to_loss_is_what_stepping_along_the_course_finds(x, y, vx, vy, z, v
     path = Relative(x + vx * times, y + vy * times, vx + 0 * times, vy + 0 * times, z + vz * times, vz + 0 * times)
     square = path.x**2 + path.y**2
     closing = path.x * vx + path.y * vy
-    # Straight from the definitions of the standard.
-    tau = np.where(closing < 0.0, (volume.horizontal**2 - square) / np.where(closing < 0.0, closing, 1.0), np.inf)
+    # Straight from the definitions of the standard; a rate next to zero gives an infinite time.
+    with np.errstate(over="ignore"):
+        tau = np.where(closing < 0.0, (volume.horizontal**2 - square) / np.where(closing < 0.0, closing, 1.0), np.inf)
     cpa = np.maximum(-closing / max(vx * vx + vy * vy, 1e-12), 0.0)
     miss = np.hypot(path.x + vx * cpa, path.y + vy * cpa)
     inside = square <= volume.horizontal**2
