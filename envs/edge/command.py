@@ -86,7 +86,7 @@ def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
         status = _run(main)
         sys.stdout.flush()
     except InputError as problem:
-        status = _say(str(problem), 2)
+        status = _say(str(problem), 1 if _disk_full(problem) else 2)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         status = 130
@@ -111,6 +111,15 @@ def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
         words = next(text for kind, text in what.items() if isinstance(problem, kind))
         status = _say(f"{words}: {str(problem) or type(problem).__name__}, {_place(problem)}", 1)
     sys.exit(status)
+
+
+def _disk_full(problem: BaseException | None) -> bool:
+    """Return whether an error, or one that it came from, says so."""
+    while problem is not None:
+        if isinstance(problem, OSError) and problem.errno == errno.ENOSPC:
+            return True
+        problem = problem.__cause__ or problem.__context__
+    return False
 
 
 def _run(main: Callable[[], int | None] | str) -> int:

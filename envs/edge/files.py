@@ -89,4 +89,4 @@ def check_space(folder: Path, needed: int, what: str) -> None:
     if disk.total and disk.free < needed:
         raise ConfigError(
             f"--out {folder}: {disk.free / 1e6:.1f} MB are free there, expected about {needed / 1e6:.1f} MB for {what}"
-        )
+        ) from OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

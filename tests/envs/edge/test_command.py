@@ -32,7 +32,9 @@ def parser() -> Parser:
 
 
 def program(body: str, *arguments: str, before: str = "") -> subprocess.CompletedProcess[str]:
-    text = f"from envs.edge.command import *\n{before}\ndef main():\n    {body}\nrun_cli(main)"
+    text = (
+        f"from pathlib import Path\nfrom envs.edge.command import *\n{before}\ndef main():\n    {body}\nrun_cli(main)"
+    )
     command = [sys.executable, "-c", text, *arguments]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
 
@@ -66,6 +68,13 @@ def test_an_option_may_be_given_once_in_every_parse():
         ("raise OverflowError('int too large')", 1, "error: a number too large: int too large"),
         ("main()", 1, "error: nested too deeply"),
         ("raise OSError(28, 'No space left on device', 'runs/x.png')", 1, "error: runs/x.png: No space left"),
+        ("raise ConfigError('x.csv: full') from OSError(28, 'No space left')", 1, "error: x.csv: full"),
+        ("raise ConfigError('x.csv: no') from OSError(13, 'Permission denied')", 2, "error: x.csv: no"),
+        (
+            "from envs.edge.files import check_space; check_space(Path('/tmp/x'), 10**18, 'a file')",
+            1,
+            "error: --out /tmp/x: ",
+        ),
         ("import pyarrow_ as x", 1, "Traceback"),
         ("1 / 0", 1, "Traceback"),
     ],
