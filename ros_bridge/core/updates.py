@@ -15,10 +15,14 @@ __all__ = ["alert", "geo_reference", "ownship", "reset", "route", "traffic"]
 
 
 def ownship(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
-    """Take in an AircraftState of the ownship; ``now`` in ns. Its transmission, received as traffic before, goes."""
+    """Take in an AircraftState of the ownship; ``now`` in ns.
+
+    With the first one of an id, its transmission, received as traffic before, goes.
+    """
     own = _track(situation.own, lambda: conversions.aircraft(message, "ownship"), "ownship", now, rules)
-    traffic = situation.traffic
-    echo = None if own.last is None else traffic.get(own.last.identifier)
+    traffic, before = situation.traffic, situation.own.last
+    new = own.last is not None and (before is None or before.identifier != own.last.identifier)
+    echo = traffic.get(own.last.identifier) if own.last is not None and new else None
     if own.last is not None and echo is not None:
         last = echo.last
         if last is None or _near(own.last, (last.latitude, last.longitude), last.time, rules):

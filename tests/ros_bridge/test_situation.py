@@ -250,6 +250,17 @@ def test_far_reports_do_not_hide_a_near_aircraft_of_the_same_name():
     assert task(*silent(far, beyond, seconds=1.0), Settings()).identifiers == ()
 
 
+def test_fault_of_an_aircraft_under_the_own_id_holds():
+    situation, faulty = heard(), []
+    for second in range(30):
+        now = NOW + second * SECOND
+        own = aircraft(75.0 * second, 0.0, 0.0, 75.0, id="own", time=now)
+        frozen = aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=now)
+        situation = updates.traffic(updates.ownship(situation, own, now, RULES), frozen, now, RULES)
+        faulty.append(not answered(situation, now))
+    assert True in faulty and all(faulty[faulty.index(True) :])
+
+
 def unusable(kind: str, second: int, x: float):
     """Return a report of an aircraft that flies westwards and lacks its velocity, or comes from ahead of the clock."""
     time = NOW + second * SECOND
