@@ -1,4 +1,4 @@
-"""The Gymnasium environment under its public name, ``envs.gymnasium_env:rlcas/Deconfliction-v0`` (:mod:`envs.gym`)."""
+"""The Gymnasium environment under its public name, ``envs.gymnasium_env:rlcas/Deconfliction-v0`` (``envs.gym``)."""
 
 from envs.gym.gymnasium_env import ENV_ID, DeconflictionEnv
 

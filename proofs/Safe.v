@@ -365,8 +365,8 @@ Proof.
     destruct (speeds_met _ _ _ _ _ _ _ _ _ _ _ _ C) as [join _].
     generalize (Rabs_pos (speed B - own_speed)); lra. }
   split; [|split; [|split]].
-  - intros i who away.
-    destruct (parts_pass _ _ _ _ _ _ _ _ _ _ _ _ C A i member who) as [ends pass].
+  - intros i member_k away.
+    destruct (parts_pass _ _ _ _ _ _ _ _ _ _ _ _ C A i member member_k) as [ends pass].
     destruct (parts_cover _ _ _ _ t pass) as [b [e [from [order [until [at_ test]]]]]]; [lra|exact now|].
     assert (enough := part_safe r A i away slip eps b e t (sigmas_pos _ _ _ _ _ _ _ _ _ _ _ _ C)).
     assert (kept : owes r i away t - eps <= distance A i t) by (apply enough; try assumption; lra).

@@ -1,4 +1,4 @@
-"""What a run-time monitor remembers and decides; see :mod:`agents.assurance`."""
+"""What a run-time monitor remembers and decides; see ``agents.assurance``."""
 
 from enum import IntEnum
 from typing import Any, NamedTuple

@@ -9,7 +9,7 @@ history keeps from then on. With u held over a time step it obeys
 (as the step shrinks, the Hamilton-Jacobi equation min{ distance - V, max over u of grad V . f } = 0). It is iterated
 from above until it stays. A turn at full rate and the strongest acceleration change heading and speed by one node a
 step, so that position alone is interpolated, bilinearly. That overestimates where V is convex; holding u over a step
-underestimates. Both errors vanish with the grid, which :mod:`eval.boundary` measures by halving it.
+underestimates. Both errors vanish with the grid, which ``eval.boundary`` measures by halving it.
 """
 
 import math
