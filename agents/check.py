@@ -239,6 +239,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("file", type=Path, help="the certificate")
     path = parser.parse_args(arguments).file
     try:
+        demand(path.is_file() or not path.exists(), "not a regular file")
         data = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError) as problem:
         print(f"{path}: cannot be read as JSON: {problem}", file=sys.stderr)

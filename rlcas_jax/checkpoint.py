@@ -20,7 +20,7 @@ from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 from envs.edge.command import InputError
-from envs.edge.files import write_file
+from envs.edge.files import check_regular, write_file
 
 __all__ = ["CheckpointError", "latest", "meta", "restore", "restore_part", "save"]
 
@@ -187,6 +187,7 @@ def _digest(tensors: Mapping[str, np.ndarray], meta: str) -> str:
 def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Return a checkpoint's arrays and meta data after checking that it is whole."""
     try:
+        check_regular(path)
         content = path.read_bytes()
         tensors = load_tensors(content)
         length = int.from_bytes(content[:8], "little")

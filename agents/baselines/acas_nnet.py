@@ -25,6 +25,7 @@ import numpy as np
 from agents.baselines.baselines import Sight, checked, course_to_goal, may_return, steered
 from envs.angles import wrap
 from envs.edge.command import InputError
+from envs.edge.files import check_regular
 from envs.kinematics import SURROGATE, Limits
 from envs.observation import CRITICAL_RADIUS, most_critical
 
@@ -202,6 +203,7 @@ class _Lines:
     def __init__(self, source: str) -> None:
         self._source, self._number = source, 0
         try:
+            check_regular(source)
             self._lines = Path(source).read_text(encoding="utf-8-sig").splitlines()
         except FileNotFoundError:
             raise NnetError(f"{source}: there is no such file") from None

@@ -27,7 +27,7 @@ from agents.policy.schema import (
     digest,
     tensor_shapes,
 )
-from envs.edge.files import write_file
+from envs.edge.files import check_regular, write_file
 from envs.kinematics import Limits
 
 __all__ = [
@@ -121,6 +121,7 @@ def read(path: str | os.PathLike[str]) -> PolicyFile:
 def claims(path: str | os.PathLike[str]) -> bool:
     """Return whether a file says of itself that it is a policy, damaged or not; False where it cannot be read."""
     try:
+        check_regular(path)
         with safe_open(path, "np") as tensors:
             return _KEY in (tensors.metadata() or {})
     except (OSError, SafetensorError):

@@ -4,6 +4,7 @@ import ast
 import copy
 import json
 import math
+import os
 import pickle
 import subprocess
 import sys
@@ -213,7 +214,8 @@ def test_command_says_what_it_found(data: dict[str, Any], tmp_path: Path) -> Non
     # Alone in a directory, without the rest of the project.
     alone = tmp_path / "check.py"
     alone.write_text(Path(check.__file__).read_text(encoding="utf-8"), encoding="utf-8")
-    for arguments, status in (([good], 0), ([bad], 1), ([torn], 2), ([tmp_path / "none"], 2), ([], 2)):
+    os.mkfifo(pipe := tmp_path / "pipe")
+    for arguments, status in (([good], 0), ([bad], 1), ([torn], 2), ([pipe], 2), ([tmp_path / "none"], 2), ([], 2)):
         done = subprocess.run([sys.executable, "-I", alone, *arguments], capture_output=True, text=True, check=False)
         assert done.returncode == status, done.stderr
         assert "Traceback" not in done.stderr

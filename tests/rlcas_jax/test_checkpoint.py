@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from rlcas_jax.checkpoint import CheckpointError, latest, restore, save
+from agents.policy.file import claims
+from rlcas_jax.checkpoint import CheckpointError, latest, restore, restore_part, save
 from rlcas_jax.checkpoint import meta as stored_meta
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -116,6 +117,13 @@ def test_a_damaged_checkpoint_is_passed_over_with_a_warning(
         assert latest(tmp_path) == good
     assert "not a whole checkpoint" in caplog.text
     assert "taking the one before it" in caplog.text
+
+
+def test_a_named_pipe_is_no_checkpoint(tmp_path: Path):
+    os.mkfifo(pipe := tmp_path / "checkpoint-1.safetensors")
+    assert not claims(pipe)
+    with pytest.raises(CheckpointError, match="not a regular file"):
+        restore_part(pipe, tree(), "learner")
 
 
 def test_nothing_to_resume_from_is_an_error(tmp_path: Path):

@@ -1,6 +1,7 @@
 """Networks in the .nnet format are read exactly or refused with file and line, and flown as logics."""
 
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -93,6 +94,9 @@ def test_what_is_no_text_or_no_file(tmp_path: Path) -> None:
         read(tmp_path / "binary.nnet")
     with pytest.raises(NnetError, match="there is no such file"):
         read(tmp_path / "absent.nnet")
+    os.mkfifo(tmp_path / "pipe.nnet")
+    with pytest.raises(NnetError, match="not a regular file"):
+        read(tmp_path / "pipe.nnet")
     with pytest.raises(NnetError, match="2 inputs and 2 outputs, expected 3 "):
         load_logic(written(tmp_path, SMALL))
 
