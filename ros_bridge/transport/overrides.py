@@ -46,6 +46,8 @@ def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None
     for flag, value in itertools.pairwise(arguments):
         sections, where = [], value
         if flag == "--params-file":
+            if Path(value).exists() and not Path(value).is_file():
+                raise ValueError(f"{value} is not a regular file, expected a parameter file")
             try:
                 sections = list(_sections(Path(value).read_text(encoding="utf-8")))
             except (OSError, UnicodeDecodeError, yaml.YAMLError):

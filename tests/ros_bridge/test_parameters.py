@@ -1,6 +1,7 @@
 """Parameters: the docs name those that are declared, and nothing else can be given."""
 
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,12 @@ def test_parameter_file_for_an_unknown_node_is_refused(tmp_path: Path, text: str
         return
     with pytest.raises(ValueError, match=f"parameters for {wrong}, which is no node; the nearest is rlcas_"):
         refuse_unknown_nodes(arguments, names)
+
+
+def test_a_named_pipe_is_no_parameter_file(tmp_path: Path):
+    os.mkfifo(pipe := tmp_path / "pipe.yaml")
+    with pytest.raises(ValueError, match="not a regular file"):
+        refuse_unknown_nodes(["--ros-args", "--params-file", str(pipe)], [])
 
 
 def test_argument_for_an_unknown_node_is_refused():
