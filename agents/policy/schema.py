@@ -54,6 +54,7 @@ ACTION = {
 
 PARITY_OBSERVATION, PARITY_ACTION = "parity/observation", "parity/action"
 
+_LEAST_YAW_RATE = 1e-4  # rad/s; less leaves the arithmetic of doubles
 _MAX_LAYERS, _MAX_WIDTH = 8, 4096
 _MAX_WEIGHT = 1e4  # sums of so large weights stay finite whatever the widths
 # Every field of the metadata and its type; a nested dict is an object with exactly these fields.
@@ -159,11 +160,11 @@ def check_metadata(document: Any, source: str) -> None:
         0.0 <= limits.speed_min < limits.speed_max <= FASTEST.speed_max
         and FASTEST.acceleration_min <= limits.acceleration_min < 0.0 < limits.acceleration_max
         and limits.acceleration_max <= FASTEST.acceleration_max
-        and 0.0 < limits.yaw_rate_max <= FASTEST.yaw_rate_max
+        and _LEAST_YAW_RATE <= limits.yaw_rate_max <= FASTEST.yaw_rate_max
     ):
         raise PolicyFileError(
             f"{source}: metadata.limits are {_brief(document['limits'])}, which no vehicle has; expected "
-            f"speed_min below speed_max, and none beyond {tuple(FASTEST)}"
+            f"speed_min below speed_max, a yaw rate of at least {_LEAST_YAW_RATE}, and none beyond {tuple(FASTEST)}"
         )
 
     training = document["training"]

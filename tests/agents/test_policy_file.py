@@ -230,6 +230,7 @@ def at(path, value):
         ("limits.acceleration_max", 21.0, "which no vehicle has"),
         ("limits.acceleration_min", -21.0, "which no vehicle has"),
         ("limits.yaw_rate_max", 1e308, "which no vehicle has"),
+        ("limits.yaw_rate_max", 1e-300, "which no vehicle has"),
         ("limits.yaw_rate_max", KeyError, "metadata.limits lacks yaw_rate_max"),
         ("limits.colour", 1.0, "metadata.limits has unexpected 'colour'"),
         ("architecture.hidden", [], r"metadata\.architecture\.hidden is \[\]"),
