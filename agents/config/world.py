@@ -60,7 +60,7 @@ class VehicleConfig(Strict):
     acceleration_max_mps2: float = Field(default=SURROGATE.acceleration_max, gt=0.0, le=FASTEST.acceleration_max)
     """Strongest acceleration, m/s^2."""
     yaw_rate_max_deg_s: float = Field(
-        default=_degrees(SURROGATE.yaw_rate_max), gt=0.0, le=_degrees(FASTEST.yaw_rate_max)
+        default=_degrees(SURROGATE.yaw_rate_max), ge=0.01, le=_degrees(FASTEST.yaw_rate_max)
     )
     """Largest turn rate to either side, deg/s."""
 

@@ -53,6 +53,10 @@ def test_a_vehicle_is_found_in_the_working_directory(tmp_path: Path, monkeypatch
             "--set: vehicle.acceleration_min_mps2 is 0.5; expected a number at least -20 and below 0",
         ),
         (
+            "{yaw_rate_max_deg_s: 1e-300}",
+            "--set: vehicle.yaw_rate_max_deg_s is 1e-300; expected a number at least 0.01 and at most 57",
+        ),
+        (
             "{yaw_rate_max: 3}",
             "--set: vehicle.yaw_rate_max is unknown (its value is 3); did you mean vehicle.yaw_rate_max_deg_s?",
         ),
