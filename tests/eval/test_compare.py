@@ -206,7 +206,7 @@ def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     summary = json.loads((out / "summary.json").read_text())
     assert summary["encounters"] + len(summary["left_out"]) == 50
     assert summary["resolvable_rate"]["total"] == summary["encounters"]
-    assert summary["repairs"] == {"not_finite": 0, "out_of_order": 0, "filled": 0, "stale": 0}
+    assert not any(summary["repairs"].values())
     rates = {row["name"]: row["success_rate"]["value"] for row in summary["entries"]}
     assert rates["none"] < 0.5
     assert rates["mvp_speed"] > 0.8
