@@ -4,7 +4,6 @@ import contextlib
 import importlib
 import json
 import os
-import resource
 import shutil
 import signal
 import socket
@@ -188,13 +187,12 @@ def test_a_disk_that_fills_ends_the_run_with_one_sentence(cluster: Processes, al
     out = tmp_path / "full"
     command = [sys.executable, "-m", "eval.monte_carlo", "--config", str(alone / "config.yaml"), "--out", str(out)]
     done = subprocess.run(
-        [*command, "--scheduler", cluster.address],
+        # No file may grow beyond what the configuration takes, KiB, as on a disk that is full.
+        ["bash", "-c", 'ulimit -f 6; exec "$@"', "-", *command, "--scheduler", cluster.address],
         cwd=ROOT,
         capture_output=True,
         text=True,
         check=False,
-        # No file may grow beyond what the configuration takes, as on a disk that is full.
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (6_000, 6_000)),
     )
     assert done.returncode == 1, done.stderr
     problem, advice = done.stderr.splitlines()[-2:]
