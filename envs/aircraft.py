@@ -1,0 +1,142 @@
+"""The aircraft: what it can do, which separation it must keep, and the units in which all aircraft are alike.
+
+Lengths in required separations D, speeds in ``speed_max`` and times in D / ``speed_max``: two aircraft with the same
+four :class:`Ratios` fly the same encounters, scaled. Everything that a rule, a scenario or an observation needs as a
+number follows from here.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from envs.edge.command import InputError
+from envs.kinematics import FASTEST, Limits
+from envs.outcome import Rules
+
+__all__ = ["PAPER", "Aircraft", "AircraftError", "Ratios", "new_aircraft", "ratios"]
+
+_STEPS = 300
+"""Time steps until a route counts as missed: 30 D / speed_max of 0.1 D / speed_max each (paper: 300 s of 1 s)."""
+
+_TRAFFIC = 1.5
+"""Greatest speed of the traffic, in greatest speeds of the ownship (paper: 150 of 100 m/s)."""
+
+
+class AircraftError(InputError):
+    """An aircraft that cannot be; the message names the number and what was expected."""
+
+
+class Aircraft(NamedTuple):
+    """An aircraft and its task; floats, so that they can be data of a compiled function."""
+
+    limits: Limits
+    separation: Any
+    """Required horizontal separation D, m."""
+    goal_radius: Any
+    """Distance from the goal at which the ownship has rejoined its route, m."""
+    traffic_speed_max: Any
+    """Greatest speed of the traffic, m/s."""
+    dt: Any
+    """Time step of decisions, s."""
+    t_max: Any
+    """Duration after which the route counts as missed, s; a whole number of steps."""
+
+    @property
+    def time_unit(self) -> Any:
+        """D / ``speed_max``, s."""
+        return self.separation / self.limits.speed_max
+
+    def rules(self) -> Rules:
+        """Return the rules of an encounter, with the paper's rewards."""
+        return Rules(self.dt, self.t_max, self.separation, self.goal_radius)
+
+
+class Ratios(NamedTuple):
+    """The limits without dimension; floats or ``[...]``."""
+
+    speed_min: Any
+    """In ``speed_max``."""
+    acceleration_min: Any
+    """In ``speed_max``^2 / D, negative."""
+    acceleration_max: Any
+    turn_radius: Any
+    """Of the circle at ``speed_max`` and the greatest yaw rate, in D."""
+
+
+def ratios(limits: Limits, separation: Any) -> Ratios:
+    """Return the limits (floats or ``[...]``) in units of the separation (m) and of the greatest speed."""
+    unit = separation / (limits.speed_max * limits.speed_max)
+    return Ratios(
+        limits.speed_min / limits.speed_max,
+        limits.acceleration_min * unit,
+        limits.acceleration_max * unit,
+        limits.speed_max / (limits.yaw_rate_max * separation),
+    )
+
+
+def new_aircraft(
+    limits: Limits,
+    separation: float,
+    *,
+    goal_radius: float | None = None,
+    traffic_speed_max: float | None = None,
+    dt: float | None = None,
+    t_max: float | None = None,
+) -> Aircraft:
+    """Return an aircraft; what is not given follows from its limits and its separation.
+
+    Args:
+        limits: floats, SI.
+        separation: m.
+        goal_radius: m; half the separation.
+        traffic_speed_max: m/s; 1.5 ``speed_max``.
+        dt: s; a tenth of the time unit, of two digits.
+        t_max: s; 300 time steps.
+
+    Raises:
+        AircraftError: a number is not finite or out of range, or two contradict each other.
+    """
+    limits = Limits(*map(float, limits))
+    for name, value in (*limits._asdict().items(), ("separation", separation)):
+        if not math.isfinite(value):
+            raise AircraftError(f"{name} is {value}; expected a finite number")
+    if not 0.0 <= limits.speed_min < limits.speed_max <= FASTEST.speed_max:
+        raise AircraftError(
+            f"speed_min and speed_max are {limits.speed_min:g} and {limits.speed_max:g} m/s; expected "
+            f"0 <= speed_min < speed_max <= {FASTEST.speed_max:g}"
+        )
+    for name, low, value, high in (
+        ("acceleration_min", FASTEST.acceleration_min, limits.acceleration_min, -1e-4),
+        ("acceleration_max", 1e-4, limits.acceleration_max, FASTEST.acceleration_max),
+        ("yaw_rate_max", 1e-4, limits.yaw_rate_max, FASTEST.yaw_rate_max),
+        ("separation", 1.0, separation, 1e6),
+    ):
+        if not low <= value <= high:
+            raise AircraftError(f"{name} is {value:g}; expected {low:g} to {high:g}")
+    given = Aircraft(
+        limits,
+        float(separation),
+        0.5 * separation if goal_radius is None else float(goal_radius),
+        _TRAFFIC * limits.speed_max if traffic_speed_max is None else float(traffic_speed_max),
+        float(f"{0.1 * separation / limits.speed_max:.1e}") if dt is None else float(dt),
+        0.0,
+    )
+    given = given._replace(t_max=_STEPS * given.dt if t_max is None else float(t_max))
+    for name, value in given._asdict().items():
+        if name != "limits" and not (math.isfinite(value) and value > 0.0):
+            raise AircraftError(f"{name} is {value:g}; expected a finite number above 0")
+    if given.goal_radius > given.separation:
+        raise AircraftError(
+            f"goal_radius is {given.goal_radius:g} m; expected at most the separation, {given.separation:g} m"
+        )
+    if limits.yaw_rate_max * given.dt > 1.0:
+        raise AircraftError(
+            f"yaw_rate_max is {limits.yaw_rate_max:g} rad/s with a time step of {given.dt:g} s; expected at most "
+            "1 rad in a step"
+        )
+    if abs(given.t_max / given.dt - round(given.t_max / given.dt)) > 1e-6:
+        raise AircraftError(f"t_max is {given.t_max:g} s; expected a whole number of time steps of {given.dt:g} s")
+    return given
+
+
+PAPER = new_aircraft(Limits(50.0, 100.0, -0.5, 0.5, math.radians(3.0)), 1_000.0)
+"""The paper's aircraft and task (its tables of limits, simulation parameters and reward)."""
