@@ -5,7 +5,7 @@ array overhead would cost ten times its arithmetic (the planner rolls hundreds o
 """
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from math import isfinite
 from typing import Any, NoReturn
@@ -15,9 +15,11 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from agents.policy.features import features, mirror_sign
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read
+from envs.aircraft import PAPER, Aircraft
+from envs.angles import sincos, wrap
 from envs.backend import FLOATS
-from envs.kinematics import Limits
-from envs.observation import NAMES, SIZE
+from envs.kinematics import Limits, VehicleState
+from envs.observation import CRITICAL_RADIUS, NAMES, SIZE, criticality, most_critical, observe
 
 __all__ = ["PARITY_TOLERANCE", "TOLERANCE", "Policy"]
 
@@ -32,6 +34,7 @@ TOLERANCE = 1e-5
 _SHIPPED = "data/policy.safetensors"
 _BOUND = 1.0 + TOLERANCE
 _NOT_FINITE = "the policy gives an action that is not finite; expected bounded weights"
+_BEHIND = 20_000.0  # m
 _BLOCK = 256  # rows at a time, whose activations stay in cache; changes no bit
 
 
@@ -44,12 +47,14 @@ class Policy:
     Attributes:
         sha256: digest of the policy file.
         metadata: of the policy file (docs/reference/policy-file.md).
-        limits: of the vehicle that the policy was trained for.
+        aircraft: that the policy was trained for, and
+        limits: of it.
         dtype: in which the network is evaluated.
     """
 
     sha256: str
     metadata: Mapping[str, Any]
+    aircraft: Aircraft
     limits: Limits
     dtype: np.dtype[Any]
 
@@ -71,6 +76,7 @@ class Policy:
         self.sha256 = content.sha256
         self.metadata = content.metadata
         self.limits = content.limits
+        self.aircraft = PAPER._replace(limits=content.limits)
         self._feature_set = content.feature_set
         self._layers = _layers(content, self.dtype)
         # In float64 so that a difference is one of meaning, never of rounding.
@@ -113,6 +119,54 @@ class Policy:
             return np.empty((*array.shape[:-1], 2), self.dtype)
         actions = _forward(array.reshape(-1, SIZE), self._layers, self._feature_set)
         return actions.reshape(*array.shape[:-1], 2)
+
+    def command(
+        self, own: VehicleState, intruders: VehicleState, present: ArrayLike, goal_x: Any, goal_y: Any
+    ) -> np.ndarray:
+        """Return the actions ``[..., 2]``, float64; every row has the same bits in any company.
+
+        Args:
+            own: SI, fields ``[...]``.
+            intruders: fields ``[..., K]``; of absent ones anything finite.
+            present: which of them exist, bool ``[..., K]``.
+            goal_x, goal_y: m, ``[...]``.
+
+        Raises:
+            ValueError: a shape is wrong, or a number is not finite.
+        """
+        own = VehicleState(*(np.asarray(field, float) for field in own))
+        shape = own.x.shape
+        present = np.asarray(present, bool)
+        if present.shape[:-1] != shape or present.ndim != len(shape) + 1:
+            raise ValueError(f"present has shape {present.shape}, expected [*{shape}, K]")
+        seen = VehicleState(*(np.broadcast_to(np.asarray(field, float), present.shape) for field in intruders))
+        if not present.any(axis=-1).all():
+            seen, present = _never_alone(own, seen, present)
+        chosen = most_critical(own, seen, present, CRITICAL_RADIUS, np)
+        observation = observe(own, chosen, np.asarray(goal_x, float), np.asarray(goal_y, float), np)
+        actions = self.rowwise(observation.reshape(-1, SIZE).astype(np.float32)).astype(float)
+        return actions.reshape(*shape, 2)
+
+    def command_one(
+        self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
+    ) -> tuple[float, float]:
+        """Return the action of one aircraft in plain floats: the fast path of a step-by-step rollout.
+
+        Args:
+            own: SI, floats.
+            intruders: those that exist, none or more.
+            goal_x, goal_y: m.
+
+        Raises:
+            ValueError: a number is not finite.
+        """
+        if len(intruders) == 1:
+            other = intruders[0]
+        elif intruders:
+            other = min(intruders, key=lambda one: criticality(own, one, CRITICAL_RADIUS, FLOATS))
+        else:
+            other = _absent(own, FLOATS)
+        return self.decide(observe(own, other, goal_x, goal_y, FLOATS))
 
     def decide(self, observation: list[float]) -> tuple[float, float]:
         """Return the action for one observation as plain floats: the fast path of a step-by-step rollout.
@@ -188,6 +242,23 @@ class Policy:
         if not (isfinite(throttle) and isfinite(steering)):
             raise ValueError(_NOT_FINITE)
         return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
+
+
+def _absent(own: VehicleState, xp: Any) -> VehicleState:
+    """Return an intruder without effect: as far behind as an observation can say, flying away."""
+    sine, cosine = sincos(own.heading, xp)
+    away = wrap(own.heading + np.pi, xp)
+    return VehicleState(own.x - _BEHIND * cosine, own.y - _BEHIND * sine, away, own.speed * 0.0 + 50.0)
+
+
+def _never_alone(own: VehicleState, seen: VehicleState, present: np.ndarray) -> tuple[VehicleState, np.ndarray]:
+    """Return intruders ``[..., K]`` and which exist, with one without effect where there was none."""
+    behind = _absent(own, np)
+    if present.shape[-1] == 0:
+        return VehicleState(*(field[..., None] for field in behind)), np.ones((*own.x.shape, 1), bool)
+    alone = ~present.any(axis=-1, keepdims=True)
+    fields = (np.where(alone, other[..., None], field) for field, other in zip(seen, behind, strict=True))
+    return VehicleState(*fields), present | alone
 
 
 _Layers = list[tuple[np.ndarray, np.ndarray]]

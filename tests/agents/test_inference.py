@@ -22,7 +22,7 @@ from agents.policy.file import PolicyFileError, write
 from agents.policy.inference import PARITY_TOLERANCE, Policy
 from envs import surrogate
 from envs.encounters import scenario
-from envs.kinematics import SURROGATE
+from envs.kinematics import SURROGATE, VehicleState
 from envs.observation import NAMES
 from envs.outcome import RULES
 
@@ -325,3 +325,30 @@ def test_single_path_is_checked_too(monkeypatch):
     monkeypatch.setattr(Policy, "decide", lambda *_: (0.0, 0.0))
     with pytest.raises(PolicyFileError, match="one by one"):
         Policy(content())
+
+
+def scenes(count=40, most=3):
+    """Return own states, intruders, their mask and goals."""
+    rng = np.random.default_rng(5)
+    shape = (count, most)
+    own = VehicleState(*rng.uniform(-1e3, 1e3, (2, count)), rng.uniform(-3, 3, count), rng.uniform(50, 100, count))
+    others = VehicleState(*rng.uniform(-8e3, 8e3, (2, *shape)), rng.uniform(-3, 3, shape), rng.uniform(50, 100, shape))
+    return own, others, rng.random(shape) < 0.7, *rng.uniform(-9e3, 9e3, (2, count))
+
+
+def test_command_of_one_is_that_of_many():
+    own, others, present, goal_x, goal_y = scenes()
+    together = policy().command(own, others, present, goal_x, goal_y)
+    for row in range(len(goal_x)):
+        alone = policy().command(*(VehicleState(*(f[row : row + 1] for f in s)) for s in (own, others)),
+                                 present[row : row + 1], goal_x[row : row + 1], goal_y[row : row + 1])  # fmt: skip
+        np.testing.assert_array_equal(alone[0], together[row])
+        seen = [VehicleState(*(float(f[row, k]) for f in others)) for k in np.flatnonzero(present[row])]
+        one = policy().command_one(VehicleState(*(float(f[row]) for f in own)), seen, goal_x[row], goal_y[row])
+        np.testing.assert_allclose(one, together[row], atol=1e-3)
+
+
+def test_command_refuses_a_mask_of_another_shape():
+    own, others, present, goal_x, goal_y = scenes()
+    with pytest.raises(ValueError, match="present"):
+        policy().command(own, others, present[:, 0], goal_x, goal_y)
