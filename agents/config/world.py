@@ -13,11 +13,12 @@ from pydantic import Field, ValidationInfo, field_validator, model_serializer, m
 
 from agents.config.keys import nearest
 from agents.config.load import ConfigError, Strict, load
+from envs.aircraft import PAPER, Aircraft, new_aircraft
 from envs.encounters import SCENARIOS, Scenario
 from envs.kinematics import FASTEST, SURROGATE, Limits
 from envs.outcome import RULES, Rules
 
-__all__ = ["RulesConfig", "ScenarioConfig", "VehicleConfig", "check_own_speed"]
+__all__ = ["AircraftConfig", "RulesConfig", "ScenarioConfig", "VehicleConfig", "check_own_speed"]
 
 
 class RulesConfig(Strict):
@@ -90,6 +91,40 @@ class VehicleConfig(Strict):
             self.acceleration_min_mps2,
             self.acceleration_max_mps2,
             math.radians(self.yaw_rate_max_deg_s),
+        )
+
+
+class AircraftConfig(VehicleConfig):
+    """The ownship and its task, inline or as the path of a file such as `configs/aircraft/uas.yaml`.
+
+    A path is looked for beside the configuration file first and then in the working directory.
+    """
+
+    separation_m: float = Field(default=PAPER.separation, ge=1.0, le=1e6)
+    """Required horizontal separation, m: an encounter is lost below it."""
+    goal_radius_m: float | None = Field(default=None, gt=0.0)
+    """Distance from the goal at which it counts as reached, m; null: half the separation."""
+    traffic_speed_max_mps: float | None = Field(default=None, gt=0.0)
+    """Highest speed of the intruders, m/s; null: 1.5 times the ownship's."""
+    dt_s: float | None = Field(default=None, gt=0.0)
+    """Time step of decisions, s; null: a tenth of the separation at the highest speed, with two digits."""
+    t_max_s: float | None = Field(default=None, gt=0.0)
+    """Time after which the goal counts as missed, s, a whole number of time steps; null: 300 of them."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "AircraftConfig":
+        self.aircraft()
+        return self
+
+    def aircraft(self) -> Aircraft:
+        """Return the aircraft as the world's functions take it."""
+        return new_aircraft(
+            self.limits(),
+            self.separation_m,
+            goal_radius=self.goal_radius_m,
+            traffic_speed_max=self.traffic_speed_max_mps,
+            dt=self.dt_s,
+            t_max=self.t_max_s,
         )
 
 

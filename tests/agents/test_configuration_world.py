@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from agents.config.load import ConfigError, Strict, dump, load
-from agents.config.world import ScenarioConfig, VehicleConfig, check_own_speed
+from agents.config.world import AircraftConfig, ScenarioConfig, VehicleConfig, check_own_speed
+from envs.aircraft import PAPER, new_aircraft
 from envs.encounters import SCENARIOS, Scenario
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits
 
@@ -141,3 +142,31 @@ def test_a_bad_scenario_is_refused(override: str, sentence: str):
     with pytest.raises(ConfigError) as caught:
         load(ScenarioConfig, overrides=[override])
     assert str(caught.value) == sentence
+
+
+def test_the_default_aircraft_and_its_file_are_the_papers():
+    assert AircraftConfig().aircraft() == PAPER
+    assert load(AircraftConfig, CONFIGS / "aircraft" / "paper.yaml").aircraft() == PAPER
+
+
+@pytest.mark.parametrize("path", sorted((CONFIGS / "aircraft").glob("*.yaml")), ids=lambda path: path.stem)
+def test_an_aircraft_file_states_its_limits_and_separation(path: Path):
+    config = load(AircraftConfig, path)
+    assert {*VehicleConfig.model_fields, "separation_m"} <= config.model_fields_set
+    aircraft = config.aircraft()
+    bank = math.atan(aircraft.limits.yaw_rate_max * aircraft.limits.speed_max / 9.81)
+    assert bank < math.radians(40.0)
+
+
+def test_what_an_aircraft_does_not_state_follows():
+    limits = VehicleConfig(speed_min_mps=18.0, speed_max_mps=36.0).limits()
+    config = AircraftConfig(speed_min_mps=18.0, speed_max_mps=36.0, separation_m=610.0, goal_radius_m=200.0)
+    assert config.aircraft() == new_aircraft(limits, 610.0, goal_radius=200.0)
+
+
+@pytest.mark.parametrize(
+    "override", ["speed_min_mps=100", "goal_radius_m=2000", "separation_m=400", "t_max_s=10.5", "dt_s=30", "dt_s=0"]
+)
+def test_an_aircraft_that_contradicts_itself_is_refused(override: str):
+    with pytest.raises(ConfigError, match="expected"):
+        load(AircraftConfig, None, [override, "goal_radius_m=500"] if "separation" in override else [override])
