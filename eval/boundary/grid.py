@@ -24,9 +24,7 @@ from envs.relative import leg_separation
 
 __all__ = ["CAP", "Grid", "Solution", "edge_value", "make_grid", "solve", "value_at"]
 
-CAP = 1.4
-"""Values above this many separations are cut off: they say nothing about the boundary."""
-
+CAP = 1.4  # values above this many separations are cut off: they say nothing about the boundary
 _CONTROLS = tuple((turn, thrust) for turn in (-1, 0, 1) for thrust in (0, 1))
 """Turns right, none, left; strongest deceleration and acceleration (their mixture stands for all between)."""
 
@@ -37,32 +35,23 @@ _TOLERANCE, _MOST_SWEEPS = 0.02, 100
 class Grid(NamedTuple):
     """Nodes of the state; the other half of the headings is the mirror image."""
 
-    x: Any
-    """Ownship less intruder along the intruder's course, m, ``[X]``."""
-    y: Any
-    """The same to the left of it, m, ``[Y]``; symmetric about 0."""
-    heading: Any
-    """Own heading less the intruder's, rad from 0 to pi, ``[P]``."""
-    speed: Any
-    """Own speed, m/s, ``[S]``."""
-    dt: float
-    """Time step, s."""
+    x: Any  # ownship less intruder along the intruder's course, m, [X]
+    y: Any  # the same to the left of it, m, [Y]; symmetric about 0
+    heading: Any  # own heading less the intruder's, rad from 0 to pi, [P]
+    speed: Any  # own speed, m/s, [S]
+    dt: float  # time step, s
 
 
 class Solution(NamedTuple):
     """A value function and what it is the value of."""
 
     grid: Grid
-    value: Any
-    """Largest separation that can be kept, m, ``[P, S, X, Y]``, float32."""
+    value: Any  # largest separation that can be kept, m, [P, S, X, Y], float32
     limits: Limits
-    intruder_speed: float
-    """m/s."""
-    separation: float
-    """m."""
+    intruder_speed: float  # m/s
+    separation: float  # m
     sweeps: int
-    change: float
-    """Largest change in the last sweep of a value below 1.1 separations, m."""
+    change: float  # largest change in the last sweep of a value below 1.1 separations, m
 
 
 def make_grid(limits: Limits, intruder_speed: float, separation: float, dt: float, cell: float) -> Grid:
@@ -113,7 +102,7 @@ def solve(grid: Grid, limits: Limits, intruder_speed: float, separation: float) 
     sweeps, change = 0, math.inf
     while change > _TOLERANCE and sweeps < _MOST_SWEEPS:
         sweeps, change = sweeps + 1, 0.0
-        # In place: the iteration falls towards the same value from above, whatever the order.
+        # in place: the iteration falls towards the same value from above, whatever the order.
         for index in np.ndindex(shape[:2]):
             old, new = value[index][inner, inner], _backup(value, index, steps, cell, margin)
             fallen = np.max(old - new, where=new < 1.1 * separation, initial=0.0)
@@ -158,8 +147,7 @@ class _Step(NamedTuple):
     """One control held for one time step, from every heading and speed; ``turn`` in nodes of heading."""
 
     turn: int
-    shift: Any
-    """Relative displacement, m, ``[P, S, 2]``."""
+    shift: Any  # relative displacement, m, [P, S, 2]
     low: Any
     """Node of speed at or below the new speed, ``[S]``, and the part of the way from there to the next, ``[S]``."""
     part: Any

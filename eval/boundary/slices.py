@@ -24,29 +24,19 @@ __all__ = ["GOAL_AHEAD", "Answers", "Slice", "compare", "encounters_at", "judge"
 GOAL_AHEAD = 12_000.0
 """Distance of the goal straight ahead, m: far beyond the conflict, near enough to be reached after any escape."""
 
-_NEAR = 100.0
-"""Values within this of the separation are near the boundary, m: there the errors are measured."""
-
-_CLOSE = 20.0
-"""Values within this of it are asked for on the finer raster, m."""
-
-_FINER = 5
-"""How many times finer that is."""
-
-_FLOWN = 400
-"""Points near the boundary at which extremal flights are flown, besides all that are undecided."""
+_NEAR = 100.0  # values within this of the separation are near the boundary, m: there the errors are measured
+_CLOSE = 20.0  # values within this of it are asked for on the finer raster, m
+_FINER = 5  # how many times finer that is
+_FLOWN = 400  # points near the boundary at which extremal flights are flown, besides all that are undecided
 
 
 class Slice(NamedTuple):
     """Both aircraft's velocities."""
 
     name: str
-    own_speed: float
-    """m/s."""
-    intruder_speed: float
-    """m/s."""
-    course_difference: float
-    """Intruder's course less own course, rad clockwise."""
+    own_speed: float  # m/s
+    intruder_speed: float  # m/s
+    course_difference: float  # intruder's course less own course, rad clockwise
 
     @property
     def heading(self) -> float:
@@ -58,27 +48,17 @@ class Answers(NamedTuple):
     """Both answers on a slice; points ``[M]``, the map ``[A, B]``."""
 
     slice: Slice
-    x: Any
-    """Where the intruder starts, m; first the raster, then the finer one near the boundary."""
+    x: Any  # where the intruder starts, m; first the raster, then the finer one near the boundary
     y: Any
-    on_raster: Any
-    """Whether a point is of the first raster, bool."""
-    value: Any
-    """Separation that can be kept by the fine grid, m."""
-    rough: Any
-    """The same by the coarse grid, m."""
-    verdict: Any
-    """Of :func:`agents.resolvability.classify`."""
-    witnessed: Any
-    """Separation of the witness, m; nan without one."""
-    flown: Any
-    """Separation of the best extremal flight, m; nan where none was flown."""
-    map_x: Any
-    """``[A]``, m."""
-    map_y: Any
-    """``[B]``, m."""
-    map_value: Any
-    """By the fine grid, m, ``[A, B]``."""
+    on_raster: Any  # whether a point is of the first raster, bool
+    value: Any  # separation that can be kept by the fine grid, m
+    rough: Any  # the same by the coarse grid, m
+    verdict: Any  # of agents.resolvability.classify
+    witnessed: Any  # separation of the witness, m; nan without one
+    flown: Any  # separation of the best extremal flight, m; nan where none was flown
+    map_x: Any  # [A], m
+    map_y: Any  # [B], m
+    map_value: Any  # by the fine grid, m, [A, B]
 
 
 def values_at(solution: Solution, cut: Slice, x: Any, y: Any) -> Any:
@@ -150,7 +130,7 @@ def compare(answers: Answers, rules: Rules, spacing: float) -> dict[str, Any]:
     avoidable, unavoidable = excess > error, excess < -error
     cell, map_cell = (spacing / 1_000.0) ** 2, (float(answers.map_x[1] - answers.map_x[0]) / 1_000.0) ** 2
     missed = np.flatnonzero(undecided & avoidable)
-    # Witnesses far from the boundary are not judged: the grid cuts their values off.
+    # witnesses far from the boundary are not judged: the grid cuts their values off.
     tight = won & (answers.witnessed < rules.separation + _NEAR)
     return {
         "name": answers.slice.name,

@@ -39,12 +39,8 @@ __all__ = [
     "policy_entries",
 ]
 
-REFERENCE = "none"
-"""The flight without a resolver, which is always flown: risk ratios need it."""
-
-WITNESS = "witness"
-"""Name and kind of the entry that flies the least-cost witness: a mark, not a resolver."""
-
+REFERENCE = "none"  # the flight without a resolver, which is always flown: risk ratios need it
+WITNESS = "witness"  # name and kind of the entry that flies the least-cost witness: a mark, not a resolver
 SETTING = Setting(Options(), C208_PUBLISHED)
 """How plans are made and flown: as in eval.monte_carlo without more being said."""
 
@@ -56,27 +52,23 @@ class Plans(NamedTuple):
 
     policy: Policy
     setting: Setting
-    mode: str
-    """plan or assured."""
+    mode: str  # plan or assured
 
 
 class Entry(NamedTuple):
     """One that takes part."""
 
     name: str
-    kind: str
-    """policy, baseline, nnet or witness."""
+    kind: str  # policy, baseline, nnet or witness
     decider: Decider | OnStates | Plans | WitnessSearch
-    sha256: str | None = None
-    """Of a policy file."""
+    sha256: str | None = None  # of a policy file
 
 
 class Comparison(NamedTuple):
     """All that the result of a comparison follows from."""
 
     entries: tuple[Entry, ...]
-    evaluation: Evaluation
-    """Source, seed, rules and limits; nothing else of it counts."""
+    evaluation: Evaluation  # source, seed, rules and limits; nothing else of it counts
 
     @property
     def replayed(self) -> bool:
@@ -178,7 +170,7 @@ def _columns(
     """Return the columns of one entry but for the costs."""
     seen = relative(flown)
     volume = VOLUMES[_SEVERE]
-    # After the end of a flight everything is nan; no number there, no loss, no alert.
+    # after the end of a flight everything is nan; no number there, no loss, no alert.
     with np.errstate(invalid="ignore"):
         penetration = np.where(np.isfinite(seen.x) & mask, severity(volume, seen), 0.0)
         loss = np.any(lost(volume, seen) & mask, axis=-1)

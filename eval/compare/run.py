@@ -20,12 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["main"]
 
 _CHUNK = 500
-_SLOW_CHUNK = 100
-"""Where the witness takes part: it takes minutes a thousand encounters, and progress is to be seen."""
-
-_FIGURE_BYTES, _ROW_BYTES = 1_000_000, 300
-"""What the figure takes on the disk, and each row of an entry, generously."""
-
+_SLOW_CHUNK = 100  # where the witness takes part: it takes minutes a thousand encounters, and progress is to be seen
+_FIGURE_BYTES, _ROW_BYTES = 1_000_000, 300  # what the figure takes on the disk, and each row of an entry, generously
 _DESCRIPTION = """\
 Fly policies and baselines through the same encounters and say how they differ, with intervals for paired samples.
 
@@ -74,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     from threadpoolctl import threadpool_limits
 
-    # One thread: the network's rows would be rounded otherwise with another.
+    # one thread: the network's rows would be rounded otherwise with another.
     with threadpool_limits(1):
         table = _flown(comparison, total)
     weighted = bool((table["weight"] != 1.0).any())

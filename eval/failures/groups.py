@@ -7,9 +7,7 @@ import numpy as np
 
 __all__ = ["COURSES", "DEEP", "DISTANCES", "HOW", "Group", "described", "failures", "grouped", "representatives"]
 
-DEEP = 0.95
-"""A violation that keeps this share of the separation is a near miss."""
-
+DEEP = 0.95  # a violation that keeps this share of the separation is a near miss
 HOW = ("near miss", "deep loss", "time-out")
 
 COURSES = ((0.0, 30.0), (30.0, 60.0), (60.0, 135.0), (135.0, 180.0))
@@ -22,16 +20,11 @@ DISTANCES = ((0.0, 1_500.0), (1_500.0, 3_000.0), (3_000.0, np.inf))
 class Group(NamedTuple):
     """Failures of a kind."""
 
-    how: str
-    """One of :data:`HOW`."""
-    course: tuple[float, float]
-    """deg."""
-    distance: tuple[float, float]
-    """m."""
-    members: np.ndarray
-    """Numbers of its encounters."""
-    such: int
-    """Encounters of the run with such courses and distances that are not proven unresolvable."""
+    how: str  # one of HOW
+    course: tuple[float, float]  # deg
+    distance: tuple[float, float]  # m
+    members: np.ndarray  # numbers of its encounters
+    such: int  # encounters of the run with such courses and distances that are not proven unresolvable
 
 
 def failures(table: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -84,10 +84,12 @@ def ratio(
         return Ratio(math.nan, math.nan, math.nan, math.nan, math.nan, *counts, effective, warning)
     unresolved = float(weight @ (event & event_without)) / without
     induced = float(weight @ (event & ~event_without)) / without
-    value = unresolved + induced
+    value = float(weight @ event) / without
     if counts[0] == 0:
-        share = without / float(weight.sum())
-        low, high = 0.0, clopper_pearson(0, max(math.floor(effective), 1), confidence)[1] / share
+        low, high = (
+            0.0,
+            clopper_pearson(0, max(math.floor(effective), 1), confidence)[1] * float(weight.sum()) / without,
+        )
     else:
         sums = resampled_sums(np.stack([weight * event, weight * event_without], axis=-1), resamples, seed)
         known = sums[:, 1] > 0.0

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from eval.stats.intervals import mean_interval, risk_ratio
+from eval.metrics.field import ratio
+from eval.stats.intervals import Interval, mean_interval
 from eval.stats.plain import ends, number, quantiles, share
 
 __all__ = ["SCHEMA_VERSION", "summarise"]
@@ -48,8 +49,7 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float, resamples: int
     score = mean_interval(table["score"], confidence, resamples, seed)
     excess = table["path_excess"][success]
     path = mean_interval(excess, confidence, resamples, seed)
-    risk = risk_ratio(violation, bare_violation, confidence, resamples, seed)
-    bare = counted["baseline_violation"]
+    risk = ratio(violation, bare_violation, confidence=confidence, resamples=resamples, seed=seed)
     return {
         "success_rate": rate(counted["success"]),
         "violation_rate": rate(counted["violation"]),
@@ -62,10 +62,10 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float, resamples: int
         "score_mean": number(score.value),
         "score_mean_interval": ends(score),
         "risk_ratio": number(risk.value),
-        "risk_ratio_interval": ends(risk),
-        "risk_ratio_unresolved": int(np.count_nonzero(violation & bare_violation)) / bare if bare else None,
-        "risk_ratio_induced": int(np.count_nonzero(violation & ~bare_violation)) / bare if bare else None,
-        "baseline_violation_rate": rate(bare),
+        "risk_ratio_interval": ends(Interval(risk.value, risk.low, risk.high)),
+        "risk_ratio_unresolved": number(risk.unresolved),
+        "risk_ratio_induced": number(risk.induced),
+        "baseline_violation_rate": rate(counted["baseline_violation"]),
         "path_excess_mean": number(path.value),
         "path_excess_mean_interval": ends(path),
         "path_excess_quantiles": quantiles(excess, (0.5, 0.95, 1.0)),

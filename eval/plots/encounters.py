@@ -18,14 +18,13 @@ from eval.runner.outputs import RunFolder
 __all__ = ["draw_all", "initial_conditions", "separation_histogram"]
 
 _ONE_KM = 1_000.0
-_NEAREST_KM = 0.05
-"""Starts nearer than this are drawn here: a logarithmic scale has no zero."""
+_NEAREST_KM = 0.05  # starts nearer than this are drawn here: a logarithmic scale has no zero
 
 
 def draw_all(folder: RunFolder, table: Mapping[str, np.ndarray], evaluation: Evaluation) -> list[Path]:
     """Draw every figure of a run into its folder and return the paths."""
     numbers = chosen(table)
-    # One thread, as when they were flown for the table, so that they fly the same again.
+    # one thread, as when they were flown for the table, so that they fly the same again.
     with threadpool_limits(1):
         pilot = Pilot.load(evaluation)
         flown = fly_recorded(pilot, numbers)
@@ -53,12 +52,12 @@ def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
         mask = kinds == name
         if not mask.any():
             continue
-        # Thousands of marks as vectors make a file that no viewer likes.
+        # thousands of marks as vectors make a file that no viewer likes.
         points = polar.scatter(np.radians(table["bearing_deg"][mask]), km[mask], rasterized=True, **style)
         plane.scatter(table["relative_heading_deg"][mask], km[mask], rasterized=True, **style)
         points.set_label(f"{name} ({_n(int(mask.sum()))})")
         handles.append(points)
-    # Failures begin near by: a logarithmic scale gives them room.
+    # failures begin near by: a logarithmic scale gives them room.
     ends, rings = _scale(float(km.min()), float(km.max()))
     _polar_axes(polar, ends, rings)
     plane.set_xlim(-180.0, 180.0)
@@ -90,7 +89,7 @@ def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Fi
     first = min(required_km, float(flown.min()), float(bare.min()))
     last = max(1.5 * required_km, float(flown.max()), float(bare.max()))
     width = 0.05 * math.ceil((last - first) / 7.5)
-    # Edges at the requirement, so that no bar mixes flights on both sides of it.
+    # edges at the requirement, so that no bar mixes flights on both sides of it.
     steps = range(math.floor((first - required_km) / width), math.ceil((last - required_km) / width) + 1)
     edges = [required_km + width * step for step in steps]
     axes.hist(flown, edges, color=SKY, label="with the resolver")

@@ -16,9 +16,7 @@ from eval.plots.style import BLUE, GREEN, GREY, VERMILION, kinds_of
 
 __all__ = ["PANELS", "chosen", "draw_tracks", "marks", "trajectory_sheet"]
 
-PANELS = 12
-"""Flights on the sheet."""
-
+PANELS = 12  # flights on the sheet
 _FAILURES_SHOWN = 8
 _ONE_KM = 1_000.0
 _OWN: dict[str, Any] = {"color": BLUE, "linewidth": 1.5, "linestyle": "-", "marker": "o", "markersize": 5.0}
@@ -43,7 +41,7 @@ def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
     failures = min(sum(map(len, order)), max(_FAILURES_SHOWN, room - len(successes)))
     picked: list[int] = []
     for place, found in enumerate(order):
-        # Half of what is left for this kind, so that the rarer kinds are seen too.
+        # half of what is left for this kind, so that the rarer kinds are seen too.
         others = sum(map(len, order[place + 1 :]))
         left = failures - len(picked)
         picked += _spread(found, max(left - others, (left + 1) // 2))
@@ -154,7 +152,7 @@ def draw_tracks(
     ring = Circle((at[0], at[1]), rules.separation / _ONE_KM, fill=False, edgecolor=VERMILION, linewidth=0.9)
     axes.add_patch(ring)
     axes.plot(*own[:, closest], "D", color="black", markersize=4, markerfacecolor="white", zorder=5)
-    # Room for the discs, and the same scale both ways: a turn must look like one.
+    # room for the discs, and the same scale both ways: a turn must look like one.
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.06)
     for axis in (axes.xaxis, axes.yaxis):

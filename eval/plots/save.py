@@ -10,8 +10,7 @@ from envs.edge.files import check_space, write_file
 
 __all__ = ["create", "write", "write_found"]
 
-_PICTURES = 2_000_000
-"""Bytes of a few figures."""
+_PICTURES = 2_000_000  # bytes of a few figures
 
 
 def create(folder: Path, needed: int = _PICTURES) -> None:

@@ -16,35 +16,26 @@ from eval.flights.simulate import REVERSAL_RATE, Decider
 __all__ = ["Advisory", "Scene", "advise", "name_of", "relative_velocity", "shares"]
 
 _UP = math.pi / 2.0
-_STEADY = 0.05
-"""Accelerations smaller than this, m/s^2, count as constant speed."""
+_STEADY = 0.05  # accelerations smaller than this, m/s^2, count as constant speed
 
 
 class Scene(NamedTuple):
     """What a map holds fixed."""
 
-    own_speed: float
-    """m/s."""
-    intruder_speed: float
-    """m/s."""
-    relative_heading: float
-    """Intruder's heading less the own one, rad counter-clockwise: +pi/2 comes from the right."""
-    goal_bearing: float
-    """From the own heading, rad counter-clockwise."""
-    goal_distance: float
-    """m."""
+    own_speed: float  # m/s
+    intruder_speed: float  # m/s
+    relative_heading: float  # intruder's heading less the own one, rad counter-clockwise: +pi/2 comes from the right
+    goal_bearing: float  # from the own heading, rad counter-clockwise
+    goal_distance: float  # m
 
 
 class Advisory(NamedTuple):
     """A map; the intruder is in the middle of each of C by C cells."""
 
     scene: Scene
-    place: np.ndarray
-    """Of the middles, the same to the right and ahead, m, ``[C]``."""
-    yaw_rate: np.ndarray
-    """Commanded, rad/s, left positive, ``[C (ahead), C (right)]``."""
-    acceleration: np.ndarray
-    """Commanded, m/s^2, ``[C (ahead), C (right)]``."""
+    place: np.ndarray  # of the middles, the same to the right and ahead, m, [C]
+    yaw_rate: np.ndarray  # commanded, rad/s, left positive, [C (ahead), C (right)]
+    acceleration: np.ndarray  # commanded, m/s^2, [C (ahead), C (right)]
 
 
 def advise(decider: Decider, scene: Scene, extent: float, cells: int, limits: Limits) -> Advisory:

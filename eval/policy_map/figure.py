@@ -18,10 +18,8 @@ from eval.policy_map.advisory import Advisory, Scene, name_of, relative_velocity
 __all__ = ["policy_map"]
 
 _KM = 1e-3
-_WAY_S = 12.0
-"""Arrows show what is flown in this time, s."""
-_SLOW = 2.0
-"""Relative speeds below this, m/s, have no line of approach."""
+_WAY_S = 12.0  # arrows show what is flown in this time, s
+_SLOW = 2.0  # relative speeds below this, m/s, have no line of approach
 # Okabe and Ito's colours at both ends; darkest at full deflection, white where nothing is commanded.
 _TURN = LinearSegmentedColormap.from_list("turn", ["#8A3B00", VERMILION, "#F7F7F7", BLUE, "#003A5C"])
 _SPEED = LinearSegmentedColormap.from_list("speed", ["#946200", ORANGE, "#F7F7F7", GREEN, "#00543E"])
@@ -87,14 +85,14 @@ def _geometry(axes: Any, advisory: Advisory, separation: float) -> None:
     """Draw the aircraft, the required separation, the conflicts on straight courses and the goal."""
     edge, scene = _extent_km(advisory), advisory.scene
     radius = _KM * separation
-    # Inside, the separation is lost already and the flight is over: the advice is shown faintly.
+    # inside, the separation is lost already and the flight is over: the advice is shown faintly.
     axes.add_patch(Circle((0.0, 0.0), radius, facecolor="white", alpha=0.45, linewidth=0.0))
     axes.add_patch(Circle((0.0, 0.0), radius, fill=False, edgecolor="black", path_effects=_HALO, **_RING))
     east, north = relative_velocity(scene)
     speed = math.hypot(east, north)
     place = (-0.62 * edge, 0.62 * edge)
     if speed > _SLOW:
-        # From here straight courses lead into the circle.
+        # from here straight courses lead into the circle.
         back = np.array([-east, -north]) / speed
         for side in (-1.0, 1.0):
             foot = side * radius * np.array([-back[1], back[0]])

@@ -20,11 +20,8 @@ __all__ = ["Recorded", "around_conflicts", "chatter", "lines_of", "mirror_error"
 CONFLICT_RADIUS = 2_000.0
 """Straight courses that pass closer than this, m, count as around a conflict: twice the required separation."""
 
-NEAREST, FARTHEST = 1_000.0, 10_000.0
-"""Distances to the intruder of the uniform sample, m."""
-
-HORIZON = 300.0
-"""Latest closest approach of the uniform sample, s."""
+NEAREST, FARTHEST = 1_000.0, 10_000.0  # distances to the intruder of the uniform sample, m
+HORIZON = 300.0  # latest closest approach of the uniform sample, s
 
 # Left and right change places: headings and bearings change their sign.
 _REFLECTION = np.array([1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0], np.float32)
@@ -34,14 +31,10 @@ _PERCENTILE = 95.0
 class Recorded(NamedTuple):
     """Decisions of flights; NaN after a flight's end."""
 
-    observation: np.ndarray
-    """``[T, N, 8]``, float32."""
-    action: np.ndarray
-    """``[T, N, 2]``, fractions of the limits."""
-    reversals: np.ndarray
-    """Changes of the side of the turn in each flight, ``[N]``."""
-    outcome: np.ndarray
-    """Codes into :data:`eval.flights.simulate.OUTCOMES`, ``[N]``."""
+    observation: np.ndarray  # [T, N, 8], float32
+    action: np.ndarray  # [T, N, 2], fractions of the limits
+    reversals: np.ndarray  # changes of the side of the turn in each flight, [N]
+    outcome: np.ndarray  # codes into eval.flights.simulate.OUTCOMES, [N]
 
     @property
     def seen(self) -> np.ndarray:

@@ -19,9 +19,7 @@ __all__ = ["RARE_MODES", "FlightProblem"]
 RARE_MODES = ("policy", "plan", "none")
 """What decides: the network once a second; a plan made at the start and followed; none (straight to the goal)."""
 
-_BLOCK = 1_024
-"""Flights flown together, to bound memory."""
-
+_BLOCK = 1_024  # flights flown together, to bound memory
 _LARGEST = np.nextafter(1.0, 0.0)
 
 
@@ -67,7 +65,7 @@ class FlightProblem:
     def value(self, draws: Draws) -> np.ndarray:
         """Return the smallest separations, m, ``[N]``."""
         starts, flights = self.flown(draws)
-        # Where no trajectory was proposed, nothing was flown that could lose the separation.
+        # where no trajectory was proposed, nothing was flown that could lose the separation.
         apart = np.where(np.isnan(flights.min_separation), np.inf, flights.min_separation)
         if self._resolvable_only:
             apart = np.where(self.unresolvable(starts, apart < self._rules.separation), np.inf, apart)

@@ -25,7 +25,6 @@ __all__ = ["main"]
 _MODES = ("policy", "plan", "none")
 _WORST = 100
 _STREAM = 0x7261_7265  # keeps the draws apart from those of other commands with the same seed
-
 _DESCRIPTION = """\
 Estimate how often the separation is lost where plain sampling would see it too rarely, by importance splitting: the
 draws of the encounters whose flights come closest are copied and moved, level by level of the smallest separation,
@@ -114,7 +113,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _check(options: argparse.Namespace) -> None:
     """Raise ``ConfigError`` for the first value that is out of its range."""
-    # Inverted, so that NaN is refused.
+    # inverted, so that NaN is refused.
     if not 0.02 <= options.share <= 0.5:
         raise ConfigError(f"--share: {options.share:g}; expected 0.02 to 0.5")
     if not 0.5 <= options.confidence < 1.0:
@@ -179,10 +178,8 @@ def _found(
     blamed: Sequence[np.ndarray],
 ) -> dict[str, Any]:
     """Return the content of rare.json, without policy and wall time."""
-    from dataclasses import asdict
-
     from agents.policy.versions import versions
-    from eval.stats.intervals import rate
+    from eval.stats.plain import share
 
     by_level = np.stack([one.probability for one in made])
     first = np.concatenate([one.first for one in made])
@@ -198,7 +195,7 @@ def _found(
                 "rate": _estimate(by_level[:, stage], options.confidence),
                 "step": plan.steps[stage] if stage < len(plan.steps) else None,
                 "acceptance": float(np.mean(taken)) if taken else None,
-                "plain": asdict(rate(below, first.size, options.confidence)),
+                "plain": share(below, first.size, options.confidence),
             }
         )
     whole_rate = _estimate(by_level[:, -1], options.confidence)

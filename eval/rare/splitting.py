@@ -53,27 +53,21 @@ class Problem(Protocol):
 class Plan(NamedTuple):
     """What a pilot has chosen."""
 
-    levels: tuple[float, ...]
-    """Falling; the last is the threshold."""
-    steps: tuple[float, ...]
-    """Largest size of the proposals below each level but the last."""
+    levels: tuple[float, ...]  # Falling; the last is the threshold
+    steps: tuple[float, ...]  # largest size of the proposals below each level but the last
     evaluations: int
 
 
 class Repetition(NamedTuple):
     """One independent estimate; arrays ``[L]``, one entry a level."""
 
-    probability: np.ndarray
-    """Of a value below each level."""
+    probability: np.ndarray  # of a value below each level
     acceptance: np.ndarray
     """Share of the proposals taken below each level but the last, ``[L - 1]``; nan where none was left."""
-    ancestors: int
-    """Different first particles from which those below the last level descend."""
+    ancestors: int  # different first particles from which those below the last level descend
     evaluations: int
-    first: np.ndarray
-    """Values of the first particles: plain sampling, ``[N]``."""
-    last: Draws
-    """Particles below the last level, ``[M, ...]``."""
+    first: np.ndarray  # values of the first particles: plain sampling, [N]
+    last: Draws  # particles below the last level, [M, ...]
 
 
 def pilot(
@@ -137,7 +131,7 @@ def repetition(problem: Problem, plan: Plan, particles: int, moves: int, rng: np
         product *= np.count_nonzero(below) / particles
         probability[stage] = product
         if stage == len(plan.steps) or not below.any():
-            # Where none passes, this estimate is 0, and so it is at all levels after it.
+            # where none passes, this estimate is 0, and so it is at all levels after it.
             last = tuple(one[below] for one in draws)
             return Repetition(probability, acceptance, np.unique(family[below]).size, evaluations, first, last)
         rows = _copies(below, particles, rng)
@@ -170,7 +164,7 @@ def _moved(
 ) -> tuple[Draws, np.ndarray, float, int]:
     """Propose one step for every particle; return particles, values, share of steps taken and evaluations."""
     count = len(values)
-    # Sizes do not depend on where a particle is, so that a step back is as likely as the step.
+    # sizes do not depend on where a particle is, so that a step back is as likely as the step.
     size = step * _SPREAD ** -rng.random(count)
     keep = np.sqrt(1.0 - size**2)
     noise = _normal(problem.shapes, count, rng)

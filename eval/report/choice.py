@@ -9,9 +9,7 @@ from eval.report.folder import Run
 
 __all__ = ["NEAR", "NEAREST", "OTHERS", "POINTS", "Choice", "choose", "points"]
 
-NEAR = 1.05
-"""A success that came nearer than this times the required separation is a near miss."""
-
+NEAR = 1.05  # a success that came nearer than this times the required separation is a near miss
 NEAREST, OTHERS, POINTS = 200, 100, 20_000
 """At most so many near misses and other successes are replayed; at most so many encounters are points."""
 
@@ -20,10 +18,8 @@ class Choice(NamedTuple):
     """Encounters of one group that are replayed."""
 
     group: str
-    numbers: np.ndarray
-    """Of the encounters, in the order of their importance."""
-    total: int
-    """Encounters in the group."""
+    numbers: np.ndarray  # of the encounters, in the order of their importance
+    total: int  # encounters in the group
 
 
 def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
@@ -39,7 +35,7 @@ def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
     near = success & (separation < NEAR * run.config.rules.separation)
     nearest = np.flatnonzero(near)
     nearest = nearest[np.argsort(separation[nearest], kind="stable")]
-    # Failures that count, what no policy could have solved, and a look at how it usually goes.
+    # failures that count, what no policy could have solved, and a look at how it usually goes.
     groups = (
         ("asked for", np.array(wanted, dtype=int), most),
         ("failures", np.flatnonzero((kinds == "violation") | (kinds == "time-out")), most),

@@ -19,9 +19,7 @@ from eval.report.folder import Run
 
 __all__ = ["flight_data", "json_text", "page_data", "weight"]
 
-_FINEST = 0.5
-"""Smallest step of a position on the page, m."""
-
+_FINEST = 0.5  # smallest step of a position on the page, m
 _TEXTS = ("verdict", "verdict_method", "plan_status", "plan_source", "baseline_outcome", "policy_outcome")
 _NUMBERS = (
     *("distance_m", "bearing_deg", "relative_heading_deg", "min_separation_m", "time_of_min_separation_s"),

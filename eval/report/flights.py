@@ -27,45 +27,31 @@ from eval.report.folder import Run
 __all__ = ["Replayed", "Witness", "evaluation_of", "fly_again"]
 
 _BATCH = 50
-_ROUNDS = 8
-"""Of the refinement of witnesses, a fifth of the usual number: paths get 1.4 m longer on average."""
-
-_SAME = 0.01
-"""Smallest separations that differ by more, m, are not the same flight."""
+_ROUNDS = 8  # of the refinement of witnesses, a fifth of the usual number: paths get 1.4 m longer on average
+_SAME = 0.01  # smallest separations that differ by more, m, are not the same flight
 
 
 class Witness(NamedTuple):
     """A flight that would have resolved the encounter."""
 
-    x: np.ndarray
-    """East, m, every second."""
+    x: np.ndarray  # east, m, every second
     y: np.ndarray
-    arrival: float
-    """s."""
-    separation: float
-    """Smallest distance to any intruder, m."""
+    arrival: float  # s
+    separation: float  # smallest distance to any intruder, m
 
 
 class Replayed(NamedTuple):
     """One flight, second by second, T steps."""
 
     number: int
-    goal: tuple[float, float]
-    """m."""
-    own: np.ndarray
-    """East and north, m, ``[2, T + 1]``."""
-    intruders: np.ndarray
-    """The same for each intruder, ``[K, 2, T + 1]``."""
-    separation: np.ndarray
-    """Smallest distance to any intruder during each second, m, ``[T]``."""
-    acceleration: np.ndarray
-    """Commanded in mode policy, else the mean as flown, m/s², ``[T]``."""
-    yaw_rate: np.ndarray
-    """The same, rad/s, ``[T]``."""
-    same: bool
-    """Whether the flight ended as the table says."""
-    plan: np.ndarray | None
-    """First plan: east, north, m, and time, s, ``[3, W]``; None without one."""
+    goal: tuple[float, float]  # m
+    own: np.ndarray  # east and north, m, [2, T + 1]
+    intruders: np.ndarray  # the same for each intruder, [K, 2, T + 1]
+    separation: np.ndarray  # smallest distance to any intruder during each second, m, [T]
+    acceleration: np.ndarray  # commanded in mode policy, else the mean as flown, m/s², [T]
+    yaw_rate: np.ndarray  # the same, rad/s, [T]
+    same: bool  # whether the flight ended as the table says
+    plan: np.ndarray | None  # first plan: east, north, m, and time, s, [3, W]; None without one
     plan_status: str | None
     witness: Witness | None
 
@@ -113,7 +99,7 @@ def fly_again(run: Run, evaluation: Evaluation, numbers: Sequence[int], witnesse
         numbers: of the encounters.
         witnesses: numbers of those for which a flight that resolves them is looked for.
     """
-    # One thread, as when they were flown for the table: BLAS rounds differently with several.
+    # one thread, as when they were flown for the table: BLAS rounds differently with several.
     with threadpool_limits(1):
         pilot = Pilot.load(evaluation)
         for begin in range(0, len(numbers), _BATCH):

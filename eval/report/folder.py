@@ -17,9 +17,7 @@ from eval.plots.style import kinds_of
 
 __all__ = ["FIGURES", "POINT_COLUMNS", "Run", "read_run"]
 
-FIGURES = ("initial_conditions", "min_separation", "trajectories")
-"""Names of the pictures that a run draws."""
-
+FIGURES = ("initial_conditions", "min_separation", "trajectories")  # names of the pictures that a run draws
 POINT_COLUMNS = ("distance_m", "bearing_deg", "relative_heading_deg")
 """Columns that place an encounter in the plots; finite in every row."""
 
@@ -52,14 +50,10 @@ class Run(NamedTuple):
     folder: Path
     summary: Mapping[str, Any]
     config: MonteCarloConfig
-    config_text: str
-    """The file as it stands."""
-    table: Mapping[str, np.ndarray]
-    """Columns ``[N]``."""
-    kinds: np.ndarray
-    """How each encounter is marked, ``[N]``, keys of :data:`eval.plots.style.MARKERS`."""
-    figures: Mapping[str, bytes]
-    """PNG files by name; none where the run drew none."""
+    config_text: str  # the file as it stands
+    table: Mapping[str, np.ndarray]  # columns [N]
+    kinds: np.ndarray  # how each encounter is marked, [N], keys of eval.plots.style.MARKERS
+    figures: Mapping[str, bytes]  # PNG files by name; none where the run drew none
 
 
 def read_run(folder: Path) -> Run:

@@ -35,8 +35,7 @@ _QUANTILES = (
 class Line(NamedTuple):
     """A line of the table; all in words."""
 
-    key: str
-    """In ``summary.json``."""
+    key: str  # in summary.json
     label: str
     value: str
     interval: str

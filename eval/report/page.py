@@ -28,9 +28,7 @@ _CAPTIONS = {
     "min_separation": "The smallest separation of every flight, with and without the resolver.",
     "trajectories": "Flights seen from above, failures first.",
 }
-_LISTED = 50
-"""Encounters that a sentence names at most."""
-
+_LISTED = 50  # encounters that a sentence names at most
 _TILES = ("success_given_resolvable", "violation_rate", "risk_ratio", "score_mean")
 
 

@@ -27,9 +27,7 @@ examples:
   python -m eval.report runs/circle --show 4711,4712      these encounters shall have tracks too
   python -m eval.report runs/circle --tracks 0            nothing is flown: neither policy nor much time is needed"""
 
-_BUDGET = 9_000_000
-"""Bytes that the flights may take, so that the page stays below 15 MB with the figures of a run."""
-
+_BUDGET = 9_000_000  # bytes that the flights may take, so that the page stays below 15 MB with the figures of a run
 _MOST_WITNESSES = 100
 
 

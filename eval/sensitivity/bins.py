@@ -24,8 +24,7 @@ class Quantity(NamedTuple):
     column: str
     edges: tuple[float, ...] = ()
     """Of the bins; a further bin takes what lies below the first, another what lies above the last."""
-    words: tuple[str, ...] = ()
-    """Instead of edges where the column holds words: each is a bin."""
+    words: tuple[str, ...] = ()  # instead of edges where the column holds words: each is a bin
 
 
 def _steps(first: float, last: float, width: float) -> tuple[float, ...]:
@@ -77,10 +76,8 @@ class Run(NamedTuple):
     """A finished run of ``eval.monte_carlo`` or ``eval.hifi``."""
 
     path: Path
-    settings: Mapping[str, Any]
-    """As its config.yaml has them."""
-    table: Mapping[str, np.ndarray]
-    """Columns ``[N]``."""
+    settings: Mapping[str, Any]  # as its config.yaml has them
+    table: Mapping[str, np.ndarray]  # columns [N]
 
     @property
     def mode(self) -> str:

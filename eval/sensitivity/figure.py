@@ -15,12 +15,9 @@ __all__ = ["map_figure", "overview", "quantity_figure", "sweep_figure"]
 
 _COLOURS = {"policy": BLUE, "plan": ORANGE, "assured": GREEN, "closed": BLUE}
 _MARKS = {"policy": "o", "plan": "s", "assured": "D", "closed": "o"}
-_FEW = 10
-"""Encounters below which a cell of the map is left grey."""
-_LEAST_SPAN = 4.0
-"""Points of success that an axis shows at least."""
-_SCALE_FROM = 50
-"""Encounters from which on a bin has a say in how far down an axis reaches."""
+_FEW = 10  # encounters below which a cell of the map is left grey
+_LEAST_SPAN = 4.0  # points of success that an axis shows at least
+_SCALE_FROM = 50  # encounters from which on a bin has a say in how far down an axis reaches
 
 
 def quantity_figure(found: Mapping[str, Any], title: str) -> Figure:
@@ -116,7 +113,7 @@ def map_figure(cells: Sequence[Mapping[str, Any]], across: Any, up: Any, mode: s
         ),
     ):
         axes.set_facecolor("#DDDDDD")
-        # Rows of equal height: near starts matter most, and their bins are the narrowest.
+        # rows of equal height: near starts matter most, and their bins are the narrowest.
         shades = axes.pcolormesh(wide, range(len(tall)), values, cmap=colours, vmin=ends[0], vmax=ends[1])
         shades.set_edgecolor("face")
         figure.colorbar(shades, ax=axes, shrink=0.9)

@@ -1,17 +1,7 @@
 """Intervals and paired tests, independent of what is counted."""
 
-from eval.stats.intervals import Interval, Rate, clopper_pearson, mean_interval, rate, risk_ratio
+from eval.stats.intervals import Interval, clopper_pearson, mean_interval
 from eval.stats.paired import Pairs, mcnemar_exact, pairs, tango
+from eval.stats.plain import share
 
-__all__ = [
-    "Interval",
-    "Pairs",
-    "Rate",
-    "clopper_pearson",
-    "mcnemar_exact",
-    "mean_interval",
-    "pairs",
-    "rate",
-    "risk_ratio",
-    "tango",
-]
+__all__ = ["Interval", "Pairs", "clopper_pearson", "mcnemar_exact", "mean_interval", "pairs", "share", "tango"]

@@ -4,11 +4,8 @@ import numpy as np
 
 __all__ = ["percentiles", "resampled_sums"]
 
-_TOGETHER = 2_000_000
-"""Numbers drawn at a time."""
-
-_ALIKE = 8
-"""Encounters to a distinct row from which on rows are drawn as counts."""
+_TOGETHER = 2_000_000  # numbers drawn at a time
+_ALIKE = 8  # encounters to a distinct row from which on rows are drawn as counts
 
 
 def resampled_sums(columns: np.ndarray, resamples: int, seed: int) -> np.ndarray:

@@ -1,18 +1,17 @@
-"""Rates and means with their intervals, for independent and equally weighted encounters.
+"""Intervals of rates and means, for independent and equally weighted encounters.
 
-A rate carries its Clopper-Pearson interval: exact, so that its coverage never falls below what it states. Means
-and ratios carry a percentile bootstrap interval, drawn from a generator of its own so that it repeats.
+A rate carries its Clopper-Pearson interval: exact, so that its coverage never falls below what it states. A mean
+carries a percentile bootstrap interval, drawn from a generator of its own so that it repeats.
 """
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from eval.stats.bootstrap import percentiles, resampled_sums
 
-__all__ = ["Interval", "Rate", "clopper_pearson", "mean_interval", "rate", "risk_ratio"]
+__all__ = ["Interval", "clopper_pearson", "mean_interval"]
 
 
 class Interval(NamedTuple):
@@ -21,17 +20,6 @@ class Interval(NamedTuple):
     value: float
     low: float
     high: float
-
-
-@dataclass(frozen=True)
-class Rate:
-    """A share ``count / total`` with its Clopper-Pearson interval; ``value`` is NaN of nothing."""
-
-    value: float
-    low: float
-    high: float
-    count: int
-    total: int
 
 
 def clopper_pearson(count: int, total: int, confidence: float = 0.95) -> tuple[float, float]:
@@ -58,52 +46,10 @@ def clopper_pearson(count: int, total: int, confidence: float = 0.95) -> tuple[f
     return low, high
 
 
-def rate(count: int, total: int, confidence: float = 0.95) -> Rate:
-    """Return the share ``count / total`` with its interval; arguments as :func:`clopper_pearson`."""
-    low, high = clopper_pearson(count, total, confidence)
-    return Rate(count / total if total else math.nan, low, high, count, total)
-
-
 def mean_interval(values: np.ndarray, confidence: float = 0.95, resamples: int = 2_000, seed: int = 0) -> Interval:
     """Return the mean of ``values [N]`` and its percentile bootstrap interval."""
     total = len(values)
     if total == 0:
         return Interval(math.nan, math.nan, math.nan)
     sums = resampled_sums(np.asarray(values)[:, None], resamples, seed)
-    low, high = percentiles(sums[:, 0] / total, confidence)
-    return Interval(float(np.mean(values)), low, high)
-
-
-def risk_ratio(
-    violated: np.ndarray,
-    violated_without: np.ndarray,
-    confidence: float = 0.95,
-    resamples: int = 2_000,
-    seed: int = 0,
-) -> Interval:
-    """Return violations with the resolver / violations without it, over the same encounters.
-
-    The interval is a paired percentile bootstrap. Without a single violation a resample cannot show one: the upper
-    end is then the Clopper-Pearson upper end of the violation rate, divided by the rate without the resolver.
-
-    Args:
-        violated: with the resolver, bool ``[N]``.
-        violated_without: of the same encounters without it, bool ``[N]``.
-        confidence: of the interval.
-        resamples: bootstrap resamples.
-        seed: of the bootstrap.
-
-    Returns:
-        NaN throughout where there is no violation without the resolver.
-    """
-    total = len(violated)
-    bare = int(np.count_nonzero(violated_without))
-    if bare == 0:
-        return Interval(math.nan, math.nan, math.nan)
-    count = int(np.count_nonzero(violated))
-    if count == 0:
-        return Interval(0.0, 0.0, clopper_pearson(0, total, confidence)[1] * total / bare)
-    sums = resampled_sums(np.stack([violated, violated_without], axis=-1).astype(float), resamples, seed)
-    known = sums[:, 1] > 0.0
-    low, high = percentiles(sums[known, 0] / sums[known, 1], confidence)
-    return Interval(count / bare, low, high)
+    return Interval(float(np.mean(values)), *percentiles(sums[:, 0] / total, confidence))

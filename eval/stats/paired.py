@@ -14,8 +14,7 @@ from eval.stats.intervals import Interval
 
 __all__ = ["Pairs", "mcnemar_exact", "pairs", "tango"]
 
-_BISECTIONS = 60
-"""Halvings of [-1, 1]: the ends are then exact to rounding."""
+_BISECTIONS = 60  # halvings of [-1, 1]: the ends are then exact to rounding
 
 
 class Pairs(NamedTuple):

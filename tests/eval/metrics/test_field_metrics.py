@@ -26,6 +26,7 @@ from eval.metrics.volumes import (
     severity,
     time_to_loss,
 )
+from eval.stats.intervals import clopper_pearson
 from tests.flying import fly_recorded
 from tests.recorded import recorded
 
@@ -225,3 +226,15 @@ def test_costs_and_losses_of_flights() -> None:
         absent = losses(volume, paths, np.zeros_like(starts.mask))
         assert volume.tau == 0.0 or not absent.any()
     assert np.isnan(relative(paths).x[-1]).sum() == (flights.duration < len(paths.action)).sum()
+
+
+def test_a_ratio_by_hand() -> None:
+    without = np.arange(100) < 40
+    found = ratio(np.arange(100) < 10, without)
+    assert found.value == 0.25
+    assert 0.1 < found.low < 0.25 < found.high < 0.42
+    same = ratio(without, without)
+    assert (same.value, same.low, same.high) == (1.0, 1.0, 1.0)
+    none = ratio(np.zeros(100, bool), without)
+    assert (none.value, none.low, none.high) == (0.0, 0.0, pytest.approx(clopper_pearson(0, 100)[1] / 0.4))
+    assert np.isnan(ratio(without, np.zeros(100, bool)).value)

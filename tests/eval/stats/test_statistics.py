@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from eval.stats.intervals import clopper_pearson, mean_interval, rate, risk_ratio
+from eval.stats.intervals import clopper_pearson, mean_interval
+from eval.stats.plain import percent, share
 
 
 @pytest.mark.parametrize(
@@ -71,10 +72,11 @@ def test_arguments_out_of_range_are_refused(count: int, total: int, confidence: 
         clopper_pearson(count, total, confidence)
 
 
-def test_rate_of_nothing_is_not_a_number() -> None:
-    nothing = rate(0, 0)
-    assert math.isnan(nothing.value)
-    assert (nothing.low, nothing.high, nothing.count, nothing.total) == (0.0, 1.0, 0, 0)
+def test_the_rate_of_nothing_is_not_known() -> None:
+    nothing = share(0, 0)
+    assert nothing == {"value": None, "low": 0.0, "high": 1.0, "count": 0, "total": 0}
+    assert percent(nothing) == percent(None) == "-"
+    assert percent(share(1, 4, 0.9)) == "25.00 % [1.27, 75.14]"
 
 
 def test_mean_interval_of_a_constant_and_of_nothing() -> None:
@@ -105,23 +107,3 @@ def test_counts_are_resampled_like_values() -> None:
     brute = np.array([rng.choice(values, len(values)).mean() for _ in range(4_000)])
     found = mean_interval(values, 0.9, 4_000)
     assert (found.low, found.high) == pytest.approx(tuple(np.quantile(brute, [0.05, 0.95])), abs=0.05)
-
-
-def test_risk_ratio_by_hand() -> None:
-    violated = np.array([True] * 10 + [False] * 90)
-    without = np.array([True] * 40 + [False] * 60)
-    found = risk_ratio(violated, without)
-    assert found.value == 0.25
-    assert 0.1 < found.low < 0.25 < found.high < 0.42
-
-
-def test_risk_ratio_without_violations_has_an_upper_end() -> None:
-    without = np.arange(100) < 80
-    found = risk_ratio(np.zeros(100, bool), without)
-    assert found == (0.0, 0.0, pytest.approx(clopper_pearson(0, 100)[1] / 0.8))
-    assert all(math.isnan(value) for value in risk_ratio(without, np.zeros(100, bool)))
-
-
-def test_risk_ratio_of_equal_columns_is_one() -> None:
-    without = np.arange(100) < 80
-    assert risk_ratio(without, without) == (1.0, 1.0, 1.0)
