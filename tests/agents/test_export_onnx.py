@@ -25,7 +25,7 @@ from envs.encounters import SCENARIOS
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 from envs.starts import numbered
-from tests.flying import fly_recorded
+from tests.support import fly_recorded
 
 onnx = pytest.importorskip("onnx")
 reference = pytest.importorskip("onnx.reference")

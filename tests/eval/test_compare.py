@@ -34,8 +34,7 @@ from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.optimal import WitnessSearch
 from eval.flights.simulate import OnStates
 from eval.stats.paired import mcnemar_exact, pairs, tango
-from tests.flying import fly_recorded
-from tests.recorded import recorded
+from tests.support import fly_recorded, recorded
 
 
 def make(policy_path: Path, name: str, baselines: tuple[str, ...] = ("none", "mvp")) -> Comparison:

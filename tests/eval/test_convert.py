@@ -19,7 +19,7 @@ from envs.starts import numbered
 from envs.trees import take
 from eval import convert
 from tests.envs.formats.test_encounter_file import built
-from tests.recorded import recorded
+from tests.support import recorded
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 from agents.baselines.acas_nnet import Network, NnetError, load_logic, read
 from agents.baselines.baselines import Sight
 from envs.kinematics import SURROGATE, VehicleState
-from tests.recorded import recorded
+from tests.support import recorded
 
 SMALL = """\
 // a network made by hand

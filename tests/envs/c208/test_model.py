@@ -1,8 +1,9 @@
-"""The aircraft is made of sourced facts alone, its files are what the facts give, and JSBSim does what they say."""
+"""The aircraft is made of sourced facts alone, JSBSim does what they say, and it keeps to what is published."""
 
 import math
 import subprocess
 import sys
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -10,13 +11,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from agents.config.load import load
+from agents.config.world import VehicleConfig
+from benchmarks.c208 import judged, plans_of, within_power
+from envs.c208 import validate
 from envs.c208.aerodynamics import lift_curve
-from envs.c208.conditions import Loading
+from envs.c208.conditions import CALM, Conditions, Loading
 from envs.c208.facts import FACTS, POINTS, VARIANTS
 from envs.c208.fdm import Fdm, FdmError
+from envs.c208.guidance import Path as Track
 from envs.c208.model import DATA, aircraft, current, engine
+from envs.c208.point_mass import PointMassVehicle
 from envs.c208.propulsion import idle_thrust, maximum_thrust, thrust
 from envs.c208.trim import TrimError, level_table, read, solve, stored
+from envs.follower import PERIOD
+from envs.kinematics import VehicleState
+from eval.hifi import c208_figures
 
 
 def test_the_files_that_ship_are_what_the_facts_give() -> None:
@@ -138,3 +148,105 @@ def test_jsbsim_says_nothing() -> None:
     program = "from envs.c208.fdm import Fdm; from envs.c208.trim import solve; solve(Fdm(), 70.0)"
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert result.stdout == "" and result.stderr == ""
+
+
+# The model keeps the tolerances to what is published, on points it was not fitted to, and says so when it does not.
+
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def test_no_tolerance_is_missed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", ["validate"])
+    assert validate.main() == 0
+    printed = capsys.readouterr().out
+    assert "MISSED" not in printed
+    for point in POINTS:
+        assert point.name in printed
+
+
+def test_a_missed_tolerance_is_reported(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    wrong = POINTS[0]._replace(value=POINTS[0].value * 1.05)
+    monkeypatch.setattr(validate, "POINTS", (wrong,))
+    monkeypatch.setattr("sys.argv", ["validate"])
+    assert validate.main() == 1
+    assert "MISSED" in capsys.readouterr().out
+
+
+def test_more_drag_is_slower_and_more_weight_stalls_faster() -> None:
+    cruise = next(point for point in POINTS if point.quantity == "cruise" and not point.pod)
+    stall = next(point for point in POINTS if point.quantity == "stall")
+    assert validate.measured(cruise._replace(pod=True)) < validate.measured(cruise) - 5.0
+    light = validate.measured(stall._replace(weight=7000.0))
+    assert light == pytest.approx(validate.measured(stall) * math.sqrt(7000.0 / stall.weight), rel=0.01)
+
+
+def test_the_envelope_shrinks_with_speed() -> None:
+    rows = validate.envelope()
+    assert rows[0][0] < 50.0 and rows[-1][0] >= 100.0
+    assert all(low < -0.6 < 0.0 < high for _, low, high in rows)
+    gains = [high for _, _, high in rows if _ >= 60.0]
+    assert gains == sorted(gains, reverse=True)
+
+
+def test_the_published_limits_can_be_had_all_at_once() -> None:
+    limits = load(VehicleConfig, ROOT / "configs" / "vehicle_c208.yaml").limits()
+    for speed in range(int(limits.speed_min), int(limits.speed_max) + 1):
+        vehicle = PointMassVehicle(VehicleState(0.0, 0.0, 0.0, float(speed)))
+        low, _ = vehicle.reach()
+        vehicle.bank = math.atan(speed * limits.yaw_rate_max / 9.80665)
+        _, high = vehicle.reach()
+        assert low <= limits.acceleration_min and limits.acceleration_max <= high, f"{speed} m/s: {low:.3f}, {high:.3f}"
+    stall = next(point for point in POINTS if point.quantity == "stall" and point.variant == "675")
+    slowest = validate.measured(stall._replace(variant="ex", weight=8807.0, altitude=2500.0 / 0.3048))
+    assert limits.speed_min > 1.1 * slowest * validate.KNOT / math.sqrt(0.957 / 1.225)
+
+
+# What measures and draws the true aircraft tells errors apart, and refuses what it cannot write to.
+
+
+def test_errors_across_along_and_in_time_are_kept_apart() -> None:
+    plan = plans_of(4, "circle", 0)[0]
+    track = Track(plan.legs)
+    clock = [PERIOD * number for number in range(1, 3001)]
+    exact = [track.at(time) for time in clock]
+    found = judged(plan, exact, [0.0] * len(exact), np.full(len(exact), 2501.0))
+    assert found.cross_track.max() < 1e-3 and found.position.max() < 1e-3
+    assert found.altitude.max() == 1.0
+    late = [track.at(time - 20.0) for time in clock]
+    # A guess that is wrong by a second is put right.
+    found = judged(plan, late, [19.0] * len(late), np.full(len(late), 2500.0))
+    assert found.cross_track.max() < 0.05
+    np.testing.assert_allclose(found.late, 20.0, atol=0.02)
+    aside = [
+        state._replace(x=state.x - 5.0 * math.sin(state.heading), y=state.y + 5.0 * math.cos(state.heading))
+        for state in exact
+    ]
+    found = judged(plan, aside, [0.0] * len(aside), np.full(len(aside), 2500.0))
+    np.testing.assert_allclose(found.cross_track, 5.0, atol=0.05)
+    assert found.late.max() < 0.01
+
+
+def test_a_plan_within_power_in_calm_air_may_not_be_in_wind() -> None:
+    plans = [plan for plan in plans_of(6, "circle", 0) if within_power(plan, CALM)]
+    assert plans
+    # A gale from ahead or behind always takes one of them out of the range.
+    gales = [Conditions(wind_east=30.0 * math.cos(a), wind_north=30.0 * math.sin(a)) for a in np.arange(0.0, 6.3, 0.5)]
+    assert all(any(not within_power(plan, gale) for gale in gales) for plan in plans)
+
+
+@pytest.mark.slow
+def test_the_pictures_are_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["c208_figures", "--out", str(tmp_path / "new" / "folder")])
+    assert c208_figures.main() == 0
+    assert (tmp_path / "new" / "folder" / "aircraft.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "new" / "folder" / "aircraft.svg").stat().st_size > 10_000
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    monkeypatch.setattr("sys.argv", ["c208_figures", "--out", str(blocked)])
+    with pytest.raises(SystemExit) as stopped:
+        c208_figures.main()
+    assert stopped.value.code == 2
+    assert "expected a folder" in capsys.readouterr().err

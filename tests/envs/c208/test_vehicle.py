@@ -3,15 +3,25 @@
 import hashlib
 import math
 
+import gymnasium
 import numpy as np
 import pytest
+from gymnasium import error
+from gymnasium.utils.env_checker import check_env
+from hypothesis import given
+from hypothesis import strategies as st
 
+from envs.c208.air_mass import air_commands, ground_commands, over_ground, through_air
 from envs.c208.autopilot import GRAVITY
 from envs.c208.conditions import CALM, Conditions
+from envs.c208.gymnasium_env import ENV_ID
 from envs.c208.point_mass import PointMassVehicle
 from envs.c208.vehicle import LOG_COLUMNS, C208Vehicle, FlightError, StartError
+from envs.encounters import EncounterError
 from envs.follower import PERIOD, Vehicle
-from envs.kinematics import VehicleState
+from envs.gym.gymnasium_env import DeconflictionEnv
+from envs.kinematics import SURROGATE, VehicleState, advance
+from envs.outcome import RULES
 
 EAST = VehicleState(0.0, 0.0, 0.0, 70.0)
 COLUMN = {name: number for number, name in enumerate(LOG_COLUMNS)}
@@ -188,3 +198,112 @@ def test_the_point_mass_climbs_to_its_altitude_and_keeps_its_limits() -> None:
     assert vehicle.altitude == pytest.approx(2500.0, abs=1.0)
     assert abs(math.degrees(vehicle.bank)) <= 45.0
     assert vehicle.airspeed < 110.0
+
+
+# Over the ground and through the air are two views of one motion.
+
+
+STATES = st.builds(
+    VehicleState, st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(-3.1, 3.1), st.floats(40.0, 110.0)
+)
+WINDS = st.tuples(st.floats(-15.0, 15.0), st.floats(-15.0, 15.0))
+COMMANDS = st.tuples(st.floats(-0.8, 0.5), st.floats(-0.08, 0.08))
+
+
+def close(a: VehicleState, b: VehicleState) -> None:
+    assert math.hypot(a.x - b.x, a.y - b.y) < 1e-6
+    assert a.speed == pytest.approx(b.speed, abs=1e-9)
+    assert math.cos(a.heading - b.heading) == pytest.approx(1.0, abs=1e-12)
+
+
+@given(STATES, WINDS, st.floats(0.0, 500.0))
+def test_there_and_back(state: VehicleState, wind: tuple[float, float], time: float) -> None:
+    close(over_ground(through_air(state, wind, time), wind, time), state)
+
+
+@given(STATES, STATES, WINDS, st.floats(0.0, 500.0))
+def test_distances_do_not_see_the_wind(
+    a: VehicleState, b: VehicleState, wind: tuple[float, float], time: float
+) -> None:
+    there, other = (through_air(state, wind, time) for state in (a, b))
+    assert math.hypot(there.x - other.x, there.y - other.y) == pytest.approx(math.hypot(a.x - b.x, a.y - b.y))
+
+
+@given(STATES, WINDS, st.floats(0.0, 500.0))
+def test_arrays_are_plain_numbers_in_a_row(state: VehicleState, wind: tuple[float, float], time: float) -> None:
+    rows = through_air(VehicleState(*(np.array([field]) for field in state)), wind, time)
+    close(VehicleState(*(float(field[0]) for field in rows)), through_air(state, wind, time))
+
+
+@given(STATES, WINDS, COMMANDS)
+def test_commands_are_the_same_acceleration(
+    state: VehicleState, wind: tuple[float, float], command: tuple[float, float]
+) -> None:
+    air = through_air(state, wind, 0.0)
+    assert ground_commands(air, *air_commands(state, *command, wind), wind) == pytest.approx(command, abs=1e-9)
+    # A moment later both views are still of one motion.
+    free = SURROGATE._replace(speed_min=0.0, speed_max=1e3)
+    later = advance(state, *command, 0.01, free, np)
+    drifted = advance(air, *air_commands(state, *command, wind), 0.01, free, np)
+    there = over_ground(VehicleState(*(float(field) for field in drifted)), wind, 0.01)
+    assert math.hypot(there.x - later.x, there.y - later.y) < 1e-4
+    assert there.speed == pytest.approx(float(later.speed), abs=2e-3)
+
+
+# The true aircraft's environment keeps Gymnasium's contract and the surrogate's observation, action and reward.
+
+
+STRAIGHT = np.zeros(2, np.float32)
+
+
+def test_gymnasiums_checker_passes() -> None:
+    check_env(gymnasium.make(ENV_ID).unwrapped, skip_render_check=True)
+
+
+def test_it_is_the_surrogates_task_flown_with_the_aircrafts_lags() -> None:
+    true, surrogate = gymnasium.make(ENV_ID), DeconflictionEnv()
+    assert true.observation_space == surrogate.observation_space
+    assert true.action_space == surrogate.action_space
+    seen, _ = true.reset(seed=3)
+    expected, _ = surrogate.reset(seed=3)
+    np.testing.assert_allclose(seen, expected, atol=1e-6)
+    for number in range(40):
+        action = np.array([0.3, 0.8 * np.sin(number / 8.0)], np.float32)
+        seen, reward, *_, info = true.step(action)
+        expected, wanted, *_, other = surrogate.step(action)
+        assert reward == wanted
+        # A roll's lag of most of a second at 3 deg/s is two degrees of heading at most.
+        assert info["goal_distance"] == pytest.approx(other["goal_distance"], abs=60.0)
+        assert abs(info["altitude"] - 2500.0) < 5.0
+    assert not np.allclose(seen, expected, atol=1e-6)
+
+
+def test_episodes_repeat_and_end() -> None:
+    def play() -> list[float]:
+        env = gymnasium.make(
+            ENV_ID, rules=RULES._replace(t_max=20.0), conditions=Conditions(wind_east=3.0, turbulence="light")
+        )
+        env.reset(seed=1)
+        rows, over = [], False
+        while not over:
+            observation, reward, terminated, truncated, info = env.step(STRAIGHT)
+            rows += [*observation.tolist(), float(reward), info["airspeed"]]
+            over = terminated or truncated
+        with pytest.raises(error.ResetNeeded, match="has ended"):
+            env.unwrapped.step(STRAIGHT)
+        return rows
+
+    assert play() == play()
+
+
+def test_misuse_is_refused_in_a_sentence() -> None:
+    env = gymnasium.make(ENV_ID, conditions=Conditions(wind_east=30.0)).unwrapped
+    with pytest.raises(error.ResetNeeded, match="before reset"):
+        env.step(STRAIGHT)
+    with pytest.raises(EncounterError, match=r"cannot be flown by the aircraft: .*no equilibrium"):
+        for seed in range(20):
+            env.reset(seed=seed)
+    calm = gymnasium.make(ENV_ID).unwrapped
+    calm.reset(seed=0)
+    with pytest.raises(error.InvalidAction, match="shape"):
+        calm.step(np.zeros(3, np.float32))

@@ -11,7 +11,7 @@ from envs.formats.adsb_file import read_adsb
 from envs.traffic.replay import replay
 from envs.traffic.track_units import KNOT
 from envs.traffic.tracks import Repairs, TrackError, at_times
-from tests.recorded import recorded
+from tests.support import recorded
 
 
 def report(name: str, seconds: float, latitude: float, **changes):

@@ -10,7 +10,7 @@ from envs.formats.adsb_pairs import adsb_pairs
 from envs.traffic.track_units import FOOT
 from envs.traffic.tracks import Repairs, Track, TrackError
 from tests.envs.formats.flights import WGS84, flight, reports_file
-from tests.recorded import case
+from tests.support import case
 
 
 def meeting(latitude: float, longitude: float, track: float = 90.0, after: float = 60.0):

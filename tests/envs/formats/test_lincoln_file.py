@@ -12,7 +12,7 @@ from envs.formats.lincoln_file import published_miss, read_lincoln, tracks_of
 from envs.kinematics import SURROGATE
 from envs.traffic.replay import replay
 from envs.traffic.tracks import TrackError
-from tests.recorded import recorded
+from tests.support import recorded
 
 FOOT = 0.3048
 EVENTS = "events_time_s_vrate_fps_turn_radps_accel_ftpss"

@@ -15,7 +15,7 @@ from envs.traffic.track_units import FAMILIES, KNOT, si
 from envs.traffic.tracks import Repairs, TrackError, at_times
 from ros_bridge.core.geodesy import LocalFrame
 from tests.envs.formats.flights import WGS84, flight
-from tests.recorded import recorded
+from tests.support import recorded
 
 LOCAL = """\
 # made by hand

@@ -19,7 +19,7 @@ from envs.traffic.encounter_model_sampler import DURATION, dimensions, flown, sa
 from envs.traffic.model_traffic import ModelTraffic, encounters_with
 from envs.traffic.replay import off_arcs
 from envs.traffic.track_units import KNOT
-from tests.recorded import recorded
+from tests.support import recorded
 
 SMALL = """\
 # labels_initial

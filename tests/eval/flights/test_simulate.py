@@ -18,7 +18,7 @@ from envs.starts import numbered
 from eval.flights import simulate
 from eval.flights.conditions import conditions
 from eval.flights.simulate import OUTCOMES, sensor_noise
-from tests.flying import fly_recorded
+from tests.support import fly_recorded
 
 VIOLATION, REACHED, TIMEOUT = range(3)
 

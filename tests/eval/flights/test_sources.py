@@ -24,7 +24,7 @@ from eval.monte_carlo import run as monte_carlo
 from eval.report import run as report
 from tests.envs.formats.test_lincoln_file import ONE
 from tests.envs.traffic.test_encounter_model import SMALL
-from tests.recorded import recorded
+from tests.support import recorded
 
 QUICK = ("--set", "resamples=200", "--set", "figures=false", "--workers", "1")
 DAA = """\

@@ -24,8 +24,7 @@ from eval.compare.deciders import REFERENCE, WITNESS, Comparison, Entry, baselin
 from eval.flights.chunks import Evaluation
 from eval.flights.optimal import WitnessSearch, ended, fly_witnesses, followed
 from eval.flights.simulate import OUTCOMES, OnStates
-from tests.flying import fly_recorded
-from tests.recorded import recorded
+from tests.support import fly_recorded, recorded
 
 SHORT = {"radius": (3_000.0, 3_600.0)}
 QUICK = RULES._replace(t_max=150.0)

@@ -27,8 +27,7 @@ from eval.metrics.volumes import (
     time_to_loss,
 )
 from eval.stats.intervals import clopper_pearson
-from tests.flying import fly_recorded
-from tests.recorded import recorded
+from tests.support import fly_recorded, recorded
 
 
 def seen(x, y, vx, vy, z=0.0, vz=0.0) -> Relative:

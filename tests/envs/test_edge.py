@@ -1,18 +1,26 @@
-"""Every program's edge: options that are refused, the guard, and a base installation without extras."""
+"""The edge of every program: options, the guard, a base installation, files, text, and locks of folders."""
 
+import errno
 import os
 import re
+import signal
 import subprocess
 import sys
+import unicodedata
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from agents.config.folder_lock import LOCK, is_unused, locked
 from envs.edge.command import ConfigError, InputError, Parser, run_cli
+from envs.edge.files import check_regular, check_space, write_file, written
 from envs.edge.installation import PACKAGES, extra_of
+from envs.edge.text import visible
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 BLOCKER = """
 import sys
 class Blocker:
@@ -169,3 +177,126 @@ def test_a_refused_policy_is_bad_input():
     with pytest.raises(SystemExit) as ended:
         run_cli(main)
     assert ended.value.code == 2
+
+
+# Files are written whole or not at all, and only regular ones are read.
+
+
+def test_a_file_is_replaced_whole(tmp_path: Path):
+    target = tmp_path / "a.txt"
+    write_file(target, "old")
+    write_file(target, b"new")
+    assert target.read_bytes() == b"new"
+    assert target.stat().st_mode & 0o777 == 0o644
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def fail(path: Path) -> None:
+    path.write_text("half", encoding="utf-8")
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_full_disk_leaves_the_old_file_and_names_it(tmp_path: Path):
+    target = tmp_path / "a.txt"
+    write_file(target, "old")
+    with pytest.raises(OSError, match=r"a\.txt") as caught, written(target) as path:
+        fail(path)
+    assert caught.value.errno == errno.ENOSPC
+    assert target.read_text(encoding="utf-8") == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_an_error_about_another_file_keeps_its_name(tmp_path: Path):
+    source = tmp_path / "folder" / "source.txt"
+    with pytest.raises(FileNotFoundError) as caught, written(tmp_path / "a.txt"):
+        source.read_text(encoding="utf-8")
+    assert caught.value.filename == str(source)
+
+
+@pytest.mark.parametrize("target", ["none/a.txt", "folder"])
+def test_what_cannot_be_written_is_refused_before_the_work(tmp_path: Path, target: str):
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OSError) as caught, written(tmp_path / target):
+        pytest.fail("the block was entered")
+    assert caught.value.filename == str(tmp_path / target)
+
+
+def test_a_named_pipe_is_no_regular_file(tmp_path: Path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", tmp_path, tmp_path / "none"):
+        with pytest.raises(OSError):
+            check_regular(path)
+
+
+def test_a_disk_without_room_is_refused_by_name(tmp_path: Path):
+    check_space(tmp_path / "new", 1, "a file")
+    with pytest.raises(ConfigError, match="MB are free there, expected about"):
+        check_space(tmp_path / "new" / "deep", 10**18, "a file")
+    assert list(tmp_path.iterdir()) == []
+
+
+# Text from files on its way to a reader.
+
+
+@given(st.text())
+def test_nothing_invisible_is_left_in_a_visible_text(text: str) -> None:
+    shown = visible(text)
+    assert not [each for each in shown if unicodedata.category(each) in {"Cc", "Cf"} and each != "\n"]
+    assert visible(shown) == shown
+
+
+def test_an_error_shows_a_reversing_character_as_its_code(capsys: pytest.CaptureFixture[str]) -> None:
+    def main() -> int:
+        raise InputError("encounter 'a\u202eb' is unknown")
+
+    with pytest.raises(SystemExit):
+        run_cli(main)
+    assert capsys.readouterr().err == "error: encounter 'a\\u202eb' is unknown\n"
+
+
+# Two processes never write into one run folder.
+
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from agents.config.folder_lock import locked
+with locked(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_folder_in_use_is_refused_until_its_process_is_killed(tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "run"
+    holder = subprocess.Popen([sys.executable, "-c", HOLD, str(folder)], stdout=subprocess.PIPE, text=True)
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == "held\n"
+    with pytest.raises(ConfigError, match=f"--resume {folder} .* process {holder.pid} on "), locked(folder, "--resume"):
+        pass
+    holder.send_signal(signal.SIGKILL)
+    holder.communicate()
+    with locked(folder):
+        pass
+
+
+def test_a_lock_ends_with_its_block(tmp_path: Path) -> None:
+    with locked(tmp_path), pytest.raises(ConfigError), locked(tmp_path):
+        pass
+    with locked(tmp_path):
+        pass
+
+
+def test_a_folder_with_nothing_but_a_lock_is_unused(tmp_path: Path) -> None:
+    assert is_unused(tmp_path / "none")
+    with locked(tmp_path):
+        assert is_unused(tmp_path)
+    (tmp_path / "other").touch()
+    assert not is_unused(tmp_path)
+    assert not is_unused(tmp_path / LOCK)
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigError, match="cannot be written"), locked(tmp_path / "file" / "run"):
+        pass
