@@ -2,8 +2,9 @@
 
 It imports nothing else of the project. What decides is computed in balls (complex numbers with a bound of their error,
 256 bits) and follows the theorem ``safe`` of proofs/Safe.v: legs are flown exactly; in each part of an arc the relative
-motion leaves its chord by at most a h^2 / 8. At every real time of an accepted plan every intruder is the required
-distance less 1.002 mm away, and the separation itself less 3 micrometres (docs/explanation/safe-theorem.md).
+motion leaves its chord by at most a h^2 / 8; an arc is left out where both can fly less than they are too far apart
+(``left_out_soundly``). At every real time of an accepted plan every intruder is the required distance less 1.002 mm
+away, and the separation itself less 3 micrometres (docs/explanation/safe-theorem.md).
 """
 
 import argparse
@@ -11,7 +12,6 @@ import cmath
 import json
 import math
 import sys
-from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -29,8 +29,10 @@ class RefusedError(ValueError):
 class Ball:
     """All complex numbers at most ``r`` from x + iy; of real numbers ``lo`` and ``hi`` are bounds; units of 2^-256."""
 
+    lo, hi = property(lambda self: self.x - self.r), property(lambda self: self.x + self.r)
+
     def __init__(self, x: int, y: int, r: int) -> None:
-        self.x, self.y, self.r, self.lo, self.hi = x, y, r, x - r, x + r
+        self.x, self.y, self.r = x, y, r
 
     def __add__(self, other: "Ball") -> "Ball":
         return Ball(self.x + other.x, self.y + other.y, self.r + other.r)
@@ -66,33 +68,29 @@ def ball(x: float, y: float = 0.0) -> Ball:
     return Ball((a << BITS) // b, (c << BITS) // d, 0 if max(b, d) <= 1 << BITS else 2)
 
 
-ZERO, J = ball(0.0), ball(0.0, 1.0)
+ZERO, ONE, J = ball(0.0), ball(1.0), ball(0.0, 1.0)
 CLOSED, CLOSE, ROUNDING, FINE, TURN, TINY = map(ball, (1e-3 + 1e-6, 1e-3 + 2e-6, 3e-6, 2e-6, 2e-9, 1e-12))
 
 
-@cache
-def spin(x: int, r: int) -> Ball:
-    """Return cosine + i sine of a real angle, given by its ball."""
-    halvings = (abs(x) >> (BITS - 16)).bit_length()
-    small = Ball(0, x >> halvings, (r >> halvings) + 2)
-    total, term, n = ball(1.0), ball(1.0), 0
-    while abs(term.x) + abs(term.y) > 2:  # a term is 2^-16 of the one before at most
-        n, term = n + 1, term * small
-        term = Ball(term.x // n, term.y // n, term.r // n + 3)
-        total += term
-    total = Ball(total.x, total.y, total.r + 4 + 2 * term.r)
+def spin(angle: Ball) -> Ball:
+    """Return cosine + i sine of a real angle."""
+    halvings = (abs(angle.x) >> (BITS - 4)).bit_length()
+    small, term, n, sums = angle.x >> halvings, 1 << BITS, 0, [0, 0, 0, 0]
+    while term not in (0, -1):  # a term is 2^-4 of the one before at most, and off by 3 at most
+        sums[n % 4] += term
+        n += 1
+        term = (term * small >> BITS) // n
+    total = Ball(sums[0] - sums[2], sums[1] - sums[3], 4 * n + 8)
     for _ in range(halvings):
         total *= total
-    return total
+    return Ball(total.x, total.y, total.r + angle.r)
 
 
-def travel(psi: Ball, v: Ball, a: Ball, w: Ball, t: Ball) -> Ball:
-    """Return how far one gets in a time t with speed v + a t and heading psi + w t."""
-    course = spin(psi.x, psi.r)
+def travel(course: Ball, turn: Ball, v: Ball, a: Ball, w: Ball, t: Ball) -> Ball:
+    """Return how far one gets in a time t with speed v + a t, on a course that turns by w t; both as cos + i sin."""
     if w.x == w.r == 0:
         return course * t * (v + a * t / ball(2.0))
-    turn = spin((w * t).x, (w * t).r)
-    return course * (((v + a * t) * turn - v) * (ZERO - J) + a * (turn - ball(1.0)) / w) / w
+    return course * (((v + a * t) * turn - v) * (ZERO - J) + a * (turn - ONE) / w) / w
 
 
 def controls(a: list[float], b: list[float]) -> list[float]:
@@ -130,14 +128,17 @@ def table(name: str, rows: Any, width: int) -> list[list[float]]:
 
 
 def flight(knots: list[list[float]], given: list[list[float]], limits: list[Ball]) -> list[tuple[Ball, ...]]:
-    """Return the plan's arcs (begin, length, place, psi, v, a, w), which keep the limits and join the waypoints."""
+    """Return the plan's arcs, which keep the limits and join the waypoints.
+
+    Of each: begin, length, first and last place, course, v, a, w, greatest speed and own acceleration.
+    """
     arcs, low, high = [], 0, 1 << (BITS + 30)
     for number, (a, b) in enumerate(pairwise(knots)):
         leg = f"the leg to waypoint {number}"
         demand(b[4] - a[4] > 1e-3, f"{leg} takes no time")
         same = all(abs(one - two) <= 1e-8 for one, two in zip(given[number], controls(a, b), strict=True))
         demand(same, f"{leg} is not flown along its curve")
-        h, place, psi, v = (ball(b[4]) - ball(a[4])) / ball(ARCS), ball(a[0], a[1]), ball(a[2]), ball(a[3])
+        h, place, course, v = (ball(b[4]) - ball(a[4])) / ball(ARCS), ball(a[0], a[1]), spin(ball(a[2])), ball(a[3])
         for k in range(ARCS):
             w, p, begin = ball(given[number][k]), ball(given[number][ARCS + k]), ball(a[4]) + h * ball(k)
             low, high, after = max(low, v.hi), min(high, v.lo), v + p * h
@@ -146,21 +147,24 @@ def flight(knots: list[list[float]], given: list[list[float]], limits: list[Ball
             gentle = limits[2].hi - FINE.lo <= p.lo and p.hi <= limits[3].lo + FINE.lo
             demand(gentle, f"{leg} leaves the acceleration limits")
             demand(w.size().hi <= limits[4].lo + TURN.lo, f"{leg} turns too fast")
-            arcs.append((begin, h, place, psi, v, p, w))
-            place, psi, v = place + travel(psi, v, p, w, h), psi + w * h, after
+            quick, turn = Ball(max(v.hi, after.hi), 0, 0), spin(w * h)
+            last = place + travel(course, turn, v, p, w, h)
+            arcs.append((begin, h, place, last, course, v, p, w, quick, (p + J * quick * w).size()))
+            place, course, v = last, course * turn, after
         end = (place - ball(b[0], b[1])).size().hi <= CLOSED.lo and (v - ball(b[3])).size().hi <= FINE.lo
-        course = spin(psi.x, psi.r) - spin(ball(b[2]).x, ball(b[2]).r)
-        demand(end and course.size().hi <= FINE.lo, f"{leg} misses its waypoint")
+        demand(end and (course - spin(ball(b[2]))).size().hi <= FINE.lo, f"{leg} misses its waypoint")
     return arcs
 
 
 def other(row: list[Ball], t: Ball) -> Ball:
     """Return where an intruder is a time after the request: it turns for a while after its report, then flies on."""
-    place, psi, v, age, w, lasts = row[:6]
+    place, course, v, age, w, lasts = row[:6]
     time = t + age
+    if w.x == w.r == 0:
+        return place + course * v * time
     turning = Ball(min(time.x, lasts.x), 0, time.r + lasts.r)
-    course = psi + w * turning
-    return place + travel(psi, v, ZERO, w, turning) + spin(course.x, course.r) * v * (time - turning)
+    turn = spin(w * turning)
+    return place + travel(course, turn, v, ZERO, w, turning) + course * turn * v * (time - turning)
 
 
 def bound(first: Ball, last: Ball, bow: int) -> int:
@@ -184,21 +188,26 @@ def separated(number: int, row: list[Ball], start: Ball, arcs: Any, sizes: list[
     least, margin, sigmas = sizes
     std, away = (row[6] + J * row[7] * row[3]).size(), (other(row, ZERO) - start).size()
     keep = max(least.hi, min((least + margin + sigmas * std).hi, away.hi))
-    swerve = row[2] * row[4] if row[5].hi > row[3].lo else ZERO
-    for begin, h, place, psi, v, p, w in arcs:
-        quick = Ball(max(v.hi, (v + p * h).hi), 0, 0)
-        pull, todo = (p + J * quick * w).size() + swerve.size(), [(0, 1)]
+    swerve = (row[2] * row[4]).size() if row[5].hi > row[3].lo else ZERO
+    near = away.lo  # the distance at the beginning of an arc is this at least
+    for begin, h, place, end, course, v, p, w, quick, own_swerve in arcs:
+        pull, todo, near = own_swerve + swerve, [(0, 1)], near - (h * (quick + row[2])).hi
         while todo:
             i, n = todo.pop()
-            times = [h * ball(k) / ball(n) for k in (i, i + 1)]
-            first, last = (other(row, begin + t) - place - travel(psi, v, p, w, t) for t in times)
-            later = begin + times[1]
+            later, known = begin + h * ball(i + 1) / ball(n), {0: place, n: end}
             need = keep + (sigmas * ((std + J * row[7] * later).size() - std)).hi
             owed = max(need - CLOSE.lo, least.hi - ROUNDING.lo, claim.hi)
             bow = max((pull * h * h / ball(8 * n * n)).hi, TINY.hi)
+            if n == 1 and near - bow >= owed:
+                continue
+            times = [(k, h * ball(k) / ball(n)) for k in (i, i + 1)]
+            own = [known[k] if k in known else place + travel(course, spin(w * t), v, p, w, t) for k, t in times]
+            first, last = (other(row, begin + t) - at for (_, t), at in zip(times, own, strict=True))
+            near = last.size().lo if n == 1 else near
             if bound(first, last, bow) < owed:
                 demand(n < parts, f"intruder {number} may come too close before {later.hi / (1 << BITS):.2f} s")
                 todo += [(2 * i, 2 * n), (2 * i + 1, 2 * n)]
+        near -= CLOSED.hi
 
 
 def accept(data: Any) -> float:
@@ -225,7 +234,7 @@ def accept(data: Any) -> float:
         keeps = min(now.lo, then.lo) >= apart or max(now.hi, then.hi) <= -apart
         demand(keeps, "an excluded intruder does not stay above or below")
     for number, (x, y, *rest) in enumerate(intruders):
-        row = [ball(x, y), *map(ball, rest)]
+        row = [ball(x, y), spin(ball(rest[0])), *map(ball, rest[1:])]
         row[4] = row[4] if rest[4] > 0.0 else ZERO  # a turn that lasts for no time
         start = ball(knots[0][0], knots[0][1])
         separated(number, row, start, arcs, list(map(ball, wanted[:3])), ball(claims[number]), data["parts"])

@@ -3,6 +3,7 @@
 Require Import Motion Quadrature Safe Example.
 
 Print Assumptions safe.
+Print Assumptions left_out_soundly.
 Print Assumptions advanced_x.
 Print Assumptions advanced_y.
 Print Assumptions blur_sound.

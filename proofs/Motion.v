@@ -63,6 +63,34 @@ Proof.
     rewrite value; apply Rmult_le_compat_r; lra.
 Qed.
 
+(* At speeds of q at most, nothing gets farther than q for each second. *)
+Lemma flown x y vx vy q b e :
+  0 <= q -> b <= e -> moves x y vx vy -> (forall t, b <= t <= e -> norm (vx t) (vy t) <= q) ->
+  norm (x e - x b) (y e - y b) <= q * (e - b).
+Proof.
+  intros pos order motion slow.
+  apply norm_by_projections; [apply Rmult_le_pos; lra|].
+  intros n m unit.
+  destruct (mean_value (fun u => n * x u + m * y u) (fun u => n * vx u + m * vy u) b e order) as [c [inside value]].
+  - intros u; destruct (motion u) as [mx my].
+    apply (is_derive_plus (fun v => n * x v) (fun v => m * y v) u (n * vx u) (m * vy u)).
+    + apply (is_derive_scal x u n (vx u)); assumption.
+    + apply (is_derive_scal y u m (vy u)); assumption.
+  - assert (bound := slow c inside).
+    assert (projection := dot_le_norm_unit n m (vx c) (vy c) unit).
+    replace (n * (x e - x b) + m * (y e - y b)) with (n * x e + m * y e - (n * x b + m * y b)) by ring.
+    rewrite value; apply Rmult_le_compat_r; lra.
+Qed.
+
+(* A velocity of this size along some course. *)
+Lemma speed_norm v a : 0 <= v -> norm (v * cos a) (v * sin a) = v.
+Proof.
+  intros; rewrite norm_scale by assumption.
+  enough (norm (cos a) (sin a) = 1) as -> by ring.
+  unfold norm; generalize (sin2_cos2 a); unfold Rsqr; intros.
+  replace (cos a * cos a + sin a * sin a) with 1 by lra; apply sqrt_1.
+Qed.
+
 (* The difference of two motions. *)
 Lemma steady_minus vx vy wx wy a c b e :
   steady vx vy a b e -> steady wx wy c b e ->

@@ -182,6 +182,34 @@ Proof.
   unfold swerve; destruct (Rlt_dec 0 (ilasts i)); [generalize (Rabs_pos (ispeed i * irate i))|]; lra.
 Qed.
 
+(* The checker leaves out an arc at whose beginning an intruder is farther than both can fly in it. *)
+Theorem left_out_soundly A i near b e B :
+  0 <= speed A -> 0 <= speed A + alpha A * duration A -> 0 <= ispeed i ->
+  begin A <= b -> b <= e -> e <= begin A + duration A -> near <= distance A i b ->
+  let flown := (quickest (speed A) (alpha A) (duration A) + ispeed i) * (e - b) in
+  near - flown <= distance A i e /\
+  exists m, clear (other_px i b - own_px A b) (other_py i b - own_py A b)
+    (other_px i e - own_px A e) (other_py i e - own_py A e) B m /\ near - flown - B <= m.
+Proof.
+  intros first last forward from order until far both.
+  set (x := fun t => other_px i t - own_px A t); set (y := fun t => other_py i t - own_py A t).
+  assert (fast : 0 <= quickest (speed A) (alpha A) (duration A)).
+  { unfold quickest; generalize (Rmax_l (speed A) (speed A + alpha A * duration A)); lra. }
+  assert (way : norm (x e - x b) (y e - y b) <= both).
+  { assert (motion := relative_moves A i).
+    apply (flown _ _ _ _ (quickest (speed A) (alpha A) (duration A) + ispeed i) b e) in motion; [assumption|lra|lra|].
+    intros t inside.
+    unfold Rminus at 1 3; apply Rle_trans with (1 := norm_triangle _ _ _ _); rewrite norm_opp.
+    unfold other_vx, other_vy, own_vx, own_vy.
+    assert (0 <= t - begin A <= duration A) as now by lra.
+    assert (own := quickest_bound _ _ _ _ first last now).
+    rewrite !speed_norm by lra; lra. }
+  unfold distance in *; fold (x b) (y b) (x e) (y e) in *.
+  assert (back := norm_near (x e) (y e) (x b) (y b) both way).
+  split; [lra|].
+  exists (norm (x b) (y b) - norm (x e - x b) (y e - y b) - B); split; [apply by_reach|lra].
+Qed.
+
 Theorem part_safe r A i away slip eps b e t :
   0 <= sigmas r -> 0 <= begin A -> 0 <= speed A -> 0 <= speed A + alpha A * duration A ->
   begin A <= b -> b < e -> e <= begin A + duration A ->

@@ -1,6 +1,7 @@
 """The certificate of a plan proves it to a checker that knows nothing of the planner; an edited one is refused."""
 
 import ast
+import cmath
 import copy
 import json
 import math
@@ -129,6 +130,20 @@ def test_intruder_on_the_plan_is_refused(data: dict[str, Any]) -> None:
     assert "intruder 2" in refusal(edited)
 
 
+@pytest.mark.parametrize(("far", "passes"), [(900.0, False), (1_100.0, True)])
+def test_fast_intruder_that_crosses_between_waypoints(data: dict[str, Any], far: float, passes: bool) -> None:
+    x, y, heading, speed, at = data["waypoints"][8]
+    place = complex(x, y) + (far - 10.0 * speed) * cmath.exp(1j * heading)
+    begin = place - 390.0 * (at - 10.0) * cmath.exp(1j * (heading + 0.5 * math.pi))
+    edited = copy.deepcopy(data)
+    edited["intruders"].append([begin.real, begin.imag, heading + 0.5 * math.pi, 390.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    edited["bounds"].append(1_000.0)
+    if passes:
+        assert check.accept(edited) == 1_000.0
+    else:
+        assert "intruder 2" in refusal(edited)
+
+
 def test_checker_and_small_steps_agree_on_moved_certificates(data: dict[str, Any]) -> None:
     assert not wrong(data)
     bad = 0
@@ -176,7 +191,8 @@ def test_travel_encloses_a_fine_integration() -> None:
         nodes, weights = np.polynomial.legendre.leggauss(40)
         s = 0.5 * t * (1.0 + nodes)
         far = np.sum(0.5 * t * weights * (v + a * s) * np.exp(1j * (psi + w * s)))
-        ball = check.travel(*map(check.ball, (psi, v, a, w, t)))
+        course, turn = check.spin(check.ball(psi)), check.spin(check.ball(w) * check.ball(t))
+        ball = check.travel(course, turn, *map(check.ball, (v, a, w, t)))
         assert ball.x / unit + 1j * (ball.y / unit) == pytest.approx(far, abs=1e-9)
         assert ball.r < unit >> 150
 
@@ -187,7 +203,7 @@ def test_balls_hold_what_is_computed_exactly() -> None:
         x, y = rng.normal(size=2) * 10.0 ** rng.uniform(-3.0, 6.0, 2)
         one = check.ball(x) / check.ball(y) * check.ball(y) - check.ball(x)
         assert abs(one.x) <= one.r
-        turn = check.spin(check.ball(x).x, 0)
+        turn = check.spin(check.ball(x))
         whole = turn * check.Ball(turn.x, -turn.y, turn.r) - check.ball(1.0)
         assert abs(whole.x) <= whole.r and abs(whole.y) <= whole.r
 

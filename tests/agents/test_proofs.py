@@ -188,7 +188,8 @@ def test_intruders_fly_the_proven_closed_form() -> None:
         now = advanced(traffic, np.full((1, 1), age))
         place = separation._relative((np.zeros((1, 1)), np.zeros((1, 1))), np.array([[time]]), now)
         assert (place[0].item(), place[1].item()) == pytest.approx((x, y), abs=1e-6)
-        ball = check.other([check.ball(0.0, 0.0), *map(check.ball, (psi, v, age, w, lasts))], check.ball(time))
+        report = [check.ball(0.0, 0.0), check.spin(check.ball(psi)), *map(check.ball, (v, age, w, lasts))]
+        ball = check.other(report, check.ball(time))
         assert (ball.x / (1 << check.BITS), ball.y / (1 << check.BITS)) == pytest.approx((x, y), abs=1e-6)
         assert now.turn_time.item() == pytest.approx(COQ["advanced_lasts"](lasts, age))
 
