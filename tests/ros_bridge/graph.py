@@ -1,4 +1,4 @@
-"""A real graph for tests: nodes in processes of their own, a client in this one, DDS on loopback, a domain apart."""
+"""A real graph for tests: nodes in processes of their own or in this one, a client, DDS on loopback, a domain apart."""
 
 import contextlib
 import gc
@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -29,6 +29,7 @@ import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 from rlcas_msgs.msg import AircraftState, GeoReference, TrafficAlert, Trajectory, Waypoint  # noqa: E402
 
 from ros_bridge.transport import qos  # noqa: E402
@@ -155,6 +156,30 @@ class Client:
             return self.spin(answered).result()
         finally:
             self.node.destroy_client(client)
+
+
+@contextlib.contextmanager
+def beside(kind: Any, **values: Any) -> Iterator[tuple[Any, Client]]:
+    """Run a node beside a client, in one executor."""
+    with domain() as number:
+        client = Client(number)
+        given = [Parameter(name, value=value) for name, value in values.items()]
+        try:
+            node = kind(context=client.context, parameter_overrides=given)
+            client.executor.add_node(node)
+            try:
+                yield node, client
+            finally:
+                client.executor.remove_node(node)
+                node.destroy_node()
+        finally:
+            client.close()
+
+
+def eventually(client: Client, future: Any) -> Any:
+    """Return what a call brings."""
+    client.spin(future.done, PATIENCE)
+    return future.result()
 
 
 def as_message(kind: type, plain: SimpleNamespace) -> Any:

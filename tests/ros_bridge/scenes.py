@@ -1,20 +1,35 @@
-"""Messages as plain objects, for what needs no ROS; their fields are those of ``rlcas_msgs``."""
+"""Messages as plain objects, for what needs no ROS: those of ``rlcas_msgs``, and those of other packages."""
 
 import math
+from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+import pytest
+
+from ros_bridge.core import updates
 from ros_bridge.core.geodesy import LocalFrame
+from ros_bridge.core.situation import Code, Refusal, Settings, Situation, task
+from ros_bridge.core.tracks import Rules
 
 __all__ = [
     "FRAME",
     "NOW",
+    "RULES",
     "SECOND",
     "aircraft",
     "alert",
+    "crossing",
+    "definitions",
+    "fields_of",
     "geo_reference",
+    "heard",
+    "message",
     "point",
     "published",
+    "refusal",
     "route_points",
     "stamp",
 ]
@@ -22,6 +37,14 @@ __all__ = [
 SECOND = 1_000_000_000
 NOW = 1_700_000_000 * SECOND + 250_000_000
 FRAME = LocalFrame(47.0, 8.0)
+RULES = Rules()
+_NUMBERS = {
+    **{f"{sign}int{bits}": int for sign in ("", "u") for bits in (8, 16, 32, 64)},
+    "float32": lambda value: float(np.float32(value)),
+    "float64": float,
+    "bool": bool,
+    "string": str,
+}
 
 
 def stamp(time: int) -> SimpleNamespace:
@@ -91,3 +114,86 @@ def route_points(*, frame: LocalFrame = FRAME, spacing: float = 5_000.0, count: 
 
 def published(points: list[Any], status: int = 4) -> Any:
     return SimpleNamespace(status=status, waypoints=points)
+
+
+def heard(
+    *intruders, own=None, reference=None, points=None, alerts=(), frame: LocalFrame = FRAME, now: int = NOW
+) -> Situation:
+    """Return what is known after messages of these intruders, a route, and an ownship that flies along it."""
+    situation = updates.geo_reference(Situation(), reference or geo_reference(frame), now)
+    situation = updates.route(situation, published(points or route_points(frame=frame)), now)
+    situation = updates.ownship(situation, own or aircraft(0.0, 0.0, 0.0, 75.0, id="own", frame=frame), now, RULES)
+    for message in intruders:
+        situation = updates.traffic(situation, message, now, RULES)
+    for message in alerts:
+        situation = updates.alert(situation, message, now, RULES)
+    return situation
+
+
+def refusal(situation: Situation, now: int = NOW, settings: Settings | None = None) -> tuple[Code, str]:
+    """Return the code and the field with which a request is refused."""
+    with pytest.raises(Refusal) as caught:
+        task(situation, now, settings or Settings())
+    assert caught.value.message.startswith(caught.value.field)
+    return caught.value.code, caught.value.field
+
+
+def crossing(**more):
+    """Return an intruder that crosses from the right and meets the ownship after 107 s."""
+    return aircraft(8_000.0, -8_000.0, math.pi / 2.0, 75.0, **more)
+
+
+@cache
+def definitions(package: str) -> dict[str, str]:
+    """Return the definitions of another package's messages, as its files hold them, by their names."""
+    parts = Path(__file__).with_name("other_packages.msg").read_text(encoding="utf-8").split(f"{'=' * 80}\nMSG: ")[1:]
+    named = (part.split("\n", 1) for part in parts)
+    return {head.removeprefix(f"{package}/"): text for head, text in named if head.startswith(f"{package}/")}
+
+
+def message(package: str, name: str, **fields: Any) -> Any:
+    """Return a message of ``package/name``; fields that it does not have are refused."""
+    return _kind(package, name)(**fields)
+
+
+@cache
+def fields_of(package: str, name: str) -> dict[str, str]:
+    """Return the types of a message's fields by their names, packages written out."""
+    result = {}
+    for line in _lines(package, name):
+        if "=" not in line:
+            kind, field, *_ = line.split()
+            result[field] = kind if kind in _NUMBERS or "/" in kind else f"{package}/{kind}"
+    return result
+
+
+def _lines(package: str, name: str) -> list[str]:
+    text = definitions(package)[name]
+    return [line for line in (raw.partition("#")[0].strip() for raw in text.splitlines()) if line]
+
+
+@cache
+def _kind(package: str, name: str) -> type:
+    types = fields_of(package, name)
+    constants = {}
+    for line in _lines(package, name):
+        left, equals, value = line.partition("=")
+        if equals:
+            kind, constant = left.split()
+            constants[constant] = _NUMBERS[kind](value.strip())
+
+    class Message:
+        __slots__ = tuple(types)
+
+        def __init__(self, **given: Any) -> None:
+            for field, kind in types.items():
+                empty = _NUMBERS[kind](0) if kind in _NUMBERS else message(*kind.split("/"))
+                setattr(self, field, "" if kind == "string" else empty)
+            for field, value in given.items():
+                setattr(self, field, value)
+
+        def __setattr__(self, field: str, value: Any) -> None:
+            kind = types.get(field, "")
+            object.__setattr__(self, field, _NUMBERS[kind](value) if kind in _NUMBERS else value)
+
+    return type(name, (Message,), {"__slots__": (), **constants})

@@ -13,8 +13,7 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 from agents.planner.request import Altitude
 from ros_bridge.core.adapters import adsb_vehicle, fix_sighting, inspva, nav_sat_fix
 from ros_bridge.core.fields import FieldError
-from tests.ros_bridge.definitions import fields_of, message
-from tests.ros_bridge.scenes import NOW, SECOND
+from tests.ros_bridge.scenes import NOW, SECOND, fields_of, message
 
 ADSB = message("mavros_msgs", "ADSBVehicle")
 VALID = ADSB.FLAG_VALID_COORDS | ADSB.FLAG_VALID_ALTITUDE | ADSB.FLAG_VALID_HEADING | ADSB.FLAG_VALID_VELOCITY

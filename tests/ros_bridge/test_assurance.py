@@ -30,8 +30,7 @@ from ros_bridge.core.assurance import (
 from ros_bridge.core.replies import plan_points, start_point
 from ros_bridge.core.situation import Settings, Situation, task
 from ros_bridge.core.tracks import Rules
-from tests.ros_bridge.scenes import NOW, SECOND, aircraft
-from tests.ros_bridge.test_situation import heard
+from tests.ros_bridge.scenes import NOW, SECOND, aircraft, heard
 
 RULES = Rules()
 FAR = 30_000.0

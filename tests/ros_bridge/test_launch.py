@@ -1,18 +1,23 @@
-"""Launch files, world and bridge: what they name exists. Run by ROS where it is installed, else by stand-ins."""
+"""How nodes are started, find each other and are recorded."""
 
 import importlib.util
+import os
+import resource
 import runpy
 import shutil
+import socket
 import subprocess
 import sys
 import types
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.ros_bridge.graph import MISSING
+from ros_bridge.transport.discovery import CONFIGURED, PORTS, PROFILE, configure_dds, port, reserved_ports
+from tests.ros_bridge.graph import MISSING, Process, domain
 
 pytest.importorskip("rclpy", reason=MISSING)
 
@@ -24,6 +29,7 @@ from agents.planner.request import Options
 from envs.kinematics import SURROGATE, within
 from eval.hifi.config import HifiConfig
 from ros_bridge.transport import parameters
+from ros_bridge.transport.recording import GrowingFile
 from ros_bridge.transport.settings import monitor_thresholds, planning_settings, vehicle_limits
 
 PACKAGE = Path(parameters.__file__).parents[1]
@@ -155,3 +161,168 @@ def test_the_world_is_valid_for_the_parser():
     command = [shutil.which("gz") or shutil.which("ign"), "sdf", "-k", str(PACKAGE / "gazebo" / "world.sdf")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0 and "Valid." in done.stdout, done.stdout + done.stderr
+
+
+# A process that starts gets ports that no process of late had, and takes part by our profile of Fast DDS.
+
+PROGRAM = """
+import rclpy
+from ros_bridge.transport.discovery import reserved_ports
+rclpy.init()
+with reserved_ports(3):
+    node = rclpy.create_node("newcomer")
+print("here", flush=True)
+input()
+"""
+
+
+def free(there: int) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        try:
+            one.bind(("", there))
+        except OSError:
+            return False
+    return True
+
+
+def test_ports_are_held_and_freed(monkeypatch: pytest.MonkeyPatch):
+    with domain() as number:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+        with reserved_ports(4) as first:
+            assert len(first) == 4 and not any(map(free, first))
+            # A process that starts at the same time is not driven further.
+            with reserved_ports(6) as second:
+                assert second == [port(number, 4), port(number, 5)]
+        assert all(map(free, (*first, *second)))
+        with reserved_ports() as drawn:
+            assert len(drawn) < PORTS
+        with reserved_ports(0) as nothing:
+            assert nothing == []
+
+
+@pytest.mark.parametrize("name", ["many", "-3", "", "232", "100000"])
+def test_a_domain_that_ros_refuses_is_no_matter_here(name: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", name)
+    with reserved_ports(3):
+        pass
+
+
+def test_a_process_gets_a_later_place():
+    with domain() as number:
+        environment = os.environ | {"ROS_DOMAIN_ID": str(number), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        with subprocess.Popen(
+            [sys.executable, "-c", PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, text=True
+        ) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "here\n"
+            taken = [not free(port(number, place)) for place in range(6)]
+            process.communicate("\n")
+        assert taken == [False, False, False, True, False, False]
+
+
+def test_own_dds_profile_is_the_default(tmp_path: Path):
+    environment = {"ROS_DOMAIN_ID": "7"}
+    assert configure_dds(environment, tmp_path)
+    assert environment == {
+        "ROS_DOMAIN_ID": "7",
+        "FASTDDS_DEFAULT_PROFILES_FILE": str(PROFILE),
+        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
+    }
+
+
+@pytest.mark.parametrize("name", CONFIGURED)
+@pytest.mark.parametrize("value", ["", "theirs.xml"])
+def test_dds_configuration_of_the_integrator_is_respected(name: str, value: str, tmp_path: Path):
+    environment = {name: value}
+    assert not configure_dds(environment, tmp_path)
+    assert environment == {name: value}
+
+
+@pytest.mark.parametrize("name", ["DEFAULT_FASTDDS_PROFILES.xml", "DEFAULT_FASTRTPS_PROFILES.xml"])
+def test_profile_file_in_the_working_directory_is_respected(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / name).write_text("<dds/>")
+    environment: dict[str, str] = {}
+    assert not configure_dds(environment, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert not configure_dds(environment)
+    assert environment == {}
+
+
+@pytest.mark.parametrize("said", [False, True])
+def test_killed_node_leaves_no_port_in_shared_memory(said: bool, monkeypatch: pytest.MonkeyPatch):
+    """Unless the integrator wants one: a file in /dev/shm that nobody removes, and that holds the others up."""
+    for name in CONFIGURED:
+        monkeypatch.delenv(name, raising=False)
+    if said:
+        monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "DEFAULT")
+    with domain() as number:
+        process = Process("ros_bridge.runner", number)
+        assert process.popen.stdout is not None
+        try:
+            # Fast DDS complains of a profile before the node is active.
+            lines = (line.rstrip() for line in process.popen.stdout)
+            began = next((line for line in lines if line.endswith("active") or "Error" in line), "")
+            held = Path(f"/proc/{process.popen.pid}/maps").read_text()
+        finally:
+            process.popen.kill()
+            process.popen.communicate()
+    assert began.endswith("active"), began
+    assert ("fastdds_port" in held) == said
+
+
+# The file of a recording: whole after each write, and after one that fails.
+
+
+def begun(file: Path) -> tuple[GrowingFile, Any, int]:
+    writer = pytest.importorskip("mcap.writer", reason="mcap is not installed; to have it: make ros")
+    growing = GrowingFile(file)
+    made = writer.Writer(growing)
+    made.start(profile="ros2", library="test")
+    schema = made.register_schema("a/msg/B", "ros2msg", b"int32 a")
+    return growing, made, made.register_channel("/topic", "cdr", schema)
+
+
+def messages(file: Path) -> list[int]:
+    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
+    with file.open("rb") as stream:
+        return [message.sequence for _, _, message in reader.make_reader(stream).iter_messages()]
+
+
+def add(made: Any, channel: int, number: int, size: int = 8) -> None:
+    made.add_message(channel, log_time=number, publish_time=number, sequence=number, data=bytes(size))
+
+
+def test_file_is_readable_after_each_flush_and_at_the_end(tmp_path: Path):
+    file = tmp_path / "one.mcap"
+    growing, made, channel = begun(file)
+    for number in range(20):
+        add(made, channel, number)
+        made.flush()
+        assert messages(file) == list(range(number + 1))
+    made.finish()
+    growing.close(finished=True)
+    with file.open("rb") as stream:
+        reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
+        summary = reader.make_reader(stream).get_summary()
+    assert summary is not None and summary.statistics.message_count == 20
+    assert messages(file) == list(range(20))
+
+
+def test_file_that_can_grow_no_more_holds_what_it_held(tmp_path: Path):
+    file = tmp_path / "one.mcap"
+    growing, made, channel = begun(file)
+    add(made, channel, 0)
+    made.flush()
+    held = file.read_bytes()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(held) + 100, hard))
+    try:
+        with pytest.raises(OSError, match="File too large") as caught:
+            for number in range(1, 50):
+                add(made, channel, number)
+                made.flush()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    growing.close(finished=False)
+    assert caught.value.filename == str(file)
+    assert messages(file) == [0]

@@ -19,7 +19,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rlcas_msgs.msg import AircraftState, Trajectory
+from rlcas_msgs.msg import Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 from rosgraph_msgs.msg import Clock
 from visualization_msgs.msg import MarkerArray
@@ -285,50 +285,6 @@ def test_the_process_ends_in_order(how: signal.Signals):
         code, output = process.stop(how)
     assert code == 0, output
     assert "Traceback" not in output
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["--bogus"], "unrecognized arguments: --bogus"),
-        (
-            ["--ros-args", "-p", "separaton:=2000.0"],
-            "separaton is no parameter of rlcas_runner; the nearest is separation",
-        ),
-        (["--ros-args", "-p", "policy_sha256:=" + 32 * "ab"], "policy_sha256 is 'abab"),
-        (["--ros-args", "-p", "separation:=10.0"], "separation out of range"),
-        pytest.param(["--ros-args", "-p", "separation:=many"], "separation", marks=pytest.mark.slow),
-        (["--ros-args", "-p", "policy_file:=/nowhere/policy"], "no such policy file"),
-        pytest.param(
-            ["--ros-args", "-p", "route_durability:=forever"],
-            "expected transient_local or volatile",
-            marks=pytest.mark.slow,
-        ),
-    ],
-)
-def test_bad_arguments_end_with_one_line_and_code_2(arguments: list[str], says: str):
-    with domain() as number:
-        process = Process("ros_bridge.runner", number, *arguments)
-        output, _ = process.popen.communicate(timeout=15.0)
-    assert process.popen.returncode == 2
-    assert says in output
-    assert "Traceback" not in output
-
-
-def test_messages_hold_what_the_conversions_expect():
-    from ros_bridge.core import conversions as read
-
-    bits = [name for name in dir(AircraftState) if name.startswith("VALID_")]
-    assert sorted(getattr(AircraftState, name) for name in bits) == [1 << n for n in range(8)]
-    assert AircraftState.VALID_WIND == read.WIND and AircraftState.VALID_POSITION_STD == read.POSITION_STD
-    for name in ("SAFE", "ROUTE", "BACKUP"):
-        assert getattr(Trajectory, f"STATUS_{name}") == getattr(read, f"STATUS_{name}")
-    codes = {
-        name.removeprefix("STATUS_"): getattr(GenerateTrajectory.Response, name)
-        for name in dir(GenerateTrajectory.Response)
-        if name.startswith("STATUS_")
-    }
-    assert codes == {code.name: code.value for code in Code}
 
 
 def test_simulated_time_that_is_zero_or_steps_back_voids_everything():

@@ -1,11 +1,14 @@
-"""The simulated world: the truth that it keeps, and how plans are flown in it."""
+"""The simulated world: the truth that it keeps, how plans are flown in it, what its receivers and its log say."""
 
 import importlib.util
+import math
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from agents.planner.planner import plan
 from agents.policy.inference import Policy
@@ -14,6 +17,8 @@ from envs.kinematics import VehicleState
 from envs.relative import straight_cpa
 from envs.starts import numbered
 from envs.waypoints import RoutePoint, knots, legs
+from ros_bridge.sim.flight_log import FlightLog, kept, table
+from ros_bridge.sim.receivers import Quality, Receiver
 from ros_bridge.sim.world import VEHICLES, EncounterFlight, SimulationError, vehicle
 
 NEEDS_JSBSIM = pytest.mark.skipif(importlib.util.find_spec("jsbsim") is None, reason="JSBSim is not installed")
@@ -86,3 +91,91 @@ def test_jsbsim_is_loaded_for_vehicles_that_need_it():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "False"]
     assert VEHICLES[0] == "kinematic"
+
+
+# Receivers: what arrives is what was true, at its rate, no sooner than its latency, and with the noise asked for.
+
+STEP = 0.1
+
+
+def heard(quality: Quality, seconds: float, seed: int = 0, names: tuple[str, ...] = ("a",)):
+    """Return (time of arrival, report) of aircraft that fly east at 70 m/s."""
+    receiver, result = Receiver(quality, seed), []
+    for number in range(round(seconds / STEP)):
+        time = round(number * STEP, 6)
+        truth = {name: VehicleState(70.0 * time, 0.0, 0.0, 70.0) for name in names}
+        result += [(time, one) for one in receiver.receive(time, truth)]
+    return result
+
+
+@given(rate=st.sampled_from([0.5, 1.0, 2.0, 5.0, 10.0]), latency=st.floats(0.0, 3.0), seed=st.integers(0, 1000))
+def test_reports_come_once_in_order_at_rate_and_latency(rate, latency, seed):
+    reports = heard(Quality(rate, latency), 20.0, seed)
+    times = [one.time for _, one in reports]
+    assert times == sorted(set(times))
+    # The period is met on average, each report within the step of the world.
+    assert len(times) == pytest.approx((20.0 - latency) * rate, abs=2.0)
+    for arrival, one in reports:
+        assert latency - 1e-6 <= arrival - one.time < latency + STEP
+        assert one.state == VehicleState(70.0 * one.time, 0.0, 0.0, 70.0)
+
+
+def test_aircraft_report_at_the_start_and_then_at_moments_of_their_own():
+    names = tuple(f"n{number}" for number in range(20))
+    reports = heard(Quality(rate=1.0), 3.0, names=names)
+    assert {one.identifier for time, one in reports if time == 0.0} == set(names)
+    assert len({time for time, _ in reports if time > 0.0}) > 8
+
+
+def test_losses_and_noise_are_as_configured():
+    quality = Quality(10.0, dropout=0.3, position_std=20.0, velocity_std=2.0)
+    reports = heard(quality, 400.0)
+    assert len(reports) == pytest.approx(2800, abs=5.0 * math.sqrt(4000 * 0.3 * 0.7))
+    x = np.array([one.state.x - 70.0 * one.time for _, one in reports])
+    north = np.array([one.state.speed * math.sin(one.state.heading) for _, one in reports])
+    east = np.array([one.state.speed * math.cos(one.state.heading) - 70.0 for _, one in reports])
+    for values, spread in ((x, 20.0), (north, 2.0), (east, 2.0)):
+        assert float(values.std()) == pytest.approx(spread, rel=0.08)
+        assert abs(float(values.mean())) < 5.0 * spread / math.sqrt(len(values))
+
+
+def test_losses_can_be_total_and_a_seed_repeats_itself():
+    assert heard(Quality(dropout=1.0), 5.0) == []
+    noisy = Quality(1.0, 0.2, 0.2, 30.0, 3.0)
+    assert heard(noisy, 20.0, seed=3) == heard(noisy, 20.0, seed=3) != heard(noisy, 20.0, seed=4)
+
+
+# What is said of flights: a plan called SAFE that did not keep the separation is never passed over.
+
+
+def flown(**more) -> FlightLog:
+    return FlightLog(
+        **({"name": "x 0", "first": "SAFE", "safe_at": 1.2, "separation": 1_100.0, "duration": 90.0} | more)
+    )
+
+
+def test_safe_plans_must_keep_the_separation():
+    assert kept([flown(), flown(separation=1_000.0)])
+    assert not kept([flown(), flown(separation=999.9)])
+    assert not kept([flown(separation=math.nan)])
+    assert not kept([flown(failure="the attitude is lost")])
+    # Nobody promised anything.
+    assert kept([flown(first="UNRESOLVED", safe_at=None, separation=300.0)])
+
+
+def test_the_table_names_what_went_wrong():
+    text = table([flown(), flown(name="y 3", separation=900.04, latency=[0.01, 0.02], wall=9.0)])
+    assert "2 of 2 encounters had a plan called SAFE; the closest of them: 900.0 m (y 3); below 1000 m: y 3" in text
+    assert "900.0 !" in text and "1100.0 " in text
+    assert "20.0 times real time" in text
+    assert "answers, end to end, ms: median 15.0, 90 % 19.0, 99 % 19.9, max 20.0 (2 requests)" in text
+    # Refusing is no success where the encounter could have been resolved.
+    judged = [
+        flown(resolvable=True),
+        flown(resolvable=True, safe_at=None),
+        flown(resolvable=False, safe_at=None),
+        flown(),
+    ]
+    assert "of those that can be resolved at the separation planned with: 1 of 2 (50.0 %)" in table(judged)
+    none = table([flown(safe_at=None, failure="runner and monitor have not answered")])
+    assert "none of 1 encounters had a plan called SAFE" in none and "x 0: runner and monitor" in none

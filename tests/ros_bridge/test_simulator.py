@@ -1,29 +1,47 @@
-"""The simulator as a node: what it publishes is what the other nodes read, and what cannot be flown is said."""
+"""The simulator as a node: what it publishes and flies, and the whole loop of runner, monitor and simulator."""
 
 import importlib.util
 import math
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.ros_bridge.graph import MISSING
-from tests.ros_bridge.inside import beside
+from tests.ros_bridge.graph import MISSING, ROOT, Process, beside, domain
 from tests.ros_bridge.scenes import FRAME, NOW
 
 pytest.importorskip("rclpy", reason=MISSING)
+pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
+
+from geometry_msgs.msg import Twist
+from rlcas_msgs.msg import AssuranceStatus, Trajectory, Waypoint
 
 from agents.planner.request import Altitude
+from agents.policy.inference import Policy
 from envs.encounters import scenario
 from envs.starts import numbered
+from envs.waypoints import Waypoint as LocalWaypoint
+from ros_bridge import demo
 from ros_bridge.core import conversions
+from ros_bridge.core.replies import backup_points, start_point
 from ros_bridge.core.tracks import Report
+from ros_bridge.nodes.pilot import Pilot
 from ros_bridge.nodes.series import main
 from ros_bridge.nodes.simulator import Simulator
 from ros_bridge.nodes.simulator_messages import route_of
 from ros_bridge.sim.flight_log import kept
+from ros_bridge.sim.guidance import Guidance
 from ros_bridge.sim.world import EncounterFlight
-from ros_bridge.transport.messages import aircraft_message
+from ros_bridge.transport import qos
+from ros_bridge.transport.messages import aircraft_message, header, identity, point_message
+from tests.ros_bridge.graph import MISSING, NODE, World
 
 SPEEDS = st.floats(-120.0, 120.0)
 MAYBE = st.floats(0.1, 50.0) | st.just(0.0)
@@ -76,3 +94,205 @@ def test_bad_parameters_end_with_one_line_and_code_2(given: str, says: str, capf
     assert main(["--ros-args", "-p", given]) == 2
     error = capfd.readouterr().err
     assert says in error and "Traceback" not in error and len(error.splitlines()) == 1
+
+
+# What is flown: plans called SAFE that the monitor names, its backup, and nothing else.
+
+
+def test_the_codes_are_those_of_the_messages():
+    from ros_bridge.sim import guidance
+
+    assert guidance.STATUS_WITHDRAWN == Trajectory.STATUS_WITHDRAWN
+    assert (guidance.FLY_PLAN, guidance.FLY_BACKUP) == (AssuranceStatus.FLY_PLAN, AssuranceStatus.FLY_BACKUP)
+
+
+def message(number: int, status: int = Trajectory.STATUS_SAFE) -> SimpleNamespace:
+    return SimpleNamespace(id=identity(uuid.UUID(int=number)), status=status)
+
+
+def word(fly: int, number: int = 0) -> SimpleNamespace:
+    return SimpleNamespace(fly=fly, trajectory_id=identity(uuid.UUID(int=number)))
+
+
+def test_the_monitor_decides_which_plan_is_flown():
+    guidance, first, second, backup = Guidance(), message(1), message(2), message(9, Trajectory.STATUS_BACKUP)
+    assert guidance.add_plan(first) and guidance.selected() is None
+    guidance.set_status(word(AssuranceStatus.FLY_PLAN, 1))
+    assert guidance.selected() is first
+    # A newer plan is flown when the monitor has taken it up, and one that has not come yet is none.
+    assert guidance.add_plan(second) and guidance.selected() is first
+    guidance.set_status(word(AssuranceStatus.FLY_PLAN, 2))
+    assert guidance.selected() is second
+    guidance.set_status(word(AssuranceStatus.FLY_PLAN, 3))
+    assert guidance.selected() is None
+    guidance.set_status(word(AssuranceStatus.FLY_BACKUP))
+    assert guidance.selected() is None
+    guidance.set_backup(backup)
+    assert guidance.selected() is backup
+    guidance.set_status(word(AssuranceStatus.FLY_NOTHING))
+    assert guidance.selected() is None
+
+
+def test_unsafe_and_withdrawn_plans_are_not_flown():
+    guidance = Guidance(monitored=False)
+    assert not guidance.add_plan(message(1, Trajectory.STATUS_UNRESOLVED)) and guidance.selected() is None
+    safe = message(2)
+    assert guidance.add_plan(safe) and guidance.selected() is safe
+    assert not guidance.add_plan(message(3, Trajectory.STATUS_WITHDRAWN)) and guidance.selected() is None
+
+
+def test_pilot_turns_to_the_plan_and_stops_without_an_ownship():
+    with beside(Pilot, ownship_max_age=0.5) as (_, client):
+        world = World(client)
+        now = client.now()
+        # Straight east at 75 m/s, 20 s a leg; the ownship is 30 m to its right.
+        points = [LocalWaypoint(n, 1_500.0 * n, 0.0, 0.0, 75.0, 20.0 * n) for n in range(1, 21)]
+        start = start_point(FRAME, SimpleNamespace(x=0.0, y=0.0, heading=0.0, speed=75.0), now, None)
+        every: list[Waypoint] = [point_message(point) for point in backup_points(FRAME, points, now, None)]
+        name = identity(uuid.uuid4())
+        plan = Trajectory(header=header(now, "map"), id=name, status=1, start=point_message(start), waypoints=every)
+        client.say(Trajectory, f"{NODE}/output/trajectory", plan, qos.LATCHED)
+        status = AssuranceStatus(fly=AssuranceStatus.FLY_PLAN, trajectory_id=name)
+        client.say(AssuranceStatus, "/rlcas_monitor/output/status", status, qos.LATCHED)
+        commands: list[Twist] = client.hear(Twist, "/rlcas_pilot/output/command", qos.EVENTS)
+        client.idle(0.3)
+        assert commands == []
+
+        def turning() -> bool:
+            east = 75.0 * (client.now() - now) / 1e9
+            world.ownship(east, -30.0)
+            return bool(commands)
+
+        client.spin(turning)
+        command = commands[-1]
+        # Lateral acceleration of 0.25 / s^2 a metre, as a turn rate at 75 m/s, cut off at the limit of 5 degrees/s.
+        assert command.angular.z == pytest.approx(min(0.25 * 30.0 / 75.0, math.radians(5.0)), rel=0.05)
+        assert command.linear.x == pytest.approx(75.0, abs=0.5)
+        client.idle(0.7)
+        before = len(commands)
+        client.idle(0.3)
+        assert len(commands) == before
+
+
+# The whole loop: runner, monitor and simulator fly, what they fly is recorded, and others can read it.
+
+
+def flown(*arguments: str, seconds: float = 120.0) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "ros_bridge.demo", *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=seconds, check=False)
+
+
+def test_encounter_is_flown_safely_and_recorded(tmp_path: Path):
+    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
+    decoder = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is not installed")
+    file = tmp_path / "flight.mcap"
+    done = flown("--scenarios", "crossing_right", "--record", str(file), "--rate", "100")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "1 of 1 encounters had a plan called SAFE" in done.stdout
+
+    messages: dict[str, list] = {}
+    last = 0
+    with file.open("rb") as stream:
+        for _, channel, message, content in reader.make_reader(
+            stream, decoder_factories=[decoder.DecoderFactory()]
+        ).iter_decoded_messages():
+            assert message.log_time >= last
+            last = message.log_time
+            messages.setdefault(channel.topic, []).append(content)
+    plans = messages["/rlcas_runner/output/trajectory"]
+    assert plans[0].status == 1 and len(plans[0].waypoints) == 20
+    assert plans[0].min_separation >= 1_025.0
+    assert {said.fly for said in messages["/rlcas_monitor/output/status"]} == {0, 1}
+    assert messages["/rlcas_runner/input/traffic"][0].id == "4b0001"
+    values = {one.key: one.value for said in messages["/diagnostics"] for one in said.status[0].values}
+    assert values["policy sha256"] == Policy.load().sha256
+    assert len(messages["/clock"]) > 500 and messages["/rlcas_runner/output/markers"]
+
+
+def children(process: int) -> list[int]:
+    found = Path(f"/proc/{process}/task").glob("*/children")
+    return [int(one) for file in found for one in file.read_text().split()]
+
+
+def alive(process: int) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def eventually(holds: Callable[[], object], seconds: float = 30.0) -> None:
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end, "it did not come to pass in time"
+        time.sleep(0.1)
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
+def test_killed_demo_leaves_no_process_and_a_readable_recording(tmp_path: Path):
+    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
+    file = tmp_path / "flight.mcap"
+    command = [sys.executable, "-m", "ros_bridge.demo", "--random", "9", "--rate", "5", "--record", str(file)]
+    with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL) as demo:
+        eventually(lambda: len(children(demo.pid)) == 2)
+        nodes = children(demo.pid)
+        eventually(lambda: file.stat().st_size > 30_000)
+        demo.kill()
+    eventually(lambda: not any(map(alive, nodes)))
+    with file.open("rb") as stream:
+        topics = {channel.topic for _, channel, _ in reader.make_reader(stream).iter_messages()}
+    assert {"/clock", "/rlcas_runner/input/ownship"} <= topics
+
+
+@pytest.mark.slow
+def test_full_disk_ends_a_recording_in_one_sentence_and_keeps_it(tmp_path: Path):
+    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
+    file = tmp_path / "flight.mcap"
+    command = ["--scenarios", "head_on", "--each", "9", "--rate", "20", "--record", str(file)]
+    # Files may grow to so many blocks only: what a full disk does, without one.
+    limited = ["bash", "-c", 'ulimit -f 64; exec "$@"', "bash", sys.executable, "-m", "ros_bridge.demo", *command]
+    done = subprocess.run(limited, cwd=ROOT, capture_output=True, text=True, timeout=120.0, check=False)
+    assert done.returncode == 1, done.stderr
+    assert f"{file} cannot be written: File too large" in done.stderr and "Traceback" not in done.stderr
+    assert not file.exists()
+    with (tmp_path / "flight.partial.mcap").open("rb") as stream:
+        assert sum(1 for _ in reader.make_reader(stream).iter_messages()) > 100
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--vehicle", "glider"], "--vehicle is 'glider', expected one of kinematic, point_mass, c208"),
+        (["--scenarios", "sideways"], "scenario 'sideways' is unknown"),
+        (["--scenarios", "none"], "expected something to fly"),
+        (["--random", "-1"], "--random is -1, expected 0 or more"),
+        (["--rate", "0"], "rate"),
+        (["--margin", "-1"], "--margin is -1 m, expected 0 to 5000 m"),
+        (["--record", "/nowhere/x.mcap"], "/nowhere/x.mcap cannot be written"),
+    ],
+)
+def test_bad_input_ends_with_one_line_and_code_2(arguments: list[str], says: str, capfd, monkeypatch):
+    for name in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
+        monkeypatch.setenv(name, "0")
+    assert demo.main(arguments) == 2
+    error = capfd.readouterr().err
+    assert says in error and "Traceback" not in error and error.startswith("python -m ros_bridge.demo: error: ")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vehicle", ["kinematic", "c208"])
+def test_the_four_scenarios_are_flown_safely(vehicle: str):
+    if vehicle == "c208":
+        pytest.importorskip("jsbsim")
+    done = flown("--vehicle", vehicle, "--each", "2", seconds=600.0)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "8 of 8 encounters had a plan called SAFE" in done.stdout
+
+
+@pytest.mark.slow
+def test_simulator_alone_names_the_missing_nodes():
+    with domain() as number:
+        process = Process("ros_bridge.simulator", number, "--ros-args", "-p", "monitor:=false")
+        output, _ = process.popen.communicate(timeout=60.0)
+    assert process.popen.returncode == 1
+    assert "the runner has not answered within 30 s" in output

@@ -11,40 +11,29 @@ from hypothesis import strategies as st
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
+from agents.planner.answer import Plan
 from agents.planner.planner import plan
 from agents.policy.inference import Policy
 from ros_bridge.core import updates
 from ros_bridge.core.geodesy import LocalFrame
+from ros_bridge.core.lateness import revalidated
 from ros_bridge.core.replies import flown, plan_points, start_point
-from ros_bridge.core.situation import Code, Refusal, Settings, Situation, task
+from ros_bridge.core.situation import Code, Settings, Situation, Task, task
 from ros_bridge.core.tracks import Rules
-from tests.ros_bridge.scenes import FRAME, NOW, SECOND, aircraft, alert, geo_reference, point, published, route_points
-
-RULES = Rules()
-
-
-def heard(
-    *intruders, own=None, reference=None, points=None, alerts=(), frame: LocalFrame = FRAME, now: int = NOW
-) -> Situation:
-    situation = updates.geo_reference(Situation(), reference or geo_reference(frame), now)
-    situation = updates.route(situation, published(points or route_points(frame=frame)), now)
-    situation = updates.ownship(situation, own or aircraft(0.0, 0.0, 0.0, 75.0, id="own", frame=frame), now, RULES)
-    for message in intruders:
-        situation = updates.traffic(situation, message, now, RULES)
-    for message in alerts:
-        situation = updates.alert(situation, message, now, RULES)
-    return situation
-
-
-def refusal(situation: Situation, now: int = NOW, settings: Settings | None = None) -> tuple[Code, str]:
-    with pytest.raises(Refusal) as caught:
-        task(situation, now, settings or Settings())
-    assert caught.value.message.startswith(caught.value.field)
-    return caught.value.code, caught.value.field
-
-
-def crossing(**more):
-    return aircraft(8_000.0, -8_000.0, math.pi / 2.0, 75.0, **more)
+from tests.ros_bridge.scenes import (
+    NOW,
+    RULES,
+    SECOND,
+    aircraft,
+    alert,
+    crossing,
+    geo_reference,
+    heard,
+    point,
+    published,
+    refusal,
+    route_points,
+)
 
 
 def test_complete_situation_is_a_task():
@@ -191,132 +180,6 @@ def test_copy_of_the_ownship_under_another_id_is_noted():
     assert [note for note in wanted.notes if note.startswith("tisb01")]
 
 
-STALE = 8.0
-
-
-def silent(*messages, seconds: float = STALE) -> tuple[Situation, int]:
-    """Return what is known so long after the last report of traffic, with a fresh ownship at 1000 m."""
-    late = NOW + round(seconds * SECOND)
-    high = {"valid": 0x07, "altitude": 1_000.0, "altitude_reference": 1}
-    own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late, **high)
-    return updates.ownship(heard(*messages, own=own, now=NOW), own, late, RULES), late
-
-
-def above(metres: float, **more):
-    return crossing(**({"valid": 0x07, "altitude": 1_000.0 + metres, "altitude_reference": 1} | more))
-
-
-@pytest.mark.parametrize(
-    "message",
-    [
-        aircraft(320_000.0, 0.0, math.pi, 75.0),
-        aircraft(320_000.0, 0.0, math.pi, 75.0, valid=0x01),
-        above(10_000.0),
-        above(10_000.0, valid=0x03),
-        above(-950.0),
-    ],
-)
-def test_silent_aircraft_out_of_reach_is_excluded_by_name(message):
-    situation, late = silent(message)
-    wanted = task(situation, late, Settings())
-    assert wanted.identifiers == () and [one.identifier for one in wanted.excluded] == ["4b1a2c"]
-    assert wanted.excluded[0].reason
-    # An alert about it makes it count.
-    alerted = updates.alert(situation, alert("4b1a2c", time=late), late, RULES)
-    assert refusal(alerted, late)[0] in (Code.STALE_INTRUDER, Code.INVALID_INTRUDER)
-
-
-@pytest.mark.parametrize(
-    ("message", "code"),
-    [
-        (crossing(), Code.STALE_INTRUDER),
-        (aircraft(60_000.0, 0.0, math.pi, 75.0), Code.STALE_INTRUDER),
-        (aircraft(320_000.0, 0.0, math.pi, 75.0, valid=0x04), Code.INVALID_INTRUDER),
-        (aircraft(60_000.0, 0.0, math.pi, 75.0, valid=0x01), Code.INVALID_INTRUDER),
-        (above(700.0), Code.STALE_INTRUDER),
-        (above(10_000.0, altitude_reference=3), Code.STALE_INTRUDER),
-        (above(10_000.0, valid=0x0F, velocity=SimpleNamespace(x=0.0, y=75.0, z=-40.0)), Code.STALE_INTRUDER),
-    ],
-)
-def test_silent_aircraft_that_may_come_near_is_refused(message, code: Code):
-    assert refusal(*silent(message))[0] is code
-
-
-def test_far_reports_do_not_hide_a_near_aircraft_of_the_same_name():
-    far, near = (aircraft(x, 0.0, math.pi, 75.0) for x in (320_000.0, 6_000.0))
-    for first, second in ((far, near), (near, far)):
-        assert refusal(*silent(first, second, seconds=1.0)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.position")
-    beyond = aircraft(400_000.0, 0.0, math.pi, 75.0)
-    assert task(*silent(far, beyond, seconds=1.0), Settings()).identifiers == ()
-
-
-def test_fault_of_an_aircraft_under_the_own_id_holds():
-    situation, faulty = heard(), []
-    for second in range(30):
-        now = NOW + second * SECOND
-        own = aircraft(75.0 * second, 0.0, 0.0, 75.0, id="own", time=now)
-        frozen = aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=now)
-        situation = updates.traffic(updates.ownship(situation, own, now, RULES), frozen, now, RULES)
-        faulty.append(not answered(situation, now))
-    assert True in faulty and all(faulty[faulty.index(True) :])
-
-
-def unusable(kind: str, second: int, x: float):
-    """Return a report of an aircraft that flies westwards and lacks its velocity, or comes from ahead of the clock."""
-    time = NOW + second * SECOND
-    if kind == "no velocity":
-        return aircraft(x - 75.0 * second, 0.0, math.pi, 75.0, time=time, valid=0x01)
-    return aircraft(x - 75.0 * second, 0.0, math.pi, 75.0, time=time + 3 * SECOND)
-
-
-@pytest.mark.parametrize("kind", ["no velocity", "future"])
-@pytest.mark.parametrize("good", [True, False])
-@pytest.mark.parametrize("pattern", ["fnfnfnfnfn", "fffnfffnfffnf", "nffnffnf"])
-def test_usable_reports_do_not_hide_an_unusable_aircraft_of_the_same_name(kind: str, good: bool, pattern: str):
-    situation, refusals = heard(), []
-    for second, which in enumerate(pattern):
-        now = NOW + second * SECOND
-        if which == "n":
-            message = unusable(kind, second, 9_000.0)
-        elif good:
-            message = aircraft(60_000.0 - 75.0 * second, 0.0, math.pi, 75.0, time=now)
-        else:
-            message = unusable(kind, second, 320_000.0)
-        own = aircraft(75.0 * second, 0.0, 0.0, 75.0, id="own", time=now)
-        situation = updates.traffic(updates.ownship(situation, own, now, RULES), message, now, RULES)
-        refusals += [] if answered(situation, now) else [second]
-    # One report alone may be an outlier; from the second on there is another aircraft.
-    since = [second for second, which in enumerate(pattern) if which == "n"][1]
-    assert [second for second in refusals if second >= since] == list(range(since, len(pattern)))
-
-
-def answered(situation: Situation, now: int) -> bool:
-    try:
-        task(situation, now, Settings())
-    except Refusal:
-        return False
-    return True
-
-
-def test_unusable_report_at_the_same_place_is_no_second_aircraft():
-    situation = heard(aircraft(9_000.0, 0.0, math.pi, 75.0))
-    late = NOW + SECOND
-    situation = updates.traffic(situation, unusable("no velocity", 1, 9_000.0), late, RULES)
-    assert not answered(situation, late)
-    late += SECOND
-    good = aircraft(8_850.0, 0.0, math.pi, 75.0, time=late)
-    situation = updates.ownship(situation, aircraft(150.0, 0.0, 0.0, 75.0, id="own", time=late), late, RULES)
-    assert answered(updates.traffic(situation, good, late, RULES), late)
-
-
-def test_far_aircraft_without_velocity_is_excluded_on_long_legs_too():
-    far = aircraft(320_000.0, 0.0, math.pi, 75.0, valid=0x01)
-    situation, late = silent(far, seconds=1.0)
-    long = published(route_points(spacing=45_000.0, count=2))
-    wanted = task(updates.route(situation, long, late), late, Settings())
-    assert [one.identifier for one in wanted.excluded] == ["4b1a2c"]
-
-
 def test_msl_heights_are_comparable_with_the_undulation_only():
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x07, altitude=1_000.0, altitude_reference=1)
     other = crossing(valid=0x07, altitude=2_000.0, altitude_reference=2)
@@ -372,3 +235,59 @@ def test_a_plan_survives_its_way_over_the_ellipsoid(origin: tuple[float, float])
         here = LocalFrame(place.latitude, place.longitude).place(latitude, longitude)
         track = math.degrees(math.atan2(float(here.x), float(here.y)))
         assert abs(math.remainder(track - place.track_deg, 360.0)) <= 1e-3
+
+
+# A plan that took long is SAFE only if it still is from where everybody is by then.
+
+
+def at(seconds: float, intruder: tuple[float, float, float], own: tuple[float, float, float] | None = None) -> Task:
+    """Return the task some seconds after NOW, the ownship having flown straight on where nothing else is said."""
+    now = NOW + round(seconds * SECOND)
+    rules = Rules(jump_distance=1e5)
+    situation = updates.geo_reference(Situation(), geo_reference(), now)
+    situation = updates.route(situation, published(route_points()), now)
+    place = own or (75.0 * seconds, 0.0, 0.0)
+    situation = updates.ownship(situation, aircraft(*place, 75.0, time=now, id="own"), now, rules)
+    situation = updates.traffic(situation, aircraft(*intruder, 75.0, time=now), now, rules)
+    return task(situation, now, Settings())
+
+
+@pytest.fixture(scope="module")
+def asked() -> Task:
+    return at(0.0, (9_000.0, 0.0, math.pi))
+
+
+@pytest.fixture(scope="module")
+def made(asked: Task) -> Plan:
+    result = plan(asked.own, asked.intruders, asked.points, Policy.load(), asked.options)
+    assert result.safe
+    return result
+
+
+def test_plan_without_delay_is_unchanged(made: Plan, asked: Task):
+    assert revalidated(made, asked, asked) is made
+
+
+@pytest.mark.parametrize("late", [0.5, 2.0])
+def test_ownship_on_its_prediction_keeps_the_plan(made: Plan, asked: Task, late: float):
+    roomy = replace(asked.options, requirement=asked.options.requirement._replace(margin=0.0, separation=950.0))
+    present = replace(at(late, (9_000.0 - 75.0 * late, 0.0, math.pi)), options=roomy)
+    assert revalidated(made, asked, present).safe
+
+
+def test_intruder_off_its_prediction_voids_the_plan(made: Plan, asked: Task):
+    side = math.copysign(1.0, made.waypoints[1].y)
+    late = revalidated(made, asked, at(2.0, (2_500.0, side * 600.0, math.pi)))
+    assert not late.safe
+    assert late.reasons[0].message.startswith("plan was found 2.0 s after the request and is too late")
+    assert "separation" in late.reasons[0].message
+
+
+def test_an_ownship_that_turned_away_cannot_join_it(made: Plan, asked: Task):
+    away = revalidated(made, asked, at(4.0, (8_700.0, 0.0, math.pi), own=(0.0, 0.0, math.pi)))
+    assert not away.safe
+
+
+def test_unsafe_plan_stays_unsafe(made: Plan, asked: Task):
+    unsafe = replace(made, status=type(made.status).UNRESOLVED)
+    assert revalidated(unsafe, asked, at(1.0, (8_925.0, 0.0, math.pi))) is unsafe

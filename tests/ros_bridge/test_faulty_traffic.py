@@ -1,0 +1,216 @@
+"""Traffic that is silent, faulty or damaged: it is refused or left out by name, and never hides another aircraft."""
+
+import math
+import random
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
+
+from ros_bridge.core import updates
+from ros_bridge.core.situation import Code, Refusal, Settings, Situation, placed, task
+from ros_bridge.core.tracks import Rules
+from tests.ros_bridge.scenes import (
+    FRAME,
+    NOW,
+    SECOND,
+    aircraft,
+    alert,
+    crossing,
+    geo_reference,
+    heard,
+    published,
+    refusal,
+    route_points,
+    stamp,
+)
+
+STALE = 8.0
+
+
+def silent(*messages, seconds: float = STALE) -> tuple[Situation, int]:
+    """Return what is known so long after the last report of traffic, with a fresh ownship at 1000 m."""
+    late = NOW + round(seconds * SECOND)
+    high = {"valid": 0x07, "altitude": 1_000.0, "altitude_reference": 1}
+    own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late, **high)
+    return updates.ownship(heard(*messages, own=own, now=NOW), own, late, RULES), late
+
+
+def above(metres: float, **more):
+    return crossing(**({"valid": 0x07, "altitude": 1_000.0 + metres, "altitude_reference": 1} | more))
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        aircraft(320_000.0, 0.0, math.pi, 75.0),
+        aircraft(320_000.0, 0.0, math.pi, 75.0, valid=0x01),
+        above(10_000.0),
+        above(10_000.0, valid=0x03),
+        above(-950.0),
+    ],
+)
+def test_silent_aircraft_out_of_reach_is_excluded_by_name(message):
+    situation, late = silent(message)
+    wanted = task(situation, late, Settings())
+    assert wanted.identifiers == () and [one.identifier for one in wanted.excluded] == ["4b1a2c"]
+    assert wanted.excluded[0].reason
+    # An alert about it makes it count.
+    alerted = updates.alert(situation, alert("4b1a2c", time=late), late, RULES)
+    assert refusal(alerted, late)[0] in (Code.STALE_INTRUDER, Code.INVALID_INTRUDER)
+
+
+@pytest.mark.parametrize(
+    ("message", "code"),
+    [
+        (crossing(), Code.STALE_INTRUDER),
+        (aircraft(60_000.0, 0.0, math.pi, 75.0), Code.STALE_INTRUDER),
+        (aircraft(320_000.0, 0.0, math.pi, 75.0, valid=0x04), Code.INVALID_INTRUDER),
+        (aircraft(60_000.0, 0.0, math.pi, 75.0, valid=0x01), Code.INVALID_INTRUDER),
+        (above(700.0), Code.STALE_INTRUDER),
+        (above(10_000.0, altitude_reference=3), Code.STALE_INTRUDER),
+        (above(10_000.0, valid=0x0F, velocity=SimpleNamespace(x=0.0, y=75.0, z=-40.0)), Code.STALE_INTRUDER),
+    ],
+)
+def test_silent_aircraft_that_may_come_near_is_refused(message, code: Code):
+    assert refusal(*silent(message))[0] is code
+
+
+def test_far_reports_do_not_hide_a_near_aircraft_of_the_same_name():
+    far, near = (aircraft(x, 0.0, math.pi, 75.0) for x in (320_000.0, 6_000.0))
+    for first, second in ((far, near), (near, far)):
+        assert refusal(*silent(first, second, seconds=1.0)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.position")
+    beyond = aircraft(400_000.0, 0.0, math.pi, 75.0)
+    assert task(*silent(far, beyond, seconds=1.0), Settings()).identifiers == ()
+
+
+def test_fault_of_an_aircraft_under_the_own_id_holds():
+    situation, faulty = heard(), []
+    for second in range(30):
+        now = NOW + second * SECOND
+        own = aircraft(75.0 * second, 0.0, 0.0, 75.0, id="own", time=now)
+        frozen = aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=now)
+        situation = updates.traffic(updates.ownship(situation, own, now, RULES), frozen, now, RULES)
+        faulty.append(not answered(situation, now))
+    assert True in faulty and all(faulty[faulty.index(True) :])
+
+
+def unusable(kind: str, second: int, x: float):
+    """Return a report of an aircraft that flies westwards and lacks its velocity, or comes from ahead of the clock."""
+    time = NOW + second * SECOND
+    if kind == "no velocity":
+        return aircraft(x - 75.0 * second, 0.0, math.pi, 75.0, time=time, valid=0x01)
+    return aircraft(x - 75.0 * second, 0.0, math.pi, 75.0, time=time + 3 * SECOND)
+
+
+@pytest.mark.parametrize("kind", ["no velocity", "future"])
+@pytest.mark.parametrize("good", [True, False])
+@pytest.mark.parametrize("pattern", ["fnfnfnfnfn", "fffnfffnfffnf", "nffnffnf"])
+def test_usable_reports_do_not_hide_an_unusable_aircraft_of_the_same_name(kind: str, good: bool, pattern: str):
+    situation, refusals = heard(), []
+    for second, which in enumerate(pattern):
+        now = NOW + second * SECOND
+        if which == "n":
+            message = unusable(kind, second, 9_000.0)
+        elif good:
+            message = aircraft(60_000.0 - 75.0 * second, 0.0, math.pi, 75.0, time=now)
+        else:
+            message = unusable(kind, second, 320_000.0)
+        own = aircraft(75.0 * second, 0.0, 0.0, 75.0, id="own", time=now)
+        situation = updates.traffic(updates.ownship(situation, own, now, RULES), message, now, RULES)
+        refusals += [] if answered(situation, now) else [second]
+    # One report alone may be an outlier; from the second on there is another aircraft.
+    since = [second for second, which in enumerate(pattern) if which == "n"][1]
+    assert [second for second in refusals if second >= since] == list(range(since, len(pattern)))
+
+
+def answered(situation: Situation, now: int) -> bool:
+    try:
+        task(situation, now, Settings())
+    except Refusal:
+        return False
+    return True
+
+
+def test_unusable_report_at_the_same_place_is_no_second_aircraft():
+    situation = heard(aircraft(9_000.0, 0.0, math.pi, 75.0))
+    late = NOW + SECOND
+    situation = updates.traffic(situation, unusable("no velocity", 1, 9_000.0), late, RULES)
+    assert not answered(situation, late)
+    late += SECOND
+    good = aircraft(8_850.0, 0.0, math.pi, 75.0, time=late)
+    situation = updates.ownship(situation, aircraft(150.0, 0.0, 0.0, 75.0, id="own", time=late), late, RULES)
+    assert answered(updates.traffic(situation, good, late, RULES), late)
+
+
+def test_far_aircraft_without_velocity_is_excluded_on_long_legs_too():
+    far = aircraft(320_000.0, 0.0, math.pi, 75.0, valid=0x01)
+    situation, late = silent(far, seconds=1.0)
+    long = published(route_points(spacing=45_000.0, count=2))
+    wanted = task(updates.route(situation, long, late), late, Settings())
+    assert [one.identifier for one in wanted.excluded] == ["4b1a2c"]
+
+
+# A hundred thousand aircraft states, a third of them damaged: what is planned with is where the aircraft is.
+
+ROWS, TICKS, EVERY = 100_000, 40, 0.5
+RULES, SETTINGS = Rules(), Settings()
+STARTS = {"own": (0.0, 0.0, 0.0, 75.0), "4b0001": (9_000.0, 300.0, math.pi, 80.0), "4b0002": (60e3, 9e3, -1.6, 50.0)}
+
+
+def truth(name: str, seconds: float) -> tuple[float, float, float, float]:
+    x, y, heading, speed = STARTS[name]
+    return x + speed * seconds * math.cos(heading), y + speed * seconds * math.sin(heading), heading, speed
+
+
+def damaged(message, name: str, now: int, draw: random.Random) -> None:
+    kind = draw.randrange(8)
+    if kind == 0:
+        setattr(message, draw.choice(["latitude", "longitude"]), draw.choice([math.nan, 1e300, -91.0, "x", None]))
+    elif kind == 1:
+        message.latitude += draw.choice([-1.0, 1.0]) * draw.uniform(0.05, 3.0)
+    elif kind == 2:
+        message.velocity.x, message.velocity.y = message.velocity.y, message.velocity.x
+    elif kind == 3:
+        message.header.stamp = stamp(now + draw.choice([-3, -40, 3, 100]) * SECOND)
+    elif kind == 4:
+        message.id = draw.choice([name.upper() + " ", "", "\n", "OWN ", f"x{draw.random()}"])
+    elif kind == 5:
+        message.valid = draw.choice([0, 1, 3, 4, 255, 65_535])
+    elif kind == 6:
+        scale = draw.choice([0.0, 1.94384, 57.29578, -1.0])
+        message.velocity.x, message.velocity.y = scale * message.velocity.x, scale * message.velocity.y
+    else:
+        message.position_std, message.valid = draw.choice([math.nan, -1.0, 1e9]), 0x45
+
+
+@pytest.mark.slow
+def test_damaged_states_never_move_what_is_planned_with():
+    draw, rows, planned = random.Random(0), 0, 0
+    start = updates.geo_reference(Situation(), geo_reference(), NOW)
+    start = updates.route(start, published(route_points()), NOW)
+    while rows < ROWS:
+        situation = start
+        for tick in range(TICKS):
+            seconds, now = EVERY * tick, NOW + round(EVERY * tick * SECOND)
+            for name in STARTS:
+                message = aircraft(*truth(name, seconds), id=name, time=now)
+                if tick > 3 and draw.random() < 0.33:
+                    damaged(message, name, now, draw)
+                take = updates.ownship if name == "own" else updates.traffic
+                situation, rows = take(situation, message, now, RULES), rows + 1
+            try:
+                wanted = task(situation, now, SETTINGS)
+            except Refusal:
+                continue
+            planned += 1
+            # An intruder may bear the ownship's name, which is not looked at here.
+            tracks = {one: situation.traffic[one] for one in wanted.identifiers} | {"own": situation.own}
+            for name in tracks.keys() & STARTS.keys():
+                track, last = tracks[name], tracks[name].last
+                assert last is not None
+                at, (x, y, *_) = placed(FRAME, last), truth(name, (last.time - NOW) / SECOND)
+                allowed = RULES.jump_distance + RULES.jump_speed * max(track.age(now), EVERY)
+                assert math.hypot(at.x - x, at.y - y) <= allowed, name
+    assert planned > 0.2 * rows / len(STARTS)
