@@ -22,8 +22,8 @@ from agents.planner.request import Options
 from agents.policy.inference import Policy
 from benchmarks.measure import report
 from envs import follower
-from envs.c208.autopilot import GRAVITY
 from envs.c208.conditions import CALM, NOMINAL, Conditions, Loading
+from envs.c208.facts import GRAVITY
 from envs.c208.guidance import Path as Track
 from envs.c208.guidance import follow
 from envs.c208.gymnasium_env import C208Env

@@ -12,7 +12,7 @@ from envs.angles import wrap
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState
 
-__all__ = ["NO_WIND", "Wind", "air_commands", "ground_commands", "over_ground", "through_air"]
+__all__ = ["NO_WIND", "Wind", "air_commands", "air_demands", "ground_commands", "over_ground", "through_air"]
 
 Wind = tuple[float, float]
 """Velocity of the air towards east and north, m/s."""
@@ -68,3 +68,23 @@ def air_commands(state: VehicleState, acceleration: float, yaw_rate: float, wind
 def ground_commands(state: VehicleState, acceleration: float, yaw_rate: float, wind: Wind) -> tuple[float, float]:
     """Return commands in the air mass as those over the ground; the state is the one in the air."""
     return air_commands(state, acceleration, yaw_rate, (-wind[0], -wind[1]))
+
+
+def air_demands(
+    state: VehicleState, acceleration: float, yaw_rate: float, wind: Wind, reach: tuple[float, float]
+) -> tuple[float, float]:
+    """Return the accelerations along and across the path through the air that make commands over the ground, m/s^2.
+
+    Args:
+        state, acceleration, yaw_rate, wind: as of :func:`air_commands`.
+        reach: accelerations along the path that the engine can give.
+    """
+    cosine, sine = math.cos(state.heading), math.sin(state.heading)
+    across = state.speed * yaw_rate
+    air_east, air_north = state.speed * cosine - wind[0], state.speed * sine - wind[1]
+    airspeed = max(math.hypot(air_east, air_north), 1.0)
+    ahead = (cosine * air_east + sine * air_north) / airspeed
+    aside = (sine * air_east - cosine * air_north) / airspeed
+    along = acceleration * ahead - across * aside
+    # What the engine cannot give must not be sought by banking: the turn over the ground comes first.
+    return along, (across + max(reach[0], min(reach[1], along)) * aside) / max(ahead, 0.5)

@@ -13,21 +13,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.c208.aerodynamics import stall_angle
 from envs.c208.conditions import Loading
-from envs.c208.curve import Curve
-from envs.c208.facts import Variant, value
-from envs.c208.propulsion import DENSITIES, SPEEDS, tables
-from envs.c208.trim import REFERENCE_ALTITUDE, stored
+from envs.c208.facts import FOOT, GRAVITY, Variant, value
+from envs.c208.model import stall_angle
+from envs.c208.propulsion import DENSITIES, DENSITY_0, SPEEDS, Curve, density_at, tables
+from envs.c208.trim import REFERENCE_ALTITUDE, REFERENCE_WEIGHT, Trim, stored
 
-__all__ = ["GRAVITY", "ROLL_DELAY", "TICK", "Autopilot", "Controls", "Measured"]
+__all__ = ["BANK_MAX", "CLIMB_MAX", "ROLL_DELAY", "TICK", "Autopilot", "Controls", "Measured"]
 
 TICK = 0.05
 """Period, s."""
 
-GRAVITY = 9.80665
+BANK_MAX, CLIMB_MAX = math.radians(45.0), 5.0
+"""rad and m/s."""
 
-_POUND, _FOOT = 4.4482216, 0.3048
 _SLUG_FT2 = 1.35581795  # kg m^2
 
 # Roll: the bank follows its demand as an oscillator of this frequency (rad/s) and damping does.
@@ -37,8 +36,6 @@ _ROLL_ACCELERATION = 1.2  # rad/s^2
 ROLL_DELAY = 2.0 * _ROLL_DAMPING / _ROLL_FREQUENCY + 0.10
 """How much later than demanded a bank is flown, s: the oscillator's delay, the servos' and half a period."""
 
-_BANK_MAX = math.radians(45.0)
-_CLIMB_MAX = 5.0  # m/s
 _ALPHA_MARGIN = math.radians(3.0)  # below the stall's angle of attack
 # Times the stall's speed at the present load: held by thrust, then by giving up altitude. Gusts add to both.
 _SLOWEST, _FLOOR = 1.08, 1.04
@@ -86,24 +83,18 @@ class Autopilot:
         loading: as believed by the autopilot; weight is measured, the rest nominal.
         altitude: to hold, m.
         density: of the air there, kg/m^3.
+        begin: the equilibrium in which it takes over.
     """
 
-    def __init__(self, variant: Variant, loading: Loading, altitude: float, density: float) -> None:
+    def __init__(self, variant: Variant, loading: Loading, altitude: float, density: float, begin: Trim) -> None:
         self._altitude = altitude
         table = stored()
-        reach = float(table.speed[0]), float(table.speed[-1])
-        self._alpha = Curve(table.speed, table.alpha, *reach)
-        self._elevator = Curve(table.speed, table.elevator, *reach)
-        self._thrust = Curve(table.speed, table.thrust, *reach)
-        self._table_low = reach[0]
-        self._weight_0 = 8807.0 * _POUND
-        self._density_0 = 1.225 * (1.0 - 0.0065 * REFERENCE_ALTITUDE / 288.15) ** 4.25588
-        idle, top = tables(variant)
-        at = [np.array([np.interp(density, DENSITIES, row) for row in table_]) for table_ in (idle, top)]
-        self._idle = Curve(SPEEDS, at[0], 20.0, 130.0)
-        self._top = Curve(SPEEDS, at[1], 20.0, 130.0)
+        self._alpha, self._elevator, self._thrust = (table.curve(name) for name in ("alpha", "elevator", "thrust"))
+        self._density_0 = density_at(REFERENCE_ALTITUDE)
+        here = [np.array([np.interp(density, DENSITIES, row) for row in thrusts]) for thrusts in tables(variant)]
+        self._idle, self._top = (Curve(SPEEDS, thrust, 20.0) for thrust in here)
 
-        self._area, self._span = value("wing_area") * _FOOT**2, value("wing_span") * _FOOT
+        self._area, self._span = value("wing_area") * FOOT**2, value("wing_span") * FOOT
         self._chord = value("mean_chord") * 0.0254
         weight = loading.weight or variant.takeoff_weight
         self._inertia = value("inertia_roll") * _SLUG_FT2 * weight / value("inertia_weight")
@@ -111,26 +102,19 @@ class Autopilot:
         self._top_lift = value("lift_max") - 0.06
         self._speed_max = value("speed_max_operating") * 0.514444
 
-        self.bank_reference = 0.0
-        self._roll_reference = 0.0
+        self.bank_reference = self._roll_reference = 0.0
         self._aileron_integral = self._rudder_integral = self._elevator_integral = 0.0
         self._climb_integral = self._thrust_integral = 0.0
-        self.speed_reference: float | None = None
+        self.speed_reference = begin.speed
         self.reach = (-1.0, 1.0)
         """Accelerations along the path that idle and full power gave in the last period, m/s^2."""
         self._gust, self._load_wanted = 0.0, 1.0
-        self._servos = [0.0, 0.0, 0.0]
+        self._servos = [begin.elevator, 0.0, 0.0]
         aileron, rudder = math.radians(value("aileron")), math.radians(value("rudder"))
         self._low = (-math.radians(value("elevator_up")), -aileron, -rudder)
         self._high = (math.radians(value("elevator_down")), aileron, rudder)
         self._servo_share = 1.0 - math.exp(-value("servo_bandwidth") * TICK)
         self._servo_step = math.radians(value("servo_rate")) * TICK
-
-    def begin(self, bank: float, elevator: float, speed: float) -> None:
-        """Take over in an equilibrium."""
-        self.bank_reference, self._roll_reference = bank, 0.0
-        self.speed_reference = speed
-        self._servos = [elevator, 0.0, 0.0]
 
     def stall_speed(self, measured: Measured, load: float = 1.0) -> float:
         """Return the true airspeed of the stall at a load factor, m/s."""
@@ -151,31 +135,30 @@ class Autopilot:
         stall = self.stall_speed(m) + _GUST_SHARE * self._gust
         aileron, rudder = self._lateral(m, left, speed, pressure, stall)
         load = 1.0 / max(math.cos(self.bank_reference), 0.5)
-        equivalent = speed * math.sqrt(m.density / self._density_0 * self._weight_0 / (load * m.weight))
+        equivalent = speed * math.sqrt(m.density / self._density_0 * REFERENCE_WEIGHT / (load * m.weight))
         elevator = self._vertical(m, load, speed, equivalent, stall)
         throttle = self._speed(m, along, load, equivalent, stall)
-        demands = (elevator, aileron, rudder)
-        for index, demand in enumerate(demands):
-            step = (demand - self._servos[index]) * self._servo_share
-            step = max(-self._servo_step, min(self._servo_step, step))
+        for index, demand in enumerate((elevator, aileron, rudder)):
+            step = _held((demand - self._servos[index]) * self._servo_share, self._servo_step)
             self._servos[index] = max(self._low[index], min(self._high[index], self._servos[index] + step))
-        return Controls(self._servos[0], self._servos[1], self._servos[2], throttle)
+        elevator, aileron, rudder = self._servos
+        return Controls(elevator, aileron, rudder, throttle)
 
     def _lateral(self, m: Measured, left: float, speed: float, pressure: float, stall: float) -> tuple[float, float]:
         # The load that the wing can carry with the margin to the stall bounds the bank.
         load_max = max(1.02, (speed / (_FLOOR * stall)) ** 2)
-        bank_max = min(_BANK_MAX, math.acos(1.0 / load_max))
-        wanted_bank = max(-_BANK_MAX, min(_BANK_MAX, -math.atan(left / GRAVITY)))
+        bank_max = min(BANK_MAX, math.acos(1.0 / load_max))
+        wanted_bank = _held(-math.atan(left / GRAVITY), BANK_MAX)
         # What the turn needs to be flown is the speed's business too.
         self._load_wanted = 1.0 / math.cos(wanted_bank)
-        demand = max(-bank_max, min(bank_max, wanted_bank))
+        demand = _held(wanted_bank, bank_max)
 
         half_turn = 0.5 * self._span / speed
         rate_max = _ROLL_SHARE * value("roll_aileron") * self._high[1] / (-value("roll_rate") * half_turn)
         acceleration = _ROLL_FREQUENCY**2 * (demand - self.bank_reference)
         acceleration -= 2.0 * _ROLL_DAMPING * _ROLL_FREQUENCY * self._roll_reference
-        acceleration = max(-_ROLL_ACCELERATION, min(_ROLL_ACCELERATION, acceleration))
-        rate = max(-rate_max, min(rate_max, self._roll_reference + acceleration * TICK))
+        acceleration = _held(acceleration, _ROLL_ACCELERATION)
+        rate = _held(self._roll_reference + acceleration * TICK, rate_max)
         acceleration = (rate - self._roll_reference) / TICK
         self.bank_reference += 0.5 * (rate + self._roll_reference) * TICK
         self._roll_reference = rate
@@ -186,13 +169,13 @@ class Autopilot:
         moment = pressure * self._area * self._span
         lift = m.weight / (pressure * self._area * max(math.cos(m.bank), 0.5))
         wanted_yaw = turn * math.cos(self.bank_reference)
-        self._aileron_integral = max(-0.1, min(0.1, self._aileron_integral + 0.25 * error * TICK))
+        self._aileron_integral = _held(self._aileron_integral + 0.25 * error * TICK, 0.1)
         balance = acceleration * self._inertia / moment - value("roll_rate") * wanted * half_turn
         balance -= value("roll_yaw_rate") * lift * wanted_yaw * half_turn
         damping = 3.0 * (wanted - m.roll_rate) * self._inertia / moment
         aileron = (balance + damping) / value("roll_aileron") + self._aileron_integral
 
-        self._rudder_integral = max(-0.15, min(0.15, self._rudder_integral - 0.25 * m.beta * TICK))
+        self._rudder_integral = _held(self._rudder_integral - 0.25 * m.beta * TICK, 0.15)
         yawing = (value("yaw_rate") * wanted_yaw + value("yaw_roll_rate") * lift * wanted) * half_turn
         yawing += value("yaw_aileron") * lift * aileron
         rudder = -yawing / value("yaw_rudder") - 1.0 * (wanted_yaw - m.yaw_rate)
@@ -200,12 +183,12 @@ class Autopilot:
 
     def _vertical(self, m: Measured, load: float, speed: float, equivalent: float, stall: float) -> float:
         height = self._altitude - m.altitude
-        climb = max(-_CLIMB_MAX, min(_CLIMB_MAX, 0.35 * height))
+        climb = _held(0.35 * height, CLIMB_MAX)
         floor = _FLOOR * stall * math.sqrt(load)
         if m.steady_airspeed < floor:
             climb = min(climb, -1.5 * (floor - m.steady_airspeed))
         else:
-            self._climb_integral = max(-1.0, min(1.0, self._climb_integral + 0.03 * height * TICK))
+            self._climb_integral = _held(self._climb_integral + 0.03 * height * TICK, 1.0)
         alpha = self._alpha(equivalent)
         wanted = (climb + self._climb_integral + 0.5 * (climb - m.climb)) / speed + alpha * math.cos(m.bank)
         # Never more than what brings the angle of attack to its limit.
@@ -216,7 +199,7 @@ class Autopilot:
         rate = 1.5 * (wanted - m.pitch) / cosine + turning
         rate = min(rate, 3.0 * (limit - m.alpha) + turning)
         error = rate - m.pitch_rate
-        self._elevator_integral = max(-0.2, min(0.2, self._elevator_integral - 0.4 * error * TICK))
+        self._elevator_integral = _held(self._elevator_integral - 0.4 * error * TICK, 0.2)
         steady = self._elevator(equivalent)
         steady -= value("pitch_rate") * rate * 0.5 * self._chord / speed / value("pitch_elevator")
         gain = 0.5 * (70.0 / speed) ** 2
@@ -224,9 +207,8 @@ class Autopilot:
 
     def _speed(self, m: Measured, along: float, load: float, equivalent: float, stall: float) -> float:
         slow = _SLOWEST * stall * math.sqrt(max(load, self._load_wanted))
-        fast = self._speed_max * math.sqrt(1.225 / m.density)
-        reference = m.steady_airspeed if self.speed_reference is None else self.speed_reference
-        reference += along * TICK
+        fast = self._speed_max * math.sqrt(DENSITY_0 / m.density)
+        reference = self.speed_reference + along * TICK
         # The reference may not run away from an aircraft that is at the end of its power.
         reference = max(m.steady_airspeed - 1.5, min(m.steady_airspeed + 1.5, reference))
         reference = max(slow, min(fast, reference))
@@ -236,14 +218,18 @@ class Autopilot:
         acceleration = min(along + 1.0 * error, 0.5 * (fast - m.steady_airspeed))
         if m.steady_airspeed < slow:
             acceleration = max(acceleration, 0.5 * (slow - m.steady_airspeed))
-        drag = self._thrust(equivalent) * load * m.weight / self._weight_0
+        drag = self._thrust(equivalent) * load * m.weight / REFERENCE_WEIGHT
         bias = GRAVITY * m.climb / max(m.airspeed, 30.0) + self._thrust_integral
         thrust = mass * (acceleration + bias) + drag
         idle, top = self._idle(m.airspeed), self._top(m.airspeed)
         self.reach = (idle - drag) / mass - bias, (top - drag) / mass - bias
         share = (thrust - idle) / (top - idle)
         if 0.0 < share < 1.0:
-            self._thrust_integral = max(-0.3, min(0.3, self._thrust_integral + 0.10 * error * TICK))
+            self._thrust_integral = _held(self._thrust_integral + 0.10 * error * TICK, 0.3)
         root = math.sqrt(max(0.0, min(1.0, share)))
         # The spool follows with a lag of a second; half of it is anticipated.
         return max(0.0, min(1.0, root + 1.0 * (root - m.spool)))
+
+
+def _held(number: float, most: float) -> float:
+    return max(-most, min(most, number))

@@ -7,14 +7,14 @@ import numpy as np
 
 from envs.kinematics import VehicleState
 
-__all__ = ["CALM", "NOMINAL", "TURBULENCE", "Conditions", "Loading", "check_start", "checked"]
+__all__ = ["CALM", "NOMINAL", "TURBULENCE", "Conditions", "Loading", "check_start", "check_state", "checked"]
 
 TURBULENCE = {"none": (0, 0.0), "light": (3, 25.0), "moderate": (4, 50.0)}
 """Probability index and wind at 20 ft, ft/s, of MIL-F-8785C."""
 
 
 class Loading(NamedTuple):
-    """What may differ from one flight to the next about the aircraft itself."""
+    """The aircraft itself."""
 
     weight: float | None = None
     """lb, with fuel; None: the variant's greatest."""
@@ -42,11 +42,7 @@ _BOUNDS = {
 
 
 def checked(loading: Loading) -> Loading:
-    """Return the loading.
-
-    Raises:
-        ValueError: a number is outside what the model stands for.
-    """
+    """Return the loading; raises a ValueError where a number is outside what the model stands for."""
     for name, (low, high) in _BOUNDS.items():
         number = getattr(loading, name)
         if number is not None and not low <= number <= high:
@@ -55,7 +51,7 @@ def checked(loading: Loading) -> Loading:
 
 
 class Conditions(NamedTuple):
-    """What may differ from one flight to the next."""
+    """The aircraft and the air."""
 
     loading: Loading = NOMINAL
     wind_east: float = 0.0
@@ -70,11 +66,16 @@ class Conditions(NamedTuple):
 CALM = Conditions()
 
 
-def check_start(state: VehicleState, conditions: Conditions, altitude: float) -> None:
-    """Raise a ValueError for a beginning that is none."""
+def check_state(state: VehicleState) -> None:
+    """Raise a ValueError for a state that is not one finite number a field."""
     for name, number in zip(VehicleState._fields, state, strict=True):
         if np.ndim(number) != 0 or not math.isfinite(float(number)):
             raise ValueError(f"state.{name} is {number}; expected one finite number")
+
+
+def check_start(state: VehicleState, conditions: Conditions, altitude: float) -> None:
+    """Raise a ValueError for a beginning that is none."""
+    check_state(state)
     if conditions.turbulence not in TURBULENCE:
         raise ValueError(f"turbulence is {conditions.turbulence!r}; expected one of {', '.join(TURBULENCE)}")
     if not math.hypot(conditions.wind_east, conditions.wind_north) <= 30.0:

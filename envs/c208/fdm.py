@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from envs.c208.conditions import NOMINAL, Loading, checked
-from envs.c208.facts import VARIANTS, Variant
-from envs.c208.model import DATA, aircraft
+from envs.c208.facts import DATA, VARIANTS
+from envs.c208.model import aircraft
 
 if TYPE_CHECKING:
     import jsbsim
@@ -32,26 +32,8 @@ def _jsbsim() -> Any:
     import jsbsim
 
     if not _silence:
-
-        class Silence(jsbsim.FGLogger):
-            """Takes JSBSim's messages and drops them."""
-
-            def set_level(self, level: Any) -> None:
-                pass
-
-            def file_location(self, filename: str, line: int) -> None:
-                pass
-
-            def message(self, message: str) -> None:
-                pass
-
-            def format(self, format: Any) -> None:  # noqa: A002 - JSBSim's name
-                pass
-
-            def flush(self) -> None:
-                pass
-
-        _silence.append(Silence())
+        nothing = {name: lambda *_: None for name in ("set_level", "file_location", "message", "format", "flush")}
+        _silence.append(type("Silence", (jsbsim.FGLogger,), nothing)())
         jsbsim.set_logger(_silence[0])
     return jsbsim
 
@@ -62,25 +44,24 @@ class Fdm:
     Args:
         variant: name in :data:`envs.c208.facts.VARIANTS`.
         loading: weight and other differences from the files that ship.
-        root: of the JSBSim files.
 
     Raises:
         FdmError: the variant is unknown, a file is missing, or JSBSim does not load the aircraft.
         ValueError: the loading is outside what the model stands for.
     """
 
-    def __init__(self, variant: str = "ex", loading: Loading = NOMINAL, root: Path = DATA) -> None:
-        self.variant = self.variant_of(variant)
-        checked(loading)
-        self.loading = loading
-        needed = root / "engine" / f"{self.variant.engine}.xml"
+    def __init__(self, variant: str = "ex", loading: Loading = NOMINAL) -> None:
+        if variant not in VARIANTS:
+            raise FdmError(f"variant is {variant!r}; expected one of {', '.join(VARIANTS)}")
+        self.variant, self.loading = VARIANTS[variant], checked(loading)
+        needed = DATA / "engine" / f"{self.variant.engine}.xml"
         if not needed.is_file():
             raise FdmError(f"{needed} is missing; python -m envs.c208.model writes it")
-        self.exec = _jsbsim().FGFDMExec(str(root))
+        self.exec = _jsbsim().FGFDMExec(str(DATA))
         self.exec.set_engine_path("engine")
         self.exec.set_systems_path("systems")
         if loading == NOMINAL:
-            self._load(root / "aircraft")
+            self._load(DATA / "aircraft")
         else:
             with tempfile.TemporaryDirectory(prefix="c208-") as folder:
                 home = Path(folder) / self.variant.name
@@ -90,17 +71,6 @@ class Fdm:
         self.exec.set_dt(STEP)
         self._manager = self.exec.get_property_manager()
         self._nodes: dict[str, jsbsim.FGPropertyNode] = {}
-
-    @staticmethod
-    def variant_of(name: str) -> Variant:
-        """Return the variant of a name.
-
-        Raises:
-            FdmError: there is none.
-        """
-        if name not in VARIANTS:
-            raise FdmError(f"variant is {name!r}; expected one of {', '.join(VARIANTS)}")
-        return VARIANTS[name]
 
     def _load(self, folder: Path) -> None:
         self.exec.set_aircraft_path(str(folder))
@@ -143,11 +113,12 @@ class Fdm:
         self.exec.reset_to_initial_conditions(2)
         for name, number in initial.items():
             self.set(f"ic/{name}", number)
-        for name, number in controls.items():
-            self.set(f"fcs/{name}", number)
-        self.set("propulsion/set-running", -1)
+        self._control(controls)
         if not self.exec.run_ic():
             raise FdmError(f"JSBSim refuses the initial conditions {initial}")
+        self._control(controls)
+
+    def _control(self, controls: dict[str, float]) -> None:
         for name, number in controls.items():
             self.set(f"fcs/{name}", number)
         self.set("propulsion/set-running", -1)

@@ -13,7 +13,7 @@ import numpy as np
 
 from envs.c208.facts import Variant, value
 
-__all__ = ["DENSITIES", "DENSITY_0", "HORSEPOWER", "SPEEDS", "idle_thrust", "maximum_thrust", "tables", "thrust"]
+__all__ = ["DENSITY_0", "HORSEPOWER", "Curve", "density_at", "idle_thrust", "maximum_thrust", "tables", "thrust"]
 
 DENSITY_0 = 1.225
 """Of the standard atmosphere at sea level, kg/m^3."""
@@ -28,6 +28,11 @@ DENSITIES = np.array([0.40, 0.55, 0.70, 0.80, 0.90, 0.98, 1.08, 1.16, 1.225, 1.3
 """Air densities of the tables, kg/m^3."""
 
 _SLOWEST = 35.0  # below this speed the blades rest on their low-pitch stop and the drag stops growing, m/s
+
+
+def density_at(altitude: float) -> float:
+    """Return the density of the standard atmosphere at an altitude (m) below 11 km, kg/m^3."""
+    return DENSITY_0 * (1.0 - 0.0065 * altitude / 288.15) ** 4.25588
 
 
 def thrust(power: Any, speed: Any, density: Any) -> Any:
@@ -63,3 +68,28 @@ def tables(variant: Variant) -> tuple[np.ndarray, np.ndarray]:
     """Return idle and maximum thrust, N, ``[SPEEDS, DENSITIES]``."""
     speed, density = SPEEDS[:, None], DENSITIES[None, :]
     return idle_thrust(variant, speed, density), maximum_thrust(variant, speed, density)
+
+
+class Curve:
+    """A function of one number, tabulated at 241 equal steps and constant beyond them; faster than numpy's for one.
+
+    Args:
+        x: increasing, ``[N]``.
+        y: values there, ``[N]``.
+        low: where the steps begin, x[0] by default; they end at x[-1].
+    """
+
+    def __init__(self, x: np.ndarray, y: np.ndarray, low: float | None = None) -> None:
+        grid = np.linspace(x[0] if low is None else low, x[-1], 241)
+        self._low, self._last = float(grid[0]), 239
+        self._scale = 240 / (float(grid[-1]) - self._low)
+        self._values = np.interp(grid, x, y).tolist()
+
+    def __call__(self, x: float) -> float:
+        """Return the function's value."""
+        place = (x - self._low) * self._scale
+        index = 0 if place < 0.0 else self._last if place >= self._last + 1 else int(place)
+        share = place - index
+        share = 0.0 if share < 0.0 else 1.0 if share > 1.0 else share
+        first = self._values[index]
+        return first + share * (self._values[index + 1] - first)

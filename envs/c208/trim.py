@@ -5,29 +5,30 @@ equilibria at the reference altitude are stored (``data/trim.csv``), and the aut
 ``python -m envs.c208.trim`` renews the file.
 """
 
-import csv
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from envs.c208.aerodynamics import stall_angle
-from envs.c208.facts import value
+from envs.c208.facts import DATA, FOOT, POUND, value
 from envs.c208.fdm import Fdm
-from envs.c208.model import DATA
+from envs.c208.model import stall_angle
+from envs.c208.propulsion import Curve
 from envs.edge.command import Parser, run_cli
 from envs.edge.files import write_file
 
-__all__ = ["REFERENCE_ALTITUDE", "TABLE_SPEEDS", "Table", "Trim", "TrimError", "level_table", "read", "solve", "stored"]
+__all__ = ["REFERENCE_ALTITUDE", "REFERENCE_WEIGHT", "Table", "Trim", "TrimError", "solve", "stored", "surfaces"]
 
 REFERENCE_ALTITUDE = 2500.0
 """Of the stored equilibria and of flights, m."""
+
+REFERENCE_WEIGHT = 8807.0 * POUND
+"""Of the stored equilibria, N."""
 
 TABLE_SPEEDS = tuple(float(speed) for speed in range(46, 107, 3))
 """True airspeeds of the stored equilibria, m/s."""
 
 _FILE = DATA / "trim.csv"
-_FOOT = 0.3048
 _ITERATIONS, _EXACT = 30, 1e-8
 
 
@@ -60,6 +61,10 @@ class Table(NamedTuple):
     elevator: np.ndarray
     thrust: np.ndarray
 
+    def curve(self, name: str) -> Curve:
+        """Return a column over the speed."""
+        return Curve(self.speed, getattr(self, name))
+
 
 def solve(
     fdm: Fdm,
@@ -81,26 +86,21 @@ def solve(
     Raises:
         TrimError: there is none below the stall and within the engine's and the elevator's range.
     """
+    # Angle of attack, elevator, and the climb angle or for level flight the power. The thrust goes with the square of
+    # the throttle: linear in what is solved for.
     unknown = np.array([0.05, -0.05, 0.3 if throttle is None else 0.0])
     nodes = [fdm.node(f"accelerations/{name}") for name in ("udot-ft_sec2", "wdot-ft_sec2", "qdot-rad_sec2")]
-    place = {
-        "lat-geod-deg": 0.0,
-        "long-gc-deg": 0.0,
-        "h-sl-ft": altitude / _FOOT,
-        "vt-fps": speed / _FOOT,
-        "beta-deg": 0.0,
-        "phi-deg": 0.0,
-        "psi-true-deg": 90.0,
-        "p-rad_sec": 0.0,
-        "q-rad_sec": 0.0,
-        "r-rad_sec": 0.0,
-    }
+    names = ("lat-geod-deg", "long-gc-deg", "h-sl-ft", "vt-fps", "beta-deg", "phi-deg", "psi-true-deg")
+    place = dict.fromkeys((*names, "p-rad_sec", "q-rad_sec", "r-rad_sec"), 0.0)
+    place |= {"h-sl-ft": altitude / FOOT, "vt-fps": speed / FOOT, "psi-true-deg": 90.0}
+
+    def parts(point: np.ndarray) -> tuple[float, float, float, float]:
+        alpha, elevator, last = (float(number) for number in point)
+        return (alpha, elevator, last, 0.0) if throttle is None else (alpha, elevator, throttle**2, last)
 
     def residual(point: np.ndarray) -> np.ndarray:
-        alpha, elevator, last = point
-        power, gamma = (last, 0.0) if throttle is None else (throttle**2, last)
+        alpha, elevator, power, gamma = parts(point)
         angles = {"alpha-deg": math.degrees(alpha), "gamma-deg": math.degrees(gamma)}
-        # The thrust goes with the square of the throttle: linear in what is solved for.
         controls = surfaces(elevator, math.sqrt(min(max(power, 0.0), 1.0))) | {"flap-cmd-norm": flaps / 30.0}
         fdm.initialise(place | angles, controls)
         return np.array([node.get_double_value() for node in nodes])
@@ -110,7 +110,7 @@ def solve(
         if not np.isfinite(here).all():
             break
         if np.abs(here).max() < _EXACT:
-            return _found(fdm, speed, unknown, throttle, flaps)
+            return _found(fdm, speed, *parts(unknown), flaps)
         slope = np.empty((3, 3))
         for column in range(3):
             # Inwards at the end of the throttle's range, outside which nothing changes.
@@ -130,65 +130,36 @@ def solve(
 def surfaces(elevator: float, throttle: float) -> dict[str, float]:
     """Return the commands of an elevator deflection (rad) and a throttle (0 to 1), the other surfaces at rest."""
     travel = value("elevator_down") if elevator > 0.0 else value("elevator_up")
-    return {
-        "elevator-cmd-norm": elevator / math.radians(travel),
-        "aileron-cmd-norm": 0.0,
-        "rudder-cmd-norm": 0.0,
-        "flap-cmd-norm": 0.0,
-        "throttle-cmd-norm": throttle,
-    }
+    at_rest = dict.fromkeys(("aileron-cmd-norm", "rudder-cmd-norm", "flap-cmd-norm"), 0.0)
+    return {"elevator-cmd-norm": elevator / math.radians(travel), **at_rest, "throttle-cmd-norm": throttle}
 
 
-def _found(fdm: Fdm, speed: float, unknown: np.ndarray, throttle: float | None, flaps: float) -> Trim:
-    alpha, elevator, last = (float(number) for number in unknown)
-    power, gamma = (last, 0.0) if throttle is None else (throttle**2, last)
+def _found(fdm: Fdm, speed: float, alpha: float, elevator: float, power: float, gamma: float, flaps: float) -> Trim:
     low, high = -math.radians(value("elevator_up")), math.radians(value("elevator_down"))
     if alpha > stall_angle(fdm.loading.lift_slope_factor) or not low <= elevator <= high:
         raise TrimError(f"no equilibrium below the stall at {speed:.2f} m/s, flaps {flaps:g} deg")
     fdm.set("propulsion/engine/n2", 60.0 + 40.0 * math.sqrt(power))
     fdm.exec.run_ic()
-    thrust = fdm.get("propulsion/engine/thrust-lbs") * 4.4482216
-    return Trim(speed, alpha, elevator, math.sqrt(power), gamma, thrust)
+    return Trim(speed, alpha, elevator, math.sqrt(power), gamma, fdm.get("propulsion/engine/thrust-lbs") * POUND)
 
 
 def level_table(fdm: Fdm) -> Table:
     """Find the level equilibria at the reference altitude."""
     found = [solve(fdm, speed) for speed in TABLE_SPEEDS]
-    columns = ([getattr(trim, name) for trim in found] for name in Table._fields)
-    return Table(*(np.array(column) for column in columns))
+    return Table(*(np.array([getattr(trim, name) for trim in found]) for name in Table._fields))
 
 
 def stored() -> Table:
     """Return the level equilibria that ship: of the EX at its greatest weight, reference altitude."""
-    return read(_FILE.read_text(encoding="utf-8"))
-
-
-def read(text: str) -> Table:
-    """Return the table that a CSV text holds.
-
-    Raises:
-        ValueError: a column is missing or a value is not a finite number.
-    """
-    rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
-    columns = []
-    for name in Table._fields:
-        try:
-            column = np.array([float(row[name]) for row in rows])
-        except (KeyError, TypeError, ValueError):
-            raise ValueError(f"the table of equilibria has no numeric column {name!r}") from None
-        if column.size < 2 or not np.isfinite(column).all():
-            raise ValueError(f"column {name!r} of the table of equilibria is short or not finite")
-        columns.append(column)
-    return Table(*columns)
+    return Table(*np.loadtxt(_FILE, delimiter=",", skiprows=2, unpack=True))
 
 
 def main() -> int:
     """Write the file that ships; return the exit code."""
     Parser(prog="python -m envs.c208.trim", description=__doc__).parse_args()
-    table = level_table(Fdm())
     lines = ["# Level flight of the EX at 8807 lb, 2500 m: m/s, rad, rad, N. Written by python -m envs.c208.trim."]
     lines.append(",".join(Table._fields))
-    lines += [",".join(f"{number:.9g}" for number in row) for row in zip(*table, strict=True)]
+    lines += [",".join(f"{number:.9g}" for number in row) for row in zip(*level_table(Fdm()), strict=True)]
     write_file(_FILE, "\n".join(lines) + "\n")
     print(f"wrote {_FILE}")
     return 0

@@ -10,18 +10,16 @@ from typing import Any
 
 import numpy as np
 
+from envs.c208.air_mass import air_demands
 from envs.c208.autopilot import TICK, Autopilot, Measured
 from envs.c208.conditions import CALM, TURBULENCE, Conditions, check_start
-from envs.c208.facts import value
+from envs.c208.facts import FOOT, POUND, SLUG_PER_FT3, value
 from envs.c208.fdm import STEP, Fdm
 from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve, surfaces
 from envs.kinematics import VehicleState
 
 __all__ = ["LOG_COLUMNS", "C208Vehicle", "FlightError", "StartError"]
 
-_FOOT = 0.3048
-_POUND = 4.4482216
-_SLUG_PER_FT3 = 515.378819
 _EQUATOR, _MERIDIAN = 6_378_137.0, 6_335_439.3  # radii of curvature at the equator along both, m (WGS 84)
 _SUBSTEPS = round(TICK / STEP)
 _WIND_LAG = 10.0  # of the autopilot's estimate of the wind, s
@@ -42,8 +40,8 @@ class StartError(FlightError):
 class C208Vehicle:
     """One flight of the true aircraft; satisfies :class:`envs.follower.Vehicle`.
 
-    The commands are those over the ground: the acceleration along the track and its turn rate. They are reached with
-    the lags of the engine and of the roll; :mod:`envs.c208.guidance` looks ahead accordingly.
+    Commands over the ground are reached with the lags of engine and roll, for which :mod:`envs.c208.guidance` looks
+    ahead.
 
     Args:
         state: at the beginning, over the ground; a flight of 20 s before it is not seen.
@@ -122,36 +120,25 @@ class C208Vehicle:
             raise StartError(f"the flight cannot begin: {problem}") from problem
         nose = math.atan2(air_north, air_east)
         drift = math.remainder(heading - nose, 2.0 * math.pi)
-        initial = {
-            "lat-geod-deg": 0.0,
-            "long-gc-deg": 0.0,
-            "h-sl-ft": self._altitude / _FOOT,
-            "vt-fps": speed / _FOOT,
-            "alpha-deg": math.degrees(trim.alpha),
-            "gamma-deg": 0.0,
-            # Without wind yet the drift is a sideslip to the other side; the wind, set below, takes it away.
-            "beta-deg": -math.degrees(drift),
-            "phi-deg": 0.0,
-            "theta-deg": math.degrees(trim.alpha),
-            "psi-true-deg": math.degrees(math.pi / 2.0 - nose) % 360.0,
-            "p-rad_sec": 0.0,
-            "q-rad_sec": 0.0,
-            "r-rad_sec": 0.0,
-        }
+        initial = {"lat-geod-deg": 0.0, "long-gc-deg": 0.0, "h-sl-ft": self._altitude / FOOT, "vt-fps": speed / FOOT}
+        initial |= {"alpha-deg": math.degrees(trim.alpha), "gamma-deg": 0.0}
+        # Without wind yet the drift is a sideslip to the other side; the wind, set below, takes it away.
+        initial |= {"beta-deg": -math.degrees(drift), "phi-deg": 0.0, "theta-deg": math.degrees(trim.alpha)}
+        initial |= {"psi-true-deg": math.degrees(math.pi / 2.0 - nose) % 360.0}
+        initial |= {"p-rad_sec": 0.0, "q-rad_sec": 0.0, "r-rad_sec": 0.0}
         fdm.initialise(initial, surfaces(trim.elevator, trim.throttle))
         for shaft in ("n1", "n2"):
             fdm.set(f"propulsion/engine/{shaft}", 60.0 + 40.0 * trim.throttle)
         # JSBSim overwrites the wind with that of the initial conditions: it is set afterwards.
-        fdm.set("atmosphere/wind-east-fps", conditions.wind_east / _FOOT)
-        fdm.set("atmosphere/wind-north-fps", conditions.wind_north / _FOOT)
+        fdm.set("atmosphere/wind-east-fps", conditions.wind_east / FOOT)
+        fdm.set("atmosphere/wind-north-fps", conditions.wind_north / FOOT)
         severity, wind = TURBULENCE[conditions.turbulence]
         fdm.set("atmosphere/turb-type", 4.0 if severity else 0.0)
         fdm.set("atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps", wind)
         fdm.set("atmosphere/turbulence/milspec/severity", float(severity))
         fdm.set("atmosphere/randomseed", float(conditions.seed))
-        density = fdm.get("atmosphere/rho-slugs_ft3") * _SLUG_PER_FT3
-        self.autopilot = Autopilot(fdm.variant, fdm.loading, self._altitude, density)
-        self.autopilot.begin(0.0, trim.elevator, airspeed)
+        density = fdm.get("atmosphere/rho-slugs_ft3") * SLUG_PER_FT3
+        self.autopilot = Autopilot(fdm.variant, fdm.loading, self._altitude, density, trim)
         self._scale = (_EQUATOR + self._altitude, _MERIDIAN + self._altitude)
         self._throttle = trim.throttle
         self._see()
@@ -197,19 +184,8 @@ class C208Vehicle:
         return np.array(self._rows).reshape(-1, len(LOG_COLUMNS))
 
     def _tick(self, acceleration: float, yaw_rate: float) -> None:
-        state, measured = self._state, self._measured
-        cosine, sine = math.cos(state.heading), math.sin(state.heading)
-        across = state.speed * yaw_rate
-        # The same acceleration seen from the air mass: along and across the path through it.
-        air_east, air_north = state.speed * cosine - self._wind[0], state.speed * sine - self._wind[1]
-        airspeed = max(math.hypot(air_east, air_north), 1.0)
-        ahead = (cosine * air_east + sine * air_north) / airspeed
-        aside = (sine * air_east - cosine * air_north) / airspeed
-        low, high = self.autopilot.reach
-        along = acceleration * ahead - across * aside
-        # What the engine cannot give must not be sought by banking: the turn over the ground comes first.
-        left = (across + max(low, min(high, along)) * aside) / max(ahead, 0.5)
-        controls = self.autopilot.fly(measured, along, left)
+        demands = air_demands(self._state, acceleration, yaw_rate, self._wind, self.autopilot.reach)
+        controls = self.autopilot.fly(self._measured, *demands)
         up, down, aileron, rudder = self._travel
         elevator = controls.elevator * (down if controls.elevator > 0.0 else up)
         commands = (elevator, controls.aileron * aileron, controls.rudder * rudder, controls.throttle)
@@ -226,11 +202,11 @@ class C208Vehicle:
         values = [read() for read in self._read]
         bank, pitch, roll, pitching, yawing, alpha, beta, airspeed, height, climb, density, weight, spool = values[:13]
         east, north, longitude, latitude, wind_east, wind_north = values[13:]
-        east, north, airspeed, altitude = east * _FOOT, north * _FOOT, airspeed * _FOOT, height * _FOOT
+        east, north, airspeed, altitude = east * FOOT, north * FOOT, airspeed * FOOT, height * FOOT
         share = TICK / _WIND_LAG
         blow_east, blow_north = self._wind
-        blow_east += share * (wind_east * _FOOT - blow_east)
-        blow_north += share * (wind_north * _FOOT - blow_north)
+        blow_east += share * (wind_east * FOOT - blow_east)
+        blow_north += share * (wind_north * FOOT - blow_north)
         self._wind = blow_east, blow_north
         x = longitude * self._scale[0] + self._offset[0]
         y = latitude * self._scale[1] + self._offset[1]
@@ -238,7 +214,7 @@ class C208Vehicle:
         self._measured = Measured(
             *(bank, pitch, roll, pitching, yawing, alpha, beta, airspeed),
             math.hypot(east - blow_east, north - blow_north),
-            *(altitude, climb * _FOOT, density * _SLUG_PER_FT3, weight * _POUND, (spool - 60.0) / 40.0),
+            *(altitude, climb * FOOT, density * SLUG_PER_FT3, weight * POUND, (spool - 60.0) / 40.0),
         )
         problem = _problem(self._state, self._measured)
         if problem:

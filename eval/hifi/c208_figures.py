@@ -13,9 +13,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from agents.config.figures import save_figure
-from envs.c208.autopilot import GRAVITY
 from envs.c208.conditions import Conditions, Loading
-from envs.c208.facts import POINTS, value
+from envs.c208.facts import GRAVITY, POINTS, value
 from envs.c208.validate import envelope, measured
 from envs.c208.vehicle import LOG_COLUMNS, C208Vehicle
 from envs.edge.command import Parser

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from envs.c208.air_mass import air_commands, ground_commands, over_ground, through_air
-from envs.c208.autopilot import GRAVITY
 from envs.c208.conditions import CALM, Conditions
+from envs.c208.facts import GRAVITY
 from envs.c208.gymnasium_env import ENV_ID
 from envs.c208.point_mass import PointMassVehicle
 from envs.c208.vehicle import LOG_COLUMNS, C208Vehicle, FlightError, StartError
