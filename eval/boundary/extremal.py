@@ -44,7 +44,7 @@ def best_separation(
     best = np.empty(np.shape(x))
     for first in range(0, best.size, _BLOCK):
         part = slice(first, first + _BLOCK)
-        # relative position at the beginning of each chord, [M', F, T].
+        # Relative position at the beginning of each chord, [M', F, T].
         from_x = left[:, :-1] - np.asarray(x, np.float32)[part, None, None]
         from_y = over[:, :-1] - np.asarray(y, np.float32)[part, None, None]
         along = np.clip(-(from_x * chord_x + from_y * chord_y) / length, 0.0, 1.0)

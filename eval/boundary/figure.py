@@ -70,7 +70,7 @@ def boundary_figure(slices: Sequence[tuple[Answers, Mapping[str, Any]]], separat
 
 def _map(axes: Any, answers: Answers, figures: Mapping[str, Any], separation: float) -> None:
     """Draw where the intruder starts, the ownship's heading up."""
-    # ahead is up and left is left.
+    # Ahead is up and left is left.
     across, up = -_KM * answers.map_y[::-1], _KM * answers.map_x
     value = answers.map_value[:, ::-1]
     axes.contourf(across, up, value, levels=[0.0, *_LEVELS, 1e9], colors=_SHADES)
@@ -78,13 +78,13 @@ def _map(axes: Any, answers: Answers, figures: Mapping[str, Any], separation: fl
     thin = axes.contour(across, up, value, levels=others, colors="#8C8C8C", linewidths=0.6)
     axes.clabel(thin, fmt="%.0f m", fontsize=7)
     for verdict, style in _STYLES.items():
-        # the finer points would hide the boundary; only what is undecided is worth it.
+        # The finer points would hide the boundary; only what is undecided is worth it.
         shown = (answers.verdict == verdict) & (answers.on_raster | (verdict == Verdict.UNDECIDED))
         axes.scatter(-_KM * answers.y[shown], _KM * answers.x[shown], rasterized=True, zorder=3.0, **style)
     axes.contour(across, up, value, levels=[separation], colors="black", linewidths=1.6, zorder=4.0)
     axes.add_patch(Circle((0.0, 0.0), _KM * separation, fill=False, linestyle="--", linewidth=1.0, zorder=4.0))
     _arrow(axes, (0.0, 0.0), math.pi / 2.0, answers.slice.own_speed, "own")
-    # the intruder that is avoided last: the lost start farthest away.
+    # The intruder that is avoided last: the lost start farthest away.
     lost = np.where(answers.map_value < separation, np.hypot(answers.map_x[:, None], answers.map_y), -1.0)
     i, k = np.unravel_index(np.argmax(lost), lost.shape)
     start = (-_KM * answers.map_y[k], _KM * answers.map_x[i])
@@ -124,7 +124,7 @@ def _edge(axes: Any, answers: Answers, figures: Mapping[str, Any], separation: f
     order = (Verdict.UNRESOLVABLE, Verdict.UNDECIDED, Verdict.RESOLVABLE)
     for height, verdict in enumerate(order):
         shown = np.flatnonzero((answers.verdict == verdict) & (np.abs(excess) < _EDGE_M))
-        # rows are spread by a fixed sequence, so that points do not hide each other.
+        # Rows are spread by a fixed sequence, so that points do not hide each other.
         spread = 0.62 * ((0.618034 * np.arange(shown.size)) % 1.0 - 0.5)
         axes.scatter(excess[shown], height + spread, rasterized=True, zorder=3.0, **_STYLES[verdict])
     axes.set_xlim(-_EDGE_M, _EDGE_M)

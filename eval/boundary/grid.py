@@ -102,7 +102,7 @@ def solve(grid: Grid, limits: Limits, intruder_speed: float, separation: float) 
     sweeps, change = 0, math.inf
     while change > _TOLERANCE and sweeps < _MOST_SWEEPS:
         sweeps, change = sweeps + 1, 0.0
-        # in place: the iteration falls towards the same value from above, whatever the order.
+        # In place: the iteration falls towards the same value from above, whatever the order.
         for index in np.ndindex(shape[:2]):
             old, new = value[index][inner, inner], _backup(value, index, steps, cell, margin)
             fallen = np.max(old - new, where=new < 1.1 * separation, initial=0.0)

@@ -130,7 +130,7 @@ def compare(answers: Answers, rules: Rules, spacing: float) -> dict[str, Any]:
     avoidable, unavoidable = excess > error, excess < -error
     cell, map_cell = (spacing / 1_000.0) ** 2, (float(answers.map_x[1] - answers.map_x[0]) / 1_000.0) ** 2
     missed = np.flatnonzero(undecided & avoidable)
-    # witnesses far from the boundary are not judged: the grid cuts their values off.
+    # Witnesses far from the boundary are not judged: the grid cuts their values off.
     tight = won & (answers.witnessed < rules.separation + _NEAR)
     return {
         "name": answers.slice.name,

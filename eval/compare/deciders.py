@@ -170,7 +170,7 @@ def _columns(
     """Return the columns of one entry but for the costs."""
     seen = relative(flown)
     volume = VOLUMES[_SEVERE]
-    # after the end of a flight everything is nan; no number there, no loss, no alert.
+    # After the end of a flight everything is nan; no number there, no loss, no alert.
     with np.errstate(invalid="ignore"):
         penetration = np.where(np.isfinite(seen.x) & mask, severity(volume, seen), 0.0)
         loss = np.any(lost(volume, seen) & mask, axis=-1)

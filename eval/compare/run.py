@@ -70,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     from threadpoolctl import threadpool_limits
 
-    # one thread: the network's rows would be rounded otherwise with another.
+    # One thread: the network's rows would be rounded otherwise with another.
     with threadpool_limits(1):
         table = _flown(comparison, total)
     weighted = bool((table["weight"] != 1.0).any())

@@ -5,16 +5,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-__all__ = ["COURSES", "DEEP", "DISTANCES", "HOW", "Group", "described", "failures", "grouped", "representatives"]
+__all__ = ["HOW", "Group", "described", "failures", "grouped", "representatives"]
 
-DEEP = 0.95  # a violation that keeps this share of the separation is a near miss
 HOW = ("near miss", "deep loss", "time-out")
-
-COURSES = ((0.0, 30.0), (30.0, 60.0), (60.0, 135.0), (135.0, 180.0))
-"""Ranges of the angle between the courses at the start, degrees; the upper end of the last belongs to it."""
-
-DISTANCES = ((0.0, 1_500.0), (1_500.0, 3_000.0), (3_000.0, np.inf))
-"""Ranges of the distance to the nearest intruder at the start, m."""
+_DEEP = 0.95  # a violation that keeps this share of the separation is a near miss
+# Ranges of the angle between the courses at the start, degrees; the upper end of the last belongs to it.
+_COURSES = ((0.0, 30.0), (30.0, 60.0), (60.0, 135.0), (135.0, 180.0))
+# Ranges of the distance to the nearest intruder at the start, in required separations.
+_DISTANCES = ((0.0, 1.5), (1.5, 3.0), (3.0, np.inf))
 
 
 class Group(NamedTuple):
@@ -42,13 +40,12 @@ def grouped(table: Mapping[str, np.ndarray], separation: float) -> list[Group]:
     angle, distance = np.abs(table["relative_heading_deg"]), table["distance_m"]
     possible, failed = table["verdict"] != "unresolvable", failures(table)
     violated = table["outcome"] == "violation"
-    near = table["min_separation_m"] >= DEEP * separation
+    near = table["min_separation_m"] >= _DEEP * separation
     kinds = (violated & near, violated & ~near, ~violated)
     found = []
-    for course in COURSES:
-        last = course == COURSES[-1]
-        within = (angle >= course[0]) & ((angle < course[1]) | last)
-        for reach in DISTANCES:
+    for course in _COURSES:
+        within = (angle >= course[0]) & ((angle < course[1]) | (course == _COURSES[-1]))
+        for reach in ((low * separation, high * separation) for low, high in _DISTANCES):
             there = within & (distance >= reach[0]) & (distance < reach[1])
             such = int(np.count_nonzero(there & possible))
             for how, kind in zip(HOW, kinds, strict=True):
@@ -73,7 +70,7 @@ def representatives(groups: list[Group], count: int) -> list[int]:
 
 def described(group: Group, table: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """Return a group in JSON types."""
-    rows, low, high = group.members, *group.distance
+    rows, (low, high) = group.members, group.distance
     return {
         "how": group.how,
         "course_difference_deg": list(group.course),

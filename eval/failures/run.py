@@ -6,19 +6,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.config.load import ConfigError, Parser
+import numpy as np
+
+from agents.config.load import Parser
 from envs.edge.files import written
 from eval.plots import save as picture_folder
 from eval.runner.options import whole
 
 if TYPE_CHECKING:
-    import numpy as np
-
+    from envs.outcome import Rules
     from eval.failures.groups import Group
+    from eval.report.flights import Replayed
 
 __all__ = ["main"]
-
-_MOST = 120
 
 _DESCRIPTION = """\
 Group the encounters in which a run of eval.monte_carlo failed and that are not proven unresolvable, by how they failed
@@ -42,8 +42,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.
     """
     options = _parser().parse_args(arguments)
-    if options.cases > _MOST:
-        raise ConfigError(f"--cases is {options.cases}, expected 0 to {_MOST}")
     from envs.formats import encounter_file
     from envs.intruder import Intent
     from eval.failures.groups import described, failures, grouped, representatives
@@ -54,34 +52,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     run = read_run(options.run)
     evaluation = evaluation_of(run, options.policy)
     picture_folder.create(options.out)
-    rules, table = evaluation.rules, run.table
-    groups = grouped(table, rules.separation)
+    table = run.table
+    groups = grouped(table, evaluation.rules.separation)
     chosen = representatives(groups, options.cases)
-    total = sum(group.members.size for group in groups)
     found = {
         "run": str(options.run),
         "policy_sha256": run.config.policy_sha256,
         "encounters": len(table["encounter"]),
-        "failures": total,
+        "failures": sum(group.members.size for group in groups),
         "groups": [described(group, table) for group in groups],
         "cases": chosen,
     }
     failed = failures(table)
-    _write_rows(options.out / "failures.csv", table, failed)
+    columns = {name: values[failed].tolist() for name, values in table.items()}
+    with written(options.out / "failures.csv") as new, new.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
     numbers = [int(number) for number in table["encounter"][failed]]
     if numbers:
         starts = picked(evaluation, numbers)
         if isinstance(starts.intent, Intent):  # what was recorded is no row of such a file
             encounter_file.write(options.out / "encounters.csv", starts, [str(number) for number in numbers])
-    if chosen:
-        from eval.failures.sheet import sheet
-
-        flights = list(fly_again(run, evaluation, chosen, set(chosen)))
-        of = {number: group for group in groups for number in group.members.tolist()}
-        titles = [_title(number, of[number], table) for number in (flight.number for flight in flights)]
-        picture_folder.write(options.out, "failures", found, sheet(flights, titles, rules), 110)
-    else:
-        picture_folder.write_found(options.out, "failures", found)
+    of = {number: group for group in groups for number in group.members.tolist()}
+    flights = list(fly_again(run, evaluation, chosen, set(chosen))) if chosen else []
+    figure = _sheet(flights, [_title(one.number, of[one.number], table) for one in flights], evaluation.rules)
+    picture_folder.write(options.out, "failures", found, figure, 110)
     _show(found)
     print(f"files: {options.out}")
     return 0
@@ -92,7 +88,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--run", type=Path, metavar="DIR", required=True, help="folder of a finished run of eval.monte_carlo")
     add("--out", type=Path, metavar="DIR", required=True, help="folder, new or empty")
-    add("--cases", type=whole(0), metavar="N", default=24, help="flights to draw, 0 to 120 (default: 24)")
+    add("--cases", type=whole(0, 120), metavar="N", default=24, help="flights to draw, 0 to 120 (default: 24)")
     add("--policy", type=Path, metavar="FILE", help="the run's policy, where its file lies elsewhere now")
     return parser
 
@@ -105,12 +101,17 @@ def _title(number: int, group: "Group", table: "Mapping[str, np.ndarray]") -> st
     )
 
 
-def _write_rows(path: Path, table: "Mapping[str, np.ndarray]", failed: "np.ndarray") -> None:
-    columns = {name: values[failed].tolist() for name, values in table.items()}
-    with written(path) as new, new.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(zip(*columns.values(), strict=True))
+def _sheet(flights: "Sequence[Replayed]", titles: Sequence[str], rules: "Rules") -> Any:
+    """Return the figure of flights, each beside one that would have succeeded; None of no flight."""
+    from eval.plots.flight_sheet import Panel, sheet
+
+    panels = []
+    for flight, title in zip(flights, titles, strict=True):
+        other = flight.witness
+        way = None if other is None else np.stack([other.x, other.y])
+        panels.append(Panel(title, flight.own, flight.intruders, flight.separation, flight.goal, witness=way))
+    columns = min(max(len(panels), 3), 6)  # with fewer the legend has no room
+    return sheet(panels, rules, columns, (16.0 / 6, 3.1), 8) if panels else None
 
 
 def _show(found: Mapping[str, Any]) -> None:

@@ -9,10 +9,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
+from agents.config.progress import spaced
 from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.recorded import fly_recorded
 from eval.plots.flight_sheet import chosen, trajectory_sheet
-from eval.plots.style import MARKERS, SKY, VERMILION, kinds_of, tidy
+from eval.plots.style import MARKERS, SKY, VERMILION, kinds_of, legend, tidy
 from eval.runner.outputs import RunFolder
 
 __all__ = ["draw_all", "initial_conditions", "separation_histogram"]
@@ -24,7 +25,7 @@ _NEAREST_KM = 0.05  # starts nearer than this are drawn here: a logarithmic scal
 def draw_all(folder: RunFolder, table: Mapping[str, np.ndarray], evaluation: Evaluation) -> list[Path]:
     """Draw every figure of a run into its folder and return the paths."""
     numbers = chosen(table)
-    # one thread, as when they were flown for the table, so that they fly the same again.
+    # One thread, as when they were flown for the table, so that they fly the same again.
     with threadpool_limits(1):
         pilot = Pilot.load(evaluation)
         flown = fly_recorded(pilot, numbers)
@@ -52,13 +53,15 @@ def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
         mask = kinds == name
         if not mask.any():
             continue
-        # thousands of marks as vectors make a file that no viewer likes.
+        # Thousands of marks as vectors make a file that no viewer likes.
         points = polar.scatter(np.radians(table["bearing_deg"][mask]), km[mask], rasterized=True, **style)
         plane.scatter(table["relative_heading_deg"][mask], km[mask], rasterized=True, **style)
-        points.set_label(f"{name} ({_n(int(mask.sum()))})")
+        points.set_label(f"{name} ({spaced(int(mask.sum()))})")
         handles.append(points)
-    # failures begin near by: a logarithmic scale gives them room.
-    ends, rings = _scale(float(km.min()), float(km.max()))
+    # Failures begin near by: a logarithmic scale gives them room, marked at 1, 2, 5, 10, ...
+    ends = low, high = 0.8 * float(km.min()), 1.1 * float(km.max())
+    marks = [digit * 10.0**power for power in range(-2, 4) for digit in (1, 2, 5)]
+    rings = [mark for mark in marks if low <= mark <= high]
     _polar_axes(polar, ends, rings)
     plane.set_xlim(-180.0, 180.0)
     plane.set_xticks(range(-180, 181, 60))
@@ -71,7 +74,7 @@ def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
     plane.set_title("relative heading and distance at the start", fontsize=11)
     plane.grid(color="#E5E5E5", linewidth=0.6)
     plane.set_axisbelow(True)
-    figure.legend(handles=handles[::-1], loc="outside lower center", ncols=len(handles), frameon=False, markerscale=1.8)
+    legend(figure, handles[::-1], len(handles), 10, markerscale=1.8)
     return figure
 
 
@@ -89,7 +92,7 @@ def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Fi
     first = min(required_km, float(flown.min()), float(bare.min()))
     last = max(1.5 * required_km, float(flown.max()), float(bare.max()))
     width = 0.05 * math.ceil((last - first) / 7.5)
-    # edges at the requirement, so that no bar mixes flights on both sides of it.
+    # Edges at the requirement, so that no bar mixes flights on both sides of it.
     steps = range(math.floor((first - required_km) / width), math.ceil((last - required_km) / width) + 1)
     edges = [required_km + width * step for step in steps]
     axes.hist(flown, edges, color=SKY, label="with the resolver")
@@ -103,13 +106,6 @@ def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Fi
     tidy(axes)
     axes.legend(frameon=False)
     return figure
-
-
-def _scale(nearest: float, farthest: float) -> tuple[tuple[float, float], list[float]]:
-    """Return the ends of a logarithmic scale of distances, km, and its marks at 1, 2, 5, 10, ..."""
-    low, high = 0.8 * nearest, 1.1 * farthest
-    marks = [digit * 10.0**power for power in range(-2, 4) for digit in (1, 2, 5)]
-    return (low, high), [mark for mark in marks if low <= mark <= high]
 
 
 def _polar_axes(axes: Any, ends: tuple[float, float], rings: list[float]) -> None:
@@ -130,7 +126,3 @@ def _side(angle: int) -> str:
     if angle in (0, 180):
         return f"{angle}°"
     return f"{angle}° left" if angle < 180 else f"{360 - angle}° right"
-
-
-def _n(value: int) -> str:
-    return f"{value:,}".replace(",", " ")

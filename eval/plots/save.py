@@ -1,6 +1,7 @@
-"""The folder of a command that makes one picture: a JSON file with its figures, and the picture as PNG and SVG."""
+"""The folder of a command: made anew, then a JSON file with what was found, and pictures as PNG and SVG."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,17 +9,15 @@ from agents.config.figures import save_figure
 from agents.config.load import ConfigError
 from envs.edge.files import check_space, write_file
 
-__all__ = ["create", "write", "write_found"]
-
-_PICTURES = 2_000_000  # bytes of a few figures
+__all__ = ["create", "write"]
 
 
-def create(folder: Path, needed: int = _PICTURES) -> None:
+def create(folder: Path, needed: int = 2_000_000) -> None:
     """Make a folder that is new, or take one that is empty.
 
     Args:
         folder: to be written.
-        needed: bytes that its files take, generously.
+        needed: bytes that its files take, generously; those of a few figures.
 
     Raises:
         ConfigError: it holds something already, has too little room, or cannot be written.
@@ -32,20 +31,8 @@ def create(folder: Path, needed: int = _PICTURES) -> None:
         raise ConfigError(f"--out {folder}: cannot be written: {problem.strerror}") from None
 
 
-def write(folder: Path, name: str, found: dict[str, Any], figure: Any, dpi: int) -> None:
-    """Write ``name.json``, ``name.png`` and ``name.svg``.
-
-    Args:
-        folder: where to.
-        name: of the files.
-        found: in JSON types.
-        figure: matplotlib's.
-        dpi: of the PNG, pixels per inch.
-    """
-    write_found(folder, name, found)
-    save_figure(figure, folder / name, dpi)
-
-
-def write_found(folder: Path, name: str, found: dict[str, Any]) -> None:
-    """Write ``name.json`` alone: the figures, in JSON types."""
+def write(folder: Path, name: str, found: Mapping[str, Any], figure: Any = None, dpi: int = 130) -> None:
+    """Write ``name.json`` and, of a matplotlib figure, ``name.png`` (pixels per inch) and ``name.svg``."""
     write_file(folder / f"{name}.json", json.dumps(found, indent=2, allow_nan=False) + "\n")
+    if figure is not None:
+        save_figure(figure, folder / name, dpi)

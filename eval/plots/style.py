@@ -3,12 +3,26 @@
 Colours are those of Okabe and Ito, which stay apart for colour-blind readers; every kind has its own marker too.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
+from matplotlib.lines import Line2D
 
-__all__ = ["BLUE", "GREEN", "GREY", "MARKERS", "ORANGE", "SKY", "VERMILION", "kinds_of", "tidy"]
+__all__ = [
+    "BLUE",
+    "GREEN",
+    "GREY",
+    "MARKERS",
+    "ORANGE",
+    "SKY",
+    "VERMILION",
+    "arrow",
+    "kinds_of",
+    "legend",
+    "sample",
+    "tidy",
+]
 
 BLUE, SKY, GREEN, ORANGE, VERMILION, GREY = "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#8C8C8C"
 # In the order in which they are drawn: what matters comes last and lies on top.
@@ -33,3 +47,32 @@ def tidy(axes: Any, grid: Literal["x", "y", "both"] = "y") -> None:
     axes.grid(axis=grid, color="#E5E5E5", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def sample(label: str, **style: Any) -> Line2D:
+    """Return a line or a mark for a legend."""
+    return Line2D([], [], label=label, **style)
+
+
+def legend(figure: Any, handles: Sequence[Any], ncols: int, fontsize: float = 9, **more: Any) -> None:
+    """Draw a legend below all panels."""
+    figure.legend(handles=handles, loc="outside lower center", ncols=ncols, frameon=False, fontsize=fontsize, **more)
+
+
+def arrow(axes: Any, start: tuple[float, float], way: tuple[float, float], name: str, **where: Any) -> None:
+    """Draw an aircraft: a dot, an arrow along the way that it flies, and its name.
+
+    Args:
+        axes: to draw on.
+        start: of the aircraft, as the axes count.
+        way: flown in some time, likewise.
+        name: of the aircraft.
+        where: the name stands: ``xytext`` in points from the start, ``ha``, ``va``; ``path_effects`` of the arrow.
+    """
+    style = {"arrowstyle": "-|>", "linewidth": 2.0, "color": "black", "shrinkA": 0.0, "shrinkB": 0.0}
+    style |= {"path_effects": where.pop("path_effects", None)}
+    end = (start[0] + way[0], start[1] + way[1])
+    axes.annotate("", end, start, arrowprops=style, annotation_clip=False, zorder=6.0)
+    axes.plot(*start, marker="o", markersize=5.0, color="black", markeredgecolor="white", zorder=6.5)
+    box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
+    axes.annotate(name, start, textcoords="offset points", fontsize=8, bbox=box, zorder=7.0, **where)

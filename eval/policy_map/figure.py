@@ -85,14 +85,14 @@ def _geometry(axes: Any, advisory: Advisory, separation: float) -> None:
     """Draw the aircraft, the required separation, the conflicts on straight courses and the goal."""
     edge, scene = _extent_km(advisory), advisory.scene
     radius = _KM * separation
-    # inside, the separation is lost already and the flight is over: the advice is shown faintly.
+    # Inside, the separation is lost already and the flight is over: the advice is shown faintly.
     axes.add_patch(Circle((0.0, 0.0), radius, facecolor="white", alpha=0.45, linewidth=0.0))
     axes.add_patch(Circle((0.0, 0.0), radius, fill=False, edgecolor="black", path_effects=_HALO, **_RING))
     east, north = relative_velocity(scene)
     speed = math.hypot(east, north)
     place = (-0.62 * edge, 0.62 * edge)
     if speed > _SLOW:
-        # from here straight courses lead into the circle.
+        # From here straight courses lead into the circle.
         back = np.array([-east, -north]) / speed
         for side in (-1.0, 1.0):
             foot = side * radius * np.array([-back[1], back[0]])

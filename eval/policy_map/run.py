@@ -107,7 +107,7 @@ def _check(options: argparse.Namespace, headings: Sequence[float]) -> None:
         *(("--relative-heading", heading, -180.0, 180.0, " degrees") for heading in headings),
         ("--goal-bearing", options.goal_bearing, -180.0, 180.0, " degrees"),
         ("--goal-distance", options.goal_distance, 0.0, 20_000.0, " m"),
-        # the corners must not be farther away than an observation can say.
+        # The corners must not be farther away than an observation can say.
         ("--extent", options.extent, 1_500.0, 14_000.0, " m"),
         ("--cells", options.cells, 11, 1_001, ""),
         ("--samples", options.samples, 1, 10_000_000, ""),
@@ -115,7 +115,7 @@ def _check(options: argparse.Namespace, headings: Sequence[float]) -> None:
         ("--seed", options.seed, 0, 2**63, ""),
     ]
     for name, value, low, high, unit in ranges:
-        # inverted, so that NaN is refused.
+        # Inverted, so that NaN is refused.
         if not low <= value <= high:
             raise ConfigError(f"{name}: {value:g}{unit}; expected {low:g} to {high:g}{unit}")
     if len(headings) > _MOST_COLUMNS:

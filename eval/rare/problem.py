@@ -65,7 +65,7 @@ class FlightProblem:
     def value(self, draws: Draws) -> np.ndarray:
         """Return the smallest separations, m, ``[N]``."""
         starts, flights = self.flown(draws)
-        # where no trajectory was proposed, nothing was flown that could lose the separation.
+        # Where no trajectory was proposed, nothing was flown that could lose the separation.
         apart = np.where(np.isnan(flights.min_separation), np.inf, flights.min_separation)
         if self._resolvable_only:
             apart = np.where(self.unresolvable(starts, apart < self._rules.separation), np.inf, apart)

@@ -113,7 +113,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _check(options: argparse.Namespace) -> None:
     """Raise ``ConfigError`` for the first value that is out of its range."""
-    # inverted, so that NaN is refused.
+    # Inverted, so that NaN is refused.
     if not 0.02 <= options.share <= 0.5:
         raise ConfigError(f"--share: {options.share:g}; expected 0.02 to 0.5")
     if not 0.5 <= options.confidence < 1.0:

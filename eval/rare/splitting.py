@@ -131,7 +131,7 @@ def repetition(problem: Problem, plan: Plan, particles: int, moves: int, rng: np
         product *= np.count_nonzero(below) / particles
         probability[stage] = product
         if stage == len(plan.steps) or not below.any():
-            # where none passes, this estimate is 0, and so it is at all levels after it.
+            # Where none passes, this estimate is 0, and so it is at all levels after it.
             last = tuple(one[below] for one in draws)
             return Repetition(probability, acceptance, np.unique(family[below]).size, evaluations, first, last)
         rows = _copies(below, particles, rng)
@@ -164,7 +164,7 @@ def _moved(
 ) -> tuple[Draws, np.ndarray, float, int]:
     """Propose one step for every particle; return particles, values, share of steps taken and evaluations."""
     count = len(values)
-    # sizes do not depend on where a particle is, so that a step back is as likely as the step.
+    # Sizes do not depend on where a particle is, so that a step back is as likely as the step.
     size = step * _SPREAD ** -rng.random(count)
     keep = np.sqrt(1.0 - size**2)
     noise = _normal(problem.shapes, count, rng)

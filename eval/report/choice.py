@@ -35,7 +35,7 @@ def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
     near = success & (separation < NEAR * run.config.rules.separation)
     nearest = np.flatnonzero(near)
     nearest = nearest[np.argsort(separation[nearest], kind="stable")]
-    # failures that count, what no policy could have solved, and a look at how it usually goes.
+    # Failures that count, what no policy could have solved, and a look at how it usually goes.
     groups = (
         ("asked for", np.array(wanted, dtype=int), most),
         ("failures", np.flatnonzero((kinds == "violation") | (kinds == "time-out")), most),

@@ -99,7 +99,7 @@ def fly_again(run: Run, evaluation: Evaluation, numbers: Sequence[int], witnesse
         numbers: of the encounters.
         witnesses: numbers of those for which a flight that resolves them is looked for.
     """
-    # one thread, as when they were flown for the table: BLAS rounds differently with several.
+    # One thread, as when they were flown for the table: BLAS rounds differently with several.
     with threadpool_limits(1):
         pilot = Pilot.load(evaluation)
         for begin in range(0, len(numbers), _BATCH):

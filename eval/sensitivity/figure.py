@@ -113,7 +113,7 @@ def map_figure(cells: Sequence[Mapping[str, Any]], across: Any, up: Any, mode: s
         ),
     ):
         axes.set_facecolor("#DDDDDD")
-        # rows of equal height: near starts matter most, and their bins are the narrowest.
+        # Rows of equal height: near starts matter most, and their bins are the narrowest.
         shades = axes.pcolormesh(wide, range(len(tall)), values, cmap=colours, vmin=ends[0], vmax=ends[1])
         shades.set_edgecolor("face")
         figure.colorbar(shades, ax=axes, shrink=0.9)

@@ -109,7 +109,7 @@ def _check(options: argparse.Namespace) -> None:
     """Raise ``ConfigError`` for options that do not fit together."""
     if options.run is None and not options.vary:
         raise ConfigError("neither --run nor --vary is given; expected at least one of them")
-    # inverted, so that NaN is refused.
+    # Inverted, so that NaN is refused.
     if not 0.5 <= options.confidence < 1.0:
         raise ConfigError(f"--confidence: {options.confidence:g}; expected 0.5 to less than 1")
     if options.vary:

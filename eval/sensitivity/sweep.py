@@ -34,7 +34,7 @@ _TURN_DEG = round(math.degrees(SCENARIOS["maneuvering"].heading_change))
 
 
 def _turning(rate: float) -> dict[str, str]:
-    # without a rate of its own an intruder that changes its heading turns at 3 deg/s.
+    # Without a rate of its own an intruder that changes its heading turns at 3 deg/s.
     return {"turn_rate_deg_s": f"{rate:g}", "heading_change_deg": str(_TURN_DEG if rate else 0)}
 
 
@@ -104,7 +104,7 @@ def swept(text: str) -> Sweep:
             value = float(part)
         except ValueError:
             raise ConfigError(f"--vary {name}: {part!r} is no number; expected {name}=V1,V2,...") from None
-        # inverted, so that NaN is refused.
+        # Inverted, so that NaN is refused.
         if not 0.0 <= value <= parameter.largest:
             raise ConfigError(
                 f"--vary {name}: {value:g} {parameter.unit}; expected 0 to {parameter.largest:g} {parameter.unit}"
@@ -135,7 +135,7 @@ def fly(sweep: Sweep, arguments: Sequence[str], out: Path, *, resume: bool) -> i
         changes = PARAMETERS[sweep.name].changes(value)
         sets = [part for key, text in changes.items() for part in ("--set", f"changes.{key}={text}")]
         again = ["--resume"] if resume and (folder / "config.yaml").is_file() else []
-        # its table for a person would come once for every value.
+        # Its table for a person would come once for every value.
         with redirect_stdout(StringIO()):
             status = monte_carlo.main([*arguments, *sets, "--set", "figures=false", *again, "--out", str(folder)])
         if status:

@@ -73,7 +73,7 @@ def test_a_run_s_failures_are_listed_and_drawn(report_run: Path, policy_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"), [(["--cases", "500"], "--cases is 500"), (["--cases", "-1"], "at least 0")]
+    ("arguments", "said"), [(["--cases", "500"], "--cases: '500'"), (["--cases", "-1"], "--cases: '-1'")]
 )
 def test_bad_input_is_a_sentence(arguments: list[str], said: str, report_run: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=said):
