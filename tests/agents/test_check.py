@@ -22,7 +22,8 @@ from agents.inference import Policy
 from agents.planner import Intruder, Status, plan
 from agents.planner.certificate import FORMAT
 from agents.planner.request import Altitude
-from benchmarks.safety.certificates import moved, wrong
+from benchmarks.safety.judgement import wrong
+from benchmarks.safety.mutation import moved
 from envs import waypoints
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
@@ -144,33 +145,30 @@ def test_fast_intruder_that_crosses_between_waypoints(data: dict[str, Any], far:
         assert "intruder 2" in refusal(edited)
 
 
-def test_checker_and_small_steps_agree_on_moved_certificates(data: dict[str, Any]) -> None:
-    assert not wrong(data)
-    bad = 0
-    for number in range(20):
-        changed, kind = moved(data, np.random.default_rng([4, number]))
-        what = wrong(changed)
-        if what:
-            bad += 1
-            assert refusal(changed), (kind, what)
-    assert bad >= 5
+def test_checker_refuses_what_sampling_finds_wrong(data: dict[str, Any]) -> None:
+    changed = [moved(data, np.random.default_rng([4, number])) for number in range(40)]
+    faults = wrong([one for one, _ in changed])
+    for (one, kind), fault in zip(changed, faults, strict=True):
+        if fault:
+            assert refusal(one), (kind, fault)
+    assert sum(map(bool, faults)) >= 10
+    assert wrong([data]) == [""]
 
 
 def test_what_is_accepted_with_an_edited_byte_is_still_right(data: dict[str, Any]) -> None:
     rng, text = np.random.default_rng(8), json.dumps(data)
     digits = [place for place, character in enumerate(text) if character.isdigit() or character in "-.,e"]
-    accepted = 0
+    accepted = []
     for place in rng.choice(digits, 50, replace=False).tolist():
         byte = "0123456789-.,e"[int(rng.integers(14))]
-        edited = text[:place] + byte + text[place + 1 :]
         try:
-            changed = json.loads(edited)
+            changed = json.loads(text[:place] + byte + text[place + 1 :])
             check.accept(changed)
         except (ValueError, ArithmeticError):
             continue
-        accepted += 1
-        assert not wrong(changed), (place, text[place - 30 : place + 30], byte)
-    assert 5 <= accepted <= 45
+        accepted.append(changed)
+    assert 5 <= len(accepted) <= 45
+    assert not any(wrong(accepted))
 
 
 def test_controls_are_the_legs() -> None:

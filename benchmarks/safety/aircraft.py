@@ -1,0 +1,71 @@
+"""Aircraft drawn at random, and the attack's requests scaled to them."""
+
+from typing import Any
+
+import numpy as np
+
+from agents.planner.request import Options, Request
+from agents.planner.traffic import Requirement
+from agents.policy.inference import Policy
+from envs.aircraft import PAPER, Aircraft, new_aircraft
+from envs.kinematics import Limits, VehicleState
+
+__all__ = ["policy_for", "random_aircraft", "random_options", "scaled"]
+
+
+def random_aircraft(rng: np.random.Generator) -> Aircraft:
+    """Return an aircraft whose turn circle has a radius of 0.3 to 2.5 separations."""
+    separation = float(10.0 ** rng.uniform(2.6, 3.3))
+    fastest = 100.0
+    turn = min(fastest / (rng.uniform(0.3, 2.5) * separation), 0.3)
+    gain = fastest * fastest / separation * rng.uniform(0.02, 0.1)
+    return new_aircraft(Limits(50.0, fastest, -gain * rng.uniform(1.0, 1.5), gain, turn), separation)
+
+
+def random_options(aircraft: Aircraft, rng: np.random.Generator) -> Options:
+    """Return options of plans for an aircraft, with some requirement."""
+    unit = aircraft.separation / PAPER.separation
+    margin = float(rng.choice([0.0, 0.02, 0.1, 10.0, 50.0])) * unit
+    limits = aircraft.limits
+    vehicle = limits._replace(
+        speed_min=0.62 * limits.speed_min,
+        acceleration_min=1.6 * limits.acceleration_min,
+        yaw_rate_max=5.0 / 3.0 * limits.yaw_rate_max,
+    )
+    return Options(
+        Requirement(aircraft.separation, margin, float(rng.choice([0.0, 1.0, 2.0, 3.0]))),
+        vehicle,
+        limits._replace(speed_max=limits.speed_max - 0.4, acceleration_max=0.75 * limits.acceleration_max),
+        goal_radius=aircraft.goal_radius,
+        goals=1,
+        extend_route=bool(rng.random() < 0.5),
+        exhaustive=False,
+    )
+
+
+def policy_for(aircraft: Aircraft) -> Policy:
+    """Return the policy that ships."""
+    return Policy.load()
+
+
+def scaled(request: Request, aircraft: Aircraft) -> Request:
+    """Return requests for the paper's aircraft as another's: lengths in separations, speeds in its greatest speed."""
+    length, pace = aircraft.separation / PAPER.separation, aircraft.limits.speed_max / PAPER.limits.speed_max
+    own, traffic = request.own, request.traffic
+
+    def state(one: VehicleState) -> VehicleState:
+        return VehicleState(length * one.x, length * one.y, one.heading, pace * one.speed)
+
+    moving: Any = state(own)
+    moving = moving._replace(speed=np.clip(moving.speed, aircraft.limits.speed_min, aircraft.limits.speed_max))
+    time = length / pace
+    seen = traffic._replace(
+        state=state(traffic.state),
+        turn_rate=traffic.turn_rate / time,
+        turn_time=traffic.turn_time * time,
+        position_std=traffic.position_std * length,
+        velocity_std=traffic.velocity_std * pace,
+    )
+    return request._replace(
+        own=moving, traffic=seen, route_x=length * request.route_x, route_y=length * request.route_y
+    )

@@ -1,0 +1,235 @@
+"""Whether certificates are wrong, decided by sampling: what the checker is held against.
+
+A certificate is wrong where its plan contradicts the statement of docs/explanation/safe-theorem.md at a time that was
+sampled. Nothing of checker or validator is used but the contract of a leg (:func:`envs.waypoints.legs`). Every plan of
+a batch is sampled :data:`COARSE` s apart at most; only where both aircraft together could come too near between two
+samples is that interval searched, from a thirtieth to a thirtieth of it (:data:`ROUNDS`).
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks.safety.resimulation import travelled
+from envs import waypoints
+from envs.waypoints import ARCS
+
+__all__ = ["Flight", "apart", "controls", "flights", "kept", "wrong"]
+
+COARSE = 0.5
+ROUNDS = 3
+_PIECES = 32
+_OUR_OWN = 1e-6  # m, and as much in other units: of the arithmetic here
+
+_BELOW, _MARGIN, _MISS = 3e-6, 1.003e-3, 1.001e-3  # m; of separation, margin and joints
+_SPEED, _ACCELERATION, _RATE = 4e-6, 2e-6, 2e-9  # of limits: m/s, m/s^2, rad/s
+_CURVE = 1e-6  # rad/s and m/s^2 that controls may differ from those of the leg's curve
+
+
+class Flight(NamedTuple):
+    """Plans of as many waypoints, as flown by their controls; fields ``[N, A]`` over their arcs, positions complex."""
+
+    begin: Any
+    """s after the request."""
+    length: Any
+    """s."""
+    place: Any
+    """Where each arc begins, m."""
+    heading: Any
+    speed: Any
+    rate: Any
+    acceleration: Any
+
+    def at(self, row: Any, arc: Any, seconds: Any) -> Any:
+        """Return positions some seconds into arcs, ``[...]`` all, complex m."""
+        place, heading, speed, rate, acceleration = (field[row, arc] for field in self[2:])
+        return place + _moved(heading, speed, rate, acceleration, seconds)
+
+
+def flights(certificates: list[dict[str, Any]]) -> Flight:
+    """Return the plans of certificates with the same number of waypoints, ``[N, A]``."""
+    points, given = _points(certificates), np.array([data["controls"] for data in certificates], dtype=float)
+    rate, gain = given[..., :ARCS], given[..., ARCS:]
+    step = (np.diff(points[..., 4], axis=1) / ARCS)[..., None]
+    heading = points[:, :-1, 2, None] + _summed(rate * step)[..., :-1]
+    speed = points[:, :-1, 3, None] + _summed(gain * step)[..., :-1]
+    moves = _moved(heading, speed, rate, gain, step)
+    place = (points[:, :-1, 0] + 1j * points[:, :-1, 1])[..., None] + _summed(moves)[..., :-1]
+    begin = points[:, :-1, 4, None] + step * np.arange(ARCS)
+    fields = (begin, step + 0.0 * rate, place, heading, speed, rate, gain)
+    return Flight(*(field.reshape(len(points), -1) for field in fields))
+
+
+def controls(certificates: list[dict[str, Any]]) -> Any:
+    """Return the controls of the legs between the waypoints, ``[N, L, 2 ARCS]``."""
+    curves = waypoints.legs(waypoints.Knots(*np.moveaxis(_points(certificates), -1, 0)))
+    return np.concatenate([curves.yaw_rate, curves.acceleration], axis=-1)
+
+
+def wrong(certificates: list[dict[str, Any]]) -> list[str]:
+    """Return what is wrong with each certificate, or nothing; all have the same number of waypoints."""
+    found: list[list[str]] = [[] for _ in certificates]
+    times = _points(certificates)[..., 4]
+    for row, data in enumerate(certificates):
+        sizes = [value for one in data["intruders"] for value in (one[3], *one[6:])]
+        if min([*sizes, *data["requirement"].values()], default=0.0) < 0.0:
+            found[row].append("negative")
+        if not (np.diff(times[row]) > 0.0).all():
+            found[row].append("times")
+        if any(not _above_or_below(one, times[row, -1], data["requirement"]["vertical"]) for one in data["excluded"]):
+            found[row].append("excluded")
+    rows = [row for row, names in enumerate(found) if not {"negative", "times"} & set(names)]
+    sound = [certificates[row] for row in rows]
+    if not sound:
+        return [", ".join(names) for names in found]
+    flight = flights(sound)
+    checks = _legs(sound, flight) | {"distance": _too_close(sound, flight)}
+    for name, bad in checks.items():
+        for row in np.flatnonzero(bad):
+            found[rows[row]].append(name)
+    return [", ".join(names) for names in found]
+
+
+def _points(certificates: list[dict[str, Any]]) -> Any:
+    return np.array([[[*data["own"], 0.0], *data["waypoints"]] for data in certificates], dtype=float)
+
+
+def _legs(certificates: list[dict[str, Any]], flight: Flight) -> dict[str, Any]:
+    """Return where curve, joints or limits are wrong, ``[N]`` each."""
+    count = len(certificates)
+    points = _points(certificates)
+    given = np.array([data["controls"] for data in certificates], dtype=float)
+    last = (slice(None), slice(ARCS - 1, None, ARCS))
+    seconds = flight.length[last]
+    row, arc = np.arange(count)[:, None], np.arange(flight.begin.shape[1])[last[1]]
+    ends = flight.at(row, arc, seconds) - points[:, 1:, 0] - 1j * points[:, 1:, 1]
+    courses = np.exp(1j * (flight.heading[last] + flight.rate[last] * seconds)) - np.exp(1j * points[:, 1:, 2])
+    after = flight.speed + flight.acceleration * flight.length
+    speeds = after[last] - points[:, 1:, 3]
+    low, high, least, most, rate = (
+        np.array([data["limits"][name] for data in certificates])[:, None]
+        for name in ("speed_min", "speed_max", "acceleration_min", "acceleration_max", "yaw_rate_max")
+    )
+    begun = points[:, :1, 3]
+    checks = {
+        "controls": np.abs(given - controls(certificates)).reshape(count, -1) > _CURVE,
+        "joint": np.abs(ends) > _MISS + _OUR_OWN,
+        "course": (np.abs(courses) > _SPEED) | (np.abs(speeds) > _SPEED),
+        "speed": (after < np.minimum(low, begun) - _SPEED - _OUR_OWN)
+        | (after > np.maximum(high, begun) + _SPEED + _OUR_OWN),
+        "acceleration": (flight.acceleration < least - _ACCELERATION - _OUR_OWN)
+        | (flight.acceleration > most + _ACCELERATION + _OUR_OWN),
+        "turn rate": np.abs(flight.rate) > rate + _RATE + 1e-12,
+    }
+    return {name: bad.any(axis=1) for name, bad in checks.items()}
+
+
+def _above_or_below(row: list[float], end: float, apart: float) -> bool:
+    own, climb, height, rise, age = row
+    now = height + rise * age - own
+    then = now + (rise - climb) * end
+    return now * then > 0.0 and min(abs(now), abs(then)) >= apart - _OUR_OWN
+
+
+def _too_close(certificates: list[dict[str, Any]], flight: Flight) -> Any:
+    """Return where an intruder is sampled closer than the statement or the certificate's bound allows, ``[N]``."""
+    bad = np.zeros(len(certificates), dtype=bool)
+    owner = np.array([row for row, data in enumerate(certificates) for _ in data["intruders"]], dtype=int)
+    if owner.size == 0:
+        return bad
+    traffic = np.array([one for data in certificates for one in data["intruders"]]).T
+    claim = np.array([bound for data in certificates for bound in data["bounds"]])
+    needs = kept(certificates, flight, owner, traffic, claim)
+    quick = np.maximum(flight.speed, flight.speed + flight.acceleration * flight.length)
+
+    def spare(pair: Any, arc: Any, seconds: Any) -> Any:
+        row = owner[pair]
+        away = apart(flight, traffic[:, pair], row, arc, seconds)
+        return away - needs.at(pair, flight.begin[row, arc] + seconds)
+
+    # Legs apart, because the last can be far longer than the others.
+    for leg in range(flight.begin.shape[1] // ARCS):
+        arcs = np.arange(leg * ARCS, (leg + 1) * ARCS)[:, None]
+        pieces = max(1, math.ceil(float(flight.length[:, arcs].max()) / COARSE))
+        pair: Any = np.flatnonzero(~bad[owner])
+        row = owner[pair, None, None]
+        width: Any = flight.length[row, arcs] / pieces
+        found = spare(pair[:, None, None], arcs, width * np.arange(pieces + 1))
+        bad[owner[pair][(found < -_OUR_OWN).any(axis=(1, 2))]] = True
+        closing = 0.5 * width * (quick[row, arcs] + traffic[3, pair, None, None])
+        which, place, piece = np.nonzero(np.minimum(found[..., 1:], found[..., :-1]) < closing)
+        pair, arc = pair[which], arcs[place, 0]
+        width = width[which, place, 0]
+        begin: Any = piece * width
+        for _ in range(ROUNDS):
+            on = ~bad[owner[pair]]
+            pair, arc, begin, width = pair[on], arc[on], begin[on], width[on]
+            if pair.size == 0:
+                break
+            seconds = begin[:, None] + width[:, None] * np.linspace(0.0, 1.0, _PIECES + 1)
+            seconds = np.minimum(seconds, flight.length[owner[pair], arc][:, None])
+            found = spare(pair[:, None], arc[:, None], seconds)
+            bad[owner[pair][(found < -_OUR_OWN).any(axis=1)]] = True
+            least = np.take_along_axis(seconds, np.argmin(found, axis=1)[:, None], 1)[:, 0]
+            begin, width = np.maximum(begin, least - width / _PIECES), width * (2.0 / _PIECES)
+    return bad
+
+
+class _Needs(NamedTuple):
+    """What pairs of a plan and an intruder must keep; fields ``[P]``."""
+
+    base: Any
+    """At the request, m."""
+    sigmas: Any
+    std: Any
+    """One sigma of the position at the request, m."""
+    velocity_std: Any
+    separation: Any
+    claim: Any
+    """The certificate's own bound, m."""
+
+    def at(self, pair: Any, time: Any) -> Any:
+        """Return the distance below which a plan is wrong, m, ``[...]``."""
+        base, sigmas, std, drift, separation, claim = (field[pair] for field in self)
+        need = base + sigmas * (np.hypot(std, drift * time) - std)
+        return np.maximum(np.maximum(need - _MARGIN, separation - _BELOW), claim)
+
+
+def kept(certificates: list[dict[str, Any]], flight: Flight, owner: Any, traffic: Any, claim: Any) -> _Needs:
+    """Return what pairs must keep; ``owner``: row of each one's plan ``[P]``, ``traffic``: ``[9, P]``."""
+    separation, margin, sigmas = (
+        np.array([data["requirement"][name] for data in certificates])[owner]
+        for name in ("separation", "margin", "sigmas")
+    )
+    std = np.hypot(traffic[7], traffic[8] * traffic[4])
+    zero = np.zeros(len(owner), dtype=int)
+    away = np.abs(apart(flight, traffic, owner, zero, 0.0 * separation))
+    base = np.maximum(separation, np.minimum(separation + margin + sigmas * std, away))
+    return _Needs(base, sigmas, std, traffic[8], separation, claim)
+
+
+def apart(flight: Flight, traffic: Any, row: Any, arc: Any, seconds: Any) -> Any:
+    """Return distances to intruders ``[9, ...]`` some seconds into arcs, m, ``[...]``."""
+    x, y, heading, speed, age, rate, lasts = traffic[:7]
+    time = flight.begin[row, arc] + seconds + age
+    there = x + 1j * y + travelled(heading, speed, np.where(lasts > 0.0, rate, 0.0), lasts, time)
+    return np.abs(there - flight.at(row, arc, seconds))
+
+
+def _moved(heading: Any, speed: Any, rate: Any, acceleration: Any, t: Any) -> Any:
+    """Return how far one gets in some seconds: power series of the integral of (v + a t) exp(i w t), complex m."""
+    turn = 1j * (rate * t)
+    largest, term, n = float(np.max(np.abs(turn), initial=0.0)), 1.0, 0
+    power: Any = np.ones(np.shape(turn), dtype=complex)
+    steady, rising = np.zeros_like(power), np.zeros_like(power)
+    while term > 1e-18:
+        steady, rising = steady + power / (n + 1), rising + power / (n + 2)
+        n, term = n + 1, term * largest / (n + 1)
+        power = power * turn / n
+    return np.exp(1j * heading) * t * (speed * steady + acceleration * t * rising)
+
+
+def _summed(parts: Any) -> Any:
+    """Return the sums of none, one, two, ... of the parts along the last axis."""
+    return np.concatenate([np.zeros((*parts.shape[:-1], 1)), np.cumsum(parts, axis=-1)], axis=-1)
