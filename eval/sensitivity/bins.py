@@ -9,10 +9,15 @@ import numpy as np
 
 from agents.config.load import ConfigError
 from agents.config.yaml import YamlError, read
+from envs.aircraft import PAPER, Aircraft
 from eval.metrics.table import read_table
 from eval.stats.plain import share
 
-__all__ = ["QUANTITIES", "Quantity", "Run", "binned", "mapped", "rates", "read_run", "successes"]
+__all__ = ["Quantity", "Run", "binned", "mapped", "quantities", "rates", "read_run", "successes"]
+
+_TABLES = ("encounters.parquet", "flights.parquet")
+_NEEDED = ("outcome", "verdict")
+_BESIDE = ("policy", "plan")
 
 
 class Quantity(NamedTuple):
@@ -22,54 +27,44 @@ class Quantity(NamedTuple):
     label: str
     unit: str
     column: str
-    edges: tuple[float, ...] = ()
-    """Of the bins; a further bin takes what lies below the first, another what lies above the last."""
+    edges: tuple[float, ...] = ()  # of the bins; further bins take what lies below the first and above the last
     words: tuple[str, ...] = ()  # instead of edges where the column holds words: each is a bin
+
+
+def quantities(aircraft: Aircraft) -> dict[str, Quantity]:
+    """Return what is shown, by name and in this order; angles count counter-clockwise, as in the tables of runs."""
+    limits, unit, fastest = aircraft.limits, aircraft.separation, aircraft.traffic_speed_max
+    angles, speeds = _steps(-180, 180, 30), tuple(np.linspace(limits.speed_min, limits.speed_max, 11).tolist())
+    traffic = (0.0, 0.5 * limits.speed_min, *speeds, 0.5 * (limits.speed_max + fastest), fastest)
+    distances = [unit * part for part in (1, 1.5, 2, 3, 4, 6, 8, 10, 12, 15, 20)]
+    misses = [unit * part for part in (0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 1, 2, 5)]
+    found = (
+        Quantity("relative_heading", "intruder's heading less own heading", "deg", "relative_heading_deg", angles),
+        Quantity("bearing", "bearing of the intruder from the own heading", "deg", "bearing_deg", angles),
+        Quantity("distance", "distance to the intruder at the start", "m", "distance_m", tuple(distances)),
+        Quantity(
+            "time_to_conflict",
+            "time to the closest point of approach",
+            "s",
+            "t_cpa_s",
+            tuple(2.0 * aircraft.time_unit * step for step in range(11)),
+        ),
+        Quantity("miss_distance", "distance at the closest point of approach", "m", "d_cpa_m", tuple(misses)),
+        Quantity("own_speed", "own speed at the start", "m/s", "own_speed_m_s", speeds),
+        Quantity("intruder_speed", "speed of the intruder", "m/s", "intruder_speed_m_s", traffic),
+        Quantity("intruders", "number of intruders", "", "intruders", _steps(0.5, 8.5, 1)),
+        Quantity("wind", "speed of the wind", "m/s", "wind_m_s", _steps(0, 15, 2.5)),
+        Quantity(
+            "wind_error", "error of the wind that plans were made for", "m/s", "wind_error_m_s", _steps(0, 5, 0.5)
+        ),
+        Quantity("turbulence", "turbulence of MIL-F-8785C", "", "turbulence", words=("none", "light", "moderate")),
+        Quantity("latency", "age of the reports", "s", "latency_s", _steps(0, 2, 0.25)),
+    )
+    return {each.name: each for each in found}
 
 
 def _steps(first: float, last: float, width: float) -> tuple[float, ...]:
     return tuple(float(edge) for edge in np.arange(first, last + 0.5 * width, width))
-
-
-QUANTITIES: tuple[Quantity, ...] = (
-    Quantity(
-        "relative_heading", "intruder's heading less own heading", "deg", "relative_heading_deg", _steps(-180, 180, 30)
-    ),
-    Quantity("bearing", "bearing of the intruder from the own heading", "deg", "bearing_deg", _steps(-180, 180, 30)),
-    Quantity(
-        "distance",
-        "distance to the intruder at the start",
-        "m",
-        "distance_m",
-        (1e3, 1.5e3, 2e3, 3e3, 4e3, 6e3, 8e3, 10e3, 12e3, 15e3, 20e3),
-    ),
-    Quantity("time_to_conflict", "time to the closest point of approach", "s", "t_cpa_s", _steps(0, 200, 20)),
-    Quantity(
-        "miss_distance",
-        "distance at the closest point of approach",
-        "m",
-        "d_cpa_m",
-        (0.0, 125.0, 250.0, 375.0, 500.0, 625.0, 750.0, 1_000.0, 2_000.0, 5_000.0),
-    ),
-    Quantity("own_speed", "own speed at the start", "m/s", "own_speed_m_s", _steps(50, 100, 5)),
-    Quantity(
-        "intruder_speed",
-        "speed of the intruder",
-        "m/s",
-        "intruder_speed_m_s",
-        (0.0, 25.0, *_steps(50, 100, 5), 125.0, 150.0),
-    ),
-    Quantity("intruders", "number of intruders", "", "intruders", _steps(0.5, 8.5, 1)),
-    Quantity("wind", "speed of the wind", "m/s", "wind_m_s", _steps(0, 15, 2.5)),
-    Quantity("wind_error", "error of the wind that plans were made for", "m/s", "wind_error_m_s", _steps(0, 5, 0.5)),
-    Quantity("turbulence", "turbulence of MIL-F-8785C", "", "turbulence", words=("none", "light", "moderate")),
-    Quantity("latency", "age of the reports", "s", "latency_s", _steps(0, 2, 0.25)),
-)
-"""In the order in which they are shown; angles count counter-clockwise, left positive, as in the tables of runs."""
-
-_TABLES = ("encounters.parquet", "flights.parquet")
-_NEEDED = ("outcome", "verdict")
-_BESIDE = ("policy", "plan")
 
 
 class Run(NamedTuple):
@@ -78,6 +73,7 @@ class Run(NamedTuple):
     path: Path
     settings: Mapping[str, Any]  # as its config.yaml has them
     table: Mapping[str, np.ndarray]  # columns [N]
+    aircraft: Aircraft = PAPER
 
     @property
     def mode(self) -> str:
@@ -100,46 +96,44 @@ def read_run(path: Path) -> Run:
         raise ConfigError(
             f"{path / 'config.yaml'} cannot be read: {problem}; expected that of a finished run"
         ) from None
-    read_in = read_table(file, "the table of a run")
-    missing = [name for name in _NEEDED if name not in read_in.column_names]
+    found = read_table(file, "the table of a run")
+    missing = [name for name in _NEEDED if name not in found.column_names]
     if missing:
         raise ConfigError(f"{file} has no column {missing[0]}; expected the table of a run")
-    wanted = [*_NEEDED, "weight", "baseline_outcome", *(f"{name}_outcome" for name in _BESIDE)]
-    columns = [name for name in [*wanted, *(each.column for each in QUANTITIES)] if name in read_in.column_names]
     if not isinstance(settings, dict) or not isinstance(settings.get("mode"), str):
         raise ConfigError(f"{path / 'config.yaml'} names no mode; expected the configuration of a run")
-    if not read_in.num_rows:
+    if not found.num_rows:
         raise ConfigError(f"{file} has no rows; expected one for each encounter")
-    return Run(path, settings, {name: read_in[name].to_numpy(zero_copy_only=False) for name in columns})
+    wanted = {*_NEEDED, "weight", "baseline_outcome", *(f"{name}_outcome" for name in _BESIDE)}
+    wanted |= {each.column for each in quantities(PAPER).values()}
+    columns = [name for name in found.column_names if name in wanted]
+    return Run(path, settings, {name: found[name].to_numpy(zero_copy_only=False) for name in columns})
 
 
 def successes(run: Run) -> dict[str, np.ndarray]:
     """Return which flights reached the goal without loss of separation, bool ``[N]`` by mode: the run's and others."""
-    found = {run.mode: run.table["outcome"] == "reached"}
-    for name in _BESIDE:
-        if f"{name}_outcome" in run.table:
-            found[name] = run.table[f"{name}_outcome"] == "reached"
-    return found
+    columns = {run.mode: "outcome"} | {name: f"{name}_outcome" for name in _BESIDE if f"{name}_outcome" in run.table}
+    return {mode: run.table[column] == "reached" for mode, column in columns.items()}
 
 
 def rates(run: Run, chosen: np.ndarray, confidence: float) -> dict[str, Any]:
     """Return what is said of some encounters of a run, mask ``[N]``, in JSON types; rates with exact intervals."""
     possible = chosen & (run.table["verdict"] != "unresolvable")
+
+    def rate(mask: np.ndarray, of: np.ndarray = chosen) -> dict[str, Any]:
+        return share(np.count_nonzero(of & mask), np.count_nonzero(of), confidence)
+
     found: dict[str, Any] = {
         "encounters": int(np.count_nonzero(chosen)),
-        "unresolvable_rate": _share(chosen & ~possible, chosen, confidence),
-        "violation_rate": _share(chosen & (run.table["outcome"] == "violation"), chosen, confidence),
+        "unresolvable_rate": rate(~possible),
+        "violation_rate": rate(run.table["outcome"] == "violation"),
         "success": {
-            mode: {
-                "success_rate": _share(chosen & reached, chosen, confidence),
-                "success_given_resolvable": _share(possible & reached, possible, confidence),
-            }
+            mode: {"success_rate": rate(reached), "success_given_resolvable": rate(reached, possible)}
             for mode, reached in successes(run).items()
         },
     }
     if "baseline_outcome" in run.table:
-        bare = chosen & (run.table["baseline_outcome"] == "violation")
-        found["baseline_violation_rate"] = _share(bare, chosen, confidence)
+        found["baseline_violation_rate"] = rate(run.table["baseline_outcome"] == "violation")
     return found
 
 
@@ -150,14 +144,13 @@ def binned(run: Run, quantity: Quantity, confidence: float) -> dict[str, Any] | 
     """
     if quantity.column not in run.table:
         return None
-    values = run.table[quantity.column]
-    cells = _cells(values, quantity)
+    cells = _cells(run.table[quantity.column], quantity)
     bins = [span | rates(run, chosen, confidence) for span, chosen in cells if np.any(chosen)]
     if len(bins) < 2:
         return None
     counted = sum(one["encounters"] for one in bins)
     what = {"name": quantity.name, "label": quantity.label, "unit": quantity.unit, "column": quantity.column}
-    return what | {"without_value": len(values) - counted, "bins": bins}
+    return what | {"without_value": len(run.table["outcome"]) - counted, "bins": bins}
 
 
 def mapped(run: Run, across: Quantity, up: Quantity, confidence: float) -> list[dict[str, Any]]:
@@ -189,7 +182,3 @@ def _cells(values: np.ndarray, quantity: Quantity) -> list[tuple[dict[str, Any],
         ({"low": low, "high": high}, (values >= low) & ((values < high) | ((high == last) & (values == last))))
         for low, high in pairwise(edges)
     ]
-
-
-def _share(mask: np.ndarray, of: np.ndarray, confidence: float) -> dict[str, Any]:
-    return share(np.count_nonzero(mask), np.count_nonzero(of), confidence)

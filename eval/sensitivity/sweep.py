@@ -1,7 +1,8 @@
 """Sweeps over what a run holds fixed: a run of its own for every value, all of them on the same encounters."""
 
 import math
-from collections.abc import Callable, Sequence
+from argparse import ArgumentTypeError
+from collections.abc import Sequence
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -13,63 +14,41 @@ from agents.config.keys import nearest
 from agents.config.load import ConfigError
 from envs.encounters import SCENARIOS
 from eval.monte_carlo import run as monte_carlo
-from eval.sensitivity.bins import Run, rates, read_run, successes
+from eval.runner.options import real
+from eval.sensitivity.bins import rates, read_run, successes
 from eval.stats.paired import pairs, tango
 
-__all__ = ["PARAMETERS", "Parameter", "Sweep", "collected", "fly", "swept"]
+__all__ = ["PARAMETERS", "Parameter", "Sweep", "changed", "collected", "fly", "swept"]
 
 
 class Parameter(NamedTuple):
     """A number of a scenario that a run holds fixed."""
 
-    label: str
     unit: str
     values: tuple[float, ...]  # that are flown unless others are named
     largest: float
-    changes: Callable[[float], dict[str, str]]
-    """Value -> what is changed in the scenario, as the configuration writes it."""
+    label: str
 
 
 _TURN_DEG = round(math.degrees(SCENARIOS["maneuvering"].heading_change))
 
-
-def _turning(rate: float) -> dict[str, str]:
-    # Without a rate of its own an intruder that changes its heading turns at 3 deg/s.
-    return {"turn_rate_deg_s": f"{rate:g}", "heading_change_deg": str(_TURN_DEG if rate else 0)}
-
-
 PARAMETERS: dict[str, Parameter] = {
-    "position_std": Parameter(
-        "noise of reported positions, one sigma per axis",
-        "m",
-        (0.0, 10.0, 30.0, 60.0, 100.0),
-        1_000.0,
-        lambda value: {"position_std": f"{value:g}"},
-    ),
-    "velocity_std": Parameter(
-        "noise of reported velocities, one sigma per axis",
-        "m/s",
-        (0.0, 1.0, 3.0, 6.0, 10.0),
-        50.0,
-        lambda value: {"velocity_std": f"{value:g}"},
-    ),
-    "latency": Parameter(
-        "age of the reports", "s", (0.0, 0.5, 1.0, 1.5, 2.0), 2.0, lambda value: {"latency": f"[{value:g}, {value:g}]"}
-    ),
+    "position_std": Parameter("m", (0, 10, 30, 60, 100), 1_000, "noise of reported positions, one sigma per axis"),
+    "velocity_std": Parameter("m/s", (0, 1, 3, 6, 10), 50, "noise of reported velocities, one sigma per axis"),
+    "latency": Parameter("s", (0, 0.5, 1, 1.5, 2), 2, "age of the reports"),
     "turn_rate": Parameter(
-        f"largest turn rate of the intruder, which turns once by up to {_TURN_DEG}°",
-        "deg/s",
-        (0.0, 0.5, 1.0, 2.0, 3.0),
-        3.0,
-        _turning,
+        "deg/s", (0, 0.5, 1, 2, 3), 3, f"largest turn rate of the intruder, which turns once by up to {_TURN_DEG}°"
     ),
 }
 """What can be varied; each begins without the disturbance. Distances, angles and speeds vary in every run."""
 
-_ELSEWHERE = {
-    "wind": "the surrogate has no wind",
-    "turbulence": "the surrogate has no turbulence",
-}
+
+def changed(name: str, value: float) -> dict[str, str]:
+    """Return what a value of a parameter changes in the scenario, as the configuration writes it."""
+    if name == "turn_rate":
+        # Without a rate of its own an intruder that changes its heading turns at the scenario's.
+        return {"turn_rate_deg_s": f"{value:g}", "heading_change_deg": str(_TURN_DEG if value else 0)}
+    return {name: f"[{value:g}, {value:g}]" if name == "latency" else f"{value:g}"}
 
 
 class Sweep(NamedTuple):
@@ -86,10 +65,10 @@ def swept(text: str) -> Sweep:
         ConfigError: there is no such parameter, or a value is out of its range.
     """
     name, sign, listed = text.partition("=")
-    if name in _ELSEWHERE:
+    if name in ("wind", "turbulence"):
         raise ConfigError(
-            f"--vary {name}: {_ELSEWHERE[name]}; expected a run of eval.hifi with it, such as --condition moderate, "
-            "and its folder as --run"
+            f"--vary {name}: the surrogate has no {name}; expected a run of eval.hifi with it, such as --condition "
+            "moderate, and its folder as --run"
         )
     if name not in PARAMETERS:
         close = nearest(name, PARAMETERS)
@@ -97,19 +76,11 @@ def swept(text: str) -> Sweep:
         raise ConfigError(f"--vary {name}: unknown; expected one of {', '.join(PARAMETERS)}{hint}")
     parameter = PARAMETERS[name]
     if not sign:
-        return Sweep(name, parameter.values)
-    values = []
-    for part in listed.split(","):
-        try:
-            value = float(part)
-        except ValueError:
-            raise ConfigError(f"--vary {name}: {part!r} is no number; expected {name}=V1,V2,...") from None
-        # Inverted, so that NaN is refused.
-        if not 0.0 <= value <= parameter.largest:
-            raise ConfigError(
-                f"--vary {name}: {value:g} {parameter.unit}; expected 0 to {parameter.largest:g} {parameter.unit}"
-            )
-        values.append(value)
+        return Sweep(name, tuple(map(float, parameter.values)))
+    try:
+        values = [real(0.0, parameter.largest, parameter.unit)(part) for part in listed.split(",")]
+    except ArgumentTypeError as problem:
+        raise ConfigError(f"--vary {name}: {problem}") from None
     if values != sorted(set(values)) or len(values) < 2:
         raise ConfigError(f"--vary {name}: {listed}; expected at least two values, rising")
     return Sweep(name, tuple(values))
@@ -132,8 +103,7 @@ def fly(sweep: Sweep, arguments: Sequence[str], out: Path, *, resume: bool) -> i
     """
     for value in sweep.values:
         folder = folder_of(out, sweep.name, value)
-        changes = PARAMETERS[sweep.name].changes(value)
-        sets = [part for key, text in changes.items() for part in ("--set", f"changes.{key}={text}")]
+        sets = [part for key, text in changed(sweep.name, value).items() for part in ("--set", f"changes.{key}={text}")]
         again = ["--resume"] if resume and (folder / "config.yaml").is_file() else []
         # Its table for a person would come once for every value.
         with redirect_stdout(StringIO()):
@@ -156,19 +126,10 @@ def collected(sweep: Sweep, out: Path, confidence: float) -> dict[str, Any]:
     parameter = PARAMETERS[sweep.name]
     runs = [read_run(folder_of(out, sweep.name, value)) for value in sweep.values]
     first = successes(runs[0])
-    return {
-        "name": sweep.name,
-        "label": parameter.label,
-        "unit": parameter.unit,
-        "values": [
-            {"value": value, "run": run.path.name}
-            | rates(run, np.ones(len(run.table["outcome"]), bool), confidence)
-            | {"difference": _differences(run, first, confidence)}
-            for value, run in zip(sweep.values, runs, strict=True)
-        ],
-    }
-
-
-def _differences(run: Run, first: dict[str, np.ndarray], confidence: float) -> dict[str, Any]:
-    """Return each mode's success less that of the first value, with Tango's interval of pairs."""
-    return {mode: tango(pairs(first[mode], reached), confidence)._asdict() for mode, reached in successes(run).items()}
+    values = []
+    for value, run in zip(sweep.values, runs, strict=True):
+        apart = {mode: tango(pairs(first[mode], found), confidence) for mode, found in successes(run).items()}
+        every = rates(run, np.ones(len(run.table["outcome"]), bool), confidence)
+        differences = {mode: found._asdict() for mode, found in apart.items()}
+        values.append({"value": value, "run": run.path.name} | every | {"difference": differences})
+    return {"name": sweep.name, "label": parameter.label, "unit": parameter.unit, "values": values}

@@ -41,8 +41,8 @@ def quantiles(values: np.ndarray, at: tuple[float, ...]) -> dict[str, float | No
     return {f"{q:g}": float(np.quantile(known, q)) if known.size else None for q in at}
 
 
-def percent(rate: Mapping[str, Any] | None, form: str = "{} % [{}, {}]") -> str:
-    """Return value and ends of a :func:`share` in percent, in words; ``-`` where it is not known."""
+def percent(rate: Mapping[str, Any] | None, form: str = "{} % [{}, {}]", unknown: str = "-") -> str:
+    """Return value and ends of a :func:`share` in percent, in words."""
     if rate is None or rate["value"] is None:
-        return "-"
+        return unknown
     return form.format(*(f"{100.0 * rate[key]:.2f}" for key in ("value", "low", "high")))

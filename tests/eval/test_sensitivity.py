@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from envs.aircraft import PAPER, new_aircraft
 from envs.edge.command import run_cli
 from eval.sensitivity import run as sensitivity
-from eval.sensitivity.bins import QUANTITIES, Quantity, Run, binned, mapped, rates, read_run
-from eval.sensitivity.sweep import PARAMETERS, Sweep, swept
+from eval.sensitivity.bins import Quantity, Run, binned, mapped, quantities, rates, read_run
+from eval.sensitivity.sweep import PARAMETERS, Sweep, changed, swept
 from eval.stats.intervals import clopper_pearson
 
 COUNT = 400
@@ -89,7 +90,7 @@ def test_rates_are_counted_by_hand() -> None:
 
 def test_cells_of_a_map_hold_every_encounter(tmp_path: Path) -> None:
     run = read_run(made_up(tmp_path / "run"))
-    names = {each.name: each for each in QUANTITIES}
+    names = quantities(PAPER)
     cells = mapped(run, names["relative_heading"], names["distance"], 0.95)
     assert sum(cell["encounters"] for cell in cells) == COUNT
     assert mapped(run, names["relative_heading"], names["wind"], 0.95) == []
@@ -157,8 +158,17 @@ def test_a_sweep_flies_the_same_encounters_and_goes_on(tmp_path: Path, policy_pa
 
 
 def test_a_turn_rate_of_zero_means_no_turn() -> None:
-    assert PARAMETERS["turn_rate"].changes(0.0) == {"turn_rate_deg_s": "0", "heading_change_deg": "0"}
-    assert PARAMETERS["turn_rate"].changes(2.0)["heading_change_deg"] == "120"
+    assert changed("turn_rate", 0.0) == {"turn_rate_deg_s": "0", "heading_change_deg": "0"}
+    assert changed("turn_rate", 2.0)["heading_change_deg"] == "120"
+
+
+def test_edges_of_bins_scale_with_the_aircraft() -> None:
+    twice = new_aircraft(PAPER.limits._replace(speed_min=100.0, speed_max=200.0), 4_000.0)
+    ours, theirs = quantities(PAPER), quantities(twice)
+    for name, factor in (("distance", 4.0), ("miss_distance", 4.0), ("time_to_conflict", 2.0), ("own_speed", 2.0)):
+        assert theirs[name].edges == pytest.approx([factor * edge for edge in ours[name].edges])
+    for one in ours.values():
+        assert list(one.edges) == sorted(set(one.edges))
 
 
 def test_sweeps_are_read() -> None:
@@ -177,7 +187,7 @@ def test_sweeps_are_read() -> None:
         (["--vary", "latency=1,0"], "expected at least two values, rising"),
         (["--vary", "latency=1"], "expected at least two values, rising"),
         (["--vary", "latency=0,nan"], "--vary latency: nan s"),
-        (["--vary", "latency=0,much"], "'much' is no number"),
+        (["--vary", "latency=0,much"], "'much'; expected a number, 0 to 2 s"),
         (["--vary", "latency", "--vary", "latency=0,1"], "given 2 times"),
         (["--vary", "latency", "--set", "changes.latency=[0, 1]"], "is varied by --vary latency"),
         (["--vary", "latency", "--scenario", "file:mine.csv"], "has no numbers to vary"),
