@@ -1,4 +1,4 @@
-"""Policies that need no training, made of numbers put in by hand."""
+"""Policies that need no training, made of numbers put in by hand, and an evaluation of one with its report."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,10 +11,16 @@ from agents.policy import file as policy_file
 from agents.policy.file import PolicyFile
 from agents.policy.inference import Policy
 from agents.policy.schema import new_metadata
+from envs.encounters import SCENARIOS
+from envs.formats import encounter_file
 from envs.kinematics import SURROGATE
-from tests.eval.report.report_runs import report_page, report_run
+from envs.starts import numbered
+from eval.monte_carlo import run as monte_carlo
+from eval.report import run as report
 
-__all__ = ["report_page", "report_run"]
+# Of the report: encounters, those with tracks, and a name that would like to be markup.
+COUNT, TRACKS = 24, 18
+HOSTILE = "</script><img src=x onerror=\"document.title='lost'\">{b}<b>&amp;\u202etfel ot thgir"
 
 # Places in the feature set "cpa".
 GOAL_SINE, AHEAD_DEPTH, HOMEWARD_DEPTH = 9, 17, 21
@@ -78,3 +84,22 @@ def one_blas_thread() -> Iterator[None]:
     """Hold BLAS to one thread, as the evaluation does; with more, rows would depend on their company."""
     with threadpool_limits(1):
         yield
+
+
+@pytest.fixture(scope="session")
+def report_run(policy_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of an evaluation of the hand-made policy, which solves many encounters and not all."""
+    place = tmp_path_factory.mktemp("report")
+    file, out = place / "encounters.csv", place / "run"
+    names = [f"{number} {HOSTILE}" for number in range(COUNT)]
+    encounter_file.write(file, numbered(SCENARIOS["circle"], 0, 0, COUNT), names)
+    arguments = ["--policy", str(policy_path), "--scenario", f"file:{file}", "--workers", "1"]
+    assert monte_carlo.main([*arguments, "--set", "figures=false", "--out", str(out)]) == 0
+    return out
+
+
+@pytest.fixture(scope="session")
+def report_page(report_run: Path) -> Path:
+    """Return the report of the evaluation, with tracks of most encounters."""
+    assert report.main([str(report_run), "--tracks", str(TRACKS)]) == 0
+    return report_run / "report.html"

@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from agents.config.keys import keys
 from agents.config.load import ConfigError
 from envs.encounters import EncounterError, scenario
 from envs.formats import encounter_file
@@ -18,6 +20,9 @@ from envs.formats.track_files import read_daidalus
 from envs.starts import numbered
 from envs.trees import take
 from eval import convert
+from eval.config import MonteCarloConfig
+from eval.hifi.config import HifiConfig
+from eval.reference import PAGE, main, page
 from tests.envs.formats.test_encounter_file import built
 from tests.support import recorded
 
@@ -127,8 +132,6 @@ speed_of_intruder = st.one_of(st.just(0.0), st.floats(0.0, 150.0))
 turn = st.one_of(st.just((0.0, 0.0, 0.05)), st.tuples(st.floats(0, 60), st.floats(-3.1, 3.1), st.floats(0.0, 0.5)))
 place = st.floats(-50_000, 50_000)
 course = st.floats(-math.pi, math.pi, exclude_max=True)
-
-
 flights = st.tuples(
     st.tuples(place, place, course, st.floats(50, 100)), st.tuples(place, place, course, speed_of_intruder), turn
 )
@@ -197,3 +200,24 @@ def test_shorter_tracks_and_other_columns_are_lost_on_request(
     assert convert.main([str(tmp_path / "a.xyz"), str(tmp_path / "b.xyz"), "--lossy"]) == 0
     assert "left out: 132 values of column heading of 1 of 1" in capsys.readouterr().err
     assert [len(track.time) for track in read_daidalus(tmp_path / "b.xyz").tracks] == [11, 11]
+
+
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"
+
+
+def test_the_page_is_current() -> None:
+    assert (DOCS / PAGE).read_text(encoding="utf-8") == page(), "run `python -m eval.reference docs/reference`"
+
+
+def test_every_key_has_its_row() -> None:
+    text = page()
+    assert all(f"\n| `{key.name}` | " in text for model in (MonteCarloConfig, HifiConfig) for key in keys(model))
+
+
+def test_the_command_writes_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["reference", str(tmp_path)])
+    main()
+    assert (tmp_path / PAGE).read_text(encoding="utf-8") == page()
+    monkeypatch.setattr(sys, "argv", ["reference", str(tmp_path / "none")])
+    with pytest.raises(ConfigError, match="there is no such directory"):
+        main()

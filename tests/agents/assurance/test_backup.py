@@ -157,7 +157,7 @@ def test_an_unsafe_backup_is_exchanged_for_much_more_clearance_only() -> None:
     assert changed.searched[0] and changed.course[0] == best.course[0]
 
 
-# The monitor at work for one aircraft, in plain words (whole encounters: tests/eval/flights/test_assured_mode.py).
+# The monitor at work for one aircraft, in plain words (whole encounters: tests/eval/flights/test_plan_mode.py).
 
 ROUTE = [RoutePoint(7 + number, 12_000.0 + 5_000.0 * number, 0.0) for number in range(8)]
 OWN = VehicleState(0.0, 0.0, 0.0, 75.0)

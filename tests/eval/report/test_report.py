@@ -28,7 +28,7 @@ from eval.report.flights import Replayed, Witness, evaluation_of, fly_again
 from eval.report.folder import read_run
 from eval.report.headline import headline
 from eval.report.page import page
-from tests.eval.report.report_runs import TRACKS
+from tests.eval.conftest import TRACKS
 
 ROOT = Path(__file__).resolve().parents[3]
 

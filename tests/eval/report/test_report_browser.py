@@ -15,7 +15,7 @@ from eval.report.choice import choose
 from eval.report.data import page_data
 from eval.report.folder import read_run
 from eval.report.page import page
-from tests.eval.report.report_runs import HOSTILE, TRACKS
+from tests.eval.conftest import HOSTILE, TRACKS
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

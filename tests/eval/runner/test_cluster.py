@@ -4,7 +4,6 @@ import contextlib
 import importlib
 import json
 import os
-import shutil
 import signal
 import socket
 import subprocess
@@ -14,7 +13,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -202,22 +200,6 @@ def test_a_disk_that_fills_ends_the_run_with_one_sentence(cluster: Processes, al
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize(
-    ("address", "sentence"),
-    [
-        ("node7", "'node7' is no address; expected tcp://HOST:PORT"),
-        ("tcp://node7", "'tcp://node7' is no address"),
-        ("http://node7:80", "is no address"),
-        ("tcp://node7:99999", "is no address"),
-        pytest.param("tcp://127.0.0.1:1", "no Dask scheduler answers within 5 s", marks=pytest.mark.slow),
-    ],
-)
-def test_wrong_addresses_are_refused(address: str, sentence: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=sentence):
-        monte_carlo.main(["--scheduler", address, "--out", str(tmp_path / "run")])
-    assert not (tmp_path / "run").exists()
-
-
 @pytest.mark.slow
 def test_strangers_are_no_schedulers(cluster: Processes, tmp_path: Path) -> None:
     """One listens and keeps silent, one speaks another language, one is a worker."""
@@ -265,34 +247,6 @@ def test_a_worker_that_joins_later_is_held_to_the_run_too(policy_path: Path) -> 
         packed("run", Task(Pilot, columns), evaluation, "0" * 64)
     with pytest.raises(PolicyFileError, match="cannot be read again: No such file"):
         packed("run", Task(Pilot, columns), evaluation._replace(policy=policy_path.with_name("none")), policy.sha256)
-
-
-def test_workers_and_scheduler_exclude_each_other() -> None:
-    with pytest.raises(ConfigError, match="--workers and --scheduler: expected one of them"):
-        monte_carlo.main(["--scheduler", "tcp://127.0.0.1:1", "--workers", "2"])
-
-
-def test_a_disk_without_room_is_refused_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    out = tmp_path / "deep" / "run"
-    asked = []
-
-    def usage(path: Path) -> SimpleNamespace:
-        asked.append(Path(path))
-        return SimpleNamespace(free=3_000_000, total=9_000_000)
-
-    monkeypatch.setattr(shutil, "disk_usage", usage)
-    with pytest.raises(ConfigError, match=rf"--out {out}: 3.0 MB are free there, expected about 5.5 MB for 10000 rows"):
-        monte_carlo.main(["--workers", "1", "--out", str(out)])
-    assert asked == [tmp_path]
-    assert not out.parent.exists()
-
-
-def test_nothing_of_dask_is_loaded_without_a_scheduler() -> None:
-    program = "import sys, eval.monte_carlo.run as m, eval.hifi.run\ntry: m.main(['--help'])\nexcept SystemExit: pass\n"
-    program += "print(sorted({'distributed', 'dask', 'tornado'} & set(sys.modules)), file=sys.stderr)"
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stderr.strip() == "[]"
-    assert "--scheduler ADDRESS" in done.stdout
 
 
 @pytest.mark.slow

@@ -1,19 +1,26 @@
-"""Workers fail loudly, stop when asked, and leave no process behind."""
+"""Workers fail loudly, stop when asked, and leave no process behind; a cluster that cannot serve is refused."""
 
 import multiprocessing
 import os
+import shutil
 import signal
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from agents.config.load import ConfigError
 from envs.encounters import SCENARIOS, EncounterError
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 from eval.flights.chunks import Evaluation, Pilot, columns
+from eval.monte_carlo import run as monte_carlo
 from eval.runner.workers import Chunk, Task, WorkerError, fly_chunks
 
+ROOT = Path(__file__).resolve().parents[3]
 TASK = Task(Pilot, columns)
 CHUNKS = [Chunk(0, 4), Chunk(4, 4), Chunk(8, 4), Chunk(12, 4)]
 
@@ -57,3 +64,48 @@ def test_a_worker_that_is_killed_ends_the_run(policy_path: Path) -> None:
 def test_a_failure_inside_a_worker_comes_with_its_traceback(tmp_path: Path) -> None:
     with pytest.raises(WorkerError, match=r"no such policy file"):
         list(fly_chunks(TASK, evaluation(tmp_path / "none.safetensors"), 2, CHUNKS, lambda: False))
+
+
+@pytest.mark.parametrize(
+    ("address", "sentence"),
+    [
+        ("node7", "'node7' is no address; expected tcp://HOST:PORT"),
+        ("tcp://node7", "'tcp://node7' is no address"),
+        ("http://node7:80", "is no address"),
+        ("tcp://node7:99999", "is no address"),
+        pytest.param("tcp://127.0.0.1:1", "no Dask scheduler answers within 5 s", marks=pytest.mark.slow),
+    ],
+)
+def test_wrong_addresses_are_refused(address: str, sentence: str, tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="the extra cluster is not installed")
+    with pytest.raises(ConfigError, match=sentence):
+        monte_carlo.main(["--scheduler", address, "--out", str(tmp_path / "run")])
+    assert not (tmp_path / "run").exists()
+
+
+def test_workers_and_scheduler_exclude_each_other() -> None:
+    with pytest.raises(ConfigError, match="--workers and --scheduler: expected one of them"):
+        monte_carlo.main(["--scheduler", "tcp://127.0.0.1:1", "--workers", "2"])
+
+
+def test_a_disk_without_room_is_refused_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "deep" / "run"
+    asked = []
+
+    def usage(path: Path) -> SimpleNamespace:
+        asked.append(Path(path))
+        return SimpleNamespace(free=3_000_000, total=9_000_000)
+
+    monkeypatch.setattr(shutil, "disk_usage", usage)
+    with pytest.raises(ConfigError, match=rf"--out {out}: 3.0 MB are free there, expected about 5.5 MB for 10000 rows"):
+        monte_carlo.main(["--workers", "1", "--out", str(out)])
+    assert asked == [tmp_path]
+    assert not out.parent.exists()
+
+
+def test_nothing_of_dask_is_loaded_without_a_scheduler() -> None:
+    program = "import sys, eval.monte_carlo.run as m, eval.hifi.run\ntry: m.main(['--help'])\nexcept SystemExit: pass\n"
+    program += "print(sorted({'distributed', 'dask', 'tornado'} & set(sys.modules)), file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"
+    assert "--scheduler ADDRESS" in done.stdout

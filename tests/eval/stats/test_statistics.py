@@ -1,14 +1,17 @@
-"""Intervals against published values, exact coverage and brute force."""
+"""Intervals and paired statistics against published values, exact coverage and brute force."""
 
+import itertools
 import math
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binom
+from scipy.stats import binom, multinomial
 
+from eval.metrics.replicated import ratio_interval, replicated
 from eval.stats.intervals import clopper_pearson, mean_interval
+from eval.stats.paired import Pairs, mcnemar_exact, pairs, tango
 from eval.stats.plain import percent, share
 
 
@@ -107,3 +110,178 @@ def test_counts_are_resampled_like_values() -> None:
     brute = np.array([rng.choice(values, len(values)).mean() for _ in range(4_000)])
     found = mean_interval(values, 0.9, 4_000)
     assert (found.low, found.high) == pytest.approx(tuple(np.quantile(brute, [0.05, 0.95])), abs=0.05)
+
+
+# Statistics of pairs against published examples, their own symmetry, and exact coverage.
+
+# Each cell counts (both, first only, second only, neither).
+# M. W. Fagerland, S. Lydersen, P. Laake, Statistics in Medicine 33 (2014) 2850, airway hyper-responsiveness of 21
+# children before and after a transplantation (Bentur et al. 2009).
+AIRWAY = Pairs(1, 1, 7, 12)
+# The same authors, "Statistical Analysis of Contingency Tables" (2017), chapter 8, complete response before and after
+# consolidation therapy (Cavo et al. 2012).
+RESPONSE = Pairs(59, 6, 16, 80)
+
+
+@pytest.mark.parametrize(
+    ("counts", "confidence", "low", "high", "digits"),
+    [
+        (AIRWAY, 0.95, 0.026, 0.517, 3),
+        (RESPONSE, 0.95, 0.0054, 0.1240, 4),
+        # scoreci.mp(25, 28, 618, 0.9) of the R package PropCIs
+        (Pairs(0, 25, 28, 565), 0.90, -0.0148, 0.0247, 4),
+    ],
+)
+def test_published_paired_intervals(counts: Pairs, confidence: float, low: float, high: float, digits: int) -> None:
+    found = tango(counts, confidence)
+    assert (round(found.low, digits), round(found.high, digits)) == (low, high)
+    assert found.value == (counts.second_only - counts.first_only) / counts.total
+
+
+@pytest.mark.parametrize(
+    ("counts", "p"),
+    [
+        (AIRWAY, 0.0703),
+        (RESPONSE, 0.0525),
+        # P. Armitage, G. Berry, "Statistical Methods in Medical Research" (1994), p. 127: two culture media
+        (Pairs(20, 12, 2, 16), 0.0129),
+        (Pairs(5, 0, 0, 5), 1.0),
+        (Pairs(5, 3, 3, 5), 1.0),
+    ],
+)
+def test_published_p(counts: Pairs, p: float) -> None:
+    assert round(mcnemar_exact(counts), 4) == p
+
+
+cells = st.integers(0, 60)
+
+
+@given(cells, cells, cells, cells, st.floats(0.5, 0.999))
+def test_exchange_of_the_two_mirrors_everything(both: int, one: int, two: int, none: int, confidence: float) -> None:
+    counts = Pairs(both, one, two, none)
+    if not counts.total:
+        return
+    found, turned = tango(counts, confidence), tango(Pairs(both, two, one, none), confidence)
+    assert -1.0 <= found.low <= found.value <= found.high <= 1.0
+    assert found.low < found.high
+    assert turned.value == -found.value
+    assert (turned.low, turned.high) == pytest.approx((-found.high, -found.low), abs=1e-9)
+    assert mcnemar_exact(counts) == mcnemar_exact(Pairs(none, two, one, both))
+    assert 0.0 < mcnemar_exact(counts) <= 1.0
+
+
+@given(cells, cells, st.integers(1, 60))
+def test_the_interval_is_one_with_the_score_test_of_no_difference(one: int, two: int, same: int) -> None:
+    # At a difference of 0 the score statistic is McNemar's, (c - b) / sqrt(b + c).
+    found = tango(Pairs(same, one, two, 0))
+    statistic = abs(two - one) / math.sqrt(max(one + two, 1))
+    if abs(statistic - 1.959964) > 1e-6:
+        assert (statistic > 1.959964) == (not found.low <= 0.0 <= found.high)
+
+
+def test_exact_coverage_is_near_what_is_stated() -> None:
+    total, shares = 30, np.array([0.72, 0.05, 0.11, 0.12])
+    covered = 0.0
+    for one, two in itertools.product(range(total + 1), repeat=2):
+        if one + two <= total:
+            # The interval does not ask how the others agree.
+            found = tango(Pairs(total - one - two, one, two, 0))
+            weight = multinomial.pmf(
+                [one, two, total - one - two], total, [shares[1], shares[2], shares[0] + shares[3]]
+            )
+            covered += weight * (found.low <= shares[2] - shares[1] <= found.high)
+    assert 0.93 < covered < 0.985
+
+
+def test_p_is_a_coin_s_tail() -> None:
+    assert mcnemar_exact(Pairs(9, 3, 11, 2)) == pytest.approx(2.0 * binom.cdf(3, 14, 0.5))
+
+
+def test_pairs_are_counted_and_bad_ones_refused() -> None:
+    first = np.array([True, True, False, False, True])
+    second = np.array([True, False, True, False, False])
+    assert pairs(first, second) == Pairs(1, 2, 1, 1)
+    with pytest.raises(ValueError, match=r"one length, got bool \[5\] and bool \[4\]"):
+        pairs(first, second[:4])
+    with pytest.raises(ValueError, match="int64"):
+        pairs(first, second.astype(int))
+    with pytest.raises(ValueError, match="no pair"):
+        tango(Pairs(0, 0, 0, 0))
+    with pytest.raises(ValueError, match="confidence"):
+        tango(AIRWAY, 1.0)
+    with pytest.raises(ValueError, match="first_only is -1"):
+        mcnemar_exact(Pairs(1, -1, 1, 1))
+
+
+# Intervals over randomisations: their coverage, their ends, and the summary that carries them.
+
+
+def table_of(success: np.ndarray) -> dict[str, np.ndarray]:
+    """Return a table of so many encounters: failures are violations, every second one unresolvable."""
+    count = len(success)
+    outcome = np.where(success, "reached", "violation").astype(object)
+    failed = np.flatnonzero(~success)
+    verdict = np.full(count, "resolvable", dtype=object)
+    verdict[failed[::2]] = "unresolvable"
+    return {
+        "encounter": np.arange(count),
+        "outcome": outcome,
+        "baseline_outcome": np.where(np.arange(count) % 4 == 0, "violation", "reached").astype(object),
+        "verdict": verdict,
+        "score": np.where(success, 100.0, -100.0),
+        "path_excess": np.where(success, 0.01 * (np.arange(count) % 7), np.nan),
+        "min_separation_m": np.linspace(900.0, 3_000.0, count),
+        "duration_s": np.full(count, 100.0),
+        "heading_reversals": np.zeros(count, np.int32),
+    }
+
+
+def test_the_interval_of_a_mean_is_students() -> None:
+    # Hand-computed: mean 3, standard error sqrt(2.5 / 5), t(4 degrees of freedom, 97.5 %) = 2.776445.
+    interval = ratio_interval(np.array([1.0, 2.0, 3.0, 4.0, 5.0]), np.ones(5), 0.95)
+    half = 2.776445105 * math.sqrt(0.5)
+    assert interval == pytest.approx((3.0, 3.0 - half, 3.0 + half))
+
+
+def test_a_ratio_has_no_spread_where_the_shares_agree() -> None:
+    interval = ratio_interval(np.array([1.0, 2.0, 4.0]), np.array([2.0, 4.0, 8.0]), 0.95)
+    assert interval == pytest.approx((0.5, 0.5, 0.5))
+
+
+def test_the_interval_covers_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(0)
+    covered = 0
+    for _ in range(1_000):
+        total = rng.binomial(300, 0.7, 16)
+        low, high = ratio_interval(rng.binomial(total, 0.9), total, 0.95)[1:]
+        covered += low <= 0.9 <= high
+    assert 0.93 <= covered / 1_000 <= 0.97
+
+
+def test_nothing_and_too_few_are_said() -> None:
+    assert math.isnan(ratio_interval(np.zeros(3), np.zeros(3), 0.95).value)
+    with pytest.raises(ValueError, match="at least 2"):
+        ratio_interval(np.ones(1), np.ones(1), 0.95)
+
+
+def test_a_summary_takes_its_intervals_from_the_randomisations() -> None:
+    success = np.ones(160, bool)
+    success[[0, 1, 5, 18, 40, 77, 150]] = False
+    table = table_of(success)
+    found = replicated(table, 16, 0.95)
+    shares = success.reshape(10, 16).mean(axis=0)
+    expected = ratio_interval(shares, np.ones(16), 0.95)
+    rate = found["success_rate"]
+    assert (rate["value"], rate["low"], rate["high"]) == pytest.approx((*expected[:2], min(expected.high, 1.0)))
+    assert (rate["count"], rate["total"]) == (153, 160)
+    assert found["success_given_resolvable"]["total"] == 156
+    assert found["timeout_rate"]["high"] == pytest.approx(clopper_pearson(0, 160)[1])
+    assert found["score_mean_interval"]["low"] < 200.0 * 153 / 160 - 100.0 < found["score_mean_interval"]["high"]
+    assert found["risk_ratio_interval"]["low"] < 7 / 40 < found["risk_ratio_interval"]["high"]
+
+
+def test_rates_without_a_spread_keep_an_interval() -> None:
+    found = replicated(table_of(np.ones(64, bool)), 16, 0.95)
+    rate = found["success_rate"]
+    assert (rate["value"], rate["low"], rate["high"]) == (1.0, *clopper_pearson(64, 64))
+    assert found["risk_ratio_interval"]["high"] == pytest.approx(clopper_pearson(0, 64)[1] * 4.0)
