@@ -6,6 +6,7 @@ block below ``<!-- not run: reason -->`` is compiled, and its imports of ours ar
 
 import ast
 import importlib
+import json
 import os
 import re
 import subprocess
@@ -155,16 +156,39 @@ def calls() -> dict[str, set[str]]:
     return found
 
 
+# Asks programs for their help one after the other, because importing what they share takes most of the time.
+HELP = """
+import contextlib, io, json, runpy, sys
+answers = {}
+for program in sys.argv[1:]:
+    out, err = io.StringIO(), io.StringIO()
+    sys.argv = [program, "--help"]
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            status = runpy.run_module(program, run_name="__main__", alter_sys=True) and 0
+        except SystemExit as end:
+            status = end.code or 0
+    answers[program] = status, out.getvalue(), err.getvalue()
+print(json.dumps(answers))
+"""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("program", sorted(calls()))
-def test_options_in_pages_are_options_of_the_program(program: str) -> None:
+def test_options_in_pages_are_options_of_the_program() -> None:
+    wanted = calls()
     done = subprocess.run(
-        [sys.executable, "-m", program, "--help"], cwd=ROOT, capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", HELP, *wanted], cwd=ROOT, capture_output=True, text=True, timeout=300, check=False
     )
-    if done.returncode == 2 and "extra" in done.stderr:
-        pytest.skip(done.stderr.strip())
     assert done.returncode == 0, done.stderr
-    assert not {option for option in calls()[program] if option not in done.stdout}
+    answers = json.loads(done.stdout.splitlines()[-1])
+    helped = 0
+    for program, (status, out, err) in answers.items():
+        if status == 2 and "extra" in err:
+            continue
+        assert status == 0, (program, err)
+        assert not {option for option in wanted[program] if option not in out}, program
+        helped += 1
+    assert helped > len(wanted) / 2
 
 
 # The documentation site builds strictly without a network, refers to no other host, and leaves no page out.

@@ -30,7 +30,7 @@ from tests.envs.formats.test_lincoln_file import EVENTS, ONE
 from tests.envs.traffic.test_encounter_model import SMALL
 
 Row = dict[str, Any]
-MANY = int(os.environ.get("FUZZ_ROWS", "100000"))  # mutated rows of each reader in the slow test
+MANY = int(os.environ.get("FUZZ_ROWS", "3000"))  # mutated rows of each reader in the slow test
 FACTORS = (0.3048, 1 / 0.3048, KNOT, 1 / KNOT, 1e3, 1e-3, math.radians(1), math.degrees(1), 60.0, 1 / 60.0, -1.0)
 VALUES = (math.nan, math.inf, -math.inf, 0.0, 1e308, -1e308, 1e12, 1e-300, 1e5, 180.0, -90.0, 10**400)
 ODD = (None, True, "", "north", [], "1_0")
