@@ -11,34 +11,29 @@ import os
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import numpy as np
-
-from envs.formats.consistency import check_distances
-from envs.formats.local_frame import local
-from envs.formats.track_rows import Reading, Rows, flights_of, track_rows
+from envs.formats.track_rows import Reading, Rows, flights_of, track_file
 from envs.traffic.text_file import json_of, text_of
-from envs.traffic.track_units import FOOT, KNOT
-from envs.traffic.tracks import Repairs, Track, TrackError, TrackFile, summed
+from envs.traffic.track_units import FOOT, KNOT, Range
+from envs.traffic.tracks import Repairs, TrackError, TrackFile
 
-__all__ = ["is_adsb", "ordered_flights", "read_adsb", "track_of"]
+__all__ = ["is_adsb", "ordered_flights", "read_adsb"]
 
 _STANDING = 10.0
 """m; a position that stays the same while the aircraft flies further than this is stale."""
 
-_FIELDS: dict[str, tuple[str, float, float, float]] = {
-    "time": ("timestamp", 1e-3, 0.0, 1e14),
-    "lat": ("latitude", math.radians(1.0), -90.0, 90.0),
-    "lon": ("longitude", math.radians(1.0), -180.0, 180.0),
-    "alt": ("altitude", FOOT, -5_000.0, 100_000.0),
-    "gs": ("groundspeed", KNOT, 0.0, 2_000.0),
-    "trk": ("track", math.radians(1.0), 0.0, 360.0),
-    "vs": ("vertical_rate", FOOT / 60.0, -50_000.0, 50_000.0),
+_FIELDS = {
+    "time": ("timestamp", Range(0.0, 1e14, 1e-3)),
+    "lat": ("latitude", Range(-90.0, 90.0, math.radians(1.0))),
+    "lon": ("longitude", Range(-180.0, 180.0, math.radians(1.0))),
+    "alt": ("altitude", Range(-5_000.0, 100_000.0, FOOT)),
+    "gs": ("groundspeed", Range(0.0, 2_000.0, KNOT)),
+    "trk": ("track", Range(0.0, 360.0, math.radians(1.0))),
+    "vs": ("vertical_rate", Range(-50_000.0, 50_000.0, FOOT / 60.0)),
 }
-"""Our names: the form's name, SI value of one unit, and the range that is accepted, in that unit."""
+"""Our names: the form's name, and what is accepted."""
 
+_NAMES = {key: name for key, (name, _) in _FIELDS.items()}
 _GROUND = frozenset(("onground", "on_ground", "onGround"))
-
-_NAMES = {key: name for key, (name, *_) in _FIELDS.items()}
 
 
 def read_adsb(
@@ -67,23 +62,15 @@ def read_adsb(
         raise TrackError(f"{source}: expected at least one aircraft, a window that ends after it begins, max_gap > 0")
     rows: dict[str, Rows] = {_address(name): [] for name in aircraft}
     for number, name, report in _airborne(source):
-        if name not in rows:
-            continue
-        where = f"{source} report {number}"
-        time = _value(report, "time", where, repair)
-        # A report without a time may belong to the window: it is for the check of the rows.
-        if not math.isfinite(time) or window[0] <= time <= window[1]:
-            rows[name].append((number, {key: _value(report, key, where, repair) for key in _FIELDS}))
+        if name in rows:
+            time = _value(report, "time", f"{source} report {number}", repair)
+            # A report without a time may belong to the window: it is for the check of the rows.
+            if not math.isfinite(time) or window[0] <= time <= window[1]:
+                rows[name].append(_row(source, number, report, repair))
     for name, found in rows.items():
         if not found:
             raise TrackError(f"{source}: no airborne report of {name!r} from {window[0]:.0f} to {window[1]:.0f} s")
-    how = Reading(source, repair, max_gap, "report", standing=_STANDING, names=_NAMES)
-    kept = {name: track_rows(name, found, how) for name, found in rows.items()}
-    first = next(iter(kept.values()))[0][0][1]
-    reference = first["lat"], first["lon"]
-    tracks = tuple(track_of(name, found, reference) for name, (found, _) in kept.items())
-    check_distances(source, tracks)
-    return TrackFile(tracks, summed([repairs for _, repairs in kept.values()]))
+    return track_file(rows, Reading(source, repair, max_gap, "report", standing=_STANDING, names=_NAMES))
 
 
 def is_adsb(path: str | os.PathLike[str]) -> bool:
@@ -101,11 +88,8 @@ def ordered_flights(
     """Yield for each aircraft its address, its flights as ordered reports, and what it took to order them.
 
     Args:
-        path: of the file.
+        path, repair, max_gap: as of :func:`read_adsb`.
         apart: reports of an aircraft with more time than this between them are of different flights, s.
-        repair: drop reports that are incomplete, out of order or impossible, and fill gaps, instead of refusing the
-            file.
-        max_gap: longest time between two reports of a flight, s.
 
     Raises:
         TrackError: as of :func:`read_adsb`.
@@ -113,20 +97,10 @@ def ordered_flights(
     source = os.fspath(path)
     rows: dict[str, Rows] = {}
     for number, name, report in _airborne(source):
-        where = f"{source} report {number}"
-        rows.setdefault(name, []).append((number, {key: _value(report, key, where, repair) for key in _FIELDS}))
+        rows.setdefault(name, []).append(_row(source, number, report, repair))
     how = Reading(source, repair, max_gap, "report", apart, _STANDING, _NAMES)
     for name, found in rows.items():
         yield name, *flights_of(name, found, how)
-
-
-def track_of(name: str, rows: Rows, reference: tuple[float, float]) -> Track:
-    """Return the track of ordered reports, local to a latitude and longitude, rad."""
-    columns = {key: np.array([values[key] for _, values in rows]) for key in _FIELDS}
-    place = local(columns["lat"], columns["lon"], reference)
-    speed, track = columns["gs"], columns["trk"]
-    vx, vy = place.velocity(speed * np.sin(track), speed * np.cos(track))
-    return Track(name, columns["time"], place.x, place.y, columns["alt"], vx, vy, columns["vs"], {})
 
 
 def _airborne(source: str) -> Iterator[tuple[int, str, dict[str, Any]]]:
@@ -158,18 +132,17 @@ def _on_ground(value: Any, where: str) -> bool:
     raise TrackError(f"{where}, field onground: {repr(value)[:40]}, expected true, false or null")
 
 
+def _row(source: str, number: int, report: dict[str, Any], repair: bool) -> tuple[int, dict[str, float]]:
+    where = f"{source} report {number}"
+    return number, {key: _value(report, key, where, repair) for key in _FIELDS}
+
+
 def _value(report: dict[str, Any], key: str, where: str, repair: bool) -> float:
     """Return a value in SI units; nan where the receiver had none, and for repair where it is out of range."""
-    name, scale, low, high = _FIELDS[key]
+    name, accepted = _FIELDS[key]
     if name not in report:
         raise TrackError(f"{where}, field {name}: missing")
-    value = report[name]
-    if value is None:
-        return math.nan
+    value = math.nan if report[name] is None else report[name]
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise TrackError(f"{where}, field {name}: {repr(value)[:40]}, expected a number or null")
-    if value == value and not low <= value <= high:  # noqa: PLR0124  nan is for the check of the rows
-        if repair:
-            return math.nan
-        raise TrackError(f"{where}, field {name}: {repr(value)[:40]}, expected {low:g} to {high:g}")
-    return float(value) * scale
+    return accepted.si(value, f"{where}, field {name}", repair=repair)

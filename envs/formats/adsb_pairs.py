@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.formats.adsb_file import ordered_flights, track_of
+from envs.formats.adsb_file import ordered_flights
 from envs.formats.local_frame import geocentric
-from envs.formats.track_rows import Rows
+from envs.formats.track_rows import Rows, place_of, track_of
 from envs.kinematics import SURROGATE, Limits
 from envs.traffic.replay import HORIZON
 from envs.traffic.tracks import Repairs, Track, TrackError, at_times, summed
@@ -77,15 +77,12 @@ def adsb_pairs(
     flights, repairs = [], []
     for name, found, done in ordered_flights(source, APART, repair=repair, max_gap=max_gap):
         repairs.append(done)
-        flights += [_flight(name, rows) for rows in found if rows and _lasts(rows) >= _SHORTEST]
+        lasting = (rows for rows in found if rows and rows[-1][1]["time"] - rows[0][1]["time"] >= _SHORTEST)
+        flights += [_flight(name, rows) for rows in lasting]
     if not flights:
         raise TrackError(f"{source}: no flight of {_SHORTEST:g} s, expected at least two")
     met = sorted(_met(flights, nearby), key=lambda one: (one[0], one[1].name, one[2].name))
     return [_encounter(*one, nearby.lead, limits) for one in met], summed(repairs)
-
-
-def _lasts(rows: Rows) -> float:
-    return rows[-1][1]["time"] - rows[0][1]["time"]
 
 
 def _flight(name: str, rows: Rows) -> _Flight:
@@ -125,8 +122,8 @@ def _encounter(
     fits = [limits.speed_min <= _speed(flight, begin) <= limits.speed_max for flight in pair]
     pair = pair[::-1] if fits[1] and not fits[0] else pair
     rows = [_during(flight.rows, begin) for flight in pair]
-    reference = rows[0][0][1]["lat"], rows[0][0][1]["lon"]
-    tracks = [_cut(track_of(each.name, some, reference), begin) for each, some in zip(pair, rows, strict=True)]
+    tracks = [track_of(each.name, some, place_of(rows[0][0])) for each, some in zip(pair, rows, strict=True)]
+    tracks = [at_times(track, np.concatenate([[begin], track.time[track.time > begin]])) for track in tracks]
     x, y = tracks[0].x[0], tracks[0].y[0]
     mine, theirs = (track._replace(x=track.x - x, y=track.y - y) for track in tracks)
     return f"{mine.name}-{theirs.name}-{time:.0f}", mine, [theirs]
@@ -141,9 +138,3 @@ def _during(rows: Rows, begin: float) -> Rows:
 def _speed(flight: _Flight, time: float) -> float:
     times = [values["time"] for _, values in flight.rows]
     return float(np.interp(time, times, [values["gs"] for _, values in flight.rows]))
-
-
-def _cut(track: Track, begin: float) -> Track:
-    """Return a track from a time on, which it covers."""
-    times = np.concatenate([[begin], track.time[track.time > begin]])
-    return at_times(track, times)

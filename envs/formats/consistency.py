@@ -12,22 +12,9 @@ no aircraft could have reached so is an outlier, of another aircraft with the sa
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from envs.formats.local_frame import WGS84
-from envs.traffic.tracks import DISTANT, Track, TrackError
 
-__all__ = [
-    "ACCELERATION",
-    "CLIMB",
-    "HEIGHT",
-    "POSITION",
-    "VELOCITY",
-    "WINDOW",
-    "check_distances",
-    "missed",
-    "within",
-]
+__all__ = ["ACCELERATION", "CLIMB", "HEIGHT", "POSITION", "VELOCITY", "WINDOW", "missed", "within"]
 
 POSITION, VELOCITY, ACCELERATION = 300.0, 50.0, 5.0
 """m, m/s and m/s^2, horizontally. Of 210 000 steps of real reports a second apart 7 are beyond."""
@@ -37,17 +24,6 @@ HEIGHT, CLIMB = 100.0, 50.0
 
 WINDOW = 20.0
 """s."""
-
-
-def check_distances(source: str, tracks: Sequence[Track]) -> None:
-    """Raise a TrackError if tracks, local to where the first begins, are further away than :data:`DISTANT`."""
-    for track in tracks:
-        far = float(np.hypot(track.x, track.y).max())
-        if far > DISTANT:
-            raise TrackError(
-                f"{source}: {track.name!r} is {far / 1e3:.0f} km from the first position of {tracks[0].name!r}, "
-                f"expected at most {DISTANT / 1e3:.0f} km"
-            )
 
 
 def within(off: Sequence[float], seconds: float) -> bool:

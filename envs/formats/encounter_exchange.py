@@ -22,14 +22,15 @@ import numpy as np
 
 from envs import intruder
 from envs.encounters import Encounter, EncounterError
+from envs.formats.lincoln_file import EVENTS
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from envs.traffic.track_units import FOOT
 from envs.traffic.tracks import Track, at_times
+from envs.trees import take
 
 __all__ = [
-    "EXACT",
     "Scene",
     "check_same",
     "daidalus_text",
@@ -43,9 +44,6 @@ __all__ = [
 EXACT = 1.0
 """m."""
 
-_FIELDS = ("time_s", "vrate_fps", "turn_radps", "accel_ftpss")
-_EVENTS = "events_" + "_".join(_FIELDS)
-
 
 class Scene(NamedTuple):
     """One encounter as it travels."""
@@ -55,10 +53,9 @@ class Scene(NamedTuple):
     """The ownship's first; a row a second."""
     goal: tuple[float, float] | None
     """m; None where the form has none."""
-    intents: tuple[tuple[float, float, float], ...] | None
-    """Onset, change and rate of each intruder's turn, SI; None where the form has none."""
-    sensor: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Noise of positions, of velocities, and latency."""
+    intents: tuple[Intent, ...] | None
+    """Of each intruder; None where the form has none."""
+    sensor: Sensor = Sensor(0.0, 0.0, 0.0)
     altitudes: bool = True
     """Whether they are known; otherwise those of the tracks are 0."""
     weight: float = 1.0
@@ -80,27 +77,19 @@ def scenes_of(encounters: Encounter, names: Sequence[str], seconds: int) -> list
     for second in range(seconds):
         flying = intruder.step(flying, encounters.intent, float(second), 1.0, np)
         states.append(flying.vehicle)
-    flown = VehicleState(*(np.stack(field) for field in zip(*states, strict=True)))
+    others = VehicleState(*(np.stack(field) for field in zip(*states, strict=True)))
+    own, ahead = encounters.own, encounters.own.speed * times[:, None]
+    x, y = own.x + ahead * np.cos(own.heading), own.y + ahead * np.sin(own.heading)
+    straight = VehicleState(x, y, *(np.broadcast_to(field, ahead.shape) for field in (own.heading, own.speed)))
     scenes = []
     for i, name in enumerate(names):
-        own = VehicleState(*(float(field[i]) for field in encounters.own))
-        ahead = own.speed * times
-        straight = VehicleState(
-            own.x + ahead * math.cos(own.heading),
-            own.y + ahead * math.sin(own.heading),
-            np.full(seconds + 1, own.heading),
-            np.full(seconds + 1, own.speed),
-        )
-        present = np.flatnonzero(encounters.mask[i])
-        others = [VehicleState(*(field[:, i, k] for field in flown)) for k in present]
-        labels = ["ownship", *(f"intruder{number}" for number in range(1, len(others) + 1))]
-        tracks = tuple(_track(*pair, times) for pair in zip(labels, (straight, *others), strict=True))
-        intents = tuple(tuple(float(field[i, k]) for field in encounters.intent) for k in present)
-        sensor = tuple(float(field[i, 0]) for field in encounters.sensor)
+        present = np.flatnonzero(encounters.mask[i]).tolist()
+        tracks = [_track("ownship", take(straight, np.s_[:, i]), times)]
+        tracks += [_track(f"intruder{n}", take(others, np.s_[:, i, k]), times) for n, k in enumerate(present, start=1)]
         goal = float(encounters.goal_x[i]), float(encounters.goal_y[i])
-        turns: Any = intents
-        noise: Any = sensor
-        scenes.append(Scene(name, tracks, goal, turns, noise, altitudes=False))
+        intents = tuple(Intent(*(float(field[i, k]) for field in encounters.intent)) for k in present)
+        sensor = Sensor(*(float(field[i, 0]) for field in encounters.sensor))
+        scenes.append(Scene(name, tuple(tracks), goal, intents, sensor, altitudes=False))
     return scenes
 
 
@@ -138,21 +127,19 @@ def encounters_of_scenes(scenes: Sequence[Scene], ahead: float) -> tuple[Encount
         EncounterError: a scene has no intruder.
     """
     most = max(len(scene.tracks) for scene in scenes) - 1
-    if not most:
-        raise EncounterError(f"encounter {scenes[0].name!r} has no intruder, expected one at least")
     own, goals, others, turns, mask, noise = [], [], [], [], [], []
     for scene in scenes:
-        states = [_start(track) for track in scene.tracks]
-        turning = scene.intents or tuple((0.0, 0.0, math.radians(3.0)) for _ in states[1:])
-        x, y, heading, speed = states[0]
-        goals.append(scene.goal or (x + ahead * speed * math.cos(heading), y + ahead * speed * math.sin(heading)))
-        own.append(states[0])
-        count = len(states) - 1
-        if not count:
+        first, *states = (_start(track) for track in scene.tracks)
+        if not states:
             raise EncounterError(f"encounter {scene.name!r} has no intruder, expected one at least")
-        others.append(states[1:] + [states[1]] * (most - count))
-        turns.append(list(turning) + [turning[0]] * (most - count))
-        mask.append(np.arange(most) < count)
+        x, y, heading, speed = first
+        intents = list(scene.intents or [Intent(0.0, 0.0, math.radians(3.0))] * len(states))
+        absent = most - len(states)  # repeat the first one, so that they are finite everywhere
+        own.append(first)
+        goals.append(scene.goal or (x + ahead * speed * math.cos(heading), y + ahead * speed * math.sin(heading)))
+        others.append(states + states[:1] * absent)
+        turns.append(intents + intents[:1] * absent)
+        mask.append(np.arange(most) < len(states))
         noise.append(scene.sensor)
     goal_x, goal_y = np.array(goals).T
     made = Encounter(
@@ -218,17 +205,17 @@ def _lincoln(number: int, scene: Scene, altitude: float | None) -> dict[str, Any
             f"encounter {scene.name!r} has {len(scene.tracks) - 1} intruders, expected one, because a .json file of "
             "Lincoln Laboratory's form holds two aircraft"
         )
-    heights = _heights(scene, altitude)
-    states = [_lincoln_state(track) for track in scene.tracks]
+    tracks = _at_height(scene, altitude)
+    states = [_lincoln_state(track) for track in tracks]
     return {
         "id": number,
-        "n_ft": [float(track.y[0]) / FOOT for track in scene.tracks],
-        "e_ft": [float(track.x[0]) / FOOT for track in scene.tracks],
-        "h_ft": [float(height[0]) / FOOT for height in heights],
+        "n_ft": [float(track.y[0]) / FOOT for track in tracks],
+        "e_ft": [float(track.x[0]) / FOOT for track in tracks],
+        "h_ft": [float(track.altitude[0]) / FOOT for track in tracks],
         "v_ftps": [speed / FOOT for speed, _, _ in states],
         "heading_rad": [track for _, track, _ in states],
-        "runTime_s": float(scene.tracks[0].time[-1]),
-        _EVENTS: [events.tolist() for _, _, events in states],
+        "runTime_s": float(tracks[0].time[-1]),
+        EVENTS: [events.tolist() for _, _, events in states],
         "meta": {"w": scene.weight},
     }
 
@@ -251,28 +238,29 @@ def daidalus_text(scene: Scene, altitude: float | None) -> str:
     Raises:
         EncounterError: altitudes are neither known nor given, or a name cannot stand in a file.
     """
-    heights = _heights(scene, altitude)
-    labels = [track.name for track in scene.tracks]
+    tracks = _at_height(scene, altitude)
+    labels = [track.name for track in tracks]
     if len(set(labels)) < len(labels) or any(not label or set(label) & set(" ,#\t") for label in labels):
         raise EncounterError(
             f"encounter {scene.name!r}: names of aircraft {labels}, expected different ones without blanks, commas, #"
         )
     lines = ["NAME, sx, sy, sz, vx, vy, vz, time", "[none], [m], [m], [m], [m/s], [m/s], [m/s], [s]"]
-    for row, time in enumerate(scene.tracks[0].time):
-        for track, height in zip(scene.tracks, heights, strict=True):
-            values = (track.x[row], track.y[row], height[row], track.vx[row], track.vy[row], track.vertical_rate[row])
-            lines.append(", ".join([track.name, *(repr(float(value)) for value in (*values, time))]))
+    for row in range(len(tracks[0].time)):
+        for track in tracks:
+            fields = (track.x, track.y, track.altitude, track.vx, track.vy, track.vertical_rate, track.time)
+            lines.append(", ".join([track.name, *(repr(float(field[row])) for field in fields)]))
     return "\n".join(lines) + "\n"
 
 
-def _heights(scene: Scene, altitude: float | None) -> list[np.ndarray]:
+def _at_height(scene: Scene, altitude: float | None) -> list[Track]:
+    """Return a scene's tracks with their altitudes, or with the given one (m) where they have none."""
     if scene.altitudes:
-        return [track.altitude for track in scene.tracks]
+        return list(scene.tracks)
     if altitude is None:
         raise EncounterError(
             f"encounter {scene.name!r} has no altitude, expected one for a form that holds them (--altitude-ft)"
         )
-    return [np.full(len(track.time), altitude) for track in scene.tracks]
+    return [track._replace(altitude=np.full(len(track.time), altitude)) for track in scene.tracks]
 
 
 def _track(name: str, flown: VehicleState, times: np.ndarray) -> Track:

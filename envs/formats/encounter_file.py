@@ -22,7 +22,7 @@ from envs.encounters import Encounter, EncounterError
 from envs.intruder import INTRUDER_LIMITS, Intent
 from envs.kinematics import SURROGATE, Limits, VehicleState
 from envs.perception import Sensor
-from envs.traffic.text_file import text_of
+from envs.traffic.text_file import number_of, text_of
 
 __all__ = ["COLUMNS", "MOST_INTRUDERS", "Column", "read", "write"]
 
@@ -198,11 +198,10 @@ def _number(cell: str, column: Column, limits: Limits, where: str) -> float:
             raise EncounterError(f"{where}, column {column.name}: empty, {wanted}")
         return column.default
     try:
-        value = float(text)
+        value = number_of(text)
     except ValueError:
         value = math.nan
-    # Underscores, which float() takes, are no part of a number in a data file.
-    if not low <= value <= high or "_" in text:
+    if not low <= value <= high:
         raise EncounterError(f"{where}, column {column.name}: {text!r}, {wanted}")
     return value
 
@@ -221,20 +220,20 @@ def _encounters(groups: list[list[list[float]]]) -> Encounter:
     # An absent intruder repeats the first one, so that it is finite everywhere; its mask is False.
     table = np.array([group + [group[0]] * (most - len(group)) for group in groups])
     column = {c.name: table[:, :, i] * c.scale for i, c in enumerate(COLUMNS)}
-    own = {name: np.ascontiguousarray(values[:, 0]) for name, values in column.items()}
+    shared = {name: np.ascontiguousarray(values[:, 0]) for name, values in column.items()}
+
+    def state(of: str, columns: dict[str, np.ndarray]) -> VehicleState:
+        x, y, heading, speed = (columns[f"{of}_{name}"] for name in ("x_m", "y_m", "heading_deg", "speed_m_s"))
+        return VehicleState(x, y, wrap(heading, np), speed)
+
     return Encounter(
-        own=VehicleState(own["own_x_m"], own["own_y_m"], wrap(own["own_heading_deg"], np), own["own_speed_m_s"]),
-        goal_x=own["goal_x_m"],
-        goal_y=own["goal_y_m"],
-        intruders=VehicleState(
-            column["intruder_x_m"],
-            column["intruder_y_m"],
-            wrap(column["intruder_heading_deg"], np),
-            column["intruder_speed_m_s"],
-        ),
-        mask=np.arange(most)[None, :] < np.array([len(group) for group in groups])[:, None],
+        own=state("own", shared),
+        goal_x=shared["goal_x_m"],
+        goal_y=shared["goal_y_m"],
+        intruders=state("intruder", column),
+        mask=np.arange(most) < np.array([len(group) for group in groups])[:, None],
         intent=Intent(column["turn_onset_s"], column["turn_change_deg"], column["turn_rate_deg_s"]),
-        sensor=Sensor(*(own[name][:, None] for name in ("position_std_m", "velocity_std_m_s", "latency_s"))),
+        sensor=Sensor(*(shared[name][:, None] for name in ("position_std_m", "velocity_std_m_s", "latency_s"))),
     )
 
 

@@ -10,39 +10,37 @@ The flight here is a plain kinematic one, without the vehicles' limits and lags.
 
 import math
 import os
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from envs.traffic.text_file import json_of
-from envs.traffic.track_units import FOOT, KNOT
+from envs.traffic.track_units import DEGREES, FOOT, KNOT, Range
 from envs.traffic.tracks import DISTANT, Repairs, Track, TrackError, summed
 
-__all__ = ["LincolnEncounter", "published_miss", "read_lincoln", "tracks_of"]
+__all__ = ["EVENTS", "LincolnEncounter", "read_lincoln", "tracks_of"]
 
 _STEP = 0.1
 _LONGEST = 36_000.0
 _LONGEST_FILE = 2_000_000.0
 """s, of all encounters together."""
 
-_LARGEST = 1e12
-_FASTEST = 2_000.0 * KNOT / FOOT
+_ANY = Range(-1e12, 1e12)
+_PLACE = Range(-DISTANT / FOOT, DISTANT / FOOT, FOOT)
 _STATE = {
-    "n_ft": (FOOT, -DISTANT / FOOT, DISTANT / FOOT),
-    "e_ft": (FOOT, -DISTANT / FOOT, DISTANT / FOOT),
-    "h_ft": (FOOT, -5_000.0, 100_000.0),
-    "v_ftps": (FOOT, 0.0, _FASTEST),
-    "heading_rad": (1.0, -2.0 * math.pi, 2.0 * math.pi),
+    "n_ft": _PLACE,
+    "e_ft": _PLACE,
+    "h_ft": Range(-5_000.0, 100_000.0, FOOT),
+    "v_ftps": Range(0.0, 2_000.0 * KNOT / FOOT, FOOT),
+    "heading_rad": Range(-2.0 * math.pi, 2.0 * math.pi, hint=DEGREES),
 }
-"""SI value of one unit, and the range that is accepted, in that unit."""
 
-_EVENTS = "events_time_s_vrate_fps_turn_radps_accel_ftpss"
+EVENTS = "events_time_s_vrate_fps_turn_radps_accel_ftpss"
 _EVENT_FIELDS = {
-    "time": (-_LONGEST, _LONGEST),
-    "vertical rate": (-1_000.0, 1_000.0),
-    "turn rate": (-1.0, 1.0),  # 3 is a standard turn in degrees a second
-    "acceleration": (-500.0, 500.0),
+    "time": Range(-_LONGEST, _LONGEST),
+    "vertical rate": Range(-1_000.0, 1_000.0, FOOT),
+    "turn rate": Range(-1.0, 1.0, hint=DEGREES),  # 3 is a standard turn in degrees a second
+    "acceleration": Range(-500.0, 500.0, FOOT),
 }
 
 
@@ -64,8 +62,6 @@ class LincolnEncounter(NamedTuple):
     """``[E, 4]`` each: time s, vertical rate m/s, turn rate rad/s, acceleration m/s^2."""
     miss: float
     """Published horizontal miss distance, m; nan if there is none."""
-    vertical_miss: float
-    """Published, m; nan if there is none."""
     time: float
     """Published time of closest approach, s; nan if there is none."""
     weight: float
@@ -112,13 +108,6 @@ def tracks_of(encounter: LincolnEncounter) -> tuple[Track, Track]:
     return own, intruder
 
 
-def published_miss(encounter: LincolnEncounter) -> float:
-    """Return the horizontal distance of the flown tracks at the published time of closest approach, m."""
-    own, intruder = tracks_of(encounter)
-    row = min(round(encounter.time / _STEP), len(own.time) - 1)
-    return float(math.hypot(intruder.x[row] - own.x[row], intruder.y[row] - own.y[row]))
-
-
 def _flown(encounter: LincolnEncounter, i: int, name: str) -> Track:
     steps = round(encounter.duration / _STEP)
     time = _STEP * np.arange(steps + 1)
@@ -135,56 +124,45 @@ def _flown(encounter: LincolnEncounter, i: int, name: str) -> Track:
     north = _STEP * np.concatenate([[0.0], np.cumsum(level * np.cos(middle_track))])
     up = _STEP * np.concatenate([[0.0], np.cumsum(rate)])
     ground = np.sqrt(np.maximum(speed**2 - climb**2, 0.0))
-    return Track(
-        name,
-        time,
-        encounter.east[i] + east,
-        encounter.north[i] + north,
-        encounter.altitude[i] + up,
-        ground * np.sin(track),
-        ground * np.cos(track),
-        climb,
-        {},
-    )
+    place = encounter.east[i] + east, encounter.north[i] + north, encounter.altitude[i] + up
+    return Track(name, time, *place, ground * np.sin(track), ground * np.cos(track), climb, {})
 
 
 def _encounter(each: Any, where: str, repair: bool) -> LincolnEncounter:
     if not isinstance(each, dict):
         raise TrackError(f"{where}: expected an object")
-    state = [_pair(each, key, where, low, high) * scale for key, (scale, low, high) in _STATE.items()]
+    state = [_pair(each, key, where) for key in _STATE]
     duration = _one(each, "runTime_s", where)
     if not 0.0 < duration <= _LONGEST:
         raise TrackError(f"{where}, field runTime_s: {duration:g}, expected more than 0 and at most {_LONGEST:g} s")
-    events = each.get(_EVENTS)
+    events = each.get(EVENTS)
     if not isinstance(events, list) or len(events) != 2:
-        raise TrackError(f"{where}, field {_EVENTS}: expected a list of events for each of two aircraft")
+        raise TrackError(f"{where}, field {EVENTS}: expected a list of events for each of two aircraft")
     meta = each.get("meta", {})
     if not isinstance(meta, dict):
         raise TrackError(f"{where}, field meta: expected an object")
-
-    def published(key: str, missing: float) -> float:
-        return _one(meta, key, where) if key in meta else missing
-
+    miss, time, weight = (
+        _one(meta, key, where) if key in meta else missing
+        for key, missing in (("hmd", math.nan), ("tca", math.nan), ("w", 1.0))
+    )
     number = _one(each, "id", where)
     if number != int(number):
         raise TrackError(f"{where}, field id: {number:g}, expected a whole number")
-    weight = published("w", 1.0)
     if not weight > 0.0:
         raise TrackError(f"{where}, field w: {weight:g}, expected a positive weight")
-    labels = [f"{where}, ownship's events", f"{where}, intruder's events"]
-    (own, own_repairs), (other, other_repairs) = (
-        _events(rows, label, repair) for rows, label in zip(events, labels, strict=True)
-    )
-    for i, (rows, label) in enumerate(zip((own, other), labels, strict=True)):
-        _check_flight(rows, duration, float(state[2][i]), float(state[3][i]), label)
+    read = []
+    for i, name in enumerate(("ownship", "intruder")):
+        label = f"{where}, {name}'s events"
+        read.append(_events(events[i], label, repair))
+        _check_flight(read[i][0], duration, float(state[2][i]), float(state[3][i]), label)
+    (own, own_repairs), (other, other_repairs) = read
     return LincolnEncounter(
         int(number),
         *state,
         duration=duration,
         events=(own, other),
-        miss=published("hmd", math.nan) * FOOT,
-        vertical_miss=published("vmd", math.nan) * FOOT,
-        time=(published("tca", math.nan) - 1.0) * _STEP,
+        miss=miss * FOOT,
+        time=(time - 1.0) * _STEP,
         weight=weight,
         repairs=summed([own_repairs, other_repairs]),
     )
@@ -197,7 +175,7 @@ def _events(rows: Any, where: str, repair: bool) -> tuple[np.ndarray, Repairs]:
     bad, late = 0, 0
     kept: list[list[float]] = []
     for i, row in enumerate(rows):
-        if repair and isinstance(row, list) and any(value is None or _is_none(value) for value in row):
+        if repair and isinstance(row, list) and any(map(_is_none, row)):
             bad += 1
             continue
         values = _row(row, f"{where}, row {i + 1}")
@@ -210,10 +188,8 @@ def _events(rows: Any, where: str, repair: bool) -> tuple[np.ndarray, Repairs]:
             late += 1
             continue
         kept.append(values)
-    table = np.array(kept, dtype=np.float64).reshape(-1, len(_EVENT_FIELDS))
-    if not len(table):
-        table = np.zeros((1, len(_EVENT_FIELDS)))  # nothing is ever commanded
-    return table * (1.0, FOOT, 1.0, FOOT), Repairs(not_finite=bad, out_of_order=late)
+    # Without events nothing is ever commanded.
+    return np.array(kept or [[0.0] * len(_EVENT_FIELDS)]), Repairs(not_finite=bad, out_of_order=late)
 
 
 def _check_flight(events: np.ndarray, duration: float, altitude: float, speed: float, where: str) -> None:
@@ -223,7 +199,7 @@ def _check_flight(events: np.ndarray, duration: float, altitude: float, speed: f
         ("altitude", "h_ft", altitude, events[:, 1]),
         ("speed", "v_ftps", speed, events[:, 3]),
     ):
-        scale, low, high = _STATE[key]
+        low, high, scale, _ = _STATE[key]
         values = (begin + np.cumsum(rates * held)) / scale
         # A speed that would fall below 0 stays there.
         if values.max() > high or (key == "h_ft" and values.min() < low):
@@ -235,31 +211,28 @@ def _check_flight(events: np.ndarray, duration: float, altitude: float, speed: f
 
 
 def _is_none(value: Any) -> bool:
-    return isinstance(value, float) and not math.isfinite(value)
+    return value is None or (isinstance(value, float) and not math.isfinite(value))
 
 
 def _row(row: Any, where: str) -> list[float]:
     if not isinstance(row, list) or len(row) != len(_EVENT_FIELDS):
         raise TrackError(f"{where}: expected {len(_EVENT_FIELDS)} numbers: {', '.join(_EVENT_FIELDS)}")
-    fields = zip(_EVENT_FIELDS.items(), row, strict=True)
-    return [_finite(value, f"{where}, {name}", *ends) for (name, ends), value in fields]
+    return [_number(row[i], f"{where}, {name}", _EVENT_FIELDS[name]) for i, name in enumerate(_EVENT_FIELDS)]
 
 
-def _pair(each: dict[str, Any], key: str, where: str, low: float, high: float) -> np.ndarray:
-    values: Sequence[Any] = each.get(key, ())
+def _pair(each: dict[str, Any], key: str, where: str) -> np.ndarray:
+    values = each.get(key)
     if not isinstance(values, list) or len(values) != 2:
         raise TrackError(f"{where}, field {key}: expected a pair of numbers, the ownship's and the intruder's")
-    return np.array([_finite(value, f"{where}, field {key}", low, high) for value in values])
+    return np.array([_number(value, f"{where}, field {key}", _STATE[key]) for value in values])
 
 
 def _one(each: dict[str, Any], key: str, where: str) -> float:
-    return _finite(each.get(key), f"{where}, field {key}", -_LARGEST, _LARGEST)
+    return _number(each.get(key), f"{where}, field {key}", _ANY)
 
 
-def _finite(value: Any, where: str, low: float, high: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _LARGEST:
+def _number(value: Any, where: str, accepted: Range) -> float:
+    """Return a number in SI units."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _ANY.high:
         raise TrackError(f"{where}: {repr(value)[:40]}, expected a finite number")
-    if not low <= value <= high:
-        hint = " (are these degrees?)" if where.endswith(("rad", "turn rate")) else ""
-        raise TrackError(f"{where}: {value:g}, expected {low:.6g} to {high:.6g}{hint}")
-    return float(value)
+    return accepted.si(value, where)

@@ -8,53 +8,50 @@ separated by commas or blanks. A file without units, or with one that is unknown
 import math
 import os
 import re
+from typing import NamedTuple
 
-import numpy as np
-
-from envs.formats.consistency import check_distances
-from envs.formats.local_frame import local
-from envs.formats.track_rows import Reading, Rows, track_rows
-from envs.traffic.text_file import lines_of
-from envs.traffic.track_units import FAMILIES, FOOT, KNOT, si
-from envs.traffic.tracks import DISTANT, Track, TrackError, TrackFile, summed
+from envs.formats.track_rows import Reading, Rows, track_file
+from envs.traffic.text_file import lines_of, number_of
+from envs.traffic.track_units import DEGREES, FAMILIES, FOOT, KNOT, Range, si
+from envs.traffic.tracks import DISTANT, TrackError, TrackFile
 
 __all__ = ["read_daidalus"]
 
-_COLUMNS: dict[str, tuple[str, str]] = {
-    **dict.fromkeys(("name", "aircraft", "id"), ("name", "none")),
-    **dict.fromkeys(("lat", "latitude"), ("lat", "angle")),
-    **dict.fromkeys(("lon", "long", "longitude"), ("lon", "angle")),
-    **dict.fromkeys(("sx", "x"), ("sx", "length")),
-    **dict.fromkeys(("sy", "y"), ("sy", "length")),
-    **dict.fromkeys(("alt", "altitude", "sz", "z"), ("alt", "length")),
-    **dict.fromkeys(("trk", "track"), ("trk", "angle")),
-    **dict.fromkeys(("gs", "groundspeed", "gspeed"), ("gs", "speed")),
-    **dict.fromkeys(("vs", "verticalspeed", "vz"), ("vs", "speed")),
-    "vx": ("vx", "speed"),
-    "vy": ("vy", "speed"),
-    **dict.fromkeys(("time", "tm", "clock", "st"), ("time", "time")),
-    "heading": ("heading", "angle"),
-    "airspeed": ("airspeed", "speed"),
-    "alerter": ("alerter", "none"),
-    **{f"s_{axis}_std": (f"s_{axis}_std", "length") for axis in ("ew", "ns", "en")},
-    "sz_std": ("sz_std", "length"),
-    **{f"v_{axis}_std": (f"v_{axis}_std", "speed") for axis in ("ew", "ns", "en")},
-    "vz_std": ("vz_std", "speed"),
-}
-"""Names of columns, in lower case, with the name that we use and what they measure."""
 
-_RANGES: dict[str, tuple[float, float]] = {
-    "lat": (-0.5 * math.pi, 0.5 * math.pi),
-    "alt": (-5_000.0 * FOOT, 100_000.0 * FOOT),
-    "gs": (0.0, 2_000.0 * KNOT),
-    "airspeed": (0.0, 2_000.0 * KNOT),
-    "vs": (-50_000.0 * FOOT / 60.0, 50_000.0 * FOOT / 60.0),
-    "time": (-1e11, 1e11),
-    **dict.fromkeys(("sx", "sy"), (-DISTANT, DISTANT)),
-    **dict.fromkeys(("lon", "trk", "heading"), (-2.0 * math.pi, 2.0 * math.pi)),
-    **dict.fromkeys(("vx", "vy"), (-2_000.0 * KNOT, 2_000.0 * KNOT)),
+class _Column(NamedTuple):
+    """What we call a column and what it measures; the range that is accepted is in SI units and radians."""
+
+    key: str
+    family: str
+    low: float = 0.0
+    high: float = 1e6
+
+
+_TURN, _FAST, _CLIMB = 2.0 * math.pi, 2_000.0 * KNOT, 50_000.0 * FOOT / 60.0
+_COLUMNS = {
+    name: column
+    for names, column in (
+        ("name aircraft id", _Column("name", "none")),
+        ("lat latitude", _Column("lat", "angle", -0.5 * math.pi, 0.5 * math.pi)),
+        ("lon long longitude", _Column("lon", "angle", -_TURN, _TURN)),
+        ("sx x", _Column("sx", "length", -DISTANT, DISTANT)),
+        ("sy y", _Column("sy", "length", -DISTANT, DISTANT)),
+        ("alt altitude sz z", _Column("alt", "length", -5_000.0 * FOOT, 100_000.0 * FOOT)),
+        ("trk track", _Column("trk", "angle", -_TURN, _TURN)),
+        ("gs groundspeed gspeed", _Column("gs", "speed", 0.0, _FAST)),
+        ("vs verticalspeed vz", _Column("vs", "speed", -_CLIMB, _CLIMB)),
+        ("vx", _Column("vx", "speed", -_FAST, _FAST)),
+        ("vy", _Column("vy", "speed", -_FAST, _FAST)),
+        ("time tm clock st", _Column("time", "time", -1e11, 1e11)),
+        ("heading", _Column("heading", "angle", -_TURN, _TURN)),
+        ("airspeed", _Column("airspeed", "speed", 0.0, _FAST)),
+        ("alerter", _Column("alerter", "none")),
+        *((f"s{axis}_std", _Column(f"s{axis}_std", "length")) for axis in ("_ew", "_ns", "_en", "z")),
+        *((f"v{axis}_std", _Column(f"v{axis}_std", "speed")) for axis in ("_ew", "_ns", "_en", "z")),
+    )
+    for name in names.split()
 }
-"""What is accepted, in SI units and radians; of other columns 0 to 1e6."""
+"""By the names of the files, in lower case."""
 
 _NEEDED = ("name", "alt", "vs", "time")
 _CHOICES = ((("lat", "lon"), ("sx", "sy")), (("trk", "gs"), ("vx", "vy")))
@@ -87,24 +84,15 @@ def read_daidalus(path: str | os.PathLike[str], *, repair: bool = False, max_gap
         where = f"{source} line {number}"
         if len(cells) != len(fields):
             raise TrackError(f"{where}: {len(cells)} fields, expected {len(fields)} as in the line of names")
-        values, name = {}, ""
-        for (key, scale), cell in zip(fields, cells, strict=True):
-            if key == "name":
-                name = cell
-                continue
-            values[key] = _number(cell, key, scale, f"{where}, field {key}", repair)
+        row = dict(zip(fields, cells, strict=True))
+        name = row.pop("name")
+        values = {key: _number(cell, fields[key], f"{where}, field {key}", repair) for key, cell in row.items()}
         if not name:
             raise TrackError(f"{where}, field name: empty, expected the name of an aircraft")
         rows.setdefault(name, []).append((number, values))
     if len({name.casefold() for name in rows}) < len(rows):
         raise TrackError(f"{source}, field name: {sorted(rows)[:8]}, expected no two that differ only in case")
-    how = Reading(source, repair, max_gap)
-    made = {name: track_rows(name, each, how) for name, each in rows.items()}
-    first = next(iter(made.values()))[0][0][1]
-    reference = (first["lat"], first["lon"]) if "lat" in first else None
-    tracks = tuple(_track(name, each, reference) for name, (each, _) in made.items())
-    check_distances(source, tracks)
-    return TrackFile(tracks, summed([repairs for _, repairs in made.values()]))
+    return track_file(rows, Reading(source, repair, max_gap))
 
 
 def _lines(source: str) -> list[tuple[int, list[str]]]:
@@ -118,73 +106,41 @@ def _lines(source: str) -> list[tuple[int, list[str]]]:
     return lines
 
 
-def _header(source: str, names: tuple[int, list[str]], units: tuple[int, list[str]]) -> list[tuple[str, float]]:
-    """Return our name and the SI value of one unit of each column."""
-    where, fields = f"{source} line {names[0]}", []
+def _header(source: str, names: tuple[int, list[str]], units: tuple[int, list[str]]) -> dict[str, Range]:
+    """Return the columns in the order of the file: our names, and what is accepted of each."""
+    where, where_units = f"{source} line {names[0]}", f"{source} line {units[0]}"
     if len(units[1]) != len(names[1]):
         raise TrackError(
-            f"{source} line {units[0]}: {len(units[1])} units, expected {len(names[1])}, one in brackets for each name"
+            f"{where_units}: {len(units[1])} units, expected {len(names[1])}, one in brackets for each name"
         )
+    fields: dict[str, Range] = {}
     for name, unit in zip(names[1], units[1], strict=True):
-        known = _COLUMNS.get(name.lower())
-        if known is None:
+        if name.lower() not in _COLUMNS:
             raise TrackError(f"{where}: column {name!r} is unknown, expected some of {', '.join(_COLUMNS)}")
-        key, family = known
+        key, family, low, high = _COLUMNS[name.lower()]
         bare = unit[1:-1] if unit.startswith("[") and unit.endswith("]") else unit
         scale = si(bare, family)
         if scale is None or (bare == unit and bare.lower() != "unitless"):
-            raise TrackError(
-                f"{source} line {units[0]}, field {key}: unit {unit!r}, expected one in brackets of {_known(family)}"
-            )
-        fields.append((key, scale))
-    keys = [key for key, _ in fields]
-    for key in keys:
-        if keys.count(key) > 1:
+            known = ", ".join(FAMILIES[family])
+            raise TrackError(f"{where_units}, field {key}: unit {unit!r}, expected one in brackets of {known}")
+        if key in fields:
             raise TrackError(f"{where}: column {key} stands twice")
+        hint = DEGREES if family == "angle" and scale == 1.0 else ""
+        fields[key] = Range(low / scale, high / scale, scale, hint)
     for key in _NEEDED:
-        if key not in keys:
+        if key not in fields:
             raise TrackError(f"{where}: column {key} is missing")
     for pairs in _CHOICES:
-        if sum(all(key in keys for key in pair) for pair in pairs) != 1:
+        if sum(all(key in fields for key in pair) for pair in pairs) != 1:
             wanted = " or ".join(" and ".join(pair) for pair in pairs)
             raise TrackError(f"{where}: expected the columns {wanted}, one pair of them")
     return fields
 
 
-def _known(family: str) -> str:
-    return ", ".join(FAMILIES[family])
-
-
-def _number(cell: str, key: str, scale: float, where: str, repair: bool) -> float:
+def _number(cell: str, accepted: Range, where: str, repair: bool) -> float:
     """Return a number in SI units; it may be not finite: those are for the check of the rows."""
     try:
-        if "_" in cell:
-            raise ValueError
-        value = float(cell)
+        value = number_of(cell)
     except ValueError:
         raise TrackError(f"{where}: {cell[:40]!r}, expected a number") from None
-    low, high = _RANGES.get(key, (0.0, 1e6))
-    if math.isfinite(value) and not low <= value * scale <= high:
-        if repair:
-            return math.nan
-        hint = " (are these degrees?)" if _COLUMNS[key][1] == "angle" and scale == 1.0 else ""
-        raise TrackError(f"{where}: {cell[:40]}, expected {low / scale:.6g} to {high / scale:.6g}{hint}")
-    return value * scale
-
-
-def _track(name: str, rows: Rows, reference: tuple[float, float] | None) -> Track:
-    """Return the track of an aircraft's ordered rows, local to a latitude and longitude if they have such."""
-    columns = {key: np.array([values[key] for _, values in rows]) for key in rows[0][1]}
-    if "gs" in columns:
-        track, speed = columns.pop("trk"), columns.pop("gs")
-        vx, vy = speed * np.sin(track), speed * np.cos(track)
-    else:
-        vx, vy = columns.pop("vx"), columns.pop("vy")
-    if reference is None:
-        x, y = columns.pop("sx"), columns.pop("sy")
-    else:
-        place = local(columns.pop("lat"), columns.pop("lon"), reference)
-        x, y = place.x, place.y
-        vx, vy = place.velocity(vx, vy)
-    time, altitude, rate = (columns.pop(key) for key in ("time", "alt", "vs"))
-    return Track(name, time, x, y, altitude, vx, vy, rate, columns)
+    return accepted.si(value, where, repair=repair) if math.isfinite(value) else value

@@ -12,18 +12,14 @@ import numpy as np
 
 from envs.angles import wrap
 from envs.formats.consistency import ACCELERATION, CLIMB, HEIGHT, POSITION, VELOCITY, WINDOW, missed, within
-from envs.traffic.tracks import Repairs, TrackError
+from envs.formats.local_frame import local
+from envs.traffic.tracks import DISTANT, Repairs, Track, TrackError, TrackFile, summed
 
-__all__ = ["Reading", "Rows", "flights_of", "track_rows"]
+__all__ = ["Reading", "Rows", "flights_of", "place_of", "track_file", "track_of"]
 
-LASTING = 30.0
-"""Rows that agree with each other for so long, s, but not with the rest, are a flight of their own."""
-
-_MOST_FILLED = 100_000
-"""Rows across the gaps of an aircraft."""
-
-_MOST_OPEN = 8
-"""Flights of one aircraft that a row is held against: the latest."""
+_LASTING = 30.0  # rows that agree with each other for so long, s, but not with the rest, are a flight of their own
+_MOST_FILLED = 100_000  # rows across the gaps of an aircraft
+_MOST_OPEN = 8  # flights of one aircraft that a row is held against: the latest
 
 Rows: TypeAlias = list[tuple[int, dict[str, float]]]
 """Rows of one aircraft: number in the file, and values by our names, ``time`` among them."""
@@ -52,19 +48,59 @@ class Reading(NamedTuple):
         return f"{self.source} {self.noun} {number}, field {self.names.get(key, key)}"
 
 
-def track_rows(name: str, rows: Rows, how: Reading) -> tuple[Rows, Repairs]:
-    """Return the rows of an aircraft as one track, and what it took: the longest of those that contradict each other.
+def track_file(rows: Mapping[str, Rows], how: Reading) -> TrackFile:
+    """Return the tracks of aircraft, local to the first position of the first one where positions are geographic.
+
+    Of the rows of an aircraft that contradict each other the longest flight is taken.
+
+    Args:
+        rows: as they stand in the file, by the aircraft's names.
+        how: they are read.
 
     Raises:
-        TrackError: something is wrong and must not be repaired, or nothing is left.
+        TrackError: something is wrong and must not be repaired, nothing is left, or tracks are too far apart.
     """
-    (kept, *others), repairs = flights_of(name, rows, how)
-    if not kept:
-        raise TrackError(f"{how.source}: no row of {name!r} is left, expected at least one that is finite")
-    for other in others:
-        kept, other = sorted((kept, other), key=len, reverse=True)  # noqa: PLW2901
-        repairs = repairs._replace(impossible=repairs.impossible + len(other))
-    return kept, repairs._replace(split=0)
+    kept, done = {}, []
+    for name, each in rows.items():
+        flights, repairs = flights_of(name, each, how)
+        kept[name] = max(flights, key=len)
+        if not kept[name]:
+            raise TrackError(f"{how.source}: no row of {name!r} is left, expected at least one that is finite")
+        others = sum(map(len, flights)) - len(kept[name])
+        done.append(repairs._replace(impossible=repairs.impossible + others, split=0))
+    reference = place_of(next(iter(kept.values()))[0])
+    tracks = tuple(track_of(name, each, reference) for name, each in kept.items())
+    for track in tracks:
+        far = float(np.hypot(track.x, track.y).max())
+        if far > DISTANT:
+            raise TrackError(
+                f"{how.source}: {track.name!r} is {far / 1e3:.0f} km from the first position of {tracks[0].name!r}, "
+                f"expected at most {DISTANT / 1e3:.0f} km"
+            )
+    return TrackFile(tracks, summed(done))
+
+
+def place_of(row: tuple[int, dict[str, float]]) -> tuple[float, float] | None:
+    """Return the latitude and longitude of a row, rad; None where its position is a local one."""
+    return (row[1]["lat"], row[1]["lon"]) if "lat" in row[1] else None
+
+
+def track_of(name: str, rows: Rows, reference: tuple[float, float] | None) -> Track:
+    """Return the track of an aircraft's ordered rows, local to a latitude and longitude if they have such."""
+    columns = {key: np.array([values[key] for _, values in rows]) for key in rows[0][1]}
+    if "gs" in columns:
+        course, speed = columns.pop("trk"), columns.pop("gs")
+        vx, vy = speed * np.sin(course), speed * np.cos(course)
+    else:
+        vx, vy = columns.pop("vx"), columns.pop("vy")
+    if reference is None:
+        x, y = columns.pop("sx"), columns.pop("sy")
+    else:
+        place = local(columns.pop("lat"), columns.pop("lon"), reference)
+        x, y = place.x, place.y
+        vx, vy = place.velocity(vx, vy)
+    time, altitude, rate = (columns.pop(key) for key in ("time", "alt", "vs"))
+    return Track(name, time, x, y, altitude, vx, vy, rate, columns)
 
 
 def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs]:
@@ -73,7 +109,7 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
     Args:
         name: of the aircraft.
         rows: as they stand in the file.
-        how: see there.
+        how: they are read.
 
     Raises:
         TrackError: something is wrong and must not be repaired.
@@ -115,7 +151,7 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
     kept: list[Rows] = []
     for group in groups:
         longest = max(group, key=lambda flight: len(flight.rows))
-        lasting = [flight for flight in group if flight is longest or flight.lasts() >= LASTING]
+        lasting = [flight for flight in group if flight is longest or flight.lasts() >= _LASTING]
         kept += [flight.rows for flight in lasting]
         counts["split"] += len(lasting) - 1
         counts["impossible"] += sum(len(flight.rows) for flight in group) - sum(len(flight.rows) for flight in lasting)

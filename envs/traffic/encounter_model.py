@@ -24,9 +24,9 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.encounters import EncounterError
-from envs.traffic.text_file import lines_of
+from envs.traffic.text_file import lines_of, number_of
 
-__all__ = ["ACCELERATION", "CLIMB", "SPEED", "TURN", "EncounterModel", "Variable", "read_model", "write_model"]
+__all__ = ["ACCELERATION", "CLIMB", "SPEED", "TURN", "EncounterModel", "Variable", "read_model"]
 
 SPEED, ACCELERATION, CLIMB, TURN = "v", r"\dot v", r"\dot h", r"\dot \psi"
 """Names of the variables that make a track."""
@@ -90,102 +90,117 @@ def read_model(path: str | os.PathLike[str]) -> EncounterModel:
     Raises:
         EncounterError: the file cannot be read or is not as documented; the message names file, line and block.
     """
-    source = os.fspath(path)
-    blocks = _blocks(source)
-    names = [_bare(name) for name in _labels(source, blocks, "labels_initial")]
-    later = _labels(source, blocks, "labels_transition")
+    file = _File(os.fspath(path))
+    names = [_bare(name) for name in file.labels("labels_initial")]
+    later = file.labels("labels_transition")
     for name in _NEEDED:
         if name not in names:
-            raise EncounterError(f"{_where(source, blocks, 'labels_initial')}: no variable {name!r}, expected one")
-    moving = _moving(source, blocks, names, later)
-    bins = _sizes(source, blocks, "r_initial", len(names))
-    all_bins = _sizes(source, blocks, "r_transition", len(later))
+            raise file.error("labels_initial", f": no variable {name!r}, expected one")
+    moving = _moving(file, names, later)
+    bins, all_bins = file.sizes("r_initial", len(names)), file.sizes("r_transition", len(later))
     for i, place in enumerate([*range(len(names)), *moving]):
         if all_bins[i] != bins[place]:
-            raise EncounterError(
-                f"{_where(source, blocks, 'r_transition')}, variable {later[i]!r}: {all_bins[i]} bins, expected "
-                f"{bins[place]} as of {names[place]!r} in r_initial"
+            raise file.error(
+                "r_transition",
+                f", variable {later[i]!r}: {all_bins[i]} bins, expected {bins[place]} as of {names[place]!r} in "
+                "r_initial",
             )
-    parents = _parents(source, blocks, "G_initial", names)
-    all_parents = _parents(source, blocks, "G_transition", later)
+    parents, all_parents = _parents(file, "G_initial", names), _parents(file, "G_transition", later)
     for i in range(len(names)):
         if all_parents[i]:
-            raise EncounterError(
-                f"{_where(source, blocks, 'G_transition')}: {later[i]!r} at time t has a parent, expected none"
-            )
-    first = _variables(source, blocks, "N_initial", names, bins, parents)
-    second = _variables(
-        source, blocks, "N_transition", [names[i] for i in moving], all_bins, all_parents[len(names) :], len(names)
-    )
-    edges = _boundaries(source, blocks, names, bins)
-    for name in {*_NEEDED, *(names[i] for i in moving)}:
+            raise file.error("G_transition", f": {later[i]!r} at time t has a parent, expected none")
+    first = _variables(file, "N_initial", names, bins, parents)
+    changing = [names[i] for i in moving]
+    second = _variables(file, "N_transition", changing, all_bins, all_parents[len(names) :], len(names))
+    edges = _boundaries(file, names, bins)
+    for name in {*_NEEDED, *changing}:
         if edges[names.index(name)] is None:
-            raise EncounterError(f"{_where(source, blocks, 'boundaries')}, variable {name!r}: '*', expected edges")
-    return EncounterModel(first, second, moving, edges, _rates(source, blocks, len(names)))
+            raise file.error("boundaries", f", variable {name!r}: '*', expected edges")
+    rates = file.numbers("resample_rates")
+    if len(rates) != len(names) or (rates < 0.0).any() or (rates > 1.0).any():
+        raise file.error("resample_rates", f": expected {len(names)} chances a second, 0 to 1")
+    return EncounterModel(first, second, moving, edges, rates)
 
 
-def write_model(model: EncounterModel) -> str:
-    """Return the text of a file that :func:`read_model` gives back."""
-    names = [variable.name for variable in model.initial]
-    static = set(range(len(names))) - set(model.moving)
-    later = [names[i] if i in static else f"{names[i]}(t)" for i in range(len(names))]
-    later += [f"{names[i]}(t+1)" for i in model.moving]
+class _File:
+    """The blocks of a file."""
 
-    def graph(children: tuple[tuple[int, ...], ...]) -> list[str]:
-        size = len(children)
-        return [" ".join("1" if row in children[child] else "0" for child in range(size)) for row in range(size)]
+    def __init__(self, source: str) -> None:
+        self._source = source
+        self.blocks: dict[str, list[tuple[int, str]]] = {}
+        """Lines of each block, with their numbers from 1."""
+        name, begins = "", {}
+        for number, line in enumerate(lines_of(source, EncounterError), start=1):
+            line = line.strip()  # noqa: PLW2901
+            where = f"{source} line {number}"
+            if line.startswith("#"):
+                name = line[1:].strip()
+                if name not in _BLOCKS:
+                    raise EncounterError(f"{where}: block {name!r}, expected one of {', '.join(_BLOCKS)}")
+                if name in self.blocks:
+                    raise EncounterError(f"{where}: block {name} stands twice, expected it once")
+                self.blocks[name], begins[name] = [], number
+            elif line and not name:
+                raise EncounterError(f"{where}: {line[:20]!r}, expected a line with # and a block's name")
+            elif line:
+                self.blocks[name].append((number, line))
+        for wanted in _BLOCKS:
+            if wanted not in self.blocks:
+                raise EncounterError(f"{source}: no block {wanted}, expected one (a file that is cut off?)")
+            if not self.blocks[wanted]:
+                raise EncounterError(f"{source} line {begins[wanted]}: block {wanted} is empty, expected values")
 
-    def counts(variables: tuple[Variable, ...]) -> str:
-        return " ".join(f"{value:.17g}" for variable in variables for value in variable.counts.ravel())
+    def error(self, block: str, what: str, row: int = 0) -> EncounterError:
+        """Return an error about a row of a block."""
+        return EncounterError(f"{self._source} line {self.blocks[block][row][0]}, block {block}{what}")
 
-    first, none = tuple(v.parents for v in model.initial), ((),) * len(names)
-    bins = [variable.bins for variable in model.initial]
-    quoted = [", ".join(f'"{name}"' for name in group) for group in (names, later)]
-    edges = ["*" if e is None else " ".join(f"{x:.17g}" for x in e) for e in model.boundaries]
-    lines = [
-        *("# labels_initial", quoted[0], "# G_initial", *graph(first)),
-        *("# r_initial", " ".join(map(str, bins)), "# N_initial", counts(model.initial)),
-        *("# labels_transition", quoted[1]),
-        *("# G_transition", *graph((*none, *(v.parents for v in model.transition)))),
-        *("# r_transition", " ".join(str(b) for b in [*bins, *(v.bins for v in model.transition)])),
-        *("# N_transition", counts(model.transition), "# boundaries", *edges),
-        *("# resample_rates", " ".join(f"{rate:.17g}" for rate in model.rates)),
-    ]
-    return "\n".join(lines) + "\n"
+    def line(self, block: str) -> str:
+        """Return the line of a block that has one."""
+        lines = self.blocks[block]
+        if len(lines) != 1:
+            raise self.error(block, f": {len(lines)} lines, expected one")
+        return lines[0][1]
 
+    def rows(self, block: str, count: int, what: str) -> list[str]:
+        """Return the lines of a block that has one a variable."""
+        lines = [line for _, line in self.blocks[block]]
+        if len(lines) != count:
+            raise self.error(block, f": {len(lines)} {what}, expected {count}, one a variable")
+        return lines
 
-_Blocks = dict[str, tuple[int, list[tuple[int, str]]]]
-"""Of each block the number of its line and its lines with their numbers, from 1."""
+    def labels(self, block: str) -> list[str]:
+        """Return the names of variables."""
+        line = self.line(block)
+        labels = [label.strip() for label in re.findall(r'"([^"]*)"', line)]
+        rest = re.sub(r'"[^"]*"', "", line).replace(",", "").strip()
+        if not labels or rest or len(set(labels)) != len(labels) or not all(labels):
+            raise self.error(block, ": expected different names in quotes between commas")
+        return labels
 
+    def numbers(self, block: str, row: int | None = None, of: str = "") -> np.ndarray:
+        """Return the numbers of a block's only line, or of a row of it."""
+        text = self.line(block) if row is None else self.blocks[block][row][1]
+        values = []
+        for word in text.split(maxsplit=_MOST_COUNTS):
+            try:
+                values.append(number_of(word))
+            except ValueError:
+                raise self.error(block, f"{of}: {word[:40]!r}, expected numbers", row or 0) from None
+        found = np.array(values)
+        wrong = found[~(abs(found) <= _LARGEST)]
+        if wrong.size:
+            raise self.error(block, f"{of}: {wrong[0]}, expected numbers from {-_LARGEST:g} to {_LARGEST:g}", row or 0)
+        return found
 
-def _blocks(source: str) -> _Blocks:
-    found: _Blocks = {}
-    name = ""
-    for number, line in enumerate(lines_of(source, EncounterError), start=1):
-        line = line.strip()  # noqa: PLW2901
-        if line.startswith("#"):
-            name = line[1:].strip()
-            if name not in _BLOCKS:
-                raise EncounterError(f"{source} line {number}: block {name!r}, expected one of {', '.join(_BLOCKS)}")
-            if name in found:
-                raise EncounterError(f"{source} line {number}: block {name} stands twice, expected it once")
-            found[name] = (number, [])
-        elif line:
-            if not name:
-                raise EncounterError(
-                    f"{source} line {number}: {line[:20]!r}, expected a line with # and a block's name"
-                )
-            found[name][1].append((number, line))
-    for wanted in _BLOCKS:
-        if wanted not in found:
-            raise EncounterError(f"{source}: no block {wanted}, expected one (a file that is cut off?)")
-        if not found[wanted][1]:
-            raise EncounterError(f"{source} line {found[wanted][0]}: block {wanted} is empty, expected values")
-    return found
-
-
-def _where(source: str, blocks: _Blocks, name: str, row: int = 0) -> str:
-    return f"{source} line {blocks[name][1][row][0]}, block {name}"
+    def sizes(self, block: str, count: int) -> list[int]:
+        """Return how many bins each variable has."""
+        values = self.numbers(block)
+        if len(values) != count:
+            raise self.error(block, f": {len(values)} numbers of bins, expected {count}, one for each variable")
+        wrong = values[(values != np.round(values)) | (values < 1.0) | (values > _MOST_BINS)]
+        if wrong.size:
+            raise self.error(block, f": {wrong[0]:g} bins, expected whole numbers from 1 to {_MOST_BINS}")
+        return values.astype(int).tolist()
 
 
 def _bare(label: str) -> str:
@@ -193,152 +208,75 @@ def _bare(label: str) -> str:
     return re.sub(r"\(t(\+1)?\)$", "", label).strip()
 
 
-def _labels(source: str, blocks: _Blocks, name: str) -> list[str]:
-    line = _single(source, blocks, name)
-    labels = re.findall(r'"([^"]*)"', line)
-    rest = re.sub(r'"[^"]*"', "", line).replace(",", "").strip()
-    if not labels or rest or len(set(labels)) != len(labels) or not all(label.strip() for label in labels):
-        raise EncounterError(f"{_where(source, blocks, name)}: expected different names in quotes between commas")
-    return [label.strip() for label in labels]
-
-
-def _single(source: str, blocks: _Blocks, name: str) -> str:
-    lines = blocks[name][1]
-    if len(lines) != 1:
-        raise EncounterError(f"{_where(source, blocks, name)}: {len(lines)} lines, expected one")
-    return lines[0][1]
-
-
-def _numbers(text: str, where: str) -> np.ndarray:
-    words = text.split(maxsplit=_MOST_COUNTS)
-    try:
-        values = np.array([_number(word) for word in words], dtype=np.float64)
-    except ValueError as problem:
-        raise EncounterError(f"{where}: {problem}, expected numbers") from None
-    wrong = ~(abs(values) <= _LARGEST)
-    if wrong.any():
-        raise EncounterError(f"{where}: {values[wrong][0]}, expected numbers from {-_LARGEST:g} to {_LARGEST:g}")
-    return values
-
-
-def _number(word: str) -> float:
-    try:
-        if "_" in word:
-            raise ValueError
-        return float(word)
-    except ValueError:
-        raise ValueError(repr(word[:40])) from None
-
-
-def _sizes(source: str, blocks: _Blocks, name: str, count: int) -> list[int]:
-    where = _where(source, blocks, name)
-    values = _numbers(_single(source, blocks, name), where)
-    if len(values) != count:
-        raise EncounterError(f"{where}: {len(values)} numbers of bins, expected {count}, one for each variable")
-    wrong = values[(values != np.round(values)) | (values < 1.0) | (values > _MOST_BINS)]
-    if wrong.size:
-        raise EncounterError(f"{where}: {wrong[0]:g} bins, expected whole numbers from 1 to {_MOST_BINS}")
-    return [int(value) for value in values]
-
-
-def _moving(source: str, blocks: _Blocks, names: list[str], later: list[str]) -> tuple[int, ...]:
+def _moving(file: _File, names: list[str], later: list[str]) -> tuple[int, ...]:
     """Return the place in the initial network of each variable at t + 1."""
-    where = _where(source, blocks, "labels_transition")
-    if [_bare(label) for label in later[: len(names)]] != names or any(
-        label.endswith("(t+1)") for label in later[: len(names)]
-    ):
-        raise EncounterError(f"{where}: expected first the variables of labels_initial, at time t")
+    block, now = "labels_transition", later[: len(names)]
+    if [_bare(label) for label in now] != names or any(label.endswith("(t+1)") for label in now):
+        raise file.error(block, ": expected first the variables of labels_initial, at time t")
     places = []
     for label in later[len(names) :]:
         if not label.endswith("(t+1)") or _bare(label) not in names:
-            raise EncounterError(f"{where}: {label!r}, expected a variable of labels_initial with (t+1)")
+            raise file.error(block, f": {label!r}, expected a variable of labels_initial with (t+1)")
         places.append(names.index(_bare(label)))
     for name in (ACCELERATION, TURN):
         if names.index(name) not in places:
-            raise EncounterError(f"{where}: no variable {name + '(t+1)'!r}, expected one")
+            raise file.error(block, f": no variable {name + '(t+1)'!r}, expected one")
     return tuple(places)
 
 
-def _parents(source: str, blocks: _Blocks, name: str, labels: list[str]) -> list[tuple[int, ...]]:
+def _parents(file: _File, block: str, labels: list[str]) -> list[tuple[int, ...]]:
     """Return the parents of each variable; a graph with a circle is refused."""
-    lines, count = blocks[name][1], len(labels)
-    if len(lines) != count:
-        raise EncounterError(f"{_where(source, blocks, name)}: {len(lines)} rows, expected {count}, one a variable")
-    rows = []
-    for i, (_, line) in enumerate(lines):
-        where = _where(source, blocks, name, i)
-        values = _numbers(line, where)
+    count = len(labels)
+    graph = np.zeros((count, count), bool)
+    for i in range(len(file.rows(block, count, "rows"))):
+        values = file.numbers(block, i)
         if len(values) != count or not np.isin(values, (0.0, 1.0)).all():
-            raise EncounterError(f"{where}: expected {count} times 0 or 1")
-        rows.append(values)
-    graph = np.array(rows, bool)
+            raise file.error(block, f": expected {count} times 0 or 1", i)
+        graph[i] = values
     left = set(range(count))
     while left:
         free = [i for i in left if not any(graph[j, i] for j in left)]
         if not free:
-            raise EncounterError(
-                f"{_where(source, blocks, name)}: {labels[min(left)]!r} is its own ancestor, expected none"
-            )
+            raise file.error(block, f": {labels[min(left)]!r} is its own ancestor, expected none")
         left -= set(free)
     return [tuple(np.flatnonzero(graph[:, i]).tolist()) for i in range(count)]
 
 
 def _variables(
-    source: str,
-    blocks: _Blocks,
-    block: str,
-    names: list[str],
-    bins: list[int],
-    parents: list[tuple[int, ...]],
-    skipped: int = 0,
+    file: _File, block: str, names: list[str], bins: list[int], parents: list[tuple[int, ...]], skipped: int = 0
 ) -> tuple[Variable, ...]:
     """Return the last variables of a network, ``skipped`` of whose sizes come first, with their counts."""
     shapes = [(math.prod(bins[j] for j in each), bins[skipped + i]) for i, each in enumerate(parents)]
-    wanted = sum(configurations * size for configurations, size in shapes)
-    where = _where(source, blocks, block)
+    ends = np.cumsum([math.prod(shape) for shape in shapes], dtype=object)
+    wanted = ends[-1]
     if wanted > _MOST_COUNTS:
-        raise EncounterError(f"{where}: the graph asks for {wanted} counts, expected at most {_MOST_COUNTS}")
-    values = _numbers(_single(source, blocks, block), where)
+        raise file.error(block, f": the graph asks for {wanted} counts, expected at most {_MOST_COUNTS}")
+    values = file.numbers(block)
     if len(values) != wanted:
-        raise EncounterError(f"{where}: {len(values)} counts, expected {wanted} (a file that is cut off?)")
+        raise file.error(block, f": {len(values)} counts, expected {wanted} (a file that is cut off?)")
     if (values < 0.0).any():
-        raise EncounterError(f"{where}: count {values[values < 0.0][0]:g}, expected 0 or more")
-    made, begin = [], 0
-    for name, each, (configurations, size) in zip(names, parents, shapes, strict=True):
-        end = begin + configurations * size
-        counts = values[begin:end].reshape(configurations, size)
-        if not each and not counts.any():
-            raise EncounterError(f"{where}, variable {name!r}: all counts are 0, expected some that are not")
-        made.append(Variable(name, size, each, counts))
-        begin = end
+        raise file.error(block, f": count {values[values < 0.0][0]:g}, expected 0 or more")
+    made = []
+    for name, each, shape, part in zip(names, parents, shapes, np.split(values, ends[:-1].astype(int)), strict=True):
+        if not each and not part.any():
+            raise file.error(block, f", variable {name!r}: all counts are 0, expected some that are not")
+        made.append(Variable(name, shape[1], each, part.reshape(shape)))
     return tuple(made)
 
 
-def _boundaries(source: str, blocks: _Blocks, names: list[str], bins: list[int]) -> tuple[np.ndarray | None, ...]:
-    lines = blocks["boundaries"][1]
-    if len(lines) != len(names):
-        raise EncounterError(
-            f"{_where(source, blocks, 'boundaries')}: {len(lines)} lines, expected {len(names)}, one a variable"
-        )
-    edges: list[np.ndarray | None] = []
-    for i, (_, line) in enumerate(lines):
-        where = f"{_where(source, blocks, 'boundaries', i)}, variable {names[i]!r}"
+def _boundaries(file: _File, names: list[str], bins: list[int]) -> tuple[np.ndarray | None, ...]:
+    block, edges = "boundaries", []
+    for i, line in enumerate(file.rows(block, len(names), "lines")):
+        of = f", variable {names[i]!r}"
         if line == "*":
             edges.append(None)
             continue
-        values = _numbers(line, where)
+        values = file.numbers(block, i, of)
         if len(values) != bins[i] + 1 or (np.diff(values) <= 0.0).any():
-            raise EncounterError(f"{where}: expected {bins[i] + 1} edges that increase, or *")
+            raise file.error(block, f"{of}: expected {bins[i] + 1} edges that increase, or *", i)
         low, high = _RANGES.get(names[i], (-1e6, 1e6))
         if values[0] < low or values[-1] > high:
-            raise EncounterError(f"{where}: {values[0]:g} to {values[-1]:g}, expected within {low:g} to {high:g}")
+            bounds = f"{values[0]:g} to {values[-1]:g}, expected within {low:g} to {high:g}"
+            raise file.error(block, f"{of}: {bounds}", i)
         edges.append(values)
     return tuple(edges)
-
-
-def _rates(source: str, blocks: _Blocks, count: int) -> np.ndarray:
-    where = _where(source, blocks, "resample_rates")
-    values = _numbers(_single(source, blocks, "resample_rates"), where)
-    if len(values) != count or (values < 0.0).any() or (values > 1.0).any():
-        raise EncounterError(f"{where}: expected {count} chances a second, 0 to 1")
-    return values

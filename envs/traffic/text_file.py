@@ -8,7 +8,7 @@ from typing import Any
 
 from envs.edge.files import check_regular
 
-__all__ = ["json_of", "lines_of", "text_of"]
+__all__ = ["json_of", "lines_of", "number_of", "text_of"]
 
 _MOST_BYTES = 128 * 2**20
 """Of the text, after unpacking."""
@@ -64,6 +64,13 @@ def json_of(source: str, error: type[Exception]) -> Any:
         raise error(f"{source} line {problem.lineno}: not JSON, or cut off: {problem.msg}") from None
     except (ValueError, RecursionError) as problem:
         raise error(f"{source}: not usable as JSON: {problem}") from None
+
+
+def number_of(text: str) -> float:
+    """Return the number that a text is, which may be nan or infinite; raises a ValueError where it is none."""
+    if "_" in text:  # float() takes underscores, but they are no part of a number in a data file
+        raise ValueError
+    return float(text)
 
 
 def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

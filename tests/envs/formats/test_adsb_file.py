@@ -70,7 +70,7 @@ def test_holes_are_refused_or_repaired(tmp_path: Path) -> None:
         ([3], "report 1: expected an object"),
         ([{"icao24": "aaa"}], "report 1, field timestamp: missing"),
         ([report("aaa", 100, 48.0, altitude=10**400)], "report 1, field altitude: 1000"),
-        ([report("aaa", 100, 148.0)], "report 1, field latitude: 148.0, expected -90 to 90"),
+        ([report("aaa", 100, 148.0)], "report 1, field latitude: 148, expected -90 to 90"),
         ([report("aaa", 100, 48.0, track="north")], "report 1, field track: 'north', expected a number or null"),
         ([report("bbb", 100, 48.0)], "no airborne report of 'aaa' from 0 to 1000 s"),
     ],

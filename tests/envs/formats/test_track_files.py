@@ -123,7 +123,7 @@ def test_every_row_of_every_aircraft_keeps_to_the_ranges(
     cells = lines[row].split()
     cells[lines[0].split().index(column)] = value
     lines[row] = " ".join(cells)
-    with pytest.raises(TrackError, match=f"line {row + 1}, field {names}: {value}, expected -"):
+    with pytest.raises(TrackError, match=f"line {row + 1}, field {names}: .*, expected -"):
         read_daidalus(written(tmp_path, "\n".join(lines)))
 
 

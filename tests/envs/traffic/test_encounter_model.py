@@ -14,7 +14,7 @@ from scipy import stats
 from envs import draws, intruder
 from envs.encounters import EncounterError
 from envs.kinematics import VehicleState
-from envs.traffic.encounter_model import EncounterModel, Variable, read_model, write_model
+from envs.traffic.encounter_model import EncounterModel, Variable, read_model
 from envs.traffic.encounter_model_sampler import DURATION, dimensions, flown, sample_model
 from envs.traffic.model_traffic import ModelTraffic, encounters_with
 from envs.traffic.replay import off_arcs
@@ -80,12 +80,6 @@ def test_a_model_by_hand(tmp_path: Path) -> None:
     assert model.rates.tolist() == [0.0, 0.0, 0.2, 0.1, 0.3]
 
 
-def test_a_file_is_read_back_as_written(tmp_path: Path) -> None:
-    model = read_model(written(tmp_path))
-    again = read_model(written(tmp_path, write_model(model)))
-    _same(model, again)
-
-
 def test_the_public_models_are_consistent() -> None:
     for path in sorted(recorded("encounter_models").glob("uncor_*.txt")):
         model = read_model(path)
@@ -96,19 +90,6 @@ def test_the_public_models_are_consistent() -> None:
         np.testing.assert_array_equal(third, second.counts.T)
         sums = {variable.counts.sum() for variable in model.transition}
         assert len(sums) == 1
-
-
-def _same(one: EncounterModel, other: EncounterModel) -> None:
-    for a, b in zip((*one.initial, *one.transition), (*other.initial, *other.transition), strict=True):
-        assert a[:3] == b[:3]
-        np.testing.assert_array_equal(a.counts, b.counts)
-    assert one.moving == other.moving
-    np.testing.assert_array_equal(one.rates, other.rates)
-    for a, b in zip(one.boundaries, other.boundaries, strict=True):
-        if a is None or b is None:
-            assert a is b
-        else:
-            np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.parametrize(
