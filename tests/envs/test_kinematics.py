@@ -1,13 +1,22 @@
-"""Motion: exactness against a fine integration, the symmetries of the plane, limits, and parity of the backends."""
+"""Motion, the end of an encounter and their one update: exact, symmetric, and alike in every backend."""
 
+import itertools
 import math
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from envs import flight, starts, world
+from envs.backend import FLOATS
+from envs.encounters import scenario
+from envs.intruder import Recording, start, step
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, advance, commands, velocity
+from envs.outcome import RULES, judge, reward
+from envs.trees import take
+from envs.world import World
 from tests.strategies import (
     BACKENDS,
     Backend,
@@ -51,8 +60,8 @@ def integrated(
     """Integrate the motion in steps of 1 ms with ordinary trigonometry (midpoint rule)."""
     steps = round(duration * 1_000)
     x, y, speed = state.x.copy(), state.y.copy(), state.speed.copy()
-    for step in range(steps):
-        heading = state.heading + yaw_rate * (step + 0.5) * 1e-3
+    for tick in range(steps):
+        heading = state.heading + yaw_rate * (tick + 0.5) * 1e-3
         following = np.clip(speed + acceleration * 1e-3, limits.speed_min, limits.speed_max)
         x += 0.5 * (speed + following) * np.cos(heading) * 1e-3
         y += 0.5 * (speed + following) * np.sin(heading) * 1e-3
@@ -214,3 +223,120 @@ def test_limits_are_data_that_broadcast() -> None:
     limits = SURROGATE._replace(speed_max=np.array([60.0, 60.2, 100.0]))
     found = advance(state, np.full(count, 0.5), np.zeros(count), 1.0, limits, np)
     np.testing.assert_allclose(found.speed, [60.0, 60.2, 60.5], atol=1e-12)
+
+
+# The rules: every clause of the end of an encounter, which outweighs which, and the paper's rewards.
+
+FAR, CLOSE = 5_000.0, 999.9
+AWAY, HOME = 3_000.0, 499.9
+EARLY, LATE = 10.0, 300.0
+
+
+def ends(separation: float, goal_distance: float, time: float) -> tuple[bool, bool, bool]:
+    return tuple(judge(separation, goal_distance, time, RULES, FLOATS))
+
+
+def test_the_rules_are_the_papers() -> None:
+    assert RULES._asdict() == {
+        "dt": 1.0,
+        "t_max": 300.0,
+        "separation": 1_000.0,
+        "goal_radius": 500.0,
+        "reward_violation": -100.0,
+        "reward_goal": 100.0,
+        "reward_timeout": -10.0,
+    }
+
+
+@pytest.mark.parametrize(
+    ("separation", "goal_distance", "time", "expected", "points"),
+    [
+        (FAR, AWAY, EARLY, (False, False, False), 0.0),
+        (CLOSE, AWAY, EARLY, (True, False, False), -100.0),
+        (FAR, HOME, EARLY, (False, True, False), 100.0),
+        (FAR, AWAY, LATE, (False, False, True), -10.0),
+        (CLOSE, HOME, EARLY, (True, False, False), -100.0),
+        (CLOSE, AWAY, LATE, (True, False, False), -100.0),
+        (FAR, HOME, LATE, (False, True, False), 100.0),
+        (CLOSE, HOME, LATE, (True, False, False), -100.0),
+    ],
+)
+def test_every_clause_and_its_precedence(separation, goal_distance, time, expected, points) -> None:
+    """A violation outweighs everything; the goal outweighs the clock; each gives the reward of the paper's table."""
+    outcome = judge(separation, goal_distance, time, RULES, FLOATS)
+    assert tuple(outcome) == expected
+    assert outcome.ended(FLOATS) == any(expected)
+    assert reward(outcome, RULES, FLOATS) == points
+
+
+def test_the_thresholds_themselves() -> None:
+    """Exactly 1000 m is separated; exactly 500 m is at the goal."""
+    assert ends(1_000.0, AWAY, EARLY) == (False, False, False)
+    assert ends(np.nextafter(1_000.0, 0.0), AWAY, EARLY) == (True, False, False)
+    assert ends(FAR, 500.0, EARLY) == (False, True, False)
+    assert ends(FAR, np.nextafter(500.0, 1e3), EARLY) == (False, False, False)
+
+
+@pytest.mark.parametrize("dt", [1.0, 0.5, 0.1, 0.3])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_the_clock_stops_exactly_at_the_last_step(dt: float, dtype: type) -> None:
+    """Time is a sum of steps: t_max falls on step 300 at 1 s, not on 299 or 301, whatever the rounding."""
+    rules = RULES._replace(dt=dt)
+    time, step, timeouts = dtype(0.0), 0, []
+    while step < 300.0 / dt + 2:
+        time, step = dtype(time + dtype(dt)), step + 1
+        timeouts += [step] * bool(judge(dtype(FAR), dtype(AWAY), time, rules, np).timeout)
+    assert timeouts[0] == round(300.0 / dt)
+
+
+def test_at_most_one_of_the_three_holds_in_every_backend() -> None:
+    """Each combination of the three causes, in numpy and jax as in plain floats."""
+    cases = np.array(list(itertools.product([FAR, CLOSE], [AWAY, HOME], [EARLY, LATE])), np.float32)
+    plain = [judge(*map(float, case), RULES, FLOATS) for case in cases]
+    for xp in (np, jnp):
+        outcome = judge(*(xp.asarray(column) for column in cases.T), RULES, xp)
+        assert np.array_equal(np.stack(outcome, axis=-1), np.array(plain))
+        assert np.max(np.sum(np.stack(outcome), axis=0)) == 1
+        assert np.array_equal(outcome.ended(xp), np.any(np.array(plain), axis=-1))
+        np.testing.assert_array_equal(reward(outcome, RULES, xp), [reward(o, RULES, FLOATS) for o in plain])
+
+
+# One update for all array namespaces: plain floats, numpy and recorded intruders.
+
+COUNT, STEPS = 3, 120
+
+
+@pytest.mark.parametrize("name", ["circle", "noisy", "multi"])
+@pytest.mark.parametrize("dt", [1.0, 0.3])
+def test_plain_floats_equal_numpy_to_the_last_bit(name: str, dt: float) -> None:
+    parameters = World(RULES._replace(dt=dt), SURROGATE)
+    encounters = starts.numbered(scenario(name), 4, 0, COUNT)
+    batch = world.begin(encounters, np, late_reports=True)
+    singles = [flight.begin(take(encounters, i)) for i in range(COUNT)]
+    rng = np.random.default_rng(1)
+    for _ in range(STEPS):
+        action, noise = rng.uniform(-1.2, 1.2, (COUNT, 2)), rng.normal(size=(4, *encounters.mask.shape))
+        seen = world.observe(batch, world.perceived(batch, noise, np), np).astype(np.float32)
+        batch, result = world.step(batch, (action[:, 0], action[:, 1]), parameters, np)
+        for i, mask in enumerate(encounters.mask):
+            np.testing.assert_array_equal(flight.observe(singles[i], noise[:, i, mask]), seen[i])
+            singles[i], one = flight.step(singles[i], tuple(action[i].tolist()), parameters)
+            assert singles[i].own == tuple(field[i] for field in batch.own)
+            assert one.outcome == tuple(field[i] for field in result.outcome)
+            assert (one.reward, one.separation, one.goal_distance) == (
+                result.reward[i],
+                result.separation[i],
+                result.goal_distance[i],
+            )
+            np.testing.assert_array_equal(one.separations, result.separations[i, mask])
+
+
+def test_each_recorded_intruder_follows_its_own_clock() -> None:
+    """Rows are read by each flight's own time, and after the last one the intruder flies straight on."""
+    rows = np.arange(12.0).reshape(3, 1, 4)  # [N, K, T + 1]
+    recording = Recording(rows, 10.0 * rows, 0.0 * rows, 0.0 * rows + 7.0)
+    clock = np.array([0, 2, 3])
+    began = start(VehicleState(*(field[np.arange(3), 0, clock][:, None] for field in recording)), np)
+    after = step(began, recording, 1.0 * clock[:, None], 1.0, np).vehicle
+    np.testing.assert_allclose(after.x[:, 0], [1.0, 7.0, 11.0 + 7.0])
+    np.testing.assert_allclose(after.y[:, 0], [10.0, 70.0, 110.0])

@@ -1,4 +1,4 @@
-"""ADS-B reports: units of the form, gaps reported and repaired on request, real pairs as close as published."""
+"""ADS-B reports and pairs of aircraft in them: units, gaps and repairs, never a pair made by a fault."""
 
 import gzip
 import json
@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from envs.formats.adsb_file import read_adsb
+from envs.formats.adsb_file import ordered_flights, read_adsb
+from envs.formats.adsb_pairs import adsb_pairs
 from envs.traffic.replay import replay
-from envs.traffic.track_units import KNOT
-from envs.traffic.tracks import Repairs, TrackError, at_times
-from tests.support import recorded
+from envs.traffic.track_units import FOOT, KNOT
+from envs.traffic.tracks import Repairs, Track, TrackError, at_times
+from tests.support import WGS84, case, flight, recorded, reports_file
 
 
 def report(name: str, seconds: float, latitude: float, **changes):
@@ -106,3 +107,233 @@ def test_a_recorded_pair_comes_as_close_as_published() -> None:
     assert np.hypot(first.x - second.x, first.y - second.y).min() == pytest.approx(float(line[4]), abs=5.0)
     made = replay([("pair", own, [other])], steps=100)
     assert np.isfinite(made.starts.intent.x).all()
+
+
+# Pairs of aircraft in ADS-B reports: found wherever on the Earth, and never made by faults of the reports.
+
+
+def meeting(latitude: float, longitude: float, track: float = 90.0, after: float = 60.0):
+    """Return reports of two aircraft that fly towards each other at 80 m/s, and meet after some seconds."""
+    x, y, back = WGS84.fwd(longitude, latitude, track, 160.0 * after)
+    return flight("aaa001", latitude, longitude, track), flight("bbb002", y, x, back)
+
+
+def found(path: Path, **options) -> list[tuple[str, Track, Track]]:
+    return [(name, own, others[0]) for name, own, others in adsb_pairs(path, **options)[0]]
+
+
+@pytest.mark.parametrize(
+    ("latitude", "longitude", "track"),
+    [(0.0, 0.0, 90.0), (47.0, 8.0, 30.0), (-17.0, 179.99, 90.0), (-17.0, -179.99, 270.0), (89.97, 40.0, 0.0)],
+)
+def test_a_head_on_pair_is_the_same_anywhere_on_earth(
+    tmp_path: Path, latitude: float, longitude: float, track: float
+) -> None:
+    ((name, own, other),) = found(reports_file(tmp_path, *meeting(latitude, longitude, track)))
+    assert name == "aaa001-bbb002-1600000060"
+    assert (own.x[0], own.y[0]) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert np.hypot(other.x[0], other.y[0]) == pytest.approx(9_600.0, abs=0.1)
+    # Head-on: both fly along the line between them.
+    ahead = np.radians(track)
+    assert (own.vx[0], own.vy[0]) == pytest.approx((80 * np.sin(ahead), 80 * np.cos(ahead)), abs=1e-3)
+    assert (other.vx[0], other.vy[0]) == pytest.approx((-80 * np.sin(ahead), -80 * np.cos(ahead)), abs=0.05)
+    assert np.hypot(own.x[60] - other.x[60], own.y[60] - other.y[60]) < 0.5
+
+
+def test_times_between_whole_seconds_cross_the_antimeridian(tmp_path: Path) -> None:
+    one, two = meeting(-17.0, 179.9996)
+    for report in (*one, *two):
+        report["timestamp"] += 500.0
+    ((_, own, other),) = found(reports_file(tmp_path, one, two))
+    assert (own.x[0], own.y[0]) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert np.hypot(other.x[0], other.y[0]) == pytest.approx(9_520.0, abs=0.1)
+
+
+def test_aircraft_far_apart_are_no_pair_in_either_order(tmp_path: Path) -> None:
+    antipodes = flight("aaa001", 0.0, -78.5, 90.0), flight("bbb002", 0.0, 101.5, 90.0)
+    x, y, _ = WGS84.fwd(24.9, 60.2, 50.0, 5_500.0)
+    abreast = flight("ccc003", 60.2, 24.9, 0.0), flight("ddd004", y, x, 0.0)
+    far = flight("eee005", 40.4, -3.7, 90.0)
+    for order in ([*antipodes, *abreast, far], [far, *abreast, *antipodes]):
+        assert found(reports_file(tmp_path, *order)) == []
+
+
+def test_the_closest_approach_at_one_level_counts(tmp_path: Path) -> None:
+    """An intruder 12 000 ft above at 100 m descends while it drifts away, and is level at some 450 m."""
+
+    def altitude(second: float) -> float:
+        return 3_000.0 + 12_000.0 * float(np.clip((180.0 - second) / 100.0, 0.0, 1.0))
+
+    own = flight("aaa001", 47.0, 8.0, 90.0)
+    above, descending = [], []
+    for second, report in enumerate(own):
+        x, y, _ = WGS84.fwd(report["longitude"], report["latitude"], report["track"] + 90.0, 100.0 + 2.0 * second)
+        there = {**report, "icao24": "bbb002", "latitude": y, "longitude": x}
+        rate = 60.0 * (altitude(second + 0.5) - altitude(second - 0.5))
+        above.append({**there, "altitude": altitude(0.0)})
+        descending.append({**there, "altitude": altitude(second), "vertical_rate": rate})
+    assert found(reports_file(tmp_path, own, above)) == []
+    ((_, mine, other),) = found(reports_file(tmp_path, own, descending))
+    apart, higher = np.hypot(mine.x - other.x, mine.y - other.y), other.altitude - mine.altitude
+    level = np.flatnonzero(abs(higher) <= 300.0)
+    assert apart[level].min() == pytest.approx(100.0 + 2.0 * (180.0 - 300.0 / (120.0 * FOOT)), abs=3.0)
+
+
+def test_an_early_approach_does_not_hide_a_later_one(tmp_path: Path) -> None:
+    """Two aircraft begin beside each other, part, and meet again."""
+    one = flight("aaa001", 47.0, 8.0, 90.0, seconds=400)
+    two = []
+    for second, report in enumerate(one):
+        off = 7_000.0 * np.sin(np.pi * second / 350.0) + 200.0
+        x, y, _ = WGS84.fwd(report["longitude"], report["latitude"], report["track"] + 90.0, off)
+        two.append({**report, "icao24": "bbb002", "latitude": y, "longitude": x})
+    for report, (before, after) in zip(two[1:-1], zip(two[:-2], two[2:], strict=True), strict=True):
+        out, _, length = WGS84.inv(*(each[key] for each in (before, after) for key in ("longitude", "latitude")))
+        report |= {"track": out % 360.0, "groundspeed": 0.5 * length / (1_852.0 / 3_600.0)}
+    ((name, *_),) = found(reports_file(tmp_path, one, two[1:-1]))
+    assert 1_600_000_340 <= int(name.split("-")[-1]) <= 1_600_000_400
+
+
+OUTLIERS = {
+    "a place 40 km away": {"latitude": 47.36},
+    "an altitude": {"altitude": 90_000.0},
+    "a speed": {"groundspeed": 1_900.0},
+    "the Earth's other side": {"longitude": -172.0},
+}
+
+
+@pytest.mark.parametrize("kind", OUTLIERS)
+@pytest.mark.parametrize("row", [0, 1, 60, 240])
+def test_one_impossible_report_is_refused_or_dropped(tmp_path: Path, kind: str, row: int) -> None:
+    one, two = meeting(47.0, 8.0, after=100.0)
+    usual = found(reports_file(tmp_path, one, two))
+    two[row] |= OUTLIERS[kind]
+    path = reports_file(tmp_path, one, two)
+    with pytest.raises(TrackError, match=rf"report 24[2-4]|report {242 + row}"):
+        adsb_pairs(path)
+    pairs, repairs = adsb_pairs(path, repair=True)
+    assert repairs == Repairs(impossible=1)
+    assert [pair[0] for pair in pairs] == [pair[0] for pair in usual]
+    read = read_adsb(path, ("aaa001", "bbb002"), (0.0, 1e10), repair=True)
+    assert read.repairs == Repairs(impossible=1)
+
+
+def test_two_aircraft_under_one_address_are_kept_apart(tmp_path: Path) -> None:
+    one, two = meeting(47.0, 8.0)
+    twin = [{**report, "icao24": "BBB002", "latitude": report["latitude"] + 0.5} for report in two]
+    mixed = [report for pair in zip(two, twin, strict=True) for report in pair]
+    for reports in (mixed, [pair[second % 2] for second, pair in enumerate(zip(two, twin, strict=True))]):
+        path = reports_file(tmp_path, one, reports)
+        with pytest.raises(TrackError, match="report 243"):
+            adsb_pairs(path)
+        pairs, repairs = adsb_pairs(path, repair=True)
+        assert [pair[0] for pair in pairs] == ["aaa001-bbb002-1600000060"]
+        assert repairs == Repairs(split=1)
+
+
+@pytest.mark.parametrize("back", [20.0, 90.0])
+def test_a_clock_that_goes_back_is_refused_or_counted(tmp_path: Path, back: float) -> None:
+    one, two = meeting(47.0, 8.0)
+    for report in two[100:]:
+        report["timestamp"] -= 1_000.0 * back
+    path = reports_file(tmp_path, one, two)
+    with pytest.raises(TrackError, match="report 342, field timestamp"):
+        adsb_pairs(path)
+    assert adsb_pairs(path, repair=True)[1] == Repairs(split=1)
+
+
+def test_a_frozen_position_with_jitter_is_refused(tmp_path: Path) -> None:
+    one, two = meeting(47.0, 8.0)
+    for second in range(100, 126):
+        two[second] |= {"latitude": two[100]["latitude"] + 1e-6 * second, "longitude": two[100]["longitude"]}
+    with pytest.raises(TrackError, match=r"report 3\d\d, field latitude"):
+        adsb_pairs(reports_file(tmp_path, one, two))
+    assert adsb_pairs(reports_file(tmp_path, one, two), repair=True)[1] != Repairs()
+
+
+def test_flights_in_any_order_of_a_file_are_no_fault(tmp_path: Path) -> None:
+    early, late = flight("aaa001", 47.0, 8.0, 90.0), flight("aaa001", 48.0, 9.0, 0.0, begin=1_600_010_000.0)
+    ((_, flights, repairs),) = ordered_flights(reports_file(tmp_path, late, early), 60.0)
+    assert [len(rows) for rows in flights] == [241, 241]
+    assert repairs == Repairs()
+
+
+def test_an_address_in_upper_and_lower_case_is_one(tmp_path: Path) -> None:
+    one = flight("4b0001", 47.0, 8.0, 90.0)
+    twice = [{**report, "icao24": " 4B0001"} for report in one]
+    with pytest.raises(TrackError, match="of '4b0001'"):
+        adsb_pairs(reports_file(tmp_path, one, twice))
+    pairs, repairs = adsb_pairs(reports_file(tmp_path, one, twice), repair=True)
+    assert (pairs, repairs) == ([], Repairs(out_of_order=241))
+    path = reports_file(tmp_path, one[::2], twice[1::2])
+    assert len(read_adsb(path, ("4B0001",), (0.0, 1e10), repair=True).tracks) == 1
+
+
+@pytest.mark.parametrize("value", [True, 1, 1.0, "true", "True"])
+def test_aircraft_on_the_ground_do_not_fly(tmp_path: Path, value: object) -> None:
+    one, two = meeting(47.0, 8.0)
+    path = reports_file(tmp_path, one, [{**report, "onground": value} for report in two])
+    assert found(path) == []
+    with pytest.raises(TrackError, match="no airborne report of 'bbb002'"):
+        read_adsb(path, ("aaa001", "bbb002"), (0.0, 1e10))
+
+
+@pytest.mark.parametrize("name", ["on_ground", "onGround"])
+def test_other_spellings_of_onground_are_read(tmp_path: Path, name: str) -> None:
+    one, two = meeting(47.0, 8.0)
+    assert found(reports_file(tmp_path, one, [{**report, name: 1} for report in two])) == []
+
+
+@pytest.mark.parametrize("value", [False, 0, 0.0, "false", None])
+def test_aircraft_not_on_the_ground_fly(tmp_path: Path, value: object) -> None:
+    one, two = meeting(47.0, 8.0)
+    assert len(found(reports_file(tmp_path, one, [{**report, "onground": value} for report in two]))) == 1
+
+
+@pytest.mark.parametrize("value", [2, -1, 0.5, "yes", "1", "", [], {}, float("nan")])
+def test_what_is_neither_true_nor_false_is_refused(tmp_path: Path, value: object) -> None:
+    one, two = meeting(47.0, 8.0)
+    two[7]["onground"] = value
+    with pytest.raises(TrackError, match="report 249, field onground"):
+        adsb_pairs(reports_file(tmp_path, one, two))
+
+
+@pytest.mark.parametrize("latitude", [0.0, 47.0, -80.0])
+def test_velocities_away_from_the_reference_follow_the_positions(tmp_path: Path, latitude: float) -> None:
+    x, y, _ = WGS84.fwd(8.0, latitude, 90.0, 40_000.0)
+    path = reports_file(tmp_path, flight("aaa001", latitude, 8.0, 90.0), flight("bbb002", y, x, 20.0))
+    for track in read_adsb(path, ("aaa001", "bbb002"), (0.0, 1e10)).tracks:
+        course = np.arctan2(np.diff(track.y), np.diff(track.x))
+        reported = np.arctan2(track.vy, track.vx)
+        assert abs(course - 0.5 * (reported[1:] + reported[:-1])).max() < np.radians(0.01)
+
+
+HEAD_ON = ("aaa001-bbb002-1600000060",)
+CASES = {
+    "ok": (HEAD_ON, HEAD_ON),
+    "altspike1": (None, HEAD_ON),
+    "antimeridian_0.5": (("aaa001-bbb002-1600000141",), ("aaa001-bbb002-1600000141",)),
+    "antimeridian_min": (("aaa001-bbb002-60",), ("aaa001-bbb002-60",)),
+    "antipode": ((), ()),
+    "case": (None, ()),
+    "clockback": (None, HEAD_ON),
+    "foreshortened": ((), ()),
+    "onground_int": ((), ()),
+    "outlier": (None, ()),
+    "overflight": (("aaa001-bbb002-1600000300",), ("aaa001-bbb002-1600000300",)),
+    "shared_address": (None, ("aaa001-dup000-1600000239",)),
+}
+"""Pairs found as the file is (None: refused), and with repairs."""
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_cases_of_public_reports(name: str) -> None:
+    path, (plain, repaired) = case(f"adsb_{name}.json.gz"), CASES[name]
+    if plain is None:
+        with pytest.raises(TrackError, match=r"report \d+, field (latitude|altitude|timestamp)"):
+            adsb_pairs(path)
+    else:
+        assert tuple(pair[0] for pair in found(path)) == plain
+    pairs, repairs = adsb_pairs(path, repair=True)
+    assert tuple(pair[0] for pair in pairs) == repaired
+    assert any(repairs) == (plain is None)

@@ -24,10 +24,10 @@ from envs.traffic.encounter_model import read_model
 from envs.traffic.encounter_model_sampler import dimensions, flown, sample_model
 from envs.traffic.track_units import FOOT, KNOT
 from envs.traffic.tracks import DISTANT, Track, TrackError
-from tests.envs.formats.flights import WGS84, flight
 from tests.envs.formats.test_encounter_file import HEADER, ROW
 from tests.envs.formats.test_lincoln_file import EVENTS, ONE
 from tests.envs.traffic.test_encounter_model import SMALL
+from tests.support import WGS84, flight
 
 Row = dict[str, Any]
 MANY = int(os.environ.get("FUZZ_ROWS", "3000"))  # mutated rows of each reader in the slow test

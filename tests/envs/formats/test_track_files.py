@@ -14,8 +14,7 @@ from envs.formats.track_files import read_daidalus
 from envs.traffic.track_units import FAMILIES, KNOT, si
 from envs.traffic.tracks import Repairs, TrackError, at_times
 from ros_bridge.core.geodesy import LocalFrame
-from tests.envs.formats.flights import WGS84, flight
-from tests.support import recorded
+from tests.support import WGS84, flight, recorded
 
 LOCAL = """\
 # made by hand
