@@ -13,6 +13,7 @@ import numpy as np
 
 from envs.angles import atan2
 from envs.kinematics import VehicleState, velocity
+from envs.trees import mapped
 
 __all__ = ["Tracks", "begin", "follow"]
 
@@ -33,12 +34,18 @@ class Tracks(NamedTuple):
     drift_x: Any
     """Running mean of the velocity's deviations, m/s."""
     drift_y: Any
+    position_variance: Any
+    """Of the estimates, per axis, m^2, for aircraft on straight courses."""
+    velocity_variance: Any
+    """m^2/s^2."""
+    covariance: Any
+    """Of the two, m^2/s."""
 
 
-def begin(report: VehicleState) -> Tracks:
-    """Return tracks that know one report, ``[...]``."""
+def begin(report: VehicleState, position_std: Any, velocity_std: Any) -> Tracks:
+    """Return tracks that know one report, ``[...]``; arguments as :func:`follow` has them."""
     zero = np.zeros(np.shape(report.x))
-    return Tracks(report, zero + 1.0, zero, zero)
+    return Tracks(report, zero + 1.0, zero, zero, zero + position_std**2, zero + velocity_std**2, zero)
 
 
 def follow(tracks: Tracks, report: VehicleState, position_std: Any, velocity_std: Any, dt: float) -> Tracks:
@@ -64,5 +71,11 @@ def follow(tracks: Tracks, report: VehicleState, position_std: Any, velocity_std
     near, slow = np.maximum(_POSITION_GAIN, 1.0 / count), np.maximum(_VELOCITY_GAIN, 1.0 / count)
     vx, vy = vx + slow * off_vx, vy + slow * off_vy
     followed = VehicleState(x + near * off_x, y + near * off_y, atan2(vy, vx, np), np.hypot(vx, vy))
-    state = VehicleState(*(np.where(anew, new, old) for new, old in zip(report, followed, strict=True)))
-    return Tracks(state, np.where(anew, 1.0, count), np.where(anew, 0.0, drift_x), np.where(anew, 0.0, drift_y))
+    # The errors of an estimate with any gains: what is kept of those predicted, and what is taken over of the report's.
+    far, fast = 1.0 - near, 1.0 - slow
+    moved = tracks.position_variance + dt * (2.0 * tracks.covariance + dt * tracks.velocity_variance)
+    place = far * far * moved + (near * position_std) ** 2
+    motion = fast * fast * tracks.velocity_variance + (slow * velocity_std) ** 2
+    both = far * fast * (tracks.covariance + dt * tracks.velocity_variance)
+    kept = Tracks(followed, count, drift_x, drift_y, place, motion, both)
+    return mapped(lambda old, new: np.where(anew, new, old), kept, begin(report, position_std, velocity_std))

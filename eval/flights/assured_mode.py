@@ -89,7 +89,7 @@ def fly_assured(
         if noise is not None:
             seen = perceive(seen, *previous, sensor, noise(clock)[:, rows], 1.0, np)
             quality = sensor.position_std, sensor.velocity_std
-            tracks = begin(seen) if tracks is None else follow(tracks, seen, *quality, 1.0)
+            tracks = begin(seen, *quality) if tracks is None else follow(tracks, seen, *quality, 1.0)
             seen = tracks.state
         monitor, decision = assurance.step(monitor, assurance.inputs(float(clock), air.own, seen, air.mask), thresholds)
         wanting = np.flatnonzero(decision.replan)

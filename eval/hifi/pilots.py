@@ -171,10 +171,10 @@ class Assured:
         """Return what is believed of the intruders after this second's reports."""
         if self._sensor is None:
             return intruders
+        noise = self._sensor.position_std, self._sensor.velocity_std
         if self._tracks is None:
-            self._tracks = begin(intruders)
+            self._tracks = begin(intruders, *noise)
         else:
-            noise = self._sensor.position_std, self._sensor.velocity_std
             self._tracks = follow(self._tracks, intruders, *noise, 1.0)
         return self._tracks.state
 

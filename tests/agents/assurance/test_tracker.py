@@ -45,7 +45,7 @@ def tracked(states: list[VehicleState]) -> tuple[list[VehicleState], list[Vehicl
     """Return reports and tracks second by second."""
     rng = np.random.default_rng(7)
     reports = [noisy(state, rng) for state in states]
-    tracks, estimates = begin(reports[0]), [reports[0]]
+    tracks, estimates = begin(reports[0], POSITION, VELOCITY), [reports[0]]
     for report in reports[1:]:
         tracks = follow(tracks, report, POSITION, VELOCITY, 1.0)
         estimates.append(tracks.state)
@@ -64,7 +64,7 @@ def errors(estimates: list[VehicleState], states: list[VehicleState]) -> tuple[n
 
 @given(st.lists(st.tuples(*[st.floats(-1e5, 1e5)] * 2, st.floats(-3.1, 3.1), st.floats(30.0, 200.0)), min_size=2))
 def test_without_noise_the_track_is_the_report(reports: list[tuple[float, float, float, float]]) -> None:
-    tracks = begin(VehicleState(*(np.array([value]) for value in reports[0])))
+    tracks = begin(VehicleState(*(np.array([value]) for value in reports[0])), 0.0, 0.0)
     for report in reports[1:]:
         seen = VehicleState(*(np.array([value]) for value in report))
         tracks = follow(tracks, seen, 0.0, 0.0, 1.0)
@@ -72,6 +72,23 @@ def test_without_noise_the_track_is_the_report(reports: list[tuple[float, float,
             np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-9)
         assert abs(float(wrap(tracks.state.heading - seen.heading, np)[0])) < 1e-12
         assert tracks.state.speed == pytest.approx(seen.speed, abs=1e-12)
+
+
+def test_errors_of_straight_flights_are_as_large_as_said() -> None:
+    rng = np.random.default_rng(5)
+    states = flight(60, rows=4_000)
+    tracks = begin(noisy(states[0], rng), POSITION, VELOCITY)
+    # Reports come at no fixed rate. A tenth is for the odd report that a track begins anew with.
+    for second, state in enumerate(states[1:], 1):
+        if second % 3 == 1:
+            continue
+        tracks = follow(tracks, noisy(state, rng), POSITION, VELOCITY, 2.0 if second % 3 == 2 else 1.0)
+        if second in (2, 3, 6, 15, 30, 60):
+            for axis, true in enumerate((state.x, state.y)):
+                off = np.std(tracks.state[axis] - true)
+                assert off == pytest.approx(math.sqrt(np.mean(tracks.position_variance)), rel=0.1)
+            (vx, _), (wx, _) = velocity(tracks.state, np), velocity(state, np)
+            assert np.std(vx - wx) == pytest.approx(math.sqrt(np.mean(tracks.velocity_variance)), rel=0.1)
 
 
 def test_a_straight_flight_is_known_far_better_than_its_reports() -> None:
@@ -98,7 +115,7 @@ def test_a_turn_misleads_for_seconds_at_most(rate: float) -> None:
 def test_few_straight_flights_are_taken_for_manoeuvres() -> None:
     rng = np.random.default_rng(3)
     states = flight(100, rows=1_000)
-    tracks, begun = begin(noisy(states[0], rng)), 0
+    tracks, begun = begin(noisy(states[0], rng), POSITION, VELOCITY), 0
     for state in states[1:]:
         tracks = follow(tracks, noisy(state, rng), POSITION, VELOCITY, 1.0)
         begun += int((tracks.count == 1.0).sum())
@@ -112,7 +129,7 @@ def test_rows_do_not_know_of_each_other() -> None:
 
     def run(chosen: slice) -> Tracks:
         parts = [VehicleState(*(field[chosen] for field in report)) for report in reports]
-        tracks = begin(parts[0])
+        tracks = begin(parts[0], POSITION, VELOCITY)
         for report in parts[1:]:
             tracks = follow(tracks, report, POSITION, VELOCITY, 1.0)
         return tracks
