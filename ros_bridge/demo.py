@@ -167,10 +167,7 @@ def _flown(
     try:
         if options.record is not None:
             recorder = Recorder(simulator, options.record, lambda: simulator.now)
-        nodes = [
-            _start("runner", level, {"margin": margin}),
-            _start("monitor", level, {"margin": margin} | _borne(options, encounters)),
-        ]
+        nodes = [_start(name, level, {"margin": margin}) for name in ("runner", "monitor")]
         for name, encounter, number in encounters:
             simulator.begin(encounter, name, number)
             while simulator.flying:
@@ -223,18 +220,6 @@ def _evaluate(logs: "Sequence[FlightLog]", encounters: Sequence[Any], margin: fl
         # The first second is the time to receive all and to answer: what is lost by then counts, too.
         verdict = classify(encounter, rules, SURROGATE, solved=np.array([log.safe_at is not None])).verdict[0]
         log.resolvable = bool(verdict != Verdict.UNRESOLVABLE)
-
-
-def _borne(options: argparse.Namespace, encounters: Sequence[tuple[str, Any, int]]) -> dict[str, float]:
-    """Return what the monitor must bear of the intruders: three sigmas of their noise more than usual."""
-    from agents.assurance.thresholds import Thresholds
-
-    usual = Thresholds()
-    result = {}
-    for name, least in (("position", options.position_std), ("velocity", options.velocity_std)):
-        spread = max(least, *(float(getattr(one.sensor, f"{name}_std")[0, 0]) for _, one, _ in encounters))
-        result[f"intruder_{name}"] = getattr(usual, f"intruder_{name}") + 3.0 * spread
-    return result
 
 
 def _start(name: str, level: str, settings: dict[str, float]) -> "subprocess.Popen[bytes]":

@@ -8,7 +8,7 @@ from agents.assurance.inputs import Memory
 from agents.assurance.lookahead import outlook
 from agents.assurance.state import Monitor, State
 from agents.assurance.thresholds import BLIND, WANTING, Cause, Thresholds
-from agents.planner.traffic import Traffic, predicted, required
+from agents.planner.traffic import Traffic, predicted, required, uncertainty
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
 from envs.tracking import deviation
@@ -17,6 +17,9 @@ __all__ = ["RESOLUTION", "Measured", "floor", "has", "judged", "watched"]
 
 RESOLUTION = 0.006
 """By how much the outlook's lower bound may lie below the truth, m."""
+
+_NOISE = 3.0
+"""Standard deviations of what the plan expected and of what is believed now by which an intruder may be off besides."""
 
 _REPORTS = Cause.INTRUDER_MISSING | Cause.INTRUDER_OUT_OF_ORDER
 """What is wanting for a reason that lies not in the plan."""
@@ -91,8 +94,11 @@ def judged(
     offset = np.hypot(off.cross_track, off.along_track)
     separation, loss, close = _outlook(monitor, own, traffic, since, offset, thresholds)
     causes = causes | np.where(on & close, int(Cause.SEPARATION), 0)
-    position, speed = _unexpected(monitor, traffic, since)
-    share = np.maximum(position / thresholds.intruder_position, speed / thresholds.intruder_velocity)
+    position, speed, blur = _unexpected(monitor, traffic, since)
+    share = np.maximum(
+        position / (thresholds.intruder_position + _NOISE * blur[0]),
+        speed / (thresholds.intruder_velocity + _NOISE * blur[1]),
+    )
     share = np.max(np.where(separation < thresholds.concern, share, 0.0), axis=-1, initial=0.0)
     causes = causes | latched(share, 1.0, Cause.INTRUDER_DEVIATION)
     causes = np.where(on, causes, causes & ~int(WANTING & ~_REPORTS)).astype(np.int32)
@@ -124,8 +130,11 @@ def _outlook(
     return ahead.separation, np.min(ahead.loss, axis=-1, initial=np.inf), close
 
 
-def _unexpected(monitor: Monitor, traffic: Traffic, since: Any) -> tuple[Any, Any]:
-    """Return how far the intruders are from what the plan expected, m and m/s, ``[N, K]``; inf for new ones."""
+def _unexpected(monitor: Monitor, traffic: Traffic, since: Any) -> tuple[Any, Any, tuple[Any, Any]]:
+    """Return how far the intruders are from what the plan expected, m and m/s, inf for new ones, and one sigma of both.
+
+    All ``[N, K]``.
+    """
     expected = monitor.expected
     there = predicted(expected, since[:, None])
     there = there._replace(speed=expected.state.speed)
@@ -136,4 +145,5 @@ def _unexpected(monitor: Monitor, traffic: Traffic, since: Any) -> tuple[Any, An
     def known(error: Any) -> Any:
         return np.where(traffic.mask, np.where(expected.mask, error, np.inf), 0.0)
 
-    return known(position), known(speed)
+    place = np.hypot(uncertainty(expected, since[:, None]), uncertainty(traffic, 0.0))
+    return known(position), known(speed), (place, np.hypot(expected.velocity_std, traffic.velocity_std))

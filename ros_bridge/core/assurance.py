@@ -90,9 +90,9 @@ def activated(supervision: Supervision, situation: Situation, published: Publish
     own, waypoints = flown(frame, published.began, published.start, published.points)
     tracks = ((name, situation.traffic.get(name)) for name in published.identifiers)
     intruders = {
-        name: _intruder(frame, track.last, zero, published.began)
+        name: _intruder(frame, track.estimate, zero, published.began)
         for name, track in tracks
-        if track is not None and track.last is not None
+        if track is not None and track.estimate is not None
     }
     began = watch.activate(supervision.watch, received(waypoints), own, intruders, _clock(zero, published.began))
     return replace(supervision, watch=began, held=published, revision=published.revision)
@@ -232,7 +232,7 @@ def _due(before: Report | None, track: Track) -> Report | None:
     Returns:
         None where there is no good report.
     """
-    newest = track.last
+    newest = track.estimate
     if newest is None or track.fault is not None:
         return None
     if before is None or not 0 <= newest.time - before.time < _SPACING:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from agents.assurance.thresholds import Thresholds
+from ros_bridge.core.estimates import Estimate, first, improved
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.geodesy import displacement
 from ros_bridge.core.reports import Report
@@ -49,17 +50,18 @@ class Course:
 
     newest: Report
     windows: tuple[_Window, ...]
+    estimate: Estimate
     contradiction: str = ""
     """How the places contradict the velocities; empty: they do not."""
     reference: Report | None = None
-    """An earlier report, far enough back to read a turn from."""
+    """An earlier estimate, far enough back to read a turn from."""
     turn_rate: float = 0.0
-    """That the newest and an earlier report show, rad/s, positive to the left; 0 where noise could be all of it."""
+    """That the newest and an earlier estimate show, rad/s, positive to the left; 0 where noise could be all of it."""
 
 
 def begun(report: Report) -> Course:
     """Return a course of one report."""
-    return Course(report, (_Window(report),) * len(_WINDOWS), reference=report)
+    return Course(report, (_Window(report),) * len(_WINDOWS), first(report), reference=report)
 
 
 def extended(course: Course, report: Report) -> Course:
@@ -81,8 +83,9 @@ def extended(course: Course, report: Report) -> Course:
             contradiction = ""
         if length >= longest:
             windows[number] = _Window(report)
-    reference, rate = _turning(course, report)
-    return Course(report, tuple(windows), contradiction, reference, rate)
+    estimate = improved(course.estimate, report)
+    reference, rate = _turning(course, estimate.report)
+    return Course(report, tuple(windows), estimate, contradiction, reference, rate)
 
 
 def _compared(window: _Window, report: Report, seconds: float) -> tuple[str, bool]:
@@ -101,7 +104,7 @@ def _compared(window: _Window, report: Report, seconds: float) -> tuple[str, boo
 
 
 def _turning(course: Course, report: Report) -> tuple[Report, float]:
-    """Return the report to read the next turn from, and the turn rate now."""
+    """Return the estimate to read the next turn from, and the turn rate now."""
     before = course.reference
     if before is None:
         return report, 0.0

@@ -229,13 +229,15 @@ def _intruders(
     names, intruders, excluded = [], [], []
     for name, track in sorted(situation.traffic.items()):
         try:
-            report = _usable(track, f"intruder {name}", now, settings.intruder_age, settings.future)
+            _usable(track, f"intruder {name}", now, settings.intruder_age, settings.future)
         except Refusal:
             why = None if name in alerted else out_of_reach(track, reach)
             if why is None:
                 raise
             excluded.append(Excluded(name, why))
             continue
+        report = track.estimate
+        assert report is not None, "there is one beside every usable report"
         state = placed(frame, report)
         far = math.hypot(state.x, state.y)
         if far > REACH and name not in alerted:

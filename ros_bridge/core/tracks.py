@@ -102,6 +102,8 @@ class Track:
 
     last: Report | None = None
     """The last good report."""
+    estimate: Report | None = None
+    """What is believed after it (:mod:`ros_bridge.core.estimates`)."""
     fault: Fault | None = None
     """None: the newest report was good."""
     course: Course | None = None
@@ -219,7 +221,7 @@ def _good(track: Track, course: Course, name: str, now: int, rules: Rules) -> tu
     if course.contradiction:
         field_ = f"{name}.position"
         return _faulty(track, Verdict.CONTRADICTION, field_, course.contradiction, now), Verdict.CONTRADICTION
-    track = replace(track, last=course.newest)
+    track = replace(track, last=course.newest, estimate=course.estimate.report)
     if track.shared and track.rival is not None:
         other = track.rival.newest
         apart = distance(course.newest.latitude, course.newest.longitude, other.latitude, other.longitude)

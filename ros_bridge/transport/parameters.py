@@ -115,8 +115,15 @@ MONITOR_NUMBERS = (
     Number("cross_track", 25.0, 1.0, 1_000.0, "m", "largest distance from the path"),
     Number("along_track", 50.0, 1.0, 1_000.0, "m", "largest distance ahead of or behind the plan"),
     Number("time_error", 1.0, 0.1, 60.0, "s", "largest delay or lead"),
-    Number("intruder_position", 50.0, 1.0, 1_000.0, "m", "largest deviation of an intruder from its prediction"),
-    Number("intruder_velocity", 5.0, 0.1, 100.0, "m/s", "the same of its velocity; noise: add three sigmas to both"),
+    Number(
+        "intruder_position",
+        50.0,
+        1.0,
+        1_000.0,
+        "m",
+        "largest deviation of an intruder, besides 3 sigmas",
+    ),
+    Number("intruder_velocity", 5.0, 0.1, 100.0, "m/s", "largest deviation of its velocity, likewise"),
     Number("runner_silence", 3.0, 1.5, 60.0, "s", "silence of the runner that is reported as a fault"),
 )
 MONITOR_OTHERS: tuple[tuple[str, Any, str], ...] = (

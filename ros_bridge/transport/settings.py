@@ -18,6 +18,10 @@ from ros_bridge.transport.parameters import NUMBERS, OTHERS, Number
 
 __all__ = ["aircraft_text", "declare", "monitor_thresholds", "planning_settings", "report_rules", "vehicle_limits"]
 
+_KEPT = 0.5
+"""Share of the sigmas planned with that must be left before a new plan is asked for: what is believed of an intruder
+wanders inside its uncertainty, and a plan that needs all of it would be void with every second report."""
+
 
 def declare(node: Any, numbers: Sequence[Number] = NUMBERS, others: Sequence[tuple[str, Any, str]] = OTHERS) -> None:
     """Declare parameters on a node; a value out of its range, NaN too, is refused by ROS.
@@ -114,7 +118,7 @@ def monitor_thresholds(node: Any) -> Thresholds:
 
     legs, flown = vehicle_limits(value)
     return Thresholds(
-        requirement=Requirement(value("separation"), value("margin"), value("sigmas")),
+        requirement=Requirement(value("separation"), value("margin"), _KEPT * value("sigmas")),
         limits=legs,
         manoeuvre=flown,
         cross_track=value("cross_track"),

@@ -4,17 +4,23 @@ import functools
 import itertools
 import math
 from dataclasses import replace
+from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
+from agents.assurance import single as watch
 from agents.assurance.state import Flown, State
+from agents.assurance.thresholds import Thresholds
 from agents.planner.planner import plan
 from agents.planner.request import Altitude
 from agents.policy.inference import Policy
+from envs.kinematics import VehicleState
+from envs.waypoints import at, knots, legs
 from ros_bridge.core import updates
 from ros_bridge.core.assurance import (
     INITIAL,
@@ -27,10 +33,10 @@ from ros_bridge.core.assurance import (
     to_fly,
     withdrawn,
 )
-from ros_bridge.core.replies import plan_points, start_point
+from ros_bridge.core.replies import flown, plan_points, start_point
 from ros_bridge.core.situation import Settings, Situation, task
 from ros_bridge.core.tracks import Rules
-from tests.ros_bridge.scenes import NOW, SECOND, aircraft, heard
+from tests.ros_bridge.scenes import FRAME, NOW, SECOND, aircraft, heard
 
 RULES = Rules()
 FAR = 30_000.0
@@ -106,6 +112,38 @@ def test_changed_report_is_handed_over_at_once():
     supervision, verdict = stepped(supervision, situation, NOW + round(0.6 * SECOND), 600.0)
     assert supervision.reported["4b1a2c"].time == NOW + round(0.6 * SECOND)
     assert verdict is not None and verdict.measured.intruder_velocity[0] > 50.0
+
+
+def noisy(second: int, random: np.random.Generator) -> Any:
+    """Return a report, noisy as it declares, of an aircraft that comes from the east, 500 m to the left of the path."""
+    x, y, u, v = random.normal(size=4)
+    east, north = -75.0 + 3.0 * u, 3.0 * v
+    place = 9_000.0 - 75.0 * second + 30.0 * x, 500.0 + 30.0 * y
+    spread = {"valid": 0xC5, "position_std": 30.0, "velocity_std": 3.0, "time": NOW + second * SECOND}
+    return aircraft(*place, math.atan2(north, east), math.hypot(east, north), **spread)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_plan_survives_noise_that_is_declared(seed: int):
+    random, settings = np.random.default_rng(seed), Settings()
+    thresholds = Thresholds(requirement=settings.options.requirement._replace(sigmas=1.0))
+    situation, supervision = heard(), replace(INITIAL, watch=watch.begin(thresholds))
+    state, asked, curve = VehicleState(0.0, 0.0, 0.0, 75.0), 0, None
+    for second in range(100):
+        now = NOW + second * SECOND
+        if curve is not None:
+            state = VehicleState(*map(float, at(curve, np.float64(second - 5.0))))
+        else:
+            state = state._replace(x=75.0 * second)
+        situation = updates.ownship(situation, aircraft(*state, id="own", time=now), now, RULES)
+        situation = updates.traffic(situation, noisy(second, random), now, RULES)
+        if second == 5:
+            taken = published(situation, seconds=5.0)
+            supervision = activated(supervision, situation, taken)
+            curve = legs(knots(*flown(FRAME, taken.began, taken.start, taken.points)))
+        supervision, verdict = stepped(supervision, situation, now, 600.0)
+        asked += verdict is not None and verdict.ask is not None
+    assert asked == 0
 
 
 def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():

@@ -13,6 +13,7 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 from envs import kinematics
 from envs.kinematics import SURROGATE, VehicleState
 from ros_bridge.core.conversions import aircraft as read
+from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.tracks import UNKNOWN, Rules, Track, Verdict, forgotten, refused, taken
 from tests.ros_bridge.scenes import NOW, SECOND, aircraft
 
@@ -55,6 +56,46 @@ def test_in_whatever_order_they_come_the_newest_counts(order: list[int]):
     assert track.last == report(float(max(order)))
     assert track.fault is None
     assert sum(track.counts.values()) == len(order)
+
+
+@given(st.lists(st.tuples(st.integers(1, 3), st.floats(-200.0, 200.0), st.floats(-3.0, 3.0)), min_size=1, max_size=8))
+def test_without_declared_noise_the_report_is_believed(flown: list[tuple[int, float, float]]):
+    track, seconds = UNKNOWN, 0.0
+    for step, off, heading in flown:
+        seconds += step
+        message = aircraft(80.0 * seconds, off, heading, 80.0, time=NOW + round(seconds * SECOND))
+        one = read(message, "it")
+        track, _ = taken(track, one, "it", one.time, RULES)
+        assert track.estimate == track.last
+
+
+@pytest.mark.parametrize("latitude", [0.0, 47.0, -80.0])
+def test_errors_of_estimates_are_much_smaller_and_as_declared(latitude: float):
+    random, frame, found = np.random.default_rng(4), LocalFrame(latitude, 179.9), []
+    for _ in range(60):
+        track = UNKNOWN
+        for second in range(30):
+            x, y, u, v = random.normal(size=4)
+            east, north = 60.0 + 3.0 * u, 45.0 + 3.0 * v
+            place = 60.0 * second + 30.0 * x, 45.0 * second + 30.0 * y
+            spread = {"position_std": 30.0, "velocity_std": 3.0, "valid": 0xC5, "frame": frame}
+            message = aircraft(
+                *place, math.atan2(north, east), math.hypot(east, north), time=NOW + second * SECOND, **spread
+            )
+            one = read(message, "it")
+            track, _ = taken(track, one, "it", one.time, RULES)
+        assert track.estimate is not None and track.fault is None
+        at = frame.place(track.estimate.latitude, track.estimate.longitude)
+        east, north = frame.velocity(
+            *(track.estimate.latitude, track.estimate.longitude), *(track.estimate.east, track.estimate.north)
+        )
+        off = float(at.x) - 60.0 * 29, float(at.y) - 45.0 * 29, float(east) - 60.0, float(north) - 45.0
+        spread = track.estimate.position_std, track.estimate.velocity_std
+        assert spread[0] < 30.0 and spread[1] <= 3.0
+        found.append([off[0] / spread[0], off[1] / spread[0], off[2] / spread[1], off[3] / spread[1]])
+    # 240 numbers of variance 1 if all is as declared: their mean square is 1 within 0.28, three standard deviations.
+    assert 0.72 < np.mean(np.square(found)) < 1.28
+    assert np.sqrt(np.mean(np.square(found), axis=0)).max() < 1.4
 
 
 def test_two_reports_of_one_time_that_differ_are_a_fault():
