@@ -78,8 +78,7 @@ def spin(angle: Ball) -> Ball:
     small, term, n, sums = angle.x >> halvings, 1 << BITS, 0, [0, 0, 0, 0]
     while term not in (0, -1):  # a term is 2^-4 of the one before at most, and off by 3 at most
         sums[n % 4] += term
-        n += 1
-        term = (term * small >> BITS) // n
+        n, term = n + 1, (term * small >> BITS) // (n + 1)
     total = Ball(sums[0] - sums[2], sums[1] - sums[3], 4 * n + 8)
     for _ in range(halvings):
         total *= total
@@ -97,7 +96,9 @@ def controls(a: list[float], b: list[float]) -> list[float]:
     """Return a leg's ten turn rates and ten accelerations, in floats: the curve that envs/waypoints.py defines."""
     roots = [(s, q, math.sqrt((3.0 + q * math.sqrt(4.8)) / 7.0)) for q in (-1, 1) for s in (-0.5, 0.5)]
     nodes = [(0.5 + s * root, (18.0 - q * math.sqrt(30.0)) / 72.0) for s, q, root in roots]
-    h, turn, gain = (b[4] - a[4]) / ARCS, math.remainder(b[2] - a[2], 2.0 * math.pi), b[3] - a[3]
+    h, turn, gain = (b[4] - a[4]) / ARCS, b[2] - a[2], b[3] - a[3]
+    turn -= math.tau * math.floor((turn + math.pi) * (1.0 / math.tau))
+    turn -= math.tau if turn >= math.pi else 0.0  # half a circle is one to the right
     found = mean = [turn / (ARCS * h)] * ARCS + [gain / (ARCS * h)] * ARCS
     for step in range(13):
         psi, v, parts = a[2], a[3], []

@@ -182,6 +182,16 @@ def test_controls_are_the_legs() -> None:
         assert check.controls(*knots.tolist()) == pytest.approx(expected, abs=1e-11)
 
 
+@pytest.mark.parametrize("start", [-0.8923062638605757, -1.0292885300099641, 0.0])
+@pytest.mark.parametrize("turn", [math.pi, math.nextafter(math.pi, 0.0), -math.pi, math.nextafter(-math.pi, -4.0)])
+def test_half_circles_turn_the_same_way_in_checker_and_legs(start: float, turn: float) -> None:
+    rows = [[1_960.0, -2_483.0, start, 92.0, 0.0], [1_128.0, -3_207.0, start + turn, 81.0, 20.0]]
+    curve = waypoints.legs(waypoints.Knots(*np.array(rows).T))
+    found = check.controls(*rows)
+    assert sum(found[:10]) * 2.0 == pytest.approx(curve.yaw_rate.sum() * 2.0)
+    assert abs(sum(found[:10]) * 2.0) == pytest.approx(math.pi)
+
+
 def test_travel_encloses_a_fine_integration() -> None:
     rng, unit = np.random.default_rng(6), 1 << check.BITS
     for _ in range(20):
