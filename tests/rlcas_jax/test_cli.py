@@ -1,5 +1,11 @@
+"""The training program as its user meets it: options, lines of progress, and interruption."""
+
+import io
+import math
+import signal
 import subprocess
 import sys
+import time
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -7,8 +13,12 @@ import pytest
 
 from agents.config.keys import keys
 from agents.config.load import ConfigError, load
+from agents.config.progress import duration
+from rlcas_jax import metrics
 from rlcas_jax.cli import Options, parse, write_configurations
 from rlcas_jax.config import TrainConfig
+from rlcas_jax.progress import Reporter
+from rlcas_jax.train import main
 
 ROOT = Path(__file__).resolve().parents[2]
 MOMENT = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)
@@ -130,3 +140,166 @@ def test_help_lists_every_key_and_loads_nothing_heavy():
         assert f"\n  {key.name}: " in result.stdout
     for option in ("--config", "--set", "--resume", "--out", "--seeds", "--steps", "--quiet"):
         assert option in result.stdout
+
+
+# Ctrl-C and SIGTERM: answered at once, whatever runs, and never a crash.
+
+TINY = """\
+steps: 2_000_000_000
+network: {hidden: [8]}
+ppo: {environments: 16, rollout: 16, minibatch: 64, segment: 8, epochs: 1}
+pool_rows: 2
+evaluation: {final_encounters: 16}
+checkpoint: {every_seconds: 0.0}
+"""
+BUSY = """
+import hashlib, sys
+from rlcas_jax.interrupt import Interrupt
+with Interrupt() as interrupt:
+    interrupt.waits_for("the call" if sys.argv[1] == "work" else None)
+    print("busy", flush=True)
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 100_000_000)  # a long call, as that of a compiler
+"""
+
+
+def started(*arguments: object) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [sys.executable, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT
+    )
+
+
+def busy(*arguments: str) -> "subprocess.Popen[str]":
+    process = started("-c", BUSY, *arguments)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "busy\n"
+    return process
+
+
+def test_the_first_signal_says_what_it_waits_for_and_the_second_ends() -> None:
+    process = busy("work")
+    assert process.stdout is not None
+    began = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    assert process.stdout.readline().startswith("stopping: waits for the call; Ctrl-C again ends at once")
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=10)
+    assert process.returncode == 130
+    assert "interrupted; the last checkpoint is kept" in output
+    assert time.monotonic() - began < 5.0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_where_nothing_is_lost_the_first_signal_ends(number: signal.Signals) -> None:
+    process = busy("nothing")
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=10)
+    assert (process.returncode, output) == (130, "interrupted\n")
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("config") / "tiny.yaml"
+    path.write_text(TINY)
+    return path
+
+
+@pytest.mark.parametrize("after_s", [1.0, 2.5])
+def test_a_signal_while_a_training_starts_ends_it_with_130(after_s: float, config: Path, tmp_path: Path) -> None:
+    process = started("-m", "rlcas_jax.train", "--config", config, "--out", tmp_path / "run", "--quiet")
+    time.sleep(after_s)
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=120)
+    assert process.returncode == 130, output
+    assert "Traceback" not in output
+
+
+def test_one_folder_has_one_training(config: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    process = started("-m", "rlcas_jax.train", "--config", config, "--out", out, "--quiet")
+    try:
+        deadline = time.monotonic() + 120
+        while time.monotonic() < deadline and len(metrics.read(out / metrics.FILE).get("update", ())) < 1:
+            time.sleep(0.05)
+        with pytest.raises(ConfigError, match=f"--resume {out} is in use by process {process.pid} on "):
+            main(["--resume", str(out), "--quiet"])
+    finally:
+        process.kill()
+        process.communicate()
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+class Clock:
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def row(step: int, score: float = 12.34, **more: float) -> dict[str, float]:
+    return {"step": step, "steps_per_s": 31_234.5, "score": score, "success": 0.6123, **more}
+
+
+def run(stream: io.StringIO, quiet: bool = False) -> str:
+    clock = Clock()
+    reporter = Reporter(quiet=quiet, stream=stream, clock=clock)
+    reporter.start(total_steps=10_000)
+    for second in range(1, 26):
+        clock.now += 1.0
+        reporter.update(row(200 * second, **({"eval_success": 0.95} if second == 12 else {})))
+    reporter.note("stopped")
+    reporter.stop()
+    return stream.getvalue()
+
+
+def test_elsewhere_there_is_a_plain_line_every_ten_seconds_and_a_last_one():
+    assert run(io.StringIO()).splitlines() == [
+        "2 000 of 10 000 steps, 31 234 steps/s, score +12.3, success 61.2 %, 40 s left",
+        "4 000 of 10 000 steps, 31 234 steps/s, score +12.3, success 61.2 %, deterministic 95.0 %, 30 s left",
+        "stopped",
+        "5 000 of 10 000 steps, 31 234 steps/s, score +12.3, success 61.2 %, deterministic 95.0 %, 25 s left",
+    ]
+
+
+def test_on_a_terminal_two_live_lines_fit_into_80_columns(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.setenv("COLUMNS", "80")
+    shown = run(Terminal())
+    assert "\x1b[" in shown
+    assert "50% 5 000 of 10 000 steps 25 s left" in shown
+    assert "31 234 steps/s, score +12.3, success 61.2 %, deterministic 95.0 %" in shown
+    assert "stopped" in shown
+    assert shown.rstrip().endswith("\x1b[?25h"), "the cursor is shown again"
+
+
+@pytest.mark.parametrize("stream", [io.StringIO(), Terminal()])
+def test_quiet_is_silent(stream: io.StringIO):
+    assert run(stream, quiet=True) == ""
+
+
+def test_before_the_first_episode_ends_there_is_no_score():
+    stream = io.StringIO()
+    reporter = Reporter(stream=stream, clock=Clock())
+    reporter.start(total_steps=100_000, step=50_000)
+    reporter.update(row(60_000, score=math.nan))
+    reporter.stop()
+    assert stream.getvalue() == "60 000 of 100 000 steps, 31 234 steps/s, 1 s left\n"
+
+
+def test_a_run_that_does_nothing_shows_nothing():
+    stream = io.StringIO()
+    reporter = Reporter(stream=stream)
+    reporter.start(total_steps=10, step=10)
+    reporter.stop()
+    assert stream.getvalue() == ""
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.2, "0 s"), (59.6, "1 min 0 s"), (200, "3 min 20 s"), (7500, "2 h 5 min"), (math.nan, "? s")],
+)
+def test_durations_in_words(seconds: float, text: str):
+    assert duration(seconds) == text

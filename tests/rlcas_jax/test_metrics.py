@@ -1,12 +1,24 @@
+"""What a run records, its figures, and phases that go on from one another."""
+
 import json
 import math
+import subprocess
+import sys
+import time
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from agents.config.load import ConfigError, dump, load
+from rlcas_jax import checkpoint, metrics
+from rlcas_jax.config import TrainConfig
+from rlcas_jax.figures import FIGURES, main, stretches, training_figures
+from rlcas_jax.loop import Run, prepared, run
 from rlcas_jax.metrics import FILE, METRICS, WALL_CLOCK, Writer, read
+from rlcas_jax.progress import Reporter
 
 
 def row(update: int, **more: float) -> dict[str, float]:
@@ -105,3 +117,206 @@ def test_without_tensorboard_nothing_is_missing(tmp_path: Path, monkeypatch: pyt
     with Writer(tmp_path) as writer:
         writer.write(row(1))
     assert [path.name for path in tmp_path.iterdir()] == [FILE]
+
+
+ROOT = Path(__file__).resolve().parents[2]
+NAMES = {f"{name}.{kind}" for name in [*FIGURES, "training"] for kind in ("png", "svg")}
+
+
+def log(directory: Path, seed: int = 0, updates: int = 20) -> Path:
+    directory.mkdir()
+    random = np.random.default_rng(seed)
+    with Writer(directory, tensorboard=False) as writer:
+        for update in range(1, updates + 1):
+            learned = 1.0 - np.exp(-update / 5.0)
+            row = {
+                "step": 131_072 * update,
+                "update": update,
+                "episodes": 0 if update == 1 else 300 + update,
+                # No episode has ended yet in the first update.
+                "score": np.nan if update == 1 else -60.0 + 140.0 * learned + random.normal(),
+                "success": np.nan if update == 1 else 0.2 + 0.7 * learned,
+                "loss": 0.1 - 0.09 * learned,
+                "entropy": 1.8 - 0.1 * update,
+                "neg_log_prob": 1.8 - 0.1 * update,
+            }
+            writer.write(row | ({"eval_success": 0.95 * learned} if update % 8 == 0 else {}))
+    return directory
+
+
+@pytest.mark.slow
+def test_every_figure_is_drawn_and_the_same_metrics_give_the_same_picture(tmp_path: Path):
+    run = log(tmp_path / "run")
+    one, other = (training_figures([run], tmp_path / name) for name in ("one", "other"))
+    assert {file.name for file in one} == NAMES
+    assert {file.name for file in (tmp_path / "one").iterdir()} == NAMES
+    for file in one:
+        assert file.read_bytes().startswith(b"\x89PNG" if file.suffix == ".png" else b"<?xml")
+    assert [file.read_bytes() for file in one] == [file.read_bytes() for file in other]
+
+
+def test_seeds_of_different_length_go_into_one_figure(tmp_path: Path):
+    runs = [log(tmp_path / str(seed), seed, updates) for seed, updates in enumerate((20, 12, 1))]
+    assert len(training_figures([*runs, tmp_path / "not-begun"], tmp_path / "figures")) == len(NAMES)
+
+
+def test_a_short_run_can_be_drawn(tmp_path: Path):
+    training_figures([log(tmp_path / "run", updates=1)], tmp_path / "figures")
+
+
+def test_the_command_draws_finished_runs_again(tmp_path: Path):
+    main([str(log(tmp_path / "run")), "--out", str(tmp_path / "figures")])
+    assert {file.name for file in (tmp_path / "figures").iterdir()} == NAMES
+    with pytest.raises(ConfigError, match="absent: there is no such folder"):
+        main([str(tmp_path / "absent"), "--out", str(tmp_path / "figures")])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ConfigError, match="no metrics to draw"):
+        main([str(tmp_path / "empty"), "--out", str(tmp_path / "figures")])
+
+
+@pytest.mark.parametrize("count", [1, 399, 400, 401, 12_207])
+def test_a_long_curve_is_drawn_by_means_that_keep_its_own(count: int):
+    random = np.random.default_rng(count)
+    steps, values, weights = np.arange(1.0, count + 1), random.normal(size=count), random.integers(1, 90, count)
+    ends, means = stretches(steps, values, weights)
+    assert len(ends) == len(means) <= 400
+    assert ends[-1] == count
+    shares = np.diff(np.concatenate([[0.0], np.cumsum(weights)[ends.astype(int) - 1]]))
+    assert np.average(means, weights=shares) == pytest.approx(np.average(values, weights=weights))
+    if count <= 400:
+        np.testing.assert_array_equal(means, values)
+
+
+def test_without_metrics_there_is_nothing_to_draw(tmp_path: Path):
+    with pytest.raises(ValueError, match="no metrics to draw in"):
+        training_figures([tmp_path], tmp_path / "figures")
+
+
+def test_what_is_drawn_is_logged():
+    assert {panel.metric for panel in FIGURES.values()} <= set(METRICS)
+
+
+def test_matplotlib_is_loaded_only_to_draw():
+    program = "import sys, rlcas_jax.figures; assert 'matplotlib' not in sys.modules"
+    assert subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=False).returncode == 0
+
+
+# Phases: parts of one training that differ in some keys, each going on with the networks of the one before.
+
+TINY = """\
+name: tiny
+network: {hidden: [8, 8]}
+ppo: {environments: 16, rollout: 16, minibatch: 64, segment: 8, epochs: 1}
+pool_rows: 2
+evaluation: {every_steps: 1000000, encounters: 8, final_encounters: 16}
+checkpoint: {every_seconds: 0.0}
+phases:
+  - steps: 5120
+  - steps: 10240
+    ppo: {environments: 32, discount: 0.9}
+    scenarios: [{name: multi}]
+    world: {separation_spread: 50}
+"""
+UPDATES = 20 + 20
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("config") / "phases.yaml"
+    path.write_text(TINY)
+    return path
+
+
+def trained(config: TrainConfig, directory: Path) -> Run:
+    directory.mkdir()
+    return run(prepared(config, directory), Reporter(quiet=True))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, file: Path) -> Run:
+    return trained(load(TrainConfig, file), tmp_path_factory.mktemp("runs") / "whole")
+
+
+def rows(directory: Path) -> list[dict[str, float]]:
+    """Return the logged rows without what depends on the clock."""
+    logged = [json.loads(line) for line in (directory / metrics.FILE).read_text().splitlines()]
+    return [{name: value for name, value in row.items() if name not in metrics.WALL_CLOCK} for row in logged]
+
+
+def test_each_phase_has_its_own_keys_and_the_common_ones(file: Path, tmp_path: Path) -> None:
+    config = load(TrainConfig, file)
+    first, second = config.in_phases()
+    assert (first.steps, first.ppo.environments, first.ppo.discount) == (5120, 16, 0.995)
+    assert (second.steps, second.ppo.environments, second.ppo.discount) == (10240, 32, 0.9)
+    assert second.ppo.rollout == first.ppo.rollout == 16
+    assert [entry.name for entry in second.scenarios] == ["multi"]
+    assert TrainConfig().in_phases() == (TrainConfig(),)
+    (tmp_path / "dump.yaml").write_text(dump(config))
+    assert load(TrainConfig, tmp_path / "dump.yaml") == config
+
+
+@pytest.mark.parametrize(
+    ("phase", "said"),
+    [
+        ("{seed: 3}", r"phases\.0\.seed: expected one of steps, ppo"),
+        ("{ppo: {clipp: 3}}", r"phases\.0: ppo\.clipp is unknown .* did you mean ppo\.clip"),
+        ("{ppo: {minibatch: 5}}", r"phases\.0: ppo\.minibatch is 5; expected a divisor"),
+        ("{world: {vehicle: {speed_max_mps: 90}}}", r"phases\.0\.world\.vehicle"),
+        ("{ppo: 3}", r"phases\.0: ppo is 3; expected a group of keys"),
+        ("3", r"phases\.0 is 3"),
+    ],
+)
+def test_a_bad_phase_is_refused(phase: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        load(TrainConfig, None, [f"phases=[{phase}]"])
+
+
+def test_steps_and_updates_are_counted_over_all_phases(whole: Run) -> None:
+    log = metrics.read(whole.directory)
+    np.testing.assert_array_equal(log["update"], np.arange(1, UPDATES + 1))
+    np.testing.assert_array_equal(log["step"][[0, 19, 20, 39]], [256, 5120, 5120 + 512, 15360])
+    assert whole.finished and whole.steps == 15360
+    # The learning rate falls over each phase.
+    assert log["learning_rate"][0] == log["learning_rate"][20] > log["learning_rate"][19]
+
+
+def test_a_phase_goes_on_with_the_networks_of_the_one_before(whole: Run, file: Path, tmp_path: Path) -> None:
+    """Its first update is that of a training of this phase alone that begins with them."""
+    config = load(TrainConfig, file, ["phases.1.steps=512"])
+    both = trained(config, tmp_path / "both")
+    first = load(TrainConfig, file).in_phases()[0]
+    alone = trained(first, tmp_path / "first")
+    assert rows(alone.directory) == rows(both.directory)[:20] == rows(whole.directory)[:20]
+    second = prepared(config, tmp_path / "none").tasks[1]
+    state = second.initial()
+    state, _ = second.update(state._replace(learner=alone.state.learner))
+    for mine, theirs in zip(jax.tree.leaves(state), jax.tree.leaves(both.state), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+
+
+@pytest.mark.parametrize("least", [5, 25])
+def test_a_kill_in_either_phase_loses_nothing(whole: Run, file: Path, tmp_path: Path, least: int) -> None:
+    killed = tmp_path / "killed"
+    command = [sys.executable, "-m", "rlcas_jax.train", "--quiet"]
+    process = subprocess.Popen([*command, "--config", str(file), "--out", str(killed)], cwd=ROOT)
+    deadline = time.monotonic() + 240
+    while time.monotonic() < deadline and process.poll() is None:
+        if len(metrics.read(killed / metrics.FILE).get("update", ())) >= least:
+            break
+        time.sleep(0.002)
+    process.kill()
+    process.wait()
+    done = len(metrics.read(killed / metrics.FILE)["update"])
+    assert least <= done < UPDATES, "the run ended before it was killed: nothing was tested"
+    again = run(prepared(load(TrainConfig, file), killed, resume=True), Reporter(quiet=True))
+    assert rows(killed) == rows(whole.directory)
+    for mine, theirs in zip(jax.tree.leaves(again.state), jax.tree.leaves(whole.state), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+    newest = [checkpoint.latest(directory / "checkpoints") for directory in (killed, whole.directory)]
+    assert newest[0].read_bytes() == newest[1].read_bytes()
+
+
+def test_the_best_configuration_has_two_phases() -> None:
+    first, second = load(TrainConfig, ROOT / "configs" / "best.yaml").in_phases()
+    assert (first.steps, second.steps) == (20_000_000, 40_000_000)
+    assert first.network == second.network

@@ -1,4 +1,4 @@
-"""The training task: what is learned from, what is reported and what policies are judged by."""
+"""The training task: what is learned from, near-limit starts, what is reported and what policies are judged by."""
 
 from typing import Any
 
@@ -7,14 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents.config.load import load
+from agents.config.load import ConfigError, load
 from envs import encounters, surrogate
 from envs.encounters import Encounter, scenario
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES, Outcome
+from rlcas_jax import starts
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.escape_margin import best
-from rlcas_jax.starts import required_separation
+from rlcas_jax.starts import draw, near_limit, required_separation
 from rlcas_jax.task import Task, TrainState, build, fly
 
 SMALL = [
@@ -145,7 +146,7 @@ def test_required_separations_are_spread_over_the_range() -> None:
 
 
 def test_no_start_requires_more_than_a_manoeuvre_keeps() -> None:
-    pool = jax.tree.map(lambda field: field.reshape(16, 16, *field.shape[1:]), starts(256))
+    pool = jax.tree.map(lambda field: field.reshape(16, 16, *field.shape[1:]), drawn_starts(256))
     kept = np.asarray(best(pool.own, pool.goal_x, pool.goal_y, pool.intruders, pool.mask, jnp))
     world = load(TrainConfig, None, ["world.separation_spread=4000", "world.separation_headroom=500"]).world
     required = np.asarray(required_separation(pool, world))
@@ -164,7 +165,7 @@ def test_no_start_requires_more_than_a_manoeuvre_keeps() -> None:
 
 
 def test_each_encounter_is_lost_by_its_required_separation() -> None:
-    drawn = starts(64)
+    drawn = drawn_starts(64)
     required = load(TrainConfig, None, ["world.separation_spread=4000"]).world.required_separation(64)
     world = surrogate.World(RULES, SURROGATE)
     begun = surrogate.reset(drawn, required_separation=jnp.asarray(required))
@@ -183,9 +184,7 @@ def test_a_spread_changes_the_training_and_not_the_judgement(plain: Task) -> Non
 
 
 # Flying to the end.
-
-
-def starts(count: int = 32) -> Encounter:
+def drawn_starts(count: int = 32) -> Encounter:
     circle = scenario("circle")
     draws = np.random.default_rng(0).random((circle.attempts, count, circle.dimensions))
     drawn, _ = encounters.sample(circle, draws, np)
@@ -208,13 +207,13 @@ def flown(encounter: Encounter, policy: Any, **rules: Any) -> Outcome:
 @pytest.fixture(scope="module")
 def alone() -> Encounter:
     """Encounters whose intruder is absent."""
-    drawn = starts()
+    drawn = drawn_starts()
     return drawn._replace(mask=jnp.zeros_like(drawn.mask))
 
 
 def test_every_encounter_ends_in_exactly_one_way_and_it_is_the_first() -> None:
     """Against single steps: what happens after the end is not counted."""
-    encounter = starts()
+    encounter = drawn_starts()
     found = flown(encounter, to_the_goal)
     state, first = jax.jit(surrogate.reset)(encounter), np.full(32, -1)
     world = surrogate.World(RULES, SURROGATE)
@@ -248,7 +247,7 @@ def test_circling_times_out(alone: Encounter) -> None:
 
 def test_the_rules_given_are_the_rules_flown_by() -> None:
     """Side by side at 1100 m: fine for a separation of 1000 m, lost for one of 1200 m."""
-    drawn = starts()
+    drawn = drawn_starts()
     beside = drawn.intruders._replace(
         x=(drawn.own.x - 1_100.0 * jnp.sin(drawn.own.heading))[:, None],
         y=(drawn.own.y + 1_100.0 * jnp.cos(drawn.own.heading))[:, None],
@@ -264,6 +263,63 @@ def test_evaluation_flies_the_actors_mean(plain: Task) -> None:
     """A network whose head is a constant turn to the left flies circles until the time is up."""
     variables = jax.tree.map(jnp.zeros_like, plain.initial().learner.actor)
     variables["params"]["trunk"]["head"]["bias"] = jnp.float32([0.0, 5.0])
-    drawn = starts()
+    drawn = drawn_starts()
     found = plain.evaluate(variables, drawn._replace(mask=jnp.zeros_like(drawn.mask)))
     assert np.all(found.timeout)
+
+
+# Near-limit starts: hard examples that replace a share of the scenarios' starts.
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Look for 100 near-limit starts only."""
+    monkeypatch.setattr(starts, "NEAR_LIMIT", 100)
+    starts._near_limit.cache_clear()
+
+
+def spare(found: Encounter) -> np.ndarray:
+    """Return what the best manoeuvre keeps beyond 1000 m."""
+    return best(found.own, found.goal_x, found.goal_y, found.intruders, found.mask, np) - 1_000.0
+
+
+@pytest.mark.usefixtures("few")
+def test_near_limit_starts_have_the_margin_and_the_share() -> None:
+    config = load(
+        TrainConfig,
+        None,
+        [
+            "near_limit.margin=30",
+            "near_limit.share=0.4",
+            "ppo.environments=64",
+            "scenarios=[{name: multi}]",
+        ],
+    )
+    found = near_limit(config)
+    assert found is not None
+    assert found.goal_x.shape == (100,)
+    left = spare(found)
+    assert np.all((left > -0.05) & (left <= 30.05))  # rounded to float32
+    assert np.quantile(left, 0.75) - np.quantile(left, 0.25) > 5.0
+    starts._near_limit.cache_clear()
+    again = near_limit(config)
+    assert again is not None
+    np.testing.assert_array_equal(found.own.x, again.own.x)
+    drawn = draw(jax.random.key(1), config, [entry.scenario() for entry in config.scenarios], 50, found)
+    chosen = np.isin(np.asarray(drawn.own.heading), found.own.heading)
+    assert chosen.mean() == pytest.approx(0.4, abs=0.05)
+    # The whole encounter is taken, and intruders that it does not have are absent.
+    np.testing.assert_array_equal(np.asarray(drawn.mask)[chosen].sum(-1), 1)
+    assert np.all(np.isin(np.asarray(drawn.goal_x)[chosen], found.goal_x))
+
+
+@pytest.mark.usefixtures("few")
+def test_no_near_limit_starts_by_default() -> None:
+    assert near_limit(TrainConfig()) is None
+
+
+@pytest.mark.usefixtures("few")
+def test_near_limit_starts_that_hardly_exist_are_refused() -> None:
+    config = load(TrainConfig, None, ["near_limit.share=0.1", "near_limit.margin=1e-4"])
+    with pytest.raises(ConfigError, match=r"near_limit\.margin"):
+        near_limit(config)
