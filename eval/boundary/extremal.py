@@ -14,9 +14,9 @@ from envs.kinematics import Limits, VehicleState, advance
 
 __all__ = ["best_separation"]
 
-_STEP = 0.5
+_TURN = math.radians(1.5)  # in a time step at full rate
 _COURSES = np.radians(np.arange(-220.0, 220.1, 2.0))
-_SWITCHES = (0.0, 1.0, 2.0, 4.0, 6.0, 8.0, 11.0, 14.0, 18.0, 24.0, math.inf)
+_SWITCHES = (0, 2, 4, 8, 12, 16, 22, 28, 36, 48, math.inf)  # time steps of deceleration
 _BLOCK = 8
 
 
@@ -33,9 +33,9 @@ def best_separation(
         limits: of the ownship.
         horizon: s.
     """
-    count = math.ceil(horizon / _STEP)
-    own_x, own_y = _fan(own_speed, limits, count)
-    time = _STEP * np.arange(count + 1)
+    step = _TURN / limits.yaw_rate_max
+    own_x, own_y = _fan(own_speed, limits, step, math.ceil(horizon / step))
+    time = step * np.arange(own_x.shape[1])
     vx, vy = intruder_speed * math.cos(intruder_heading), intruder_speed * math.sin(intruder_heading)
     left = (own_x - vx * time).astype(np.float32)
     over = (own_y - vy * time).astype(np.float32)
@@ -54,17 +54,16 @@ def best_separation(
     return best
 
 
-def _fan(speed: float, limits: Limits, count: int) -> tuple[Any, Any]:
+def _fan(speed: float, limits: Limits, step: float, count: int) -> tuple[Any, Any]:
     """Return the positions of all flights at times 0, step, 2 step, ..., m, ``[F, T + 1]``."""
     course, switch = (grid.ravel() for grid in np.meshgrid(_COURSES, _SWITCHES))
     zero = np.zeros(course.size)
     own = VehicleState(zero, zero, zero, zero + speed)
     left_to_turn, x, y = course.copy(), [own.x], [own.y]
-    full = limits.yaw_rate_max * _STEP
     for index in range(count):
-        turn = np.clip(left_to_turn, -full, full)
-        thrust = np.where(index * _STEP >= switch, limits.acceleration_max, limits.acceleration_min)
-        own = advance(own, thrust, turn / _STEP, _STEP, limits, np)
+        turn = np.clip(left_to_turn, -_TURN, _TURN)
+        thrust = np.where(index >= switch, limits.acceleration_max, limits.acceleration_min)
+        own = advance(own, thrust, turn / step, step, limits, np)
         left_to_turn = left_to_turn - turn
         x.append(own.x)
         y.append(own.y)

@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 
 from agents.resolvability.classify import Verdict
+from envs.aircraft import Aircraft
 from eval.boundary.slices import Answers
-from eval.plots.style import BLUE, ORANGE, VERMILION
+from eval.plots.style import BLUE, ORANGE, VERMILION, arrow, legend, sample
 
 __all__ = ["boundary_figure"]
 
 _KM = 1e-3
-_LEVELS = (400.0, 600.0, 800.0, 1_000.0, 1_200.0)
+_LEVELS = (0.4, 0.6, 0.8, 1.0, 1.2)  # separations
 _SHADES = ("#C9C9C9", "#D6D6D6", "#E2E2E2", "#EDEDED", "#F6F6F6", "#FFFFFF")
-_EDGE_M = 20.0
+_EDGE = 0.02  # separations to either side of the boundary
 _STYLES: dict[Verdict, dict[str, Any]] = {
     Verdict.RESOLVABLE: {"marker": "o", "color": BLUE, "s": 7.0, "linewidths": 0.0},
     Verdict.UNRESOLVABLE: {"marker": "s", "color": VERMILION, "s": 7.0, "linewidths": 0.0},
@@ -31,50 +31,38 @@ _NAMES = {
 }
 
 
-def boundary_figure(slices: Sequence[tuple[Answers, Mapping[str, Any]]], separation: float) -> Figure:
-    """Return the figure.
-
-    Args:
-        slices: answers, and their figures by :func:`eval.boundary.slices.compare`.
-        separation: required, m.
-    """
+def boundary_figure(slices: Sequence[tuple[Answers, Mapping[str, Any]]], aircraft: Aircraft) -> Figure:
+    """Return the figure of slices: answers, and their figures by :func:`eval.boundary.slices.compare`."""
+    separation = aircraft.separation
     columns = min(len(slices), 3)
     rows = math.ceil(len(slices) / columns)
     figure = Figure(figsize=(4.9 * columns, 6.4 * rows + 0.9), layout="constrained")
     grid = figure.add_gridspec(2 * rows, columns, height_ratios=[4.6, 1.0] * rows)
     for number, (answers, figures) in enumerate(slices):
         row, column = divmod(number, columns)
-        _map(figure.add_subplot(grid[2 * row, column]), answers, figures, separation)
+        _map(figure.add_subplot(grid[2 * row, column]), answers, figures, aircraft)
         _edge(figure.add_subplot(grid[2 * row + 1, column]), answers, figures, separation)
-    handles = [
-        Line2D([], [], color="black", linewidth=1.6, label=f"the grid's boundary: {separation:.0f} m can just be kept"),
-        Line2D([], [], color="black", linewidth=1.0, linestyle="--", label=f"{separation:.0f} m around the ownship"),
-        *(
-            Line2D(
-                [],
-                [],
-                linestyle="",
-                marker=style["marker"],
-                markersize=7.0,
-                color=style["color"],
-                markeredgecolor=style.get("edgecolors", style["color"]),
-                label=_NAMES[verdict],
-            )
-            for verdict, style in _STYLES.items()
-        ),
-        Patch(facecolor="#BBBBBB", label="the grid's error (lower panels)"),
+    handles: list[Any] = [
+        sample(f"the grid's boundary: {separation:.0f} m can just be kept", color="black", linewidth=1.6),
+        sample(f"{separation:.0f} m around the ownship", color="black", linewidth=1.0, linestyle="--"),
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(2 * columns, 3), frameon=False, fontsize=10)
+    for verdict, style in _STYLES.items():
+        look = {"marker": style["marker"], "markersize": 7.0, "color": style["color"], "linestyle": ""}
+        look["markeredgecolor"] = style.get("edgecolors", style["color"])
+        handles.append(sample(_NAMES[verdict], **look))
+    handles.append(Patch(facecolor="#BBBBBB", label="the grid's error (lower panels)"))
+    legend(figure, handles, min(2 * columns, 3), 10)
     return figure
 
 
-def _map(axes: Any, answers: Answers, figures: Mapping[str, Any], separation: float) -> None:
+def _map(axes: Any, answers: Answers, figures: Mapping[str, Any], aircraft: Aircraft) -> None:
     """Draw where the intruder starts, the ownship's heading up."""
+    separation = aircraft.separation
     # Ahead is up and left is left.
     across, up = -_KM * answers.map_y[::-1], _KM * answers.map_x
-    value = answers.map_value[:, ::-1]
-    axes.contourf(across, up, value, levels=[0.0, *_LEVELS, 1e9], colors=_SHADES)
-    others = [level for level in _LEVELS if level != separation]
+    value, levels = answers.map_value[:, ::-1], [part * separation for part in _LEVELS]
+    axes.contourf(across, up, value, levels=[0.0, *levels, 1e9], colors=_SHADES)
+    others = [level for level in levels if level != separation]
     thin = axes.contour(across, up, value, levels=others, colors="#8C8C8C", linewidths=0.6)
     axes.clabel(thin, fmt="%.0f m", fontsize=7)
     for verdict, style in _STYLES.items():
@@ -83,36 +71,30 @@ def _map(axes: Any, answers: Answers, figures: Mapping[str, Any], separation: fl
         axes.scatter(-_KM * answers.y[shown], _KM * answers.x[shown], rasterized=True, zorder=3.0, **style)
     axes.contour(across, up, value, levels=[separation], colors="black", linewidths=1.6, zorder=4.0)
     axes.add_patch(Circle((0.0, 0.0), _KM * separation, fill=False, linestyle="--", linewidth=1.0, zorder=4.0))
-    _arrow(axes, (0.0, 0.0), math.pi / 2.0, answers.slice.own_speed, "own")
     # The intruder that is avoided last: the lost start farthest away.
     lost = np.where(answers.map_value < separation, np.hypot(answers.map_x[:, None], answers.map_y), -1.0)
     i, k = np.unravel_index(np.argmax(lost), lost.shape)
     start = (-_KM * answers.map_y[k], _KM * answers.map_x[i])
-    _arrow(axes, start, answers.slice.heading + math.pi / 2.0, answers.slice.intruder_speed, "intruder")
+    cut = answers.slice
+    for place, heading, speed, name in (
+        ((0.0, 0.0), 0.0, cut.own_speed, "own"),
+        (start, cut.heading, cut.intruder_speed, "intruder"),
+    ):
+        direction = heading + math.pi / 2.0
+        behind = (-15.0 * math.cos(direction), -13.0 * math.sin(direction))
+        aside: Any = {"xytext": behind, "ha": "right" if behind[0] < -5.0 else "center", "va": "center"}
+        arrow(axes, place, direction, 0.6 * _KM * aircraft.time_unit * speed, name, **aside)
     axes.set_aspect("equal")
     axes.set_xlim(across[0], across[-1])
     axes.set_ylim(up[0], up[-1])
     axes.set_xlabel("to the right of the ownship, km")
     axes.set_ylabel("ahead of the ownship, km")
     axes.set_title(
-        f"{answers.slice.name}: own {answers.slice.own_speed:g}, intruder {answers.slice.intruder_speed:g} m/s, "
+        f"{cut.name}: own {cut.own_speed:g}, intruder {cut.intruder_speed:g} m/s, "
         f"{figures['course_difference_deg']:+.0f}°\n{figures['points']} points, "
         f"{sum(figures['disagreements'].values())} disagreements, {figures['undecided']} undecided",
         fontsize=10,
     )
-
-
-def _arrow(axes: Any, start: tuple[float, float], direction: float, speed: float, name: str) -> None:
-    """Draw what is flown in 6 s, and the name behind the start."""
-    length = 6.0 * _KM * speed
-    end = (start[0] + length * math.cos(direction), start[1] + length * math.sin(direction))
-    style = {"arrowstyle": "-|>", "linewidth": 2.2, "color": "black", "shrinkA": 0.0, "shrinkB": 0.0}
-    axes.annotate("", end, start, arrowprops=style, annotation_clip=False, zorder=6.0)
-    axes.plot(*start, marker="o", markersize=5.0, color="black", zorder=6.0)
-    behind = (-15.0 * math.cos(direction), -13.0 * math.sin(direction))
-    box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
-    place: dict[str, Any] = {"ha": "right" if behind[0] < -5.0 else "center", "va": "center"}
-    axes.annotate(name, start, behind, textcoords="offset points", fontsize=8, bbox=box, zorder=7.0, **place)
 
 
 def _edge(axes: Any, answers: Answers, figures: Mapping[str, Any], separation: float) -> None:
@@ -123,11 +105,11 @@ def _edge(axes: Any, answers: Answers, figures: Mapping[str, Any], separation: f
     axes.axvline(0.0, color="black", linewidth=1.0)
     order = (Verdict.UNRESOLVABLE, Verdict.UNDECIDED, Verdict.RESOLVABLE)
     for height, verdict in enumerate(order):
-        shown = np.flatnonzero((answers.verdict == verdict) & (np.abs(excess) < _EDGE_M))
+        shown = np.flatnonzero((answers.verdict == verdict) & (np.abs(excess) < _EDGE * separation))
         # Rows are spread by a fixed sequence, so that points do not hide each other.
         spread = 0.62 * ((0.618034 * np.arange(shown.size)) % 1.0 - 0.5)
         axes.scatter(excess[shown], height + spread, rasterized=True, zorder=3.0, **_STYLES[verdict])
-    axes.set_xlim(-_EDGE_M, _EDGE_M)
+    axes.set_xlim(-_EDGE * separation, _EDGE * separation)
     axes.set_ylim(-0.5, 2.5)
     axes.set_yticks(range(3), ["unresolvable", "undecided", "resolvable"], fontsize=8)
     axes.set_xlabel(f"separation that can be kept by the grid minus {separation:.0f} m, in m", fontsize=9)

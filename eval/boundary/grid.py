@@ -25,11 +25,9 @@ from envs.relative import leg_separation
 __all__ = ["CAP", "Grid", "Solution", "edge_value", "make_grid", "solve", "value_at"]
 
 CAP = 1.4  # values above this many separations are cut off: they say nothing about the boundary
+# Turns right, none, left; strongest deceleration and acceleration (their mixture stands for all between).
 _CONTROLS = tuple((turn, thrust) for turn in (-1, 0, 1) for thrust in (0, 1))
-"""Turns right, none, left; strongest deceleration and acceleration (their mixture stands for all between)."""
-
-_TOLERANCE, _MOST_SWEEPS = 0.02, 100
-"""The iteration ends when no value near the separation changes by more in a sweep, m."""
+_TOLERANCE, _MOST_SWEEPS = 2e-5, 100  # no value near the separation changes by more in the last sweep, separations
 
 
 class Grid(NamedTuple):
@@ -58,7 +56,7 @@ def make_grid(limits: Limits, intruder_speed: float, separation: float, dt: floa
     """Return a grid that contains all states from which the separation cannot be kept.
 
     Args:
-        limits: of the ownship; floats.
+        limits: of the ownship; floats, ``speed_min`` above 0.
         intruder_speed: m/s.
         separation: m.
         dt: time step, s; a half turn takes a whole number of steps.
@@ -82,14 +80,10 @@ def make_grid(limits: Limits, intruder_speed: float, separation: float, dt: floa
 
 
 def solve(grid: Grid, limits: Limits, intruder_speed: float, separation: float) -> Solution:
-    """Iterate the value until it stays.
+    """Iterate the value until it stays; arguments as of :func:`make_grid`.
 
-    Args:
-        grid: of the state. Beyond its edge the separation counts as kept; that is right if :func:`edge_value` says
-            that no lost state touches the edge, since a state that leaves there can be safe from the edge on.
-        limits: of the ownship; floats.
-        intruder_speed: m/s.
-        separation: m.
+    Beyond the edge of the grid the separation counts as kept. That is right if :func:`edge_value` says that no lost
+    state touches the edge, since a state that leaves there can be safe from the edge on.
     """
     cap = np.float32(CAP * separation)
     cell = float(grid.x[1] - grid.x[0])
@@ -100,7 +94,7 @@ def solve(grid: Grid, limits: Limits, intruder_speed: float, separation: float) 
     value = np.full(shape, cap, np.float32)
     value[..., inner, inner] = np.minimum(cap, np.hypot(grid.x[:, None], grid.y))
     sweeps, change = 0, math.inf
-    while change > _TOLERANCE and sweeps < _MOST_SWEEPS:
+    while change > _TOLERANCE * separation and sweeps < _MOST_SWEEPS:
         sweeps, change = sweeps + 1, 0.0
         # In place: the iteration falls towards the same value from above, whatever the order.
         for index in np.ndindex(shape[:2]):

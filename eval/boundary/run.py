@@ -8,37 +8,40 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.config.load import ConfigError, Parser
+from agents.config.load import ConfigError, Parser, load
 from eval.plots import save as picture_folder
 
 if TYPE_CHECKING:
+    from envs.aircraft import Aircraft
     from eval.boundary.grid import Solution
-    from eval.boundary.slices import Slice
+    from eval.boundary.slices import Answers, Slice
 
 __all__ = ["GRIDS", "main"]
 
 GRIDS = {
-    "coarse": ((5.0, 120.0), (5.0, 60.0)),
-    "default": ((5.0, 60.0), (2.5, 30.0)),
-    "fine": ((5.0, 40.0), (2.5, 20.0)),
+    "coarse": ((12, 0.12), (12, 0.06)),
+    "default": ((12, 0.06), (24, 0.03)),
+    "fine": ((12, 0.04), (24, 0.02)),
 }
-"""Time step (s) and cell (m) of the two grids whose difference gives the error, the finer one last."""
+"""Time steps of a half turn, and cell (separations), of the two grids whose difference gives the error, the finer one
+last."""
 
 _SLICES = (
-    ("head-on", 75.0, 75.0, 180.0),
-    ("crossing from the left", 75.0, 75.0, 90.0),
-    ("shallow crossing", 75.0, 75.0, 30.0),
-    ("overtaken", 60.0, 100.0, 0.0),
-    ("slow against fast", 50.0, 100.0, 135.0),
-    ("overtaking", 100.0, 50.0, 0.0),
+    ("head-on", 0.5, 0.5, 180.0),
+    ("crossing from the left", 0.5, 0.5, 90.0),
+    ("shallow crossing", 0.5, 0.5, 30.0),
+    ("overtaken", 0.2, 1.0, 0.0),
+    ("slow against fast", 0.0, 1.0, 135.0),
+    ("overtaking", 1.0, 0.0, 0.0),
 )
+"""Name, own and intruder's speed (0: the ownship's least, 1: its greatest), and difference of the courses, degrees."""
 
 _DESCRIPTION = """\
 Ask twice from where one straight intruder can still be avoided, and draw both answers: by dynamic programming on a
 grid (Hamilton-Jacobi reachability), and by agents.resolvability, whose proofs and witnesses know of no grid.
 
 A slice fixes both speeds and the difference of the courses; the intruder's place at the start varies. Without --slice
-six slices are asked. The goal lies 12 km straight ahead. Limits are the surrogate's, the separation is 1000 m.
+six slices are asked. The goal lies 12 separations straight ahead.
 
 Written to --out: boundary.json and the figure boundary.png and .svg. Disagreements are points that one side says can
 be avoided and the other cannot, by more than the grid's error: there must be none."""
@@ -48,8 +51,8 @@ examples:
   python -m eval.boundary --out runs/boundary
   python -m eval.boundary --slice 60 90 120 --slice 60 90 -45 --spacing 100 --out runs/mine
 
-The grid's headings are 7.5 degrees apart, its speeds 1.25 m/s; at nodes that both grids share (15 degrees, 2.5 m/s)
-nothing is lost by interpolation, elsewhere the stated error is larger."""
+The grid's headings are 7.5 degrees apart, its speeds 1.25 m/s for the paper's aircraft; at nodes that both grids share
+(15 degrees, 2.5 m/s) nothing is lost by interpolation, elsewhere the stated error is larger."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -59,54 +62,50 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ConfigError: bad input.
     """
     options = _parser().parse_args(arguments)
-    cuts = _slices(options.slice)
-    if not 20.0 <= options.spacing <= 500.0:
-        raise ConfigError(f"--spacing: {options.spacing:g} m; expected 20 to 500 m")
+    aircraft = _aircraft(options.aircraft)
+    separation = aircraft.separation
+    cuts = _slices(options.slice, aircraft)
+    spacing = 0.15 * separation if options.spacing is None else options.spacing
+    if not 0.02 * separation <= spacing <= 0.5 * separation:
+        raise ConfigError(f"--spacing: {spacing:g} m; expected {0.02 * separation:g} to {0.5 * separation:g} m")
     picture_folder.create(options.out)
     begun = time.perf_counter()
 
-    from envs.kinematics import SURROGATE
-    from envs.outcome import RULES
     from eval.boundary.figure import boundary_figure
     from eval.boundary.slices import compare, judge
 
-    asked = []
-    solutions: dict[float, tuple[Solution, Solution]] = {}
-    for cut in sorted(cuts, key=lambda cut: cut.intruder_speed):
+    found: dict[int, tuple[Answers, dict[str, Any]]] = {}
+    solutions: dict[float, list[Solution]] = {}
+    for number, cut in sorted(enumerate(cuts), key=lambda one: one[1].intruder_speed):
         if cut.intruder_speed not in solutions:
             solutions.clear()  # one at a time bounds the memory
             _say(f"solving the grids for an intruder at {cut.intruder_speed:g} m/s")
-            solutions[cut.intruder_speed] = _solutions(cut.intruder_speed, options.grid)
+            solutions[cut.intruder_speed] = _solutions(cut.intruder_speed, options.grid, aircraft)
         coarse, fine = solutions[cut.intruder_speed]
         _say(f"judging {cut.name}")
-        answers = judge(cut, fine, coarse, options.spacing, RULES, SURROGATE)
-        figures = compare(answers, RULES, options.spacing) | {
-            "grid_nodes": fine.value.size,
-            "grid_sweeps": fine.sweeps,
-            "last_change_m": fine.change,
-        }
-        asked.append((cuts.index(cut), answers, figures))
-    asked.sort(key=lambda one: one[0])
-
-    disagreements = sum(sum(figures["disagreements"].values()) for _, _, figures in asked)
-    picture_folder.write(
-        options.out,
-        "boundary",
-        {
-            "schema_version": 1,
-            "separation_m": RULES.separation,
-            "limits": SURROGATE._asdict(),
-            "spacing_m": options.spacing,
-            "grids": [{"dt_s": dt, "cell_m": cell} for dt, cell in GRIDS[options.grid]],
-            "disagreements": disagreements,
-            "slices": [figures for _, _, figures in asked],
-            "wall_s": time.perf_counter() - begun,
-        },
-        boundary_figure([(answers, figures) for _, answers, figures in asked], RULES.separation),
-        dpi=110,
-    )
-    for _, _, figures in asked:
-        print(_line(figures))
+        answers = judge(cut, fine, coarse, spacing, aircraft)
+        grid = {"grid_nodes": fine.value.size, "grid_sweeps": fine.sweeps, "last_change_m": fine.change}
+        found[number] = answers, compare(answers, separation, spacing) | grid
+    asked = [found[number] for number in range(len(cuts))]
+    disagreements = sum(sum(figures["disagreements"].values()) for _, figures in asked)
+    result = {
+        "schema_version": 1,
+        "separation_m": separation,
+        "limits": aircraft.limits._asdict(),
+        "spacing_m": spacing,
+        "grids": [{"dt_s": dt, "cell_m": cell} for dt, cell in _grids(options.grid, aircraft)],
+        "disagreements": disagreements,
+        "slices": [figures for _, figures in asked],
+        "wall_s": time.perf_counter() - begun,
+    }
+    picture_folder.write(options.out, "boundary", result, boundary_figure(asked, aircraft), 110)
+    for _, figures in asked:
+        print(
+            f"{figures['name']}: {figures['points']} points, {figures['resolvable']} resolvable, "
+            f"{figures['unresolvable']} unresolvable, {figures['undecided']} undecided; "
+            f"{sum(figures['disagreements'].values())} disagreements beyond the grid's error of "
+            f"{figures['grid_error_m']:.2f} m"
+        )
     print(f"{disagreements} disagreements; written to {options.out}")
     return 1 if disagreements else 0
 
@@ -123,54 +122,61 @@ def _parser() -> argparse.ArgumentParser:
         metavar=("OWN", "INTRUDER", "COURSE"),
         help="own speed, intruder's speed (m/s) and its course less the own one (degrees clockwise); may be repeated",
     )
-    add("--spacing", type=float, default=150.0, metavar="M", help="of the raster of starts, m (default: 150)")
+    add("--aircraft", type=Path, metavar="FILE", help="YAML file of the ownship (default: the paper's aircraft)")
+    add("--spacing", type=float, metavar="M", help="of the raster of starts, m (default: 0.15 separations)")
     add("--grid", choices=tuple(GRIDS), default="default", help="resolution; fine takes 3 times as long")
-    add("--fine", action="store_const", const="fine", dest="grid", help="the same as --grid fine")
     add("--out", type=Path, required=True, metavar="DIR", help="folder for what is written, new or empty")
     return parser
 
 
-def _slices(wanted: Sequence[Sequence[float]]) -> "list[Slice]":
-    from envs.kinematics import SURROGATE
+def _aircraft(path: Path | None) -> "Aircraft":
+    from agents.config.world import AircraftConfig
+    from envs.aircraft import PAPER
+
+    aircraft = PAPER if path is None else load(AircraftConfig, path).aircraft()
+    if aircraft.limits.speed_min <= 0.0:
+        raise ConfigError("--aircraft: speed_min is 0; expected above 0: what can stand still has no such boundary")
+    return aircraft
+
+
+def _slices(wanted: Sequence[Sequence[float]], aircraft: "Aircraft") -> "list[Slice]":
     from eval.boundary.slices import Slice
 
-    named = [(f"slice {number}", *values) for number, values in enumerate(wanted, 1)] or _SLICES
+    slowest, fastest = aircraft.limits.speed_min, aircraft.limits.speed_max
+    named = [(f"slice {number}", *values) for number, values in enumerate(wanted, 1)]
+    if not named:
+        speeds = {part: slowest + part * (fastest - slowest) for _, *parts, _ in _SLICES for part in parts}
+        named = [(name, speeds[own], speeds[intruder], course) for name, own, intruder, course in _SLICES]
     for name, own, intruder, course in named:
-        for what, value, low, high in (
-            ("own speed", own, SURROGATE.speed_min, SURROGATE.speed_max),
-            ("intruder's speed", intruder, 0.0, 150.0),
-            ("course difference", course, -180.0, 180.0),
+        for what, value, low, high, unit in (
+            ("own speed", own, slowest, fastest, "m/s"),
+            ("intruder's speed", intruder, 0.0, aircraft.traffic_speed_max, "m/s"),
+            ("course difference", course, -180.0, 180.0, "degrees"),
         ):
             if not low <= value <= high:
-                unit = "degrees" if what == "course difference" else "m/s"
                 raise ConfigError(
                     f"--slice: the {what} of {name} is {value:g} {unit}; expected {low:g} to {high:g} {unit}"
                 )
     return [Slice(name, own, intruder, math.radians(course)) for name, own, intruder, course in named]
 
 
-def _solutions(intruder_speed: float, name: str) -> "tuple[Solution, Solution]":
+def _grids(name: str, aircraft: "Aircraft") -> list[tuple[float, float]]:
+    """Return time step, s, and cell, m, of the coarser and the finer grid."""
+    half_turn = math.pi / aircraft.limits.yaw_rate_max
+    return [(round(half_turn / steps, 9), cell * aircraft.separation) for steps, cell in GRIDS[name]]
+
+
+def _solutions(intruder_speed: float, name: str, aircraft: "Aircraft") -> "list[Solution]":
     """Return the value functions on the coarser and the finer grid."""
-    from envs.kinematics import SURROGATE
-    from envs.outcome import RULES
     from eval.boundary.grid import edge_value, make_grid, solve
 
+    limits, separation = aircraft.limits, aircraft.separation
     found = []
-    for dt, cell in GRIDS[name]:
-        grid = make_grid(SURROGATE, intruder_speed, RULES.separation, dt, cell)
-        solution = solve(grid, SURROGATE, intruder_speed, RULES.separation)
-        assert edge_value(solution) > RULES.separation, "a lost state touches the edge of the grid"
-        found.append(solution)
-    return found[0], found[1]
-
-
-def _line(figures: dict[str, Any]) -> str:
-    return (
-        f"{figures['name']}: {figures['points']} points, {figures['resolvable']} resolvable, "
-        f"{figures['unresolvable']} unresolvable, {figures['undecided']} undecided; "
-        f"{sum(figures['disagreements'].values())} disagreements beyond the grid's error of "
-        f"{figures['grid_error_m']:.2f} m"
-    )
+    for dt, cell in _grids(name, aircraft):
+        grid = make_grid(limits, intruder_speed, separation, dt, cell)
+        found.append(solve(grid, limits, intruder_speed, separation))
+        assert edge_value(found[-1]) > separation, "a lost state touches the edge of the grid"
+    return found
 
 
 def _say(text: str) -> None:

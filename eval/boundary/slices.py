@@ -10,23 +10,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.resolvability.classify import Verdict, classify
+from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.intruder import Intent
-from envs.kinematics import Limits, VehicleState
-from envs.outcome import Rules
+from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from eval.boundary.extremal import best_separation
 from eval.boundary.grid import Solution, value_at
 
-__all__ = ["GOAL_AHEAD", "Answers", "Slice", "compare", "encounters_at", "judge", "values_at"]
+__all__ = ["Answers", "Slice", "compare", "encounters_at", "judge", "values_at"]
 
-GOAL_AHEAD = 12_000.0
-"""Distance of the goal straight ahead, m: far beyond the conflict, near enough to be reached after any escape."""
+# Lengths in separations.
+_GOAL_AHEAD = 12.0  # the goal straight ahead: far beyond the conflict, near enough to be reached after any escape
+_NEAR = 0.1  # values within this of the separation are near the boundary: there the errors are measured
+_CLOSE = 0.02  # values within this of it are asked for on the finer raster
+_MAP = 0.025  # distance of the points of the map
 
-_NEAR = 100.0  # values within this of the separation are near the boundary, m: there the errors are measured
-_CLOSE = 20.0  # values within this of it are asked for on the finer raster, m
-_FINER = 5  # how many times finer that is
+_FINER = 5  # how many times finer that raster is
 _FLOWN = 400  # points near the boundary at which extremal flights are flown, besides all that are undecided
 
 
@@ -68,21 +69,21 @@ def values_at(solution: Solution, cut: Slice, x: Any, y: Any) -> Any:
     return value_at(solution, -cosine * x - sine * y, sine * x - cosine * y, relative, cut.own_speed)
 
 
-def encounters_at(cut: Slice, x: Any, y: Any) -> Encounter:
+def encounters_at(cut: Slice, x: Any, y: Any, aircraft: Aircraft) -> Encounter:
     """Return encounters ``[M]`` with the ownship at the origin and one straight intruder at (x, y) each."""
     zero, column = np.zeros(np.size(x)), np.zeros((np.size(x), 1))
     return Encounter(
         VehicleState(zero, zero, zero, zero + cut.own_speed),
-        zero + GOAL_AHEAD,
+        zero + _GOAL_AHEAD * aircraft.separation,
         zero,
         VehicleState(np.reshape(x, (-1, 1)), np.reshape(y, (-1, 1)), column + cut.heading, column + cut.intruder_speed),
         column == 0.0,
-        Intent(column, column, column + math.radians(3.0)),
+        Intent(column, column, column + aircraft.limits.yaw_rate_max),
         Sensor(column, column, column),
     )
 
 
-def judge(cut: Slice, fine: Solution, coarse: Solution, spacing: float, rules: Rules, limits: Limits) -> Answers:
+def judge(cut: Slice, fine: Solution, coarse: Solution, spacing: float, aircraft: Aircraft) -> Answers:
     """Ask both for the slice.
 
     Args:
@@ -90,29 +91,29 @@ def judge(cut: Slice, fine: Solution, coarse: Solution, spacing: float, rules: R
         fine: value of the intruder's speed.
         coarse: the same on a grid twice as coarse.
         spacing: of the raster, m.
-        rules: of the task.
-        limits: of the ownship.
+        aircraft: of the ownship.
     """
-    map_x, map_y = _surroundings(cut, coarse, rules.separation)
+    limits, separation = aircraft.limits, aircraft.separation
+    map_x, map_y = _surroundings(cut, coarse, separation)
     map_value = values_at(fine, cut, *np.meshgrid(map_x, map_y, indexing="ij"))
     wide = _raster(map_x, map_y, spacing)
     dense = _raster(map_x, map_y, spacing / _FINER)
-    close = np.abs(values_at(fine, cut, *dense) - rules.separation) < _CLOSE
+    close = np.abs(values_at(fine, cut, *dense) - separation) < _CLOSE * separation
     x, y = (np.concatenate([a, b[close]]) for a, b in zip(wide, dense, strict=True))
     value, rough = values_at(fine, cut, x, y), values_at(coarse, cut, x, y)
-    judged = classify(encounters_at(cut, x, y), rules, limits)
-    near = _near(x, y, value, rules.separation)
+    judged = classify(encounters_at(cut, x, y, aircraft), aircraft.rules(), limits)
+    near = _near(x, y, value, separation)
     few = np.flatnonzero(near)[:: max(math.ceil(np.sum(near) / _FLOWN), 1)]
     few = np.union1d(few, np.flatnonzero(near & (judged.verdict == Verdict.UNDECIDED)))
+    # By then the closest approach of any escape is over.
+    horizon = math.pi / limits.yaw_rate_max * 0.5 + separation / limits.speed_min
     flown = np.full(x.size, np.nan)
-    flown[few] = best_separation(
-        cut.own_speed, cut.heading, cut.intruder_speed, x[few], y[few], limits, _horizon(limits, rules.separation)
-    )
+    flown[few] = best_separation(cut.own_speed, cut.heading, cut.intruder_speed, x[few], y[few], limits, horizon)
     raster = np.arange(x.size) < wide[0].size
     return Answers(cut, x, y, raster, value, rough, judged.verdict, judged.separation, flown, map_x, map_y, map_value)
 
 
-def compare(answers: Answers, rules: Rules, spacing: float) -> dict[str, Any]:
+def compare(answers: Answers, separation: float, spacing: float) -> dict[str, Any]:
     """Return the figures of a slice, m and km^2; ``disagreements`` are to be 0.
 
     An excess is the value less the separation: what the grid says can be kept beyond what is required.
@@ -120,8 +121,8 @@ def compare(answers: Answers, rules: Rules, spacing: float) -> dict[str, Any]:
     The grid's error is the most that halving it changes near the boundary, or by which the value differs there from
     the best flight that was flown, if that is more: either alone can be small by chance.
     """
-    excess = answers.value - rules.separation
-    near = _near(answers.x, answers.y, answers.value, rules.separation)
+    excess = answers.value - separation
+    near = _near(answers.x, answers.y, answers.value, separation)
     halving = float(np.max(np.abs(answers.rough - answers.value), where=near, initial=0.0))
     off = (answers.value - answers.flown)[np.isfinite(answers.flown)]
     error = max(halving, float(np.max(np.abs(off), initial=0.0)))
@@ -131,14 +132,14 @@ def compare(answers: Answers, rules: Rules, spacing: float) -> dict[str, Any]:
     cell, map_cell = (spacing / 1_000.0) ** 2, (float(answers.map_x[1] - answers.map_x[0]) / 1_000.0) ** 2
     missed = np.flatnonzero(undecided & avoidable)
     # Witnesses far from the boundary are not judged: the grid cuts their values off.
-    tight = won & (answers.witnessed < rules.separation + _NEAR)
+    tight = won & (answers.witnessed < (1.0 + _NEAR) * separation)
     return {
         "name": answers.slice.name,
         "own_speed_mps": answers.slice.own_speed,
         "intruder_speed_mps": answers.slice.intruder_speed,
         "course_difference_deg": math.degrees(answers.slice.course_difference),
         "points": int(excess.size),
-        "points_within_20_m": int(np.sum(np.abs(excess) < _CLOSE)),
+        "points_within_2_percent": int(np.sum(np.abs(excess) < _CLOSE * separation)),
         "resolvable": int(won.sum()),
         "unresolvable": int(lost.sum()),
         "undecided": int(undecided.sum()),
@@ -165,7 +166,7 @@ def compare(answers: Answers, rules: Rules, spacing: float) -> dict[str, Any]:
             for k in missed
         ],
         "greatest_witness_less_value_m": _end(np.max, (answers.witnessed - answers.value)[tight]),
-        "unavoidable_area_km2": float(np.sum(answers.map_value < rules.separation) * map_cell),
+        "unavoidable_area_km2": float(np.sum(answers.map_value < separation) * map_cell),
         "unresolvable_area_km2": float(np.sum(answers.on_raster & lost) * cell),
         "unresolvable_and_unavoidable_area_km2": float(np.sum(answers.on_raster & lost & (excess < 0.0)) * cell),
     }
@@ -177,22 +178,16 @@ def _end(end: Any, values: Any) -> float | None:
 
 def _near(x: Any, y: Any, value: Any, separation: float) -> Any:
     """Return which points are near the boundary and do not start in violation, bool ``[M]``."""
-    return (np.abs(value - separation) < _NEAR) & (np.hypot(x, y) >= separation)
-
-
-def _horizon(limits: Limits, separation: float) -> float:
-    """Return a time by which the closest approach of any escape is over, s."""
-    return math.pi / limits.yaw_rate_max * 0.5 + separation / limits.speed_min
+    return (np.abs(value - separation) < _NEAR * separation) & (np.hypot(x, y) >= separation)
 
 
 def _surroundings(cut: Slice, solution: Solution, separation: float) -> tuple[Any, Any]:
-    """Return axes at 25 m about all that is lost on a slice, with room around it, m."""
-    reach = float(np.max(np.abs(solution.grid.x)))
-    axis = np.arange(-reach, reach, 50.0)
+    """Return axes about all that is lost on a slice, with room around it, m."""
+    reach, cell, room = float(np.max(np.abs(solution.grid.x))), _MAP * separation, 0.4 * separation
+    axis = np.arange(-reach, reach, 2.0 * cell)
     lost = values_at(solution, cut, axis[:, None], axis[None, :]) < separation
-    room = 0.4 * separation
     ends = [(axis[np.flatnonzero(lost.any(axis=k))[[0, -1]]]) for k in (1, 0)]
-    return tuple(25.0 * np.arange(math.floor((a - room) / 25.0), math.ceil((b + room) / 25.0) + 1) for a, b in ends)
+    return tuple(cell * np.arange(math.floor((a - room) / cell), math.ceil((b + room) / cell) + 1) for a, b in ends)
 
 
 def _raster(map_x: Any, map_y: Any, spacing: float) -> tuple[Any, Any]:

@@ -3,6 +3,7 @@
 Colours are those of Okabe and Ito, which stay apart for colour-blind readers; every kind has its own marker too.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
@@ -59,19 +60,20 @@ def legend(figure: Any, handles: Sequence[Any], ncols: int, fontsize: float = 9,
     figure.legend(handles=handles, loc="outside lower center", ncols=ncols, frameon=False, fontsize=fontsize, **more)
 
 
-def arrow(axes: Any, start: tuple[float, float], way: tuple[float, float], name: str, **where: Any) -> None:
-    """Draw an aircraft: a dot, an arrow along the way that it flies, and its name.
+def arrow(axes: Any, start: tuple[float, float], direction: float, way: float, name: str, **where: Any) -> None:
+    """Draw an aircraft: a dot, an arrow along the way that it flies in some time, and its name.
 
     Args:
         axes: to draw on.
         start: of the aircraft, as the axes count.
-        way: flown in some time, likewise.
+        direction: of the flight, rad counter-clockwise from the axis of x.
+        way: length of the arrow, as the axes count.
         name: of the aircraft.
         where: the name stands: ``xytext`` in points from the start, ``ha``, ``va``; ``path_effects`` of the arrow.
     """
     style = {"arrowstyle": "-|>", "linewidth": 2.0, "color": "black", "shrinkA": 0.0, "shrinkB": 0.0}
     style |= {"path_effects": where.pop("path_effects", None)}
-    end = (start[0] + way[0], start[1] + way[1])
+    end = (start[0] + way * math.cos(direction), start[1] + way * math.sin(direction))
     axes.annotate("", end, start, arrowprops=style, annotation_clip=False, zorder=6.0)
     axes.plot(*start, marker="o", markersize=5.0, color="black", markeredgecolor="white", zorder=6.5)
     box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}

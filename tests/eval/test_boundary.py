@@ -9,15 +9,15 @@ import pytest
 
 from agents.config.load import ConfigError
 from agents.resolvability.classify import Verdict
+from envs.aircraft import PAPER
 from envs.edge.command import run_cli
-from envs.kinematics import SURROGATE, Limits
-from envs.outcome import RULES
+from envs.kinematics import Limits
 from eval.boundary import run as boundary
 from eval.boundary.extremal import best_separation
 from eval.boundary.grid import Solution, edge_value, make_grid, solve, value_at
 from eval.boundary.slices import Answers, Slice, compare, encounters_at, judge, values_at
 
-SEPARATION = RULES.separation
+SEPARATION, SURROGATE = PAPER.separation, PAPER.limits
 TURNS_ONLY = Limits(50.0, 50.0, -0.5, 0.5, math.radians(3.0))
 RADIUS = 50.0 / math.radians(3.0)
 HEAD_ON = Slice("head-on", 75.0, 75.0, math.pi)
@@ -85,6 +85,13 @@ def test_wider_limits_keep_more(coarse: Solution):
     assert (coarse.value > braking.value + 20.0).any()
 
 
+def test_a_similar_aircraft_keeps_the_same_share(coarse: Solution):
+    # Twice the lengths and times, the same speeds.
+    limits = SURROGATE._replace(acceleration_min=-0.25, acceleration_max=0.25, yaw_rate_max=math.radians(1.5))
+    grid = make_grid(limits, 75.0, 2.0 * SEPARATION, 10.0, 240.0)
+    np.testing.assert_allclose(solve(grid, limits, 75.0, 2.0 * SEPARATION).value, 2.0 * coarse.value, rtol=1e-4)
+
+
 def test_the_value_grows_as_the_range_opens(fine: Solution):
     ahead = np.arange(200.0, 4_000.0, 50.0)
     value = values_at(fine, HEAD_ON, ahead, 0.0 * ahead)
@@ -111,18 +118,18 @@ def test_slices_mirror_each_other(fine: Solution):
     left, right = (values_at(fine, Slice("", 75.0, 75.0, sign * math.pi / 2), x, sign * y) for sign in (1.0, -1.0))
     np.testing.assert_allclose(left, right, atol=1e-3)
     # A positive course difference: from the left.
-    assert encounters_at(Slice("", 75.0, 75.0, math.pi / 2), x, y).intruders.heading[0, 0] == pytest.approx(
+    assert encounters_at(Slice("", 75.0, 75.0, math.pi / 2), x, y, PAPER).intruders.heading[0, 0] == pytest.approx(
         -math.pi / 2
     )
 
 
 @pytest.fixture(scope="module")
 def answers(fine: Solution, coarse: Solution) -> Answers:
-    return judge(HEAD_ON, fine, coarse, 500.0, RULES, SURROGATE)
+    return judge(HEAD_ON, fine, coarse, 500.0, PAPER)
 
 
 def test_both_answers_agree(answers: Answers):
-    figures = compare(answers, RULES, 500.0)
+    figures = compare(answers, SEPARATION, 500.0)
     assert sum(figures["disagreements"].values()) == 0
     assert figures["grid_error_m"] < 5.0
     assert figures["resolvable"] > 30
@@ -140,7 +147,7 @@ def test_a_contradiction_would_be_counted(answers: Answers):
     wrong = answers._replace(
         verdict=np.where(answers.verdict == Verdict.RESOLVABLE, Verdict.UNRESOLVABLE, Verdict.RESOLVABLE)
     )
-    found, counted = compare(answers, RULES, 500.0), compare(wrong, RULES, 500.0)["disagreements"]
+    found, counted = compare(answers, SEPARATION, 500.0), compare(wrong, SEPARATION, 500.0)["disagreements"]
     assert sum(counted.values()) >= found["agreements"]
     assert min(counted.values()) > 30
 
@@ -166,6 +173,7 @@ def test_the_program_writes_figures_and_answers(tmp_path: Path, capsys: pytest.C
         (["--slice", "75", "75"], "expected 3 arguments"),
         (["--spacing", "1"], "--spacing: 1 m; expected 20 to 500 m"),
         (["--grid", "huge"], "invalid choice: 'huge'"),
+        (["--aircraft", "nowhere.yaml"], "nowhere.yaml"),
         (["--out", __file__], "holds something already"),
     ],
 )
