@@ -1,6 +1,6 @@
 """Reading and writing of a policy: one safetensors file with tensors, JSON metadata and a digest over both.
 
-The format and the reasons stand in docs/reference/policy-file.md and docs/decisions/0003-policy-file.md. Nothing of
+The format and the reasons stand in docs/reference/policy-file.md and docs/decisions/design.md. Nothing of
 a file is ever executed, and all of it is checked before any of it is used.
 """
 

@@ -231,11 +231,11 @@ CHANGED: dict[str, str] = {
     "shaping.path_excess_cost": "0.1",
 }
 ELSEWHERE = {
-    "phases": "the configuration of each phase (test_phases)",
+    "phases": "the configuration of each phase (test_metrics)",
     "near_limit.share": "the starts (test_starts)",
     "near_limit.margin": "the starts (test_starts)",
     "name": "the default name of the run's directory (test_cli)",
-    "warm_start": "the networks that training begins with (test_warm_start)",
+    "warm_start": "the networks that training begins with (test_checkpoint)",
     "seed": "the draws (test_loop: another seed is another run)",
     "evaluation.every_steps": "the metrics (test_loop)",
     "evaluation.encounters": "the metrics (test_loop)",
