@@ -106,7 +106,7 @@ def picked(evaluation: Evaluation, numbers: Iterable[int]) -> Encounter:
 
 
 def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
-    """Return the table of a chunk: a row an encounter; columns: docs/reference/monte-carlo-files.md."""
+    """Return the table of a chunk: a row an encounter; columns: docs/reference/evaluation-files.md."""
     evaluation = pilot.evaluation
     rules, limits = evaluation.rules, evaluation.limits
     starts, weights = drawn(evaluation.source, evaluation.seed, first, count)

@@ -1,4 +1,4 @@
-"""The table of flights: a row a flight; docs/reference/hifi-files.md says what each column means."""
+"""The table of flights: a row a flight; docs/reference/evaluation-files.md says what each column means."""
 
 import math
 from typing import Any

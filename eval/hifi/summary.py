@@ -1,4 +1,4 @@
-"""From the table of flights to the numbers that matter; docs/reference/hifi-files.md defines every key."""
+"""From the table of flights to the numbers that matter; docs/reference/evaluation-files.md defines every key."""
 
 import re
 from collections import Counter

@@ -1,4 +1,4 @@
-"""From the table of encounters to the numbers that matter; docs/reference/monte-carlo-files.md defines every key."""
+"""From the table of encounters to the numbers that matter; docs/reference/evaluation-files.md defines every key."""
 
 from collections.abc import Mapping
 from typing import Any

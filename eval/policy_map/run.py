@@ -24,7 +24,7 @@ Draw what a policy commands: the intruder's place around the ownship (at the ori
 and by acceleration, a column for each relative heading. And measure it: the mirror error (how the decision changes
 when left and right change places), the chatter of the commands and the heading reversals of flights.
 
-Written to --out: policy_map.png, policy_map.svg, policy_map.json (contents in docs/howto/policy-map.md)."""
+Written to --out: policy_map.png, policy_map.svg, policy_map.json (contents in docs/howto/failures.md)."""
 
 _EPILOG = """\
 examples:

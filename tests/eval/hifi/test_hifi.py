@@ -87,7 +87,7 @@ def test_unresolvable_is_not_what_the_planner_gave_up(tmp_path: Path, policy_pat
 
 
 def test_every_column_and_key_is_documented(finished: Path) -> None:
-    text = (ROOT / "docs" / "reference" / "hifi-files.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "reference" / "evaluation-files.md").read_text(encoding="utf-8")
     names = [name for name in table_of(finished) if name[-3:-2] != "_" or not name[-2:].isdecimal()]
     names += [*json.loads((finished / "summary.json").read_text())]
     assert [name for name in names if f"`{name}`" not in text] == []

@@ -128,7 +128,7 @@ def _columns(out: Path):
 
 
 def test_every_column_and_key_is_documented(finished: Path) -> None:
-    text = (ROOT / "docs" / "reference" / "monte-carlo-files.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "reference" / "evaluation-files.md").read_text(encoding="utf-8")
     names = [*_columns(finished)[0], *json.loads((finished / "summary.json").read_text(encoding="utf-8"))]
     assert [name for name in names if f"`{name}`" not in text] == []
 
