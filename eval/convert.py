@@ -133,7 +133,7 @@ def _write(options: argparse.Namespace, scenes: "list[Scene]") -> None:
     """Write encounters, read them again as a check, and only then give the file its name."""
     from envs.encounters import EncounterError
     from envs.formats import encounter_file
-    from envs.formats.encounter_exchange import check_same, daidalus_text, encounters_of_scenes, lincoln_objects
+    from envs.formats.encounter_exchange import check_same, daidalus_text, lincoln_objects, rows_of_scenes
     from envs.traffic.track_units import FOOT
     from envs.traffic.tracks import TrackError
 
@@ -144,7 +144,7 @@ def _write(options: argparse.Namespace, scenes: "list[Scene]") -> None:
         with written(target) as new:
             try:
                 if form == ".csv":
-                    encounter_file.write(new, *encounters_of_scenes(scenes, options.ahead))
+                    encounter_file.write_rows(new, rows_of_scenes(scenes, options.ahead), [s.name for s in scenes])
                 elif form == ".json":
                     new.write_text(json.dumps(lincoln_objects(scenes, altitude), allow_nan=False) + "\n", "utf-8")
                 else:

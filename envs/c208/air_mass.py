@@ -14,19 +14,14 @@ from envs.kinematics import VehicleState
 
 __all__ = ["NO_WIND", "Wind", "air_commands", "air_demands", "ground_commands", "over_ground", "through_air"]
 
-Wind = tuple[float, float]
-"""Velocity of the air towards east and north, m/s."""
-
+Wind = tuple[float, float]  # velocity of the air towards east and north, m/s
 NO_WIND: Wind = (0.0, 0.0)
 
 
 def through_air(state: VehicleState, wind: Wind, time: Any) -> VehicleState:
-    """Return a state over the ground as the air mass sees it, ``[...]``; heading and speed are those in the air.
+    """Return a state over the ground, ``[...]`` or plain floats, as the air mass sees it, ``time`` s after 0.
 
-    Args:
-        state: over the ground, ``[...]`` or plain floats.
-        wind: of the air mass.
-        time: s since both frames coincided, ``[...]`` or a scalar.
+    Heading and speed are those in the air.
     """
     east, north = wind
     if east == 0.0 and north == 0.0:
@@ -49,11 +44,7 @@ def air_commands(state: VehicleState, acceleration: float, yaw_rate: float, wind
 
     The acceleration as a vector is the same in both frames; only what it is resolved along differs.
 
-    Args:
-        state: over the ground, plain floats.
-        acceleration: along the track.
-        yaw_rate: of the track.
-        wind: of the air mass.
+    The state is over the ground, in plain floats.
     """
     if wind == NO_WIND:
         return acceleration, yaw_rate
@@ -75,9 +66,7 @@ def air_demands(
 ) -> tuple[float, float]:
     """Return the accelerations along and across the path through the air that make commands over the ground, m/s^2.
 
-    Args:
-        state, acceleration, yaw_rate, wind: as of :func:`air_commands`.
-        reach: accelerations along the path that the engine can give.
+    ``reach`` are the accelerations along the path that the engine can give; the rest as of :func:`air_commands`.
     """
     cosine, sine = math.cos(state.heading), math.sin(state.heading)
     across = state.speed * yaw_rate

@@ -21,12 +21,8 @@ from envs.c208.trim import REFERENCE_ALTITUDE, REFERENCE_WEIGHT, Trim, stored
 
 __all__ = ["BANK_MAX", "CLIMB_MAX", "ROLL_DELAY", "TICK", "Autopilot", "Controls", "Measured"]
 
-TICK = 0.05
-"""Period, s."""
-
-BANK_MAX, CLIMB_MAX = math.radians(45.0), 5.0
-"""rad and m/s."""
-
+TICK = 0.05  # period, s
+BANK_MAX, CLIMB_MAX = math.radians(45.0), 5.0  # rad and m/s
 _SLUG_FT2 = 1.35581795  # kg m^2
 
 # Roll: the bank follows its demand as an oscillator of this frequency (rad/s) and damping does.
@@ -43,7 +39,11 @@ _GUST_SHARE, _GUST_LAG = 1.5, 20.0  # times their mean size, which is taken over
 
 
 class Measured(NamedTuple):
-    """What the autopilot sees; SI units and radians, body axes x forward, y right, z down."""
+    """What the autopilot sees; SI units (weight in N) and radians, body axes x forward, y right, z down.
+
+    ``airspeed`` is the true one, gusts included, ``steady_airspeed`` that of the flight path against the slowly varying
+    wind; ``spool`` is the share of its range between idle and full.
+    """
 
     bank: float
     pitch: float
@@ -53,17 +53,12 @@ class Measured(NamedTuple):
     alpha: float
     beta: float
     airspeed: float
-    """True airspeed, gusts included, m/s."""
     steady_airspeed: float
-    """Of the flight path against the slowly varying wind, m/s."""
     altitude: float
     climb: float
-    """m/s."""
     density: float
     weight: float
-    """N."""
     spool: float
-    """Share of the range between idle and full, 0 to 1."""
 
 
 class Controls(NamedTuple):
@@ -121,12 +116,9 @@ class Autopilot:
         return math.sqrt(2.0 * load * measured.weight / (measured.density * self._area * self._top_lift))
 
     def fly(self, measured: Measured, along: float, left: float) -> Controls:
-        """Return the controls for the coming period.
+        """Return the controls for the coming period from the accelerations demanded, m/s^2.
 
-        Args:
-            measured: the aircraft now.
-            along: acceleration demanded along the flight path through the air, m/s^2.
-            left: acceleration demanded across it, horizontal, m/s^2.
+        They are those along the flight path through the air and, horizontal, across it.
         """
         m = measured
         speed = max(m.airspeed, 30.0)

@@ -16,18 +16,12 @@ TURBULENCE = {"none": (0, 0.0), "light": (3, 25.0), "moderate": (4, 50.0)}
 class Loading(NamedTuple):
     """The aircraft itself."""
 
-    weight: float | None = None
-    """lb, with fuel; None: the variant's greatest."""
-    centre_of_gravity: float = 0.32
-    """Share of the mean chord."""
-    inertia_factor: float = 1.0
-    """On all moments of inertia."""
-    drag_factor: float = 1.0
-    """On the zero-lift drag."""
-    lift_slope_factor: float = 1.0
-    """On the lift curve's slope."""
-    pod: bool = False
-    """Cargo pod installed."""
+    weight: float | None = None  # lb, with fuel; None: the variant's greatest
+    centre_of_gravity: float = 0.32  # share of the mean chord
+    inertia_factor: float = 1.0  # on all moments of inertia
+    drag_factor: float = 1.0  # on the zero-lift drag
+    lift_slope_factor: float = 1.0  # on the lift curve's slope
+    pod: bool = False  # cargo pod installed
 
 
 NOMINAL = Loading()
@@ -54,13 +48,11 @@ class Conditions(NamedTuple):
     """The aircraft and the air."""
 
     loading: Loading = NOMINAL
-    wind_east: float = 0.0
-    """Velocity of the air towards east, m/s."""
+    wind_east: float = 0.0  # velocity of the air towards east, m/s
     wind_north: float = 0.0
     turbulence: Literal["none", "light", "moderate"] = "none"
     """Tustin's discretisation of the Dryden spectra of MIL-F-8785C."""
-    seed: int = 0
-    """Of the turbulence."""
+    seed: int = 0  # of the turbulence
 
 
 CALM = Conditions()

@@ -23,14 +23,9 @@ __all__ = [
     "value",
 ]
 
-DATA = Path(__file__).parent / "data"
-"""Root of the files that ship."""
-
-FOOT, POUND, SLUG_PER_FT3 = 0.3048, 4.4482216, 515.378819
-"""m, N and kg/m^3."""
-
-GRAVITY = 9.80665
-"""m/s^2."""
+DATA = Path(__file__).parent / "data"  # root of the files that ship
+FOOT, POUND, SLUG_PER_FT3 = 0.3048, 4.4482216, 515.378819  # m, N and kg/m^3
+GRAVITY = 9.80665  # m/s^2
 
 
 class Fact(NamedTuple):
@@ -58,17 +53,13 @@ def value(name: str) -> float:
 class Variant(NamedTuple):
     """One of the two airplanes that share the airframe."""
 
-    name: str
-    """Of the JSBSim aircraft."""
-    engine: str
-    """Name of the JSBSim engine."""
-    rated_power: float
-    """shp, flat-rated: pilot's operating handbook 208B."""
+    name: str  # of the JSBSim aircraft
+    engine: str  # name of the JSBSim engine
+    rated_power: float  # shp, flat-rated: pilot's operating handbook 208B
     thermodynamic_power: float
-    """shp at sea level density if nothing were flat-rated; falls in proportion to the density. Of the EX an estimate
-    after the maker's 1075 shp class, of the other in the same ratio."""
-    takeoff_weight: float
-    """lb: pilot's operating handbook 208B."""
+    """shp if nothing were flat-rated, in proportion to the density; at sea level an estimate after the maker's class,
+    1075 shp, for the EX, and in the same ratio for the other."""
+    takeoff_weight: float  # lb: pilot's operating handbook 208B
 
 
 VARIANTS = {
@@ -84,18 +75,12 @@ class Point(NamedTuple):
     quantity: Literal["cruise", "climb", "stall", "glide"]
     variant: str
     pod: bool
-    weight: float
-    """lb."""
-    altitude: float
-    """Pressure altitude, ft."""
-    temperature: float
-    """Above the standard atmosphere, K."""
-    setting: float
-    """Cruise: shaft power, shp; climb and glide: calibrated airspeed, kt; stall: flaps, deg, at idle."""
-    value: float
-    """Cruise: KTAS; climb: ft/min; stall: KCAS; glide: least share of the best lift-to-drag ratio."""
-    tolerance: float
-    """Cruise and climb: share of the value; stall: kt; glide: nothing below the value."""
+    weight: float  # lb
+    altitude: float  # pressure altitude, ft
+    temperature: float  # above the standard atmosphere, K
+    setting: float  # cruise: shaft power, shp; climb and glide: calibrated airspeed, kt; stall: flaps, deg, at idle
+    value: float  # cruise: KTAS; climb: ft/min; stall: KCAS; glide: least share of the best lift-to-drag ratio
+    tolerance: float  # cruise and climb: share of the value; stall: kt; glide: nothing below the value
     use: Literal["fit", "check"]
     source: str
 
@@ -111,5 +96,4 @@ def _point(row: dict[str, str]) -> Point:
     return Point(**fields | {"pod": row["pod"] == "yes", "setting": setting})
 
 
-POINTS = tuple(map(_point, _rows("points.csv")))
-"""Published performance."""
+POINTS = tuple(map(_point, _rows("points.csv")))  # published performance

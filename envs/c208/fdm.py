@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["STEP", "Fdm", "FdmError"]
 
-STEP = 1.0 / 60.0
-"""Of the physics, s."""
+STEP = 1.0 / 60.0  # of the physics, s
 
 
 class FdmError(RuntimeError):
@@ -78,11 +77,7 @@ class Fdm:
             raise FdmError(f"JSBSim does not load {folder / self.variant.name}; python -m envs.c208.model writes it")
 
     def node(self, name: str) -> "jsbsim.FGPropertyNode":
-        """Return the node of a property.
-
-        Raises:
-            FdmError: JSBSim has no property of that name.
-        """
+        """Return the node of a property; raises a FdmError where JSBSim has none of that name."""
         if name not in self._nodes:
             node = self._manager.get_node(name)
             if node is None or not node:

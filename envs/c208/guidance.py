@@ -28,21 +28,17 @@ class Lookahead(NamedTuple):
 
     turn: float = ROLL_DELAY
     speed: float = 0.5
-    across: float = 0.30
-    """Lateral acceleration per distance to the left, 1/s^2."""
-    heading: float = 1.1
-    """Turn rate per heading error, 1/s."""
-    along: float = 0.25
-    """Acceleration per distance ahead, 1/s^2."""
-    along_rate: float = 1.0
-    """Acceleration per speed error, 1/s."""
+    across: float = 0.30  # lateral acceleration per distance to the left, 1/s^2
+    heading: float = 1.1  # turn rate per heading error, 1/s
+    along: float = 0.25  # acceleration per distance ahead, 1/s^2
+    along_rate: float = 1.0  # acceleration per speed error, 1/s
 
 
 LOOKAHEAD = Lookahead()
 
 
 class Path:
-    """A plan's legs as plain floats: the state over the ground at a time in microseconds.
+    """A plan's legs as plain floats, which give the state over the ground at a time in microseconds.
 
     Args:
         legs: of one plan, ``[L]``.
@@ -78,27 +74,14 @@ class Path:
 
 
 class Guide:
-    """Turns where the aircraft is into commands; remembers how late it is, so that the place abeam is found again.
-
-    Args:
-        path: of the plan.
-        gains: of the guidance.
-        late: at the beginning, s.
-    """
+    """Turns where the aircraft is into commands; remembers how late it is, so that the place abeam is found again."""
 
     def __init__(self, path: Path, gains: Lookahead = LOOKAHEAD, late: float = 0.0) -> None:
-        self._path, self._gains = path, gains
-        self.late = late
+        self._path, self._gains, self.late = path, gains, late
         """How much later than planned the aircraft was at its place when last asked, s; negative when early."""
 
     def commands(self, state: VehicleState, time: float, dt: float = PERIOD) -> tuple[float, float]:
-        """Return the acceleration (m/s^2) and turn rate (rad/s) for the coming period.
-
-        Args:
-            state: of the aircraft.
-            time: on the plan's clock, s.
-            dt: period, s.
-        """
+        """Return the acceleration (m/s^2) and turn rate (rad/s) for a period from a time of the plan's clock on."""
         path, gains = self._path, self._gains
         # Across the path the point abeam counts, not where the plan is by now: a late aircraft flies the same path.
         abeam = time - self.late
@@ -111,9 +94,8 @@ class Guide:
         pace = state.speed / max(place.speed, 1.0)
         first, last = abeam + pace * gains.turn, abeam + pace * (gains.turn + dt)
         turn = wrap(path.at(last).heading - path.at(first).heading, FLOATS) / dt
-        turn -= gains.heading * wrap(state.heading - place.heading, FLOATS) + gains.across * left / max(
-            state.speed, 1.0
-        )
+        back = gains.heading * wrap(state.heading - place.heading, FLOATS)
+        turn -= back + gains.across * left / max(state.speed, 1.0)
         now = path.at(time)
         # The mean speed between both points gives the distance on straight and curved paths alike.
         ahead = -self.late * 0.5 * (place.speed + now.speed)

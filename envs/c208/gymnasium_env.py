@@ -15,8 +15,7 @@ from envs.c208.vehicle import C208Vehicle, FlightError
 from envs.encounters import EncounterError, Scenario
 from envs.gym.gymnasium_contract import error
 from envs.gym.gymnasium_env import DeconflictionEnv, register, registry
-from envs.kinematics import SURROGATE, Limits, VehicleState, commands
-from envs.outcome import RULES, Rules
+from envs.kinematics import VehicleState, commands
 from envs.world import State, StepResult
 
 __all__ = ["ENV_ID", "C208Env"]
@@ -33,33 +32,27 @@ class C208Env(DeconflictionEnv):
 
     Args:
         scenario: name or Scenario.
-        rules: of the task.
-        limits: full deflection of the action.
         variant: name in :data:`envs.c208.facts.VARIANTS`.
         conditions: of every flight; the seed of the turbulence is that of the encounter's number added to its own.
-        render_mode: None, ``"rgb_array"`` or ``"human"``.
-        render_size: side of the picture, pixels.
+        settings: the others of :class:`envs.gym.gymnasium_env.DeconflictionEnv`.
     """
 
     def __init__(
         self,
         scenario: str | Scenario = "circle",
         *,
-        rules: Rules = RULES,
-        limits: Limits = SURROGATE,
         variant: str = "ex",
         conditions: Conditions = CALM,
-        render_mode: str | None = None,
-        render_size: int = 600,
+        **settings: Any,
     ) -> None:
-        super().__init__(scenario, rules=rules, limits=limits, render_mode=render_mode, render_size=render_size)
+        super().__init__(scenario, **settings)
         self._variant, self._conditions = variant, conditions
         self._vehicle: C208Vehicle | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin the next encounter, or the one that the options ask for.
+        """Begin the next encounter, or the one that the options ask for, as the surrogate's environment does.
 
         Raises:
             EncounterError: the seed or an option is wrong, or the aircraft cannot fly so at the start.
@@ -75,13 +68,7 @@ class C208Env(DeconflictionEnv):
         return observation, info | self._aircraft()
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Fly on for one time step.
-
-        Raises:
-            FlightError: the aircraft did not survive it.
-            gymnasium.error.ResetNeeded: no encounter is in progress.
-            gymnasium.error.InvalidAction: the action has a wrong shape or is not finite.
-        """
+        """Fly on for one time step, as the surrogate's environment does, or raise a FlightError."""
         if self._vehicle is None:
             raise error.ResetNeeded("step was called before reset; call reset to begin an encounter")
         observation, reward, terminated, truncated, info = super().step(action)

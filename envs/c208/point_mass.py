@@ -71,7 +71,7 @@ class PointMassVehicle:
         return VehicleState(self._x, self._y, math.atan2(north, east), math.hypot(east, north))
 
     def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
-        """Fly on under an acceleration (m/s^2) and a turn rate of the track (rad/s, positive to the left) for dt, s.
+        """Fly on under an acceleration along the track (m/s^2) and its turn rate (rad/s, positive to the left).
 
         Raises:
             ValueError: a command is not finite or ``dt`` is not positive.

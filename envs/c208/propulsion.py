@@ -15,11 +15,8 @@ from envs.c208.facts import Variant, value
 
 __all__ = ["DENSITY_0", "HORSEPOWER", "Curve", "density_at", "idle_thrust", "maximum_thrust", "tables", "thrust"]
 
-DENSITY_0 = 1.225
-"""Of the standard atmosphere at sea level, kg/m^3."""
-
-HORSEPOWER = 745.7
-"""W."""
+DENSITY_0 = 1.225  # of the standard atmosphere at sea level, kg/m^3
+HORSEPOWER = 745.7  # W
 
 SPEEDS = np.array([0.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 115.0, 130.0])
 """True airspeeds of the tables, m/s."""

@@ -19,15 +19,9 @@ from envs.edge.files import write_file
 
 __all__ = ["REFERENCE_ALTITUDE", "REFERENCE_WEIGHT", "Table", "Trim", "TrimError", "solve", "stored", "surfaces"]
 
-REFERENCE_ALTITUDE = 2500.0
-"""Of the stored equilibria and of flights, m."""
-
-REFERENCE_WEIGHT = 8807.0 * POUND
-"""Of the stored equilibria, N."""
-
-TABLE_SPEEDS = tuple(float(speed) for speed in range(46, 107, 3))
-"""True airspeeds of the stored equilibria, m/s."""
-
+REFERENCE_ALTITUDE = 2500.0  # of the stored equilibria and of flights, m
+REFERENCE_WEIGHT = 8807.0 * POUND  # of the stored equilibria, N
+TABLE_SPEEDS = tuple(float(speed) for speed in range(46, 107, 3))  # true airspeeds of the stored equilibria, m/s
 _FILE = DATA / "trim.csv"
 _ITERATIONS, _EXACT = 30, 1e-8
 
@@ -37,20 +31,14 @@ class TrimError(RuntimeError):
 
 
 class Trim(NamedTuple):
-    """An unaccelerated state with level wings."""
+    """An unaccelerated state with level wings, in SI units and radians; ``speed`` is the true airspeed."""
 
     speed: float
-    """True airspeed, m/s."""
     alpha: float
-    """rad."""
-    elevator: float
-    """rad, positive with the trailing edge down."""
-    throttle: float
-    """0 to 1."""
-    gamma: float
-    """Climb angle, rad."""
+    elevator: float  # positive with the trailing edge down
+    throttle: float  # 0 to 1
+    gamma: float  # climb angle
     thrust: float
-    """N."""
 
 
 class Table(NamedTuple):
@@ -76,12 +64,8 @@ def solve(
 ) -> Trim:
     """Find an equilibrium: level flight, or at a given throttle whatever climb or descent it makes.
 
-    Args:
-        fdm: the aircraft; its state is lost.
-        speed: true airspeed, m/s.
-        altitude: geometric, m.
-        throttle: 0 to 1; None for level flight.
-        flaps: deg.
+    The true airspeed is in m/s, the geometric altitude in m, the throttle 0 to 1 and the flaps in degrees. The state of
+    the aircraft is lost.
 
     Raises:
         TrimError: there is none below the stall and within the engine's and the elevator's range.

@@ -21,8 +21,7 @@ from envs.edge.command import Parser, run_cli
 
 __all__ = ["KNOT", "Verdict", "envelope", "main", "measured", "modes"]
 
-KNOT = 0.514444
-"""m/s."""
+KNOT = 0.514444  # m/s
 
 
 class Verdict(NamedTuple):
@@ -33,8 +32,7 @@ class Verdict(NamedTuple):
     unit: str
     published: str = "-"
     tolerance: str = "-"
-    use: str = "report"
-    """``fit``, ``check``, or ``report`` for what is not judged."""
+    use: str = "report"  # fit, check, or report for what is not judged
     kept: bool = True
 
 

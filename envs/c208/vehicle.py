@@ -41,7 +41,7 @@ class C208Vehicle:
     """One flight of the true aircraft; satisfies :class:`envs.follower.Vehicle`.
 
     Commands over the ground are reached with the lags of engine and roll, for which :mod:`envs.c208.guidance` looks
-    ahead.
+    ahead. ``state`` is that over the ground now, ``measured`` what the autopilot sees.
 
     Args:
         state: at the beginning, over the ground; a flight of 20 s before it is not seen.
@@ -76,7 +76,7 @@ class C208Vehicle:
         self.fdm = Fdm(self._variant, conditions.loading)
         self._nodes()
         self.conditions, self._altitude = conditions, altitude
-        self.time = 0.0
+        self.state, self.time = state, 0.0
         self._rows: list[tuple[float, ...]] = []
         self._offset = (0.0, 0.0)
         self._wind = (conditions.wind_east, conditions.wind_north)
@@ -104,9 +104,8 @@ class C208Vehicle:
         self._read = [node(name).get_double_value for name in names]
         controls = ("elevator-cmd-norm", "aileron-cmd-norm", "rudder-cmd-norm", "throttle-cmd-norm")
         self._write = [node(f"fcs/{name}").set_double_value for name in controls]
-        self._travel = [
-            1.0 / math.radians(value(name)) for name in ("elevator_up", "elevator_down", "aileron", "rudder")
-        ]
+        surfaces = ("elevator_up", "elevator_down", "aileron", "rudder")
+        self._travel = [1.0 / math.radians(value(name)) for name in surfaces]
 
     def _take_off(self, state: VehicleState) -> None:
         conditions, fdm = self.conditions, self.fdm
@@ -143,32 +142,12 @@ class C208Vehicle:
         self._throttle = trim.throttle
         self._see()
 
-    @property
-    def state(self) -> VehicleState:
-        """Position, heading and speed over the ground now."""
-        return self._state
-
-    @property
-    def measured(self) -> Measured:
-        """What the autopilot sees now."""
-        return self._measured
-
-    @property
-    def wind(self) -> tuple[float, float]:
-        """The wind as estimated, towards east and north, m/s."""
-        return self._wind
-
     def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
-        """Fly on under an acceleration (m/s^2) and a turn rate of the track (rad/s, positive to the left).
-
-        Args:
-            acceleration: along the track.
-            yaw_rate: of the track.
-            dt: s, a multiple of :data:`envs.c208.autopilot.TICK`.
+        """Fly on under an acceleration along the track (m/s^2) and its turn rate (rad/s, positive to the left).
 
         Raises:
             FlightError: the flight has failed.
-            ValueError: a command is not finite, or ``dt`` is no multiple.
+            ValueError: a command is not finite, or ``dt`` (s) no multiple of :data:`envs.c208.autopilot.TICK`.
         """
         ticks = round(dt / TICK)
         if ticks < 1 or abs(ticks * TICK - dt) > 1e-9:
@@ -184,8 +163,8 @@ class C208Vehicle:
         return np.array(self._rows).reshape(-1, len(LOG_COLUMNS))
 
     def _tick(self, acceleration: float, yaw_rate: float) -> None:
-        demands = air_demands(self._state, acceleration, yaw_rate, self._wind, self.autopilot.reach)
-        controls = self.autopilot.fly(self._measured, *demands)
+        demands = air_demands(self.state, acceleration, yaw_rate, self._wind, self.autopilot.reach)
+        controls = self.autopilot.fly(self.measured, *demands)
         up, down, aileron, rudder = self._travel
         elevator = controls.elevator * (down if controls.elevator > 0.0 else up)
         commands = (elevator, controls.aileron * aileron, controls.rudder * rudder, controls.throttle)
@@ -210,16 +189,16 @@ class C208Vehicle:
         self._wind = blow_east, blow_north
         x = longitude * self._scale[0] + self._offset[0]
         y = latitude * self._scale[1] + self._offset[1]
-        self._state = VehicleState(x, y, math.atan2(north, east), math.hypot(east, north))
-        self._measured = Measured(
+        self.state = VehicleState(x, y, math.atan2(north, east), math.hypot(east, north))
+        self.measured = Measured(
             *(bank, pitch, roll, pitching, yawing, alpha, beta, airspeed),
             math.hypot(east - blow_east, north - blow_north),
             *(altitude, climb * FOOT, density * SLUG_PER_FT3, weight * POUND, (spool - 60.0) / 40.0),
         )
-        problem = _problem(self._state, self._measured)
+        problem = _problem(self.state, self.measured)
         if problem:
             raise FlightError(f"{problem} at {self.time:.2f} s")
-        row = (self.time, x, y, altitude, self._state.heading, self._state.speed, airspeed)
+        row = (self.time, x, y, altitude, self.state.heading, self.state.speed, airspeed)
         self._rows.append((*row, bank, alpha, beta, self._throttle))
 
 

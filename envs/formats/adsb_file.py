@@ -18,8 +18,7 @@ from envs.traffic.tracks import Repairs, TrackError, TrackFile
 
 __all__ = ["is_adsb", "ordered_flights", "read_adsb"]
 
-_STANDING = 10.0
-"""m; a position that stays the same while the aircraft flies further than this is stale."""
+_STANDING = 10.0  # m; a position that stays the same while the aircraft flies further than this is stale
 
 _FIELDS = {
     "time": ("timestamp", Range(0.0, 1e14, 1e-3)),

@@ -23,20 +23,15 @@ from envs.traffic.tracks import Repairs, Track, TrackError, at_times, summed
 
 __all__ = ["APART", "Nearby", "adsb_pairs"]
 
-APART = 60.0
-"""s."""
-
-_SHORTEST = 30.0
-"""Seconds before the closest approach that both must be known for."""
+APART = 60.0  # s
+_SHORTEST = 30.0  # seconds before the closest approach that both must be known for
 
 
 class Nearby(NamedTuple):
     """What counts as an encounter."""
 
-    within: float = 5_000.0
-    """Smallest horizontal distance, m, at most."""
-    vertical: float = 300.0
-    """Difference of the altitudes then, m, at most."""
+    within: float = 5_000.0  # smallest horizontal distance, m, at most
+    vertical: float = 300.0  # difference of the altitudes then, m, at most
     lead: float = 120.0
     """Seconds before the closest approach at which the encounter begins; later where one is not known so long."""
 
@@ -44,10 +39,8 @@ class Nearby(NamedTuple):
 class _Flight(NamedTuple):
     name: str
     rows: Rows
-    time: np.ndarray
-    """Whole seconds, ``[T]``."""
-    place: np.ndarray
-    """Cartesian about the Earth's centre, m, ``[T, 3]``: these distances are the same for every reference."""
+    time: np.ndarray  # whole seconds, [T]
+    place: np.ndarray  # Cartesian about the Earth's centre, m, [T, 3]: these distances are the same for every reference
     altitude: np.ndarray
 
 
@@ -64,11 +57,9 @@ def adsb_pairs(
     The ownship is the aircraft that begins within the limits' speeds; of two, the one with the smaller address.
 
     Args:
-        path: of the file, as :func:`envs.formats.adsb_file.read_adsb` reads it.
+        path, repair, max_gap: as of :func:`envs.formats.adsb_file.read_adsb`.
         nearby: what counts as an encounter.
         limits: of the ownship.
-        repair: drop rows that are incomplete, out of order or impossible, and fill gaps, instead of refusing the file.
-        max_gap: longest time between two reports of a flight, s.
 
     Raises:
         TrackError: the file cannot be read or a report is not as expected; the message names file, report and field.

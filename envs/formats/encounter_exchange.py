@@ -34,33 +34,27 @@ __all__ = [
     "Scene",
     "check_same",
     "daidalus_text",
-    "encounters_of_scenes",
     "is_number",
     "lincoln_objects",
+    "rows_of_scenes",
     "scenes_of",
     "scenes_of_tracks",
 ]
 
-EXACT = 1.0
-"""m."""
+EXACT = 1.0  # m
 
 
 class Scene(NamedTuple):
     """One encounter as it travels."""
 
     name: str
-    tracks: tuple[Track, ...]
-    """The ownship's first; a row a second."""
-    goal: tuple[float, float] | None
-    """m; None where the form has none."""
-    intents: tuple[Intent, ...] | None
-    """Of each intruder; None where the form has none."""
+    tracks: tuple[Track, ...]  # the ownship's first; a row a second
+    goal: tuple[float, float] | None  # m; None where the form has none
+    intents: tuple[Intent, ...] | None  # of each intruder; None where the form has none
     sensor: Sensor = Sensor(0.0, 0.0, 0.0)
-    altitudes: bool = True
-    """Whether they are known; otherwise those of the tracks are 0."""
+    altitudes: bool = True  # whether they are known; otherwise those of the tracks are 0
     weight: float = 1.0
-    left_out: Mapping[str, int] = {}
-    """How many rows or values of the recorded tracks, by kind, are not in these."""
+    left_out: Mapping[str, int] = {}  # how many rows or values of the recorded tracks, by kind, are not in these
 
     def straight(self, which: int) -> bool:
         """Return whether an aircraft flies straight on at its first speed, within :data:`EXACT`."""
@@ -118,50 +112,27 @@ def scenes_of_tracks(encounters: Sequence[tuple[str, Sequence[Track], float]]) -
     return scenes
 
 
-def encounters_of_scenes(scenes: Sequence[Scene], ahead: float) -> tuple[Encounter, list[str]]:
-    """Return scenes as encounters of ours; where a form has no goal, it lies some seconds ahead.
+def rows_of_scenes(scenes: Sequence[Scene], ahead: float) -> list[list[list[float]]]:
+    """Return scenes as rows of :func:`envs.formats.encounter_file.write_rows`.
 
-    Intruders whose intent is not known fly straight on: whether that is their motion is for :func:`check_same`.
-
-    Raises:
-        EncounterError: a scene has no intruder.
+    Where a form has no goal, it lies some seconds ahead. Intruders whose intent is not known fly straight on: whether
+    that is their motion is for :func:`check_same`.
     """
-    most = max(len(scene.tracks) for scene in scenes) - 1
-    own, goals, others, turns, mask, noise = [], [], [], [], [], []
+    groups = []
     for scene in scenes:
-        first, *states = (_start(track) for track in scene.tracks)
-        if not states:
-            raise EncounterError(f"encounter {scene.name!r} has no intruder, expected one at least")
-        x, y, heading, speed = first
-        intents = list(scene.intents or [Intent(0.0, 0.0, math.radians(3.0))] * len(states))
-        absent = most - len(states)  # repeat the first one, so that they are finite everywhere
-        own.append(first)
-        goals.append(scene.goal or (x + ahead * speed * math.cos(heading), y + ahead * speed * math.sin(heading)))
-        others.append(states + states[:1] * absent)
-        turns.append(intents + intents[:1] * absent)
-        mask.append(np.arange(most) < len(states))
-        noise.append(scene.sensor)
-    goal_x, goal_y = np.array(goals).T
-    made = Encounter(
-        VehicleState(*np.array(own).T),
-        goal_x,
-        goal_y,
-        VehicleState(*np.moveaxis(np.array(others), -1, 0)),
-        np.array(mask),
-        Intent(*np.moveaxis(np.array(turns), -1, 0)),
-        Sensor(*np.array(noise).T[:, :, None]),
-    )
-    return made, [scene.name for scene in scenes]
+        own, *others = map(_start, scene.tracks)
+        x, y, heading, speed = own
+        goal = scene.goal or (x + ahead * speed * math.cos(heading), y + ahead * speed * math.sin(heading))
+        intents = scene.intents or [Intent(0.0, 0.0, math.radians(3.0))] * len(others)
+        pairs = zip(others, intents, strict=True)
+        groups.append([[*own, *goal, *other, *intent, *scene.sensor] for other, intent in pairs])
+    return groups
 
 
 def check_same(scenes: Sequence[Scene], again: Sequence[Scene], *, own: bool = True, altitudes: bool = True) -> None:
     """Raise an EncounterError where scenes that were written and read again are not the same within :data:`EXACT`.
 
-    Args:
-        scenes: as they were written.
-        again: as they were read.
-        own: whether the ownship's motion is compared.
-        altitudes: whether altitudes are.
+    ``own`` and ``altitudes`` say whether the ownship's motion and the altitudes are compared.
     """
     if [len(scene.tracks) for scene in scenes] != [len(scene.tracks) for scene in again]:
         raise EncounterError(f"{len(scenes)} encounters, of which {len(again)} are read again, or other aircraft")
@@ -179,14 +150,10 @@ def check_same(scenes: Sequence[Scene], again: Sequence[Scene], *, own: bool = T
 
 
 def lincoln_objects(scenes: Sequence[Scene], altitude: float | None) -> list[dict[str, Any]]:
-    """Return scenes in the form of Lincoln Laboratory's files.
-
-    Args:
-        scenes: with one intruder each.
-        altitude: of scenes that have none, m.
+    """Return scenes in the form of Lincoln Laboratory's files; ``altitude`` (m) is that of scenes that have none.
 
     Raises:
-        EncounterError: a scene has more intruders or no altitude.
+        EncounterError: a scene has more than one intruder or no altitude.
     """
     names = [scene.name for scene in scenes]
     # Names that are numbers are kept; where some are not, all come back as places in the file.

@@ -24,14 +24,10 @@ from envs.kinematics import SURROGATE, Limits, VehicleState
 from envs.perception import Sensor
 from envs.traffic.text_file import number_of, text_of
 
-__all__ = ["COLUMNS", "MOST_INTRUDERS", "Column", "read", "write"]
+__all__ = ["COLUMNS", "MOST_INTRUDERS", "Column", "read", "write", "write_rows"]
 
-MOST_INTRUDERS = 64
-"""More rows for one encounter are refused as a mistake."""
-
-_MOST_PLACES = 2_000_000
-"""Encounters times the intruders of the fullest one."""
-
+MOST_INTRUDERS = 64  # more rows for one encounter are refused as a mistake
+_MOST_PLACES = 2_000_000  # encounters times the intruders of the fullest one
 _FAR = 1_000_000.0
 _DEGREES = math.radians(1.0)
 
@@ -41,15 +37,11 @@ class Column(NamedTuple):
 
     name: str
     low: float
-    high: float
-    """Both ends belong to the range."""
-    default: float | None
-    """Value where the column or the cell is missing; None: it is required."""
-    shared: bool
-    """Whether all rows of an encounter must agree, because it does not belong to one intruder."""
+    high: float  # both ends belong to the range
+    default: float | None  # value where the column or the cell is missing; None: it is required
+    shared: bool  # whether all rows of an encounter must agree, because it does not belong to one intruder
     text: str
-    scale: float = 1.0
-    """SI value of one unit."""
+    scale: float = 1.0  # SI value of one unit
 
 
 COLUMNS = (
@@ -100,7 +92,7 @@ def read(path: str | os.PathLike[str], limits: Limits = SURROGATE) -> tuple[Enco
         if len(cells) != len(header):
             raise EncounterError(f"{where}: {len(cells)} cells, expected {len(header)} as in the header")
         row = dict(zip(header, cells, strict=True))
-        name = row[_KEY].strip()
+        name = row[_KEY]
         if not name:
             raise EncounterError(f"{where}, column {_KEY}: empty, expected a text that names the encounter")
         group = groups.setdefault(name, [])
@@ -122,32 +114,43 @@ def read(path: str | os.PathLike[str], limits: Limits = SURROGATE) -> tuple[Enco
 
 
 def write(path: str | os.PathLike[str], encounters: Encounter, names: Sequence[str] | None = None) -> None:
-    """Write encounters ``[N]`` atomically as a file that :func:`read` gives back (to rounding of the degrees).
+    """Write encounters ``[N]`` of any float type as :func:`write_rows` does; without names they are 0, 1, 2, ..."""
+    states = [*encounters.own, encounters.goal_x, encounters.goal_y]
+    many = [*encounters.intruders, *encounters.intent]
+    groups = []
+    for i, mask in enumerate(encounters.mask):
+        own, noise = [field[i] for field in states], [field[i, 0] for field in encounters.sensor]
+        groups.append([[*own, *(field[i, k] for field in many), *noise] for k in np.flatnonzero(mask).tolist()])
+    write_rows(path, groups, [str(i) for i in range(len(groups))] if names is None else names)
+
+
+def write_rows(path: str | os.PathLike[str], groups: Sequence[Sequence[Sequence[Any]]], names: Sequence[str]) -> None:
+    """Write encounters atomically as a file that :func:`read` gives back (to rounding of the degrees).
 
     Args:
         path: of the file.
-        encounters: arrays of any float type.
-        names: of the encounters, distinct; None for 0, 1, 2, ...
+        groups: of each encounter a row an intruder, in SI units and in the order of :data:`COLUMNS`.
+        names: of the encounters, distinct.
 
     Raises:
         EncounterError: a name is empty or stands twice, an encounter has no intruder, a value is out of its column's
             range, or the file cannot be written.
     """
     target = Path(path)
-    count = len(encounters.goal_x)
-    names = [str(i) for i in range(count)] if names is None else [str(name) for name in names]
-    if len(names) != count or len(set(names)) != count or not all(n.strip() == n and n for n in names):
-        raise EncounterError(f"{target}: expected {count} distinct names of encounters without blanks around them")
+    names = [str(name) for name in names]
+    if len(names) != len(groups) or len(set(names)) != len(names) or not all(n.strip() == n and n for n in names):
+        raise EncounterError(
+            f"{target}: expected {len(groups)} distinct names of encounters without blanks around them"
+        )
     if any(name.startswith("#") for name in names):
         raise EncounterError(f"{target}: a name that begins with # would read as a comment")
     lines: list[list[str]] = [list(_ALL)]
-    for i, name in enumerate(names):
-        present = np.flatnonzero(encounters.mask[i]).tolist()
-        if not present:
-            raise EncounterError(f"{target}: encounter {name!r} has no intruder")
-        if len(present) > MOST_INTRUDERS:
-            raise EncounterError(f"{target}: encounter {name!r} has more than {MOST_INTRUDERS} intruders")
-        lines += [[name, *_texts(_row(encounters, i, k), f"{target}: encounter {name!r}")] for k in present]
+    for name, rows in zip(names, groups, strict=True):
+        where = f"{target}: encounter {name!r}"
+        if not 1 <= len(rows) <= MOST_INTRUDERS:
+            amount = f"more than {MOST_INTRUDERS} intruders" if rows else "no intruder"
+            raise EncounterError(f"{where} has {amount}")
+        lines += [[name, *_texts(row, where)] for row in rows]
     try:
         with written(target) as new, new.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file, lineterminator="\n").writerows(lines)
@@ -168,8 +171,7 @@ def _lines(source: str) -> list[tuple[int, list[str]]]:
     lines = [line for line in lines if not line[1][0].lstrip().startswith("#")]
     if not lines:
         raise EncounterError(f"{source}: the file is empty, expected a header line with {', '.join(_ALL)}")
-    lines[0] = (lines[0][0], [cell.strip() for cell in lines[0][1]])
-    return lines
+    return [(number, [cell.strip() for cell in cells]) for number, cells in lines]
 
 
 def _check_header(header: list[str], where: str) -> None:
@@ -192,17 +194,14 @@ def _number(cell: str, column: Column, limits: Limits, where: str) -> float:
     if column.name == "own_speed_m_s":
         low, high = float(limits.speed_min), float(limits.speed_max)
     wanted = f"expected a number from {low:g} to {high:g}"
-    text = cell.strip()
-    if not text:
-        if column.default is None:
-            raise EncounterError(f"{where}, column {column.name}: empty, {wanted}")
+    if not cell and column.default is not None:
         return column.default
     try:
-        value = number_of(text)
+        value = number_of(cell)
     except ValueError:
         value = math.nan
     if not low <= value <= high:
-        raise EncounterError(f"{where}, column {column.name}: {text!r}, {wanted}")
+        raise EncounterError(f"{where}, column {column.name}: {repr(cell) if cell else 'empty'}, {wanted}")
     return value
 
 
@@ -237,19 +236,7 @@ def _encounters(groups: list[list[list[float]]]) -> Encounter:
     )
 
 
-def _row(encounters: Encounter, i: int, k: int) -> list[Any]:
-    """Return the values of one row in SI units, in the order of :data:`COLUMNS`."""
-    return [
-        *(field[i] for field in encounters.own),
-        encounters.goal_x[i],
-        encounters.goal_y[i],
-        *(field[i, k] for field in encounters.intruders),
-        *(field[i, k] for field in encounters.intent),
-        *(field[i, 0] for field in encounters.sensor),
-    ]
-
-
-def _texts(values: list[Any], where: str) -> list[str]:
+def _texts(values: Sequence[Any], where: str) -> list[str]:
     """Return the cells of a row; the own speed is the reader's to check, because it depends on the aircraft."""
     texts = [repr(float(value) / column.scale) for value, column in zip(values, COLUMNS, strict=True)]
     for text, column in zip(texts, COLUMNS, strict=True):

@@ -22,9 +22,7 @@ __all__ = ["EVENTS", "LincolnEncounter", "read_lincoln", "tracks_of"]
 
 _STEP = 0.1
 _LONGEST = 36_000.0
-_LONGEST_FILE = 2_000_000.0
-"""s, of all encounters together."""
-
+_LONGEST_FILE = 2_000_000.0  # s, of all encounters together
 _ANY = Range(-1e12, 1e12)
 _PLACE = Range(-DISTANT / FOOT, DISTANT / FOOT, FOOT)
 _STATE = {
@@ -48,35 +46,23 @@ class LincolnEncounter(NamedTuple):
     """An encounter; pairs are [ownship, intruder], SI units, angles clockwise from north."""
 
     number: int
-    north: np.ndarray
-    """m, ``[2]``."""
+    north: np.ndarray  # m, [2]
     east: np.ndarray
     altitude: np.ndarray
-    speed: np.ndarray
-    """m/s, along the flight path."""
-    track: np.ndarray
-    """rad."""
-    duration: float
-    """s."""
-    events: tuple[np.ndarray, np.ndarray]
-    """``[E, 4]`` each: time s, vertical rate m/s, turn rate rad/s, acceleration m/s^2."""
-    miss: float
-    """Published horizontal miss distance, m; nan if there is none."""
-    time: float
-    """Published time of closest approach, s; nan if there is none."""
-    weight: float
-    """Importance weight; 1 if there is none."""
-    repairs: Repairs = Repairs()
-    """What was done to the events."""
+    speed: np.ndarray  # m/s, along the flight path
+    track: np.ndarray  # rad
+    duration: float  # s
+    events: tuple[np.ndarray, np.ndarray]  # [E, 4] each: time s, vertical rate m/s, turn rate rad/s, acceleration m/s^2
+    miss: float  # published horizontal miss distance, m; nan if there is none
+    time: float  # published time of closest approach, s; nan if there is none
+    weight: float  # importance weight; 1 if there is none
+    repairs: Repairs = Repairs()  # what was done to the events
 
 
 def read_lincoln(path: str | os.PathLike[str], *, repair: bool = False) -> list[LincolnEncounter]:
     """Read a file of encounters.
 
-    Args:
-        path: of the file.
-        repair: drop events that are not finite or out of order, instead of refusing the file. Nothing can make up for
-            initial conditions.
+    For ``repair`` events that are not finite or out of order are dropped; nothing can make up for initial conditions.
 
     Raises:
         TrackError: the file cannot be read or is not as documented; the message names file, encounter and field (the
@@ -109,23 +95,25 @@ def tracks_of(encounter: LincolnEncounter) -> tuple[Track, Track]:
 
 
 def _flown(encounter: LincolnEncounter, i: int, name: str) -> Track:
-    steps = round(encounter.duration / _STEP)
-    time = _STEP * np.arange(steps + 1)
-    rows = np.searchsorted(encounter.events[i][:, 0], time[:-1] + 1e-9, side="right") - 1
+    time = _STEP * np.arange(round(encounter.duration / _STEP) + 1)
+    events = encounter.events[i]
+    rows = np.searchsorted(events[:, 0], time[:-1] + 1e-9, side="right") - 1
     # Before the first event nothing is commanded.
-    held = np.where(rows[:, None] >= 0, encounter.events[i][np.maximum(rows, 0), 1:], 0.0)
-    rate, turn, acceleration = held.T
-    speed = np.maximum(encounter.speed[i] + _STEP * np.concatenate([[0.0], np.cumsum(acceleration)]), 0.0)
-    track = encounter.track[i] + _STEP * np.concatenate([[0.0], np.cumsum(turn)])
-    climb = np.concatenate([rate, rate[-1:]]) if steps else np.zeros(1)
+    rate, turn, acceleration = np.where(rows[:, None] >= 0, events[np.maximum(rows, 0), 1:], 0.0).T
+    speed = np.maximum(encounter.speed[i] + _summed(acceleration), 0.0)
+    track = encounter.track[i] + _summed(turn)
+    climb = np.concatenate([rate, rate[-1:]]) if len(rate) else np.zeros(1)
     middle_speed, middle_track = 0.5 * (speed[1:] + speed[:-1]), track[:-1] + 0.5 * _STEP * turn
     level = np.sqrt(np.maximum(middle_speed**2 - rate**2, 0.0))
-    east = _STEP * np.concatenate([[0.0], np.cumsum(level * np.sin(middle_track))])
-    north = _STEP * np.concatenate([[0.0], np.cumsum(level * np.cos(middle_track))])
-    up = _STEP * np.concatenate([[0.0], np.cumsum(rate)])
+    east = encounter.east[i] + _summed(level * np.sin(middle_track))
+    north = encounter.north[i] + _summed(level * np.cos(middle_track))
+    altitude = encounter.altitude[i] + _summed(rate)
     ground = np.sqrt(np.maximum(speed**2 - climb**2, 0.0))
-    place = encounter.east[i] + east, encounter.north[i] + north, encounter.altitude[i] + up
-    return Track(name, time, *place, ground * np.sin(track), ground * np.cos(track), climb, {})
+    return Track(name, time, east, north, altitude, ground * np.sin(track), ground * np.cos(track), climb, {})
+
+
+def _summed(rates: np.ndarray) -> np.ndarray:
+    return _STEP * np.concatenate([[0.0], np.cumsum(rates)])
 
 
 def _encounter(each: Any, where: str, repair: bool) -> LincolnEncounter:

@@ -22,12 +22,9 @@ _TO_CARTESIAN = Transformer.from_pipeline("+proj=cart +ellps=WGS84")
 class Place(NamedTuple):
     """Points of the map; fields ``[...]``."""
 
-    x: np.ndarray
-    """East, m."""
-    y: np.ndarray
-    """North, m."""
-    convergence: np.ndarray
-    """Direction of the map's north, rad clockwise from true north."""
+    x: np.ndarray  # east, m
+    y: np.ndarray  # north, m
+    convergence: np.ndarray  # direction of the map's north, rad clockwise from true north
 
     def velocity(self, east: np.ndarray, north: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return velocities, given by true east and north at the points, along the map's x and y."""
@@ -36,12 +33,7 @@ class Place(NamedTuple):
 
 
 def local(latitude: Any, longitude: Any, reference: tuple[float, float]) -> Place:
-    """Return where points are on the map.
-
-    Args:
-        latitude, longitude: rad, ``[...]``; 2 pi more or less of longitude make no difference.
-        reference: latitude and longitude of the origin, rad.
-    """
+    """Return where latitudes and longitudes ``[...]`` are on the map about those of a reference, rad."""
     latitude, longitude = np.asarray(latitude, np.float64), np.asarray(longitude, np.float64)
     start = np.full(latitude.shape, reference[1]), np.full(latitude.shape, reference[0])
     out, back, length = map(np.asarray, WGS84.inv(*start, longitude, latitude, radians=True))

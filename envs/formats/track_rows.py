@@ -28,20 +28,14 @@ Rows: TypeAlias = list[tuple[int, dict[str, float]]]
 class Reading(NamedTuple):
     """How the rows of a file are read."""
 
-    source: str
-    """Name of the file for messages."""
-    repair: bool
-    """Whether to drop and fill instead of refusing."""
-    max_gap: float
-    """Longest time between two rows, s."""
-    noun: str = "line"
-    """What the file counts."""
-    apart: float = math.inf
-    """Rows further apart in time are of different flights, s."""
+    source: str  # name of the file for messages
+    repair: bool  # whether to drop and fill instead of refusing
+    max_gap: float  # longest time between two rows, s
+    noun: str = "line"  # what the file counts
+    apart: float = math.inf  # rows further apart in time are of different flights, s
     standing: float = math.inf
     """A position that stays the same although the aircraft moved further than this, m, is stale."""
-    names: Mapping[str, str] = {}
-    """What the file calls our fields, where that differs."""
+    names: Mapping[str, str] = {}  # what the file calls our fields, where that differs
 
     def field(self, number: int, key: str) -> str:
         """Return where a value stands, for messages."""
@@ -51,11 +45,7 @@ class Reading(NamedTuple):
 def track_file(rows: Mapping[str, Rows], how: Reading) -> TrackFile:
     """Return the tracks of aircraft, local to the first position of the first one where positions are geographic.
 
-    Of the rows of an aircraft that contradict each other the longest flight is taken.
-
-    Args:
-        rows: as they stand in the file, by the aircraft's names.
-        how: they are read.
+    The rows are by the aircraft's names. Of those that contradict each other the longest flight is taken.
 
     Raises:
         TrackError: something is wrong and must not be repaired, nothing is left, or tracks are too far apart.
@@ -105,11 +95,6 @@ def track_of(name: str, rows: Rows, reference: tuple[float, float] | None) -> Tr
 
 def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs]:
     """Return the flights of an aircraft, each in order and without gaps, at least one, and what it took.
-
-    Args:
-        name: of the aircraft.
-        rows: as they stand in the file.
-        how: they are read.
 
     Raises:
         TrackError: something is wrong and must not be repaired.

@@ -28,8 +28,7 @@ from envs.traffic.text_file import lines_of, number_of
 
 __all__ = ["ACCELERATION", "CLIMB", "SPEED", "TURN", "EncounterModel", "Variable", "read_model"]
 
-SPEED, ACCELERATION, CLIMB, TURN = "v", r"\dot v", r"\dot h", r"\dot \psi"
-"""Names of the variables that make a track."""
+SPEED, ACCELERATION, CLIMB, TURN = "v", r"\dot v", r"\dot h", r"\dot \psi"  # names of the variables that make a track
 
 _BLOCKS = (
     *("labels_initial", "G_initial", "r_initial", "N_initial"),
@@ -53,11 +52,9 @@ _MOST_COUNTS = 5_000_000
 class Variable(NamedTuple):
     """A variable of a network."""
 
-    name: str
-    """Without the time."""
+    name: str  # without the time
     bins: int
-    parents: tuple[int, ...]
-    """Places in the network, ascending."""
+    parents: tuple[int, ...]  # places in the network, ascending
     counts: np.ndarray
     """``[C, bins]``: how often each bin was seen under each configuration of the parents, the first parent fastest."""
 
@@ -68,12 +65,10 @@ class EncounterModel(NamedTuple):
     initial: tuple[Variable, ...]
     transition: tuple[Variable, ...]
     """Variables at t + 1; their parents are places in the initial network's variables at t, followed by these."""
-    moving: tuple[int, ...]
-    """Place in the initial network of each variable of the transition."""
+    moving: tuple[int, ...]  # place in the initial network of each variable of the transition
     boundaries: tuple[np.ndarray | None, ...]
     """Edges of the bins of each initial variable, ``[bins + 1]``, in the form's units; None for a category."""
-    rates: np.ndarray
-    """Chance a second that a value is drawn anew inside its bin, of each initial variable."""
+    rates: np.ndarray  # chance a second that a value is drawn anew inside its bin, of each initial variable
 
     def place(self, name: str) -> int:
         """Return the place of an initial variable.

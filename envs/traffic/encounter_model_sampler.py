@@ -22,8 +22,7 @@ from envs.traffic.track_units import FOOT, KNOT
 
 __all__ = ["DURATION", "Sampled", "dimensions", "flown", "sample_model"]
 
-DURATION = 400
-"""Seconds that are drawn: longer than any plan."""
+DURATION = 400  # seconds that are drawn: longer than any plan
 
 _SI = {SPEED: KNOT, ACCELERATION: KNOT, CLIMB: FOOT / 60.0, TURN: -math.radians(1.0)}
 """SI value of one unit; turns are clockwise in the model and counter-clockwise here."""
@@ -32,16 +31,11 @@ _SI = {SPEED: KNOT, ACCELERATION: KNOT, CLIMB: FOOT / 60.0, TURN: -math.radians(
 class Sampled(NamedTuple):
     """What was drawn for M aircraft; SI units."""
 
-    bins: np.ndarray
-    """Of the initial variables, ``[M, V]``."""
-    speed: np.ndarray
-    """At first, m/s, ``[M]``."""
-    acceleration: np.ndarray
-    """During each second, m/s^2, ``[M, T]``."""
-    turn_rate: np.ndarray
-    """rad/s, positive to the left, ``[M, T]``."""
-    climb: np.ndarray
-    """m/s, ``[M, T]``; 0 where the model has none."""
+    bins: np.ndarray  # of the initial variables, [M, V]
+    speed: np.ndarray  # at first, m/s, [M]
+    acceleration: np.ndarray  # during each second, m/s^2, [M, T]
+    turn_rate: np.ndarray  # rad/s, positive to the left, [M, T]
+    climb: np.ndarray  # m/s, [M, T]; 0 where the model has none
 
 
 def dimensions(model: EncounterModel, seconds: int = DURATION) -> int:

@@ -31,16 +31,13 @@ from envs.relative import distance, leg_separation
 from envs.traffic.encounter_model import EncounterModel
 from envs.traffic.encounter_model_sampler import DURATION, dimensions, flown, sample_model
 from envs.traffic.replay import AHEAD, encounters_of
-from envs.trees import take
+from envs.trees import scatter, take
 
 __all__ = ["ModelTraffic", "encounters_with"]
 
 _OWN_DRAWS = 5
-_STREAM = 1 << 32
-"""Of the first attempt's draws: beyond those of starts and reports (envs.starts)."""
-
-_SAME = 0.5
-"""The closest approach counts as found again within this, m."""
+_STREAM = 1 << 32  # of the first attempt's draws: beyond those of starts and reports (envs.starts)
+_SAME = 0.5  # the closest approach counts as found again within this, m
 
 
 @dataclass(frozen=True)
@@ -48,18 +45,12 @@ class ModelTraffic:
     """A family of encounters with one intruder of a model; pairs (low, high) are ranges of a uniform draw."""
 
     model: EncounterModel
-    own_speed: tuple[float, float] = (50.0, 100.0)
-    """m/s."""
-    cpa_time: tuple[float, float] = (30.0, 180.0)
-    """Time of the closest approach without a resolver, s."""
-    miss: float = 1_000.0
-    """Largest distance there, m."""
-    min_initial_separation: float = 1_000.0
-    """Starts closer than this, m, are drawn again."""
-    ahead: float = AHEAD
-    """The goal lies so many seconds ahead at the own speed, s."""
-    attempts: int = 200
-    """How many draws an encounter has to meet the conditions."""
+    own_speed: tuple[float, float] = (50.0, 100.0)  # m/s
+    cpa_time: tuple[float, float] = (30.0, 180.0)  # time of the closest approach without a resolver, s
+    miss: float = 1_000.0  # largest distance there, m
+    min_initial_separation: float = 1_000.0  # starts closer than this, m, are drawn again
+    ahead: float = AHEAD  # the goal lies so many seconds ahead at the own speed, s
+    attempts: int = 200  # how many draws an encounter has to meet the conditions
 
     @property
     def sensor(self) -> Sensor:
@@ -71,8 +62,7 @@ class _Drawn(NamedTuple):
     """One attempt at M encounters."""
 
     own: VehicleState
-    recording: VehicleState
-    """``[M, T + 1]``."""
+    recording: VehicleState  # [M, T + 1]
     weight: np.ndarray
     accepted: np.ndarray
 
@@ -97,8 +87,7 @@ def encounters_with(traffic: ModelTraffic, seed: int, first: int, count: int) ->
         found = _attempt(traffic, np.stack(uniform))
         if whole is None:
             whole = found
-        for old, new in zip(_leaves(whole), _leaves(found), strict=True):
-            old[left] = new
+        scatter(whole, left, found)
         left = left[~found.accepted]
         if not left.size:
             break
@@ -109,10 +98,6 @@ def encounters_with(traffic: ModelTraffic, seed: int, first: int, count: int) ->
         )
     recording = Recording(*(field[:, None] for field in whole.recording))
     return encounters_of(whole.own, recording, np.ones((count, 1), bool), traffic.ahead), whole.weight
-
-
-def _leaves(drawn: _Drawn) -> list[np.ndarray]:
-    return [*drawn.own, *drawn.recording, drawn.weight, drawn.accepted]
 
 
 def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
@@ -135,10 +120,8 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
     ahead_x, ahead_y = np.cos(heading), np.sin(heading)
     vx, vy = there.speed * ahead_x - speed * np.cos(course), there.speed * ahead_y - speed * np.sin(course)
     fast = np.maximum(distance(vx, vy, np), 1e-6)
-    ax, ay = (
-        acceleration * ahead_x - there.speed * turn_rate * ahead_y,
-        acceleration * ahead_y + there.speed * turn_rate * ahead_x,
-    )
+    ax = acceleration * ahead_x - there.speed * turn_rate * ahead_y
+    ay = acceleration * ahead_y + there.speed * turn_rate * ahead_x
     weight = fast + miss * (vx * ay - vy * ax) / fast**2
 
     own = VehicleState(np.zeros(len(rows)), np.zeros(len(rows)), course, speed)
@@ -147,9 +130,8 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
     shift_x = speed * time * np.cos(course) - miss * vy / fast - x
     shift_y = speed * time * np.sin(course) + miss * vx / fast - y
     x, y = _rotated(track.x, track.y, turned[:, None])
-    recording = VehicleState(
-        x + shift_x[:, None], y + shift_y[:, None], wrap(track.heading + turned[:, None], np), track.speed
-    )
+    heading = wrap(track.heading + turned[:, None], np)
+    recording = VehicleState(x + shift_x[:, None], y + shift_y[:, None], heading, track.speed)
     accepted = (
         (weight > 0.0)
         & (sampled.speed <= INTRUDER_LIMITS.speed_max)
@@ -162,14 +144,12 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
 def _closest(own: VehicleState, recording: VehicleState, until: float) -> np.ndarray:
     """Return the smallest distance of the ownship, straight on, and a recording until a time, m, ``[M]``."""
     last = min(round(until), DURATION)
-    times = np.arange(last + 1)
-    along = own.speed[:, None] * times
-    column = np.ones(last + 1)
+    along = own.speed[:, None] * np.arange(last + 1)
     x, y = along * np.cos(own.heading)[:, None], along * np.sin(own.heading)[:, None]
-    straight = VehicleState(x, y, own.heading[:, None] * column, own.speed[:, None] * column)
-    before = (take(straight, np.s_[:, :-1]), take(straight, np.s_[:, 1:]))
-    after = (take(recording, np.s_[:, :last]), take(recording, np.s_[:, 1 : last + 1]))
-    return leg_separation(*before, *after, 1.0, np).min(axis=-1)
+    straight = VehicleState(x, y, *(np.broadcast_to(field[:, None], x.shape) for field in (own.heading, own.speed)))
+    parts = np.s_[:, :last], np.s_[:, 1 : last + 1]
+    (own_now, own_next), (now, after) = ([take(each, part) for part in parts] for each in (straight, recording))
+    return leg_separation(own_now, own_next, now, after, 1.0, np).min(axis=-1)
 
 
 def _rotated(x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,23 +17,17 @@ from envs.traffic.tracks import Repairs, Track, TrackError, at_times
 
 __all__ = ["AHEAD", "HORIZON", "Replay", "encounters_of", "off_arcs", "replay"]
 
-AHEAD = 220.0
-"""Seconds of flight from the start to the goal, by default."""
-
-HORIZON = 600.0
-"""Seconds of a recording that are kept: longer than any plan."""
+AHEAD = 220.0  # seconds of flight from the start to the goal, by default
+HORIZON = 600.0  # seconds of a recording that are kept: longer than any plan
 
 
 class Replay(NamedTuple):
     """Encounters of recorded intruders."""
 
-    starts: Encounter
-    """``[N]``; in the place of an intent the intruders have an :class:`envs.intruder.Recording`."""
+    starts: Encounter  # [N]; in the place of an intent the intruders have a Recording
     names: tuple[str, ...]
-    weights: np.ndarray
-    """Importance weights of the encounters, ``[N]``; 1 where the file has none."""
-    left_out: tuple[str, ...] = ()
-    """Sentences on encounters that cannot be flown, and why."""
+    weights: np.ndarray  # importance weights of the encounters, [N]; 1 where the file has none
+    left_out: tuple[str, ...] = ()  # sentences on encounters that cannot be flown, and why
     repairs: Repairs = Repairs()
 
     @property
@@ -56,8 +50,7 @@ def replay(
 
     Args:
         encounters: name, the ownship's track and those of its intruders, each at least a second long.
-        steps: time steps of the recordings; they are flown straight on after them.
-        dt: of a step, s.
+        steps: time steps of the recordings, ``dt`` s each; they are flown straight on after them.
         ahead: the goal lies so many seconds ahead on the ownship's first course, at its first speed.
         limits: of the ownship; encounters that begin outside its speeds are left out, with the reason.
         weights: of the encounters by name; None: 1 each.
@@ -95,11 +88,7 @@ def replay(
 def encounters_of(own: VehicleState, recording: Recording, mask: np.ndarray, ahead: float) -> Encounter:
     """Return the encounters of an ownship ``[N]``, its goal ``ahead`` seconds ahead, and recorded intruders.
 
-    Args:
-        own: at the start.
-        recording: ``[N, K, T + 1]``.
-        mask: which intruders exist, ``[N, K]``.
-        ahead: s.
+    The recording is ``[N, K, T + 1]``, the mask of the intruders that exist ``[N, K]``.
     """
     reach = ahead * own.speed
     column = np.zeros((len(own.x), 1))
@@ -116,10 +105,10 @@ def encounters_of(own: VehicleState, recording: Recording, mask: np.ndarray, ahe
 
 
 def off_arcs(recording: Recording, mask: np.ndarray) -> np.ndarray:
-    """Return how far recordings are from arcs at constant speed, m, ``[N]``.
+    """Return how far recordings are from arcs at constant speed, m, ``[N]``: what is wrong by taking them for arcs.
 
     That is the largest distance between a row and where the row before leads within 1 s when its speed and the turn
-    to the next heading are held: what is wrong by taking intruders to fly arcs between the rows.
+    to the next heading are held.
     """
     before = VehicleState(*(field[..., :-1] for field in recording))
     after = VehicleState(*(field[..., 1:] for field in recording))
@@ -133,10 +122,8 @@ def _unfit(own: Track, others: Sequence[Track], limits: Limits) -> str:
     """Return why an encounter cannot be flown, nothing if it can."""
     speed = float(np.hypot(own.vx[0], own.vy[0]))
     if not limits.speed_min <= speed <= limits.speed_max:
-        return (
-            f"the ownship begins with {speed:.1f} m/s over the ground, expected {limits.speed_min:g} to "
-            f"{limits.speed_max:g} m/s"
-        )
+        wanted = f"expected {limits.speed_min:g} to {limits.speed_max:g} m/s"
+        return f"the ownship begins with {speed:.1f} m/s over the ground, {wanted}"
     if not others:
         return "there is no intruder, expected at least one"
     for other in others:

@@ -27,8 +27,7 @@ FAMILIES: Mapping[str, Mapping[str, float]] = {
 }
 """Units by what they measure, in lower case, with their SI value."""
 
-DEGREES = " (are these degrees?)"
-"""Hint for an angle out of range."""
+DEGREES = " (are these degrees?)"  # hint for an angle out of range
 
 
 def si(unit: str, family: str) -> float | None:

@@ -10,8 +10,7 @@ from envs.edge.command import InputError
 __all__ = ["DISTANT", "Repairs", "Track", "TrackError", "TrackFile", "at_times", "summed"]
 
 
-DISTANT = 1_000_000.0
-"""m; further from its reference a flat map holds neither distances nor directions."""
+DISTANT = 1_000_000.0  # m; further from its reference a flat map holds neither distances nor directions
 
 
 class TrackError(InputError):
@@ -22,13 +21,11 @@ class Track(NamedTuple):
     """The flight of one aircraft; arrays ``[T]`` in SI units, local frame x east, y north."""
 
     name: str
-    time: np.ndarray
-    """s, strictly increasing."""
+    time: np.ndarray  # s, strictly increasing
     x: np.ndarray
     y: np.ndarray
     altitude: np.ndarray
-    vx: np.ndarray
-    """Over the ground."""
+    vx: np.ndarray  # over the ground
     vy: np.ndarray
     vertical_rate: np.ndarray
     extra: Mapping[str, np.ndarray]
@@ -38,18 +35,12 @@ class Track(NamedTuple):
 class Repairs(NamedTuple):
     """What had to be done to tracks; counts of rows, but for the last."""
 
-    not_finite: int = 0
-    """Dropped because a number in them was missing, not finite or out of range."""
-    out_of_order: int = 0
-    """Dropped because their time was not after the one before."""
-    filled: int = 0
-    """Added on the straight line across gaps."""
-    stale: int = 0
-    """Dropped because they repeat the position before although the aircraft moves."""
-    impossible: int = 0
-    """Dropped because the aircraft could not have flown there from the other rows."""
-    split: int = 0
-    """Flights divided because one address was used by two aircraft or with two clocks."""
+    not_finite: int = 0  # dropped because a number in them was missing, not finite or out of range
+    out_of_order: int = 0  # dropped because their time was not after the one before
+    filled: int = 0  # added on the straight line across gaps
+    stale: int = 0  # dropped because they repeat the position before although the aircraft moves
+    impossible: int = 0  # dropped because the aircraft could not have flown there from the other rows
+    split: int = 0  # flights divided because one address was used by two aircraft or with two clocks
 
 
 class TrackFile(NamedTuple):
