@@ -238,7 +238,7 @@ def test_straight_flight_far_from_the_origin_is_predicted(latitude: float, longi
     at = frame.geodetic(x, y)
     track = np.degrees(7.0 * way)
     length = 40_000.0
-    east, north = frame.velocity(at.latitude, at.longitude, np.sin(np.radians(track)), np.cos(np.radians(track)))
+    east, north = frame.place(at.latitude, at.longitude).velocity(np.sin(np.radians(track)), np.cos(np.radians(track)))
     longitude_, latitude_, _ = GEOD.fwd(at.longitude, at.latitude, track, np.full(track.shape, length))
     there = frame.place(latitude_, longitude_)
     off = np.hypot(there.x - x - length * east, there.y - y - length * north)

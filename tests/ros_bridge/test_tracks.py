@@ -86,9 +86,7 @@ def test_errors_of_estimates_are_much_smaller_and_as_declared(latitude: float):
             track, _ = taken(track, one, "it", one.time, RULES)
         assert track.estimate is not None and track.fault is None
         at = frame.place(track.estimate.latitude, track.estimate.longitude)
-        east, north = frame.velocity(
-            *(track.estimate.latitude, track.estimate.longitude), *(track.estimate.east, track.estimate.north)
-        )
+        east, north = at.velocity(track.estimate.east, track.estimate.north)
         off = float(at.x) - 60.0 * 29, float(at.y) - 45.0 * 29, float(east) - 60.0, float(north) - 45.0
         spread = track.estimate.position_std, track.estimate.velocity_std
         assert spread[0] < 30.0 and spread[1] <= 3.0

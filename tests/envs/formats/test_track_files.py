@@ -13,7 +13,6 @@ from envs.formats.local_frame import local
 from envs.formats.track_files import read_daidalus
 from envs.traffic.track_units import FAMILIES, KNOT, si
 from envs.traffic.tracks import Repairs, TrackError, at_times
-from ros_bridge.core.geodesy import LocalFrame
 from tests.support import WGS84, flight, recorded
 
 LOCAL = """\
@@ -155,16 +154,6 @@ def test_velocities_are_turned_into_the_local_frame(tmp_path: Path, latitude: fl
         for track in read_daidalus(written(tmp_path, "\n".join(lines))).tracks:
             flown = np.arctan2(np.diff(track.y), np.diff(track.x))
             assert abs(flown - np.arctan2(track.vy, track.vx)[1:]).max() < math.radians(0.01)
-
-
-def test_the_local_frame_is_the_ros_bridge_s() -> None:
-    rng = np.random.default_rng(0)
-    for lat, lon in ((0.0, 0.0), (47.0, 8.0), (-17.0, 179.99), (89.0, 10.0)):
-        latitude, longitude = lat + rng.uniform(-0.5, 0.5, 50), lon + rng.uniform(-0.5, 0.5, 50)
-        here = local(np.radians(latitude), np.radians(longitude), (math.radians(lat), math.radians(lon)))
-        there = LocalFrame(lat, lon).place(latitude, longitude)
-        np.testing.assert_allclose(here[:2], there[:2], atol=1e-6)
-        np.testing.assert_allclose(here.convergence, there.convergence, atol=1e-9)
 
 
 @pytest.mark.parametrize(
