@@ -255,7 +255,8 @@ class Runner(ListeningNode):
     def _publish(self, result: Plan, wanted: Task, response: GenerateTrajectory.Response) -> None:
         frame = self.get_parameter("map_frame").value
         revision, unique = self._next(wanted.time), uuid.uuid4()
-        message = plan_message(result, wanted, frame, revision, unique)
+        certified = self.get_parameter("certificate").value
+        message = plan_message(result, wanted, frame, revision, unique, certified=certified)
         self._revision = revision
         response.trajectory = message
         response.status = int(Code.SAFE if result.safe else Code.UNRESOLVED)

@@ -2,6 +2,7 @@
 """Domain values as messages of ``rlcas_msgs``; the other direction is :mod:`ros_bridge.core.conversions`."""
 
 import uuid
+from array import array
 from collections.abc import Iterable
 
 import numpy as np
@@ -91,8 +92,19 @@ def point_message(point: PlanPoint) -> Waypoint:
     return message
 
 
-def plan_message(plan: Plan, task: Task, frame: str, revision: int, unique: uuid.UUID) -> Trajectory:
-    """Return a plan, safe or not, as a trajectory; one without waypoints has the status UNRESOLVED and none."""
+def plan_message(
+    plan: Plan, task: Task, frame: str, revision: int, unique: uuid.UUID, *, certified: bool = False
+) -> Trajectory:
+    """Return a plan, safe or not, as a trajectory; one without waypoints has the status UNRESOLVED and none.
+
+    Args:
+        plan: of the task.
+        task: that was planned.
+        frame: that the header names.
+        revision: of the trajectory.
+        unique: its id.
+        certified: whether a SAFE plan carries its certificate.
+    """
     separated = bool(np.isfinite(plan.min_separation) and np.isfinite(plan.time_of_min_separation))
     return Trajectory(
         header=header(task.time, frame),
@@ -106,6 +118,8 @@ def plan_message(plan: Plan, task: Task, frame: str, revision: int, unique: uuid
         rejoin_index=-1 if plan.goal_index is None else plan.goal_index,
         start=point_message(start_point(task.frame, task.own, task.time, task.own_altitude)),
         waypoints=[point_message(point) for point in plan_points(plan, task)],
+        # An array of bytes is taken as it is; other sequences are looked at byte by byte.
+        certificate=array("B", (plan.certificate if certified else None) or b""),
     )
 
 

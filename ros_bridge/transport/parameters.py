@@ -78,6 +78,7 @@ OTHERS: tuple[tuple[str, Any, str], ...] = (
         True,
         "whether the slow stages of the search are tried before giving up, but for the monitor's requests",
     ),
+    ("certificate", True, "whether SAFE plans carry what `python -m agents.check` proves them from; 3 ms an answer"),
     ("policy_file", "", "policy file; empty: the one that ships; read at the configuration"),
     ("policy_sha256", "", "digest that the policy must have, 64 digits; empty: any; read at the configuration"),
     ("map_frame", "map", "frame of path and markers: x east, y north of the geo-reference; read at the configuration"),

@@ -1,20 +1,26 @@
 """The runner as a process on a real graph: what it answers, publishes, latches, refuses and withdraws."""
 
+import json
 import math
 import signal
+import subprocess
+import sys
 import time
 import uuid
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
+import numpy as np
 import pytest
 
-from tests.ros_bridge.graph import MISSING, NODE, PATIENCE, Client, Process, World, domain
+from tests.ros_bridge.graph import MISSING, NODE, PATIENCE, ROOT, Client, Process, World, domain
+from tests.ros_bridge.scenes import FRAME
 
 pytest.importorskip("rclpy", reason=MISSING)
 
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState, GetState
-from nav_msgs.msg import Path
+from nav_msgs.msg import Path as PathMessage
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.event_handler import PublisherEventCallbacks
@@ -105,7 +111,7 @@ def test_safe_plan_is_published_and_latched(client: Client, world: World):
         encounter(world)
         response = answer(client, Code.SAFE, lambda: encounter(world))
     plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
-    paths = client.hear(Path, f"{NODE}/output/path", qos.LATCHED)
+    paths = client.hear(PathMessage, f"{NODE}/output/path", qos.LATCHED)
     markers = client.hear(MarkerArray, f"{NODE}/output/markers", qos.LATCHED)
     # The views follow the answer, so the latched ones may still be those of the plan before, which had no traffic.
     shown = {"plan", "waypoints", "indices", "traffic", "names"}
@@ -118,6 +124,25 @@ def test_safe_plan_is_published_and_latched(client: Client, world: World):
     assert points[-1].time - began >= 380e9
     assert [point.of_route for point in points] == [False] * 19 + [True]
     assert len({point.index for point in points} | set(range(7, 17))) == 29
+
+
+def test_trajectory_carries_the_certificate_that_proves_it(client: Client, world: World, tmp_path: Path):
+    plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
+    response = answer(client, Code.SAFE, lambda: encounter(world))
+    client.spin(lambda: plans and plans[-1].id == response.trajectory.id)
+    file = tmp_path / "plan.json"
+    file.write_bytes(bytes(plans[-1].certificate))
+    command = [sys.executable, "-m", "agents.check", file]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and "accepted" in done.stdout, done.stderr
+    # It is the plan's own: the same places, in the frame about the geo-reference.
+    _, _, points = trajectory(plans[-1])
+    at = FRAME.place([point.latitude for point in points], [point.longitude for point in points])
+    proven = np.array(json.loads(file.read_bytes())["waypoints"])
+    np.testing.assert_allclose(proven[:, :2], np.stack([at.x, at.y], axis=-1), rtol=0.0, atol=1e-6)
+    assert set_to(client, "certificate", False).successful
+    assert len(answer(client, Code.SAFE, lambda: encounter(world)).trajectory.certificate) == 0
+    assert set_to(client, "certificate", True).successful
     assert response.trajectory.min_separation >= 1000.0
     assert 0.0 < response.computation_time < 5.0
 
@@ -209,7 +234,9 @@ def test_an_alert_about_an_unknown_aircraft_is_refused(client: Client, world: Wo
 
 
 def set_to(client: Client, name: str, value: float):
-    given = Parameter(name=name, value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
+    kind = ParameterType.PARAMETER_BOOL if isinstance(value, bool) else ParameterType.PARAMETER_DOUBLE
+    field = "bool_value" if isinstance(value, bool) else "double_value"
+    given = Parameter(name=name, value=ParameterValue(type=kind, **{field: value}))
     [result] = client.call(SetParameters, f"{NODE}/set_parameters", SetParameters.Request(parameters=[given])).results
     return result
 
