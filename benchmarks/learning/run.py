@@ -23,11 +23,9 @@ from benchmarks.learning import figure as learning_figure
 from benchmarks.learning import sb3 as sb3_task
 from benchmarks.learning import training as learning_run
 from benchmarks.learning.curves import Axis, Point, Times, ratio, reached, score_at, t_mean
-from benchmarks.learning.settings import changed, settings
-from benchmarks.learning.sides import LEARNERS, PACKAGES, available
-from benchmarks.learning.task import check
+from benchmarks.learning.sides import LEARNERS, PACKAGES, available, check
 from benchmarks.learning.training import Log
-from benchmarks.learning.trials import Trial, best, described
+from benchmarks.learning.trials import Trial, best, changed, described, settings
 from benchmarks.measure import machine, report
 from envs.edge.files import write_file
 from eval.stats.intervals import Interval

@@ -3,7 +3,7 @@
 What it gets is the cheapest form of the same work. The first layer's derived inputs are computed once a step by one
 compiled call outside its networks, where ours are computed anew in every epoch; the time limit ends an episode for
 good, as in our training, so it never evaluates a final observation; infos are shared empty dictionaries. Reward
-shaping is left out of :func:`environment`; :mod:`benchmarks.learning.task` has it. Needs the extra ``peers``.
+shaping is left out of :func:`environment`; :mod:`benchmarks.learning.sides` has it. Needs the extra ``peers``.
 """
 
 import importlib

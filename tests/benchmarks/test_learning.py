@@ -10,10 +10,7 @@ import time
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -21,116 +18,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from agents.config.load import ConfigError, dump, load
-from agents.policy import features
-from benchmarks import gemm, training
+from agents.config.load import ConfigError, load
 from benchmarks.learning import run as learning
-from benchmarks.learning import sides as learning_sides
 from benchmarks.learning import training as learning_run
 from benchmarks.learning.curves import WINDOW, Flown, Point, Times, Windows, ratio, reached, score_at, t_mean
-from benchmarks.learning.settings import PEERS_BEST, changed, settings
-from benchmarks.learning.task import TrainingFlight, check
 from benchmarks.learning.training import Log
-from benchmarks.learning.trials import Trial, best, described
-from envs import surrogate
-from rlcas_jax import starts, task
+from benchmarks.learning.trials import PEERS_BEST, Trial, best, changed, described, settings
+from rlcas_jax import task
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.starts import near_limit
-from tests.benchmarks import tiny
+from tests.benchmarks.test_benchmarks import SHAPED
 
-TINY = (*tiny.TINY, "shaping.goal=0.5", "world.t_max=40")
-SETS = [argument for key in TINY for argument in ("--set", key)]
-
-peers = pytest.mark.parametrize(
-    "peer",
-    [
-        pytest.param(
-            name,
-            marks=pytest.mark.skipif(
-                not learning_sides.available(name), reason=f"{learning_sides.LEARNERS[name]} is not installed"
-            ),
-        )
-        for name in ("sb3", "sbx")
-    ],
-)
-
-
-def tiny(*more: str) -> TrainConfig:
-    return load(TrainConfig, None, [*TINY, *more])
+SETS = [argument for key in SHAPED for argument in ("--set", key)]
 
 
 def curve(*scores: float, step: int = 100, wall_s: float = 2.0) -> list[Point]:
     return [Point(step * (i + 1), wall_s * (i + 1), score, 10) for i, score in enumerate(scores)]
-
-
-# The task and its score
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("feature_set", ["cpa", "mirror"])
-def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: str):
-    config = tiny(
-        f"network.feature_set={feature_set}",
-        "shaping.escape_margin=0.3",
-        "world.separation_spread=50.0",
-        "scenarios=[{name: circle, weight: 0.7}, {name: head_on, weight: 0.3}]",
-        "ppo.rollout=96",
-        "pool_rows=3",
-    )
-    flight = TrainingFlight(config)
-    inputs = flight.reset()
-    state, pool = jax.tree.map(jnp.array, flight._state), flight._pool
-    world = surrogate.World(config.world.rules(), config.world.limits())
-    ours = task._training_environment(config, world, pool, [s.scenario() for s in config.scenarios])
-
-    @jax.jit
-    def seen_by_networks(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
-        seen = ours.observe(state, jax.random.key(0))
-        components = [seen[:, i] for i in range(8)]
-        hand = jnp.broadcast_to(features.mirror_sign(components, feature_set, jnp), (8,))
-        return jnp.stack(features.features(components, feature_set, jnp), axis=-1), hand
-
-    step, restart = jax.jit(ours.step), jax.jit(ours.restart)
-    generator, statistics, action = np.random.default_rng(0), [], np.zeros((8, 2), np.float32)
-    for index in range(95):
-        state = restart(state, index)
-        expected, hand = seen_by_networks(state)
-        np.testing.assert_allclose(inputs, expected, atol=2e-5)
-        action = generator.normal(size=(8, 2)).astype(np.float32)
-        state, result = step(state, action * np.stack([np.ones(8, np.float32), hand], axis=-1))
-        inputs, reward, done = flight.step(action)
-        np.testing.assert_allclose(reward, result.reward, atol=1e-6)
-        np.testing.assert_array_equal(done, result.terminated)
-        statistics.append(result.statistics)
-    stacked = jax.tree.map(lambda *rows: jnp.stack(rows), *statistics)
-    figures = task._episodes(stacked, 95 * 8, None)
-    returns, episodes = flight.flown()
-    assert episodes == figures["episodes"] > 8
-    assert returns / episodes == pytest.approx(float(figures["score"]), rel=1e-5)
-    assert flight.flown() == (0.0, 0)
-    before = np.asarray(flight._pool.own.x)
-    np.testing.assert_array_equal(before, pool.own.x)  # drawn for a rollout, and for the next anew
-    flight.step(action)
-    assert not np.any(before == np.asarray(flight._pool.own.x))
-    with pytest.raises(ValueError, match="not finite"):
-        flight.step(np.full((8, 2), np.nan, np.float32))
-
-
-def test_noisy_reports_are_refused():
-    with pytest.raises(ConfigError, match=r"scenarios\.0: noisy has noisy or late reports"):
-        check(tiny("scenarios=[{name: noisy}]"))
-
-
-def test_peers_get_the_near_limit_starts(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("rlcas_jax.starts.NEAR_LIMIT", 40)
-    monkeypatch.setattr("rlcas_jax.starts._near_limit", starts._near_limit.__wrapped__)
-    config = tiny("near_limit.share=0.9", "ppo.environments=64")
-    hard = near_limit(config)
-    assert hard is not None
-    flight = TrainingFlight(config)
-    flight.reset()
-    shared = np.isin(np.asarray(flight._pool.intruders.vehicle.x), hard.intruders.x).mean()
-    assert 0.75 < shared < 1.0
 
 
 @given(
@@ -432,24 +334,6 @@ def test_a_file_that_is_no_run_is_refused(tmp_path: Path):
     assert learning_run.read(tmp_path / "b.jsonl") is None
 
 
-@pytest.mark.parametrize(
-    ("option", "value", "said"),
-    [
-        ("--steps", "0", "--steps is 0"),
-        ("--seeds", "0", "--seeds is 0"),
-        ("--trials", "-1", "--trials is -1"),
-        ("--budget", "nan", "--budget is nan"),
-        ("--trial-seconds", "0", "--trial-seconds is 0"),
-        ("--trial-seeds", "0", "--trial-seeds is 0"),
-        ("--trial-target", "nan", "--trial-target is nan"),
-        ("--learner", "theirs", "invalid choice: 'theirs'"),
-    ],
-)
-def test_bad_options_are_refused(option: str, value: str, said: str):
-    with pytest.raises(ConfigError, match=said):
-        learning.main([option, value])
-
-
 def test_places_that_cannot_be_written_to_are_refused(tmp_path: Path):
     file = tmp_path / "file"
     file.touch()
@@ -459,72 +343,3 @@ def test_places_that_cannot_be_written_to_are_refused(tmp_path: Path):
         learning_run.main(
             ["--learner", "ours", "--config", "configs/quick.yaml", "--out", str(tmp_path / "no" / "run")]
         )
-
-
-def test_a_peer_that_is_asked_for_and_absent_is_refused_with_how_to_get_it(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(learning, "available", lambda name: name == "ours")
-    with pytest.raises(ConfigError, match=r"SBX is not installed; to have it: pip install"):
-        learning.main(["--learner", "sbx"])
-
-
-# The learners
-
-
-@pytest.mark.slow
-@peers
-@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")
-def test_a_peer_begins_as_we_do_and_follows_our_schedule(peer: str):
-    config = tiny("steps=1280", "ppo.learning_rate_final=1e-4")
-    theirs = learning_sides.side(peer, config)
-    assert isinstance(theirs, learning_sides._Peer)
-    before = theirs._weights.get()
-    kernels = kernels_of(peer, before)
-    assert sum(kernel.size for kernel in kernels) == gemm.weights(training.networks(config))
-    for kernel in kernels:
-        gain = {1: 1.0, 2: 0.01}.get(min(kernel.shape), math.sqrt(2.0))
-        np.testing.assert_allclose(np.linalg.svd(kernel, compute_uv=False), gain, rtol=1e-4)
-    theirs.start()
-    for old, new in zip(kernels, kernels_of(peer, theirs._weights.get()), strict=True):
-        np.testing.assert_array_equal(old, new)
-    for rate in (7e-4, 6.4e-4, 5.8e-4):  # ten updates, the rate of each as at its beginning
-        assert theirs.update().steps == 128
-        assert rate_of(peer, theirs._model.policy) == pytest.approx(rate, rel=1e-6)
-    assert theirs._model.num_timesteps == 3 * 128
-    assert any(np.any(old != new) for old, new in zip(kernels, kernels_of(peer, theirs._weights.get()), strict=True))
-
-
-def rate_of(peer: str, policy: Any) -> float:
-    if peer == "sb3":
-        return policy.optimizer.param_groups[0]["lr"]
-    return float(policy.vf_state.opt_state[1].hyperparams["learning_rate"])
-
-
-def kernels_of(peer: str, kept: Any) -> list[np.ndarray]:
-    if peer == "sb3":
-        return [np.array(value) for name, value in kept[0].items() if name.endswith("weight")]
-    return [np.array(leaf) for state in kept for leaf in jax.tree.leaves(state.params) if leaf.ndim == 2]
-
-
-@pytest.mark.slow
-@peers
-@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning", "ignore::RuntimeWarning")
-def test_a_peer_that_diverges_says_so(peer: str, tmp_path: Path):
-    config = tiny("ppo.learning_rate=1.0", "ppo.reward_scale=1e38", "steps=1280")
-    learning_run.train(peer, config, 60.0, tmp_path / "run.jsonl", "run")
-    log = learning_run.read(tmp_path / "run.jsonl")
-    assert log is not None
-    assert log.ended == "diverged"
-
-
-@pytest.mark.slow
-@peers
-def test_a_peer_learns_in_a_process_of_its_own(peer: str, tmp_path: Path):
-    config = tmp_path / "run.yaml"
-    config.write_text(dump(tiny("steps=640")))
-    learning._process(peer, config, 60.0, tmp_path / "run.jsonl")
-    log = learning_run.read(tmp_path / "run.jsonl")
-    assert log is not None
-    assert log.ended == "steps"
-    assert log.curve[-1].steps == 640
-    assert log.curve[-1].episodes > 0
-    assert log.startup_s > 0.0
