@@ -35,22 +35,15 @@ def draw(summary: Mapping[str, Any]) -> Figure:
     ends.set_xlabel("share of encounters, %")
     ends.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
 
+    zero = {"low": 0.0, "value": 0.0, "high": 0.0}
     for place, row, colour in zip(places, rows, colours, strict=True):
-        difference = row["difference"]
-        if difference is None:
-            apart.plot([0.0], [place], "o", color=colour)
-            continue
-        low, value, high = (100.0 * difference[key] for key in ("low", "value", "high"))
-        apart.plot([low, high], [place, place], color=colour, linewidth=2.0)
-        apart.plot([value], [place], "o", color=colour)
+        for axes, interval in ((apart, row["difference"] or zero), (cost, row["path_excess_mean"])):
+            if interval["value"] is not None:
+                low, value, high = (100.0 * interval[key] for key in ("low", "value", "high"))
+                axes.plot([low, high], [place, place], color=colour, linewidth=2.0)
+                axes.plot([value], [place], "o", color=colour)
     apart.axvline(0.0, color="#999999", linewidth=0.8)
     apart.set_xlabel(f"success less that of {rows[0]['name']}, points")
-
-    for place, row, colour in zip(places, rows, colours, strict=True):
-        excess = row["path_excess_mean"]
-        if excess["value"] is not None:
-            cost.plot([100.0 * excess["low"], 100.0 * excess["high"]], [place, place], color=colour, linewidth=2.0)
-            cost.plot([100.0 * excess["value"]], [place], "o", color=colour)
     cost.set_xlim(left=0.0)
     cost.set_xlabel("mean path excess, %")
     for axes in (ends, apart, cost):

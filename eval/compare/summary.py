@@ -1,6 +1,5 @@
 """From the table of a comparison to its numbers; docs/howto/compare.md defines every key."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -8,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from eval.compare.deciders import REFERENCE, WITNESS, Entry
-from eval.metrics.field import Ratio, ratio
+from eval.metrics.field import ratio
 from eval.metrics.volumes import ALERTS, VOLUMES
 from eval.stats.intervals import mean_interval
 from eval.stats.paired import mcnemar_exact, pairs, tango
-from eval.stats.plain import number, share
+from eval.stats.plain import interval, number, share
 
 __all__ = ["SCHEMA_VERSION", "summarise"]
 
@@ -38,20 +37,19 @@ def summarise(
         seed: of the bootstraps.
     """
     total = len(table["encounter"])
-    lost_cause = table.get("unresolvable")
+    possible = total - int(np.count_nonzero(table["unresolvable"]))
     how = (confidence, resamples, seed)
     rows = []
     witness = next((entry for entry in entries if entry.kind == WITNESS), None)
     for entry in entries:
-        row = _row(table, entry, lost_cause, how) | _ratios(table, entry, weights, how)
+        row = _row(table, entry, possible, how) | _ratios(table, entry, weights, how)
         row["difference"] = None if entry is entries[0] else _difference(table, entry, entries[0], how)
         if witness is not None:
             row["path_excess_over_witness_mean"] = None if entry is witness else _longer(table, entry, witness, how)
         rows.append(row)
-    possible = total if lost_cause is None else total - int(np.count_nonzero(lost_cause))
     return {
         "encounters": total,
-        "resolvable_rate": None if lost_cause is None else share(possible, total, confidence),
+        "resolvable_rate": share(possible, total, confidence),
         "late_at_first_speed": int(np.count_nonzero(table["late_at_first_speed"])),
         "volumes": {name: volume._asdict() for name, volume in VOLUMES.items()},
         "altitude": "co-altitude is assumed: every loss is given that the altitudes do not separate",
@@ -59,37 +57,35 @@ def summarise(
     }
 
 
-def _row(
-    table: Mapping[str, np.ndarray], entry: Entry, lost_cause: np.ndarray | None, how: tuple[float, int, int]
-) -> dict[str, Any]:
+def _row(table: Mapping[str, np.ndarray], entry: Entry, possible: int, how: tuple[float, int, int]) -> dict[str, Any]:
     """Return rates and costs of one entry."""
-    confidence, resamples, seed = how
-    outcome = table[f"{entry.name}.outcome"]
-    total, reached = len(outcome), outcome == "reached"
-    count = int(np.count_nonzero(reached))
-    possible = total if lost_cause is None else total - int(np.count_nonzero(lost_cause))
+
+    def of(name: str) -> np.ndarray:
+        return table[f"{entry.name}.{name}"]
+
+    def rate(name: str, total: int = len(table["encounter"])) -> dict[str, Any]:
+        return share(np.count_nonzero(of("outcome") == name), total, how[0])
 
     def mean(name: str) -> dict[str, float | None]:
-        found = mean_interval(table[f"{entry.name}.{name}"][reached], confidence, resamples, seed)
-        return {key: number(value) for key, value in found._asdict().items()}
+        return interval(mean_interval(of(name)[of("outcome") == "reached"], *how))
 
-    closest = table[f"{entry.name}.min_separation_m"]
+    severe = of("severity")[of("severity") > 0.0]
     return {
         "name": entry.name,
         "kind": entry.kind,
         "sha256": entry.sha256,
-        "success_rate": share(count, total, confidence),
-        "success_given_resolvable": None if lost_cause is None else share(count, possible, confidence),
-        "violation_rate": share(int(np.count_nonzero(outcome == "violation")), total, confidence),
-        "timeout_rate": share(int(np.count_nonzero(outcome == "timeout")), total, confidence),
+        "success_rate": rate("reached"),
+        "success_given_resolvable": rate("reached", possible),
+        "violation_rate": rate("violation"),
+        "timeout_rate": rate("timeout"),
         "path_excess_mean": mean("path_excess"),
         "time_excess_mean_s": mean("time_excess_s"),
         "cross_track_max_mean_m": mean("cross_track_m"),
-        "heading_reversals_mean": float(np.mean(table[f"{entry.name}.heading_reversals"])),
-        "min_separation_m": number(float(np.fmin.reduce(closest))),
-        "severity_mean_of_losses": number(_mean_positive(table[f"{entry.name}.severity"])),
-        "severity_max": float(np.max(table[f"{entry.name}.severity"])),
-        "lead_times_s": {level: _leads(table[f"{entry.name}.lead_{level}_s"]) for level in ALERTS},
+        "heading_reversals_mean": float(np.mean(of("heading_reversals"))),
+        "min_separation_m": number(float(np.fmin.reduce(of("min_separation_m")))),
+        "severity_mean_of_losses": float(np.mean(severe)) if severe.size else None,
+        "severity_max": float(np.max(of("severity"))),
+        "lead_times_s": {level: _leads(of(f"lead_{level}_s")) for level in ALERTS},
     }
 
 
@@ -97,20 +93,14 @@ def _ratios(
     table: Mapping[str, np.ndarray], entry: Entry, weights: np.ndarray | None, how: tuple[float, int, int]
 ) -> dict[str, Any]:
     """Return the risk ratio, of the required separation and of each volume."""
-    confidence, resamples, seed = how
 
-    def of(event: np.ndarray, without: np.ndarray) -> dict[str, Any]:
-        found = ratio(event, without, weights, confidence=confidence, resamples=resamples, seed=seed)
-        return _plain(found)
+    def of(column: str, event: Any = True) -> dict[str, Any]:
+        ours, bare = (table[f"{name}.{column}"] == event for name in (entry.name, REFERENCE))
+        found = ratio(ours, bare, weights, confidence=how[0], resamples=how[1], seed=how[2])
+        said = asdict(found) | {"warnings": list(found.warnings)}
+        return {key: number(value) if isinstance(value, float) else value for key, value in said.items()}
 
-    def violated(name: str) -> np.ndarray:
-        return table[f"{name}.outcome"] == "violation"
-
-    ratios = {"risk_ratio": of(violated(entry.name), violated(REFERENCE))}
-    ratios["ratios"] = {
-        name: of(table[f"{entry.name}.lost_{name}"], table[f"{REFERENCE}.lost_{name}"]) for name in VOLUMES
-    }
-    return ratios
+    return {"risk_ratio": of("outcome", "violation"), "ratios": {name: of(f"lost_{name}") for name in VOLUMES}}
 
 
 def _difference(
@@ -133,7 +123,7 @@ def _longer(
     """Return the entry's mean path excess less the other's, where both succeed, with its interval."""
     both = np.logical_and(*(table[f"{name}.outcome"] == "reached" for name in (entry.name, other.name)))
     excess = table[f"{entry.name}.path_excess"] - table[f"{other.name}.path_excess"]
-    return {key: number(value) for key, value in mean_interval(excess[both], *how)._asdict().items()}
+    return interval(mean_interval(excess[both], *how))
 
 
 def _leads(seconds: np.ndarray) -> dict[str, float | int | None]:
@@ -146,16 +136,4 @@ def _leads(seconds: np.ndarray) -> dict[str, float | int | None]:
         "median": float(np.median(known)),
         "low_5_percent": float(np.quantile(known, 0.05)),
         "without_lead": int(np.count_nonzero(known == 0.0)),
-    }
-
-
-def _mean_positive(values: np.ndarray) -> float:
-    positive = values[values > 0.0]
-    return float(np.mean(positive)) if len(positive) else math.nan
-
-
-def _plain(found: Ratio) -> dict[str, Any]:
-    return {
-        key: number(value) if isinstance(value, float) else list(value) if isinstance(value, tuple) else value
-        for key, value in asdict(found).items()
     }

@@ -4,7 +4,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from eval.stats.plain import percent
+
 __all__ = ["show"]
+
+_RATES = ("success_rate", "success_given_resolvable", "violation_rate", "timeout_rate")
 
 
 def show(summary: Mapping[str, Any], folder: Path) -> None:
@@ -21,16 +25,13 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
     table.add_column("", overflow="fold")
     witness = "path_excess_over_witness_mean" in summary["entries"][0]
     names = ["success", "resolvable *", "violation", "time-out", "risk ratio **", "path excess"]
-    names += [*(["over witness"] if witness else []), "difference", "p"]
+    names += ["over witness", "difference", "p"] if witness else ["difference", "p"]
     for name in names:
         table.add_column(name, justify="right")
     for row in summary["entries"]:
         table.add_row(
             row["name"],
-            _rate(row["success_rate"]),
-            _rate(row["success_given_resolvable"]),
-            _rate(row["violation_rate"]),
-            _rate(row["timeout_rate"]),
+            *(percent(row[key]) for key in _RATES),
             _ratio(row["risk_ratio"]),
             _percent(row["path_excess_mean"]["value"]),
             *([_points(row["path_excess_over_witness_mean"])] if witness else []),
@@ -46,20 +47,16 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
         "* success of all that are not proven unresolvable",
         "** violations with the resolver / without it",
         "difference: of success from the first row's; p: McNemar's exact",
-        *(
-            [
-                "witness: the shortest flight known to resolve each encounter, found knowing the intruders' future: no "
-                "resolver, but a mark; where none is known it flies on as none does",
-                "over witness: path excess less the witness's, in points, where both succeed",
-            ]
-            if witness
-            else []
-        ),
-        *(
-            ["the ratios are weighted by the file's weights; rates count each encounter once"]
-            if summary["weighted"]
-            else []
-        ),
+    ]
+    if witness:
+        notes += [
+            "witness: the shortest flight known to resolve each encounter, found knowing the intruders' future: no "
+            "resolver, but a mark; where none is known it flies on as none does",
+            "over witness: path excess less the witness's, in points, where both succeed",
+        ]
+    if summary["weighted"]:
+        notes.append("the ratios are weighted by the file's weights; rates count each encounter once")
+    notes += [
         *lines_about(summary),
         f"{summary['late_at_first_speed']} of the routes are too long for their time without going faster",
     ]
@@ -70,12 +67,6 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
     notes.append(f"files: {folder}: compare.png, compare.svg, encounters.parquet, summary.json")
     for note in notes:
         console.print(note, markup=False, highlight=False, soft_wrap=True)
-
-
-def _rate(rate: Mapping[str, Any] | None) -> str:
-    if rate is None or rate["value"] is None:
-        return "-"
-    return f"{100.0 * rate['value']:.2f} % [{100.0 * rate['low']:.2f}, {100.0 * rate['high']:.2f}]"
 
 
 def _ratio(ratio: Mapping[str, Any]) -> str:

@@ -5,6 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eval.plots.style import spread
+
 __all__ = ["HOW", "Group", "described", "failures", "grouped", "representatives"]
 
 HOW = ("near miss", "deep loss", "time-out")
@@ -64,7 +66,7 @@ def representatives(groups: list[Group], count: int) -> list[int]:
     chosen: list[int] = []
     for group in groups:
         share = min(max(1, round(count * group.members.size / max(total, 1))), group.members.size, count - len(chosen))
-        chosen += [int(group.members[i * group.members.size // share]) for i in range(share)]
+        chosen += spread(group.members, share).tolist()
     return chosen
 
 

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from envs.outcome import Rules
 from eval.flights.recorded import Recorded
-from eval.plots.style import BLUE, GREEN, GREY, SKY, VERMILION, kinds_of, legend, sample
+from eval.plots.style import BLUE, GREEN, GREY, SKY, VERMILION, kinds_of, legend, sample, spread
 
 __all__ = ["PANELS", "Panel", "chosen", "sheet", "trajectory_sheet"]
 
@@ -108,7 +108,7 @@ def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
         # Half of what is left for this kind, so that the rarer kinds are seen too.
         others = sum(map(len, order[place + 1 :]))
         left = failures - len(picked)
-        picked += _spread(found, max(left - others, (left + 1) // 2))
+        picked += spread(found, max(left - others, (left + 1) // 2)).tolist()
     # Successes that had a new plan, and those by the fallback, where the table knows of plans.
     special = []
     if "replans" in table:
@@ -116,14 +116,8 @@ def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
     if "plan_source" in table:
         special.append(successes[table["plan_source"][successes] == "fallback"])
     third = (room - len(picked)) // 3
-    picked += list(dict.fromkeys(number for found in special for number in _spread(found, third)))
-    return picked + _spread(np.setdiff1d(successes, picked), room - len(picked))
-
-
-def _spread(found: np.ndarray, count: int) -> list[int]:
-    """Return up to ``count`` of the found, evenly spaced."""
-    count = min(count, len(found))
-    return [int(found[i * len(found) // count]) for i in range(count)]
+    picked += list(dict.fromkeys(number for found in special for number in spread(found, third).tolist()))
+    return picked + spread(np.setdiff1d(successes, picked), room - len(picked)).tolist()
 
 
 def _planned_by(table: Mapping[str, np.ndarray], number: int) -> str:

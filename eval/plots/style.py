@@ -43,6 +43,12 @@ def kinds_of(table: Mapping[str, np.ndarray]) -> np.ndarray:
     return kinds
 
 
+def spread(found: np.ndarray, count: int) -> np.ndarray:
+    """Return up to ``count`` of the found, evenly spaced."""
+    count = min(count, len(found))
+    return found[np.arange(count) * len(found) // max(count, 1)]
+
+
 def tidy(axes: Any, grid: Literal["x", "y", "both"] = "y") -> None:
     """Draw a light grid behind the data, and no frame at the top and on the right."""
     axes.grid(axis=grid, color="#E5E5E5", linewidth=0.6)

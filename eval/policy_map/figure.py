@@ -12,7 +12,7 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import Normal, Stroke
 
 from envs.kinematics import Limits
-from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION
+from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION, arrow, legend, sample
 from eval.policy_map.advisory import Advisory, Scene, name_of, relative_velocity
 
 __all__ = ["policy_map"]
@@ -28,7 +28,6 @@ _HALO = [Stroke(linewidth=3.0, foreground="white", alpha=0.9), Normal()]
 _WIDE_HALO = [Stroke(linewidth=6.0, foreground="white"), Normal()]
 _RING: dict[str, Any] = {"linestyle": "--", "linewidth": 1.2}
 _EDGE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.2}
-_BOX = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
 
 
 def policy_map(advisories: Sequence[Advisory], limits: Limits, separation: float, policy: str) -> Figure:
@@ -68,8 +67,7 @@ def policy_map(advisories: Sequence[Advisory], limits: Limits, separation: float
         "in brackets: heading of the intruder less own heading, counter-clockwise",
         fontsize=11,
     )
-    ncols = 4 if columns > 2 else 2
-    figure.legend(handles=_handles(separation), loc="outside lower center", ncols=ncols, frameon=False, fontsize=10)
+    legend(figure, _handles(separation), 4 if columns > 2 else 2, 10)
     return figure
 
 
@@ -99,29 +97,16 @@ def _geometry(axes: Any, advisory: Advisory, separation: float) -> None:
             ends = np.stack([foot, foot + 3.0 * edge * back])
             axes.plot(*ends.T, color="black", path_effects=_HALO, **_EDGE)
         place = tuple(0.66 * edge / max(abs(back)) * back)
-    _arrow(axes, (0.0, 0.0), 0.0, scene.own_speed, "own")
-    _arrow(axes, place, scene.relative_heading, scene.intruder_speed, "intruder")
+    for start, heading, speed, name in (
+        ((0.0, 0.0), 0.0, scene.own_speed, "own"),
+        (place, scene.relative_heading, scene.intruder_speed, "intruder"),
+    ):
+        way = _KM * _WAY_S * speed
+        arrow(axes, start, heading + math.pi / 2.0, way, name, xytext=(6.0, -11.0), path_effects=_HALO)
     _goal(axes, edge, scene)
     axes.set_xlim(-edge, edge)
     axes.set_ylim(-edge, edge)
     axes.set_aspect("equal")
-
-
-def _arrow(axes: Any, start: tuple[float, float], direction: float, speed: float, name: str) -> None:
-    """Draw what is flown in 12 s, direction counter-clockwise from up, and the name to the lower right of the start."""
-    way = _KM * _WAY_S * speed
-    end = (start[0] - way * math.sin(direction), start[1] + way * math.cos(direction))
-    style: dict[str, Any] = {
-        "arrowstyle": "-|>",
-        "linewidth": 2.0,
-        "color": "black",
-        "shrinkA": 0.0,
-        "shrinkB": 0.0,
-        "path_effects": _HALO,
-    }
-    axes.annotate("", end, start, arrowprops=style, zorder=6.0)
-    axes.plot(*start, marker="o", markersize=5.0, color="black", markeredgecolor="white", zorder=6.5)
-    axes.annotate(name, start, (6.0, -11.0), textcoords="offset points", fontsize=8, bbox=_BOX, zorder=7.0)
 
 
 def _goal(axes: Any, edge: float, scene: Scene) -> None:
@@ -145,14 +130,12 @@ def _bar(figure: Figure, cells: Any, row: Any, full: float, label: str, ends: tu
 
 
 def _handles(separation: float) -> list[Line2D]:
-    line: dict[str, Any] = {"color": "black"}
+    tick: dict[str, Any] = {"marker": "|", "markersize": 10.0, "markeredgewidth": 3.5, "linestyle": ""}
     return [
-        Line2D([], [], **_RING, label=f"{separation:.0f} m around the ownship", **line),
-        Line2D([], [], **_EDGE, label="between: conflict if both fly on straight", **line),
-        Line2D([], [], marker="o", markersize=4.5, linewidth=2.0, label=f"velocity: way in {_WAY_S:.0f} s", **line),
-        Line2D(
-            [], [], marker="|", markersize=10.0, markeredgewidth=3.5, linestyle="", label="towards the goal", **line
-        ),
+        sample(f"{separation:.0f} m around the ownship", color="black", **_RING),
+        sample("between: conflict if both fly on straight", color="black", **_EDGE),
+        sample(f"velocity: way in {_WAY_S:.0f} s", color="black", marker="o", markersize=4.5, linewidth=2.0),
+        sample("towards the goal", color="black", **tick),
     ]
 
 

@@ -17,39 +17,34 @@ def levels_figure(found: Mapping[str, Any]) -> Figure:
     place = np.array([each["level_m"] for each in levels])
     figure = Figure(figsize=(8.8, 6.6), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
-
     every = np.array([each["rate"]["repetitions"] for each in levels])
     for number, line in enumerate(every.T):
         shown = np.where(line > 0.0, line, np.nan)
         above.plot(place, shown, color="#B9D4E8", linewidth=0.9, label="each repetition" if number == 0 else None)
-    seen = [each for each in levels if each["plain"]["count"]]
-    value = np.array([each["plain"]["value"] for each in seen])
-    ends = np.array([[each["plain"]["low"], each["plain"]["high"]] for each in seen]).reshape(-1, 2)
-    above.errorbar(
-        [each["level_m"] for each in seen],
-        value,
-        [value - ends[:, 0], ends[:, 1] - value],
-        color=GREY,
-        linestyle="",
-        marker="s",
-        markersize=7.0,
-        markerfacecolor="none",
-        capsize=3.0,
-        label=f"plain sampling ({levels[0]['plain']['total']} flights, the first of all repetitions)",
-    )
-    mean = np.array([each["rate"]["value"] for each in levels])
-    low, high = (np.array([each["rate"][end] for each in levels]) for end in ("low", "high"))
-    shown = mean > 0.0
-    above.errorbar(
-        place[shown],
-        mean[shown],
-        [(mean - np.maximum(low, 1e-3 * mean))[shown], (high - mean)[shown]],
-        color=BLUE,
-        marker="o",
-        markersize=5.0,
-        capsize=2.5,
-        label=f"splitting, {100.0 * found['confidence']:g} % interval",
-    )
+    total = levels[0]["plain"]["total"]
+    for kind, label, style in (
+        (
+            "plain",
+            f"plain sampling ({total} flights, the first of all repetitions)",
+            {
+                "color": GREY,
+                "linestyle": "",
+                "marker": "s",
+                "markersize": 7.0,
+                "markerfacecolor": "none",
+                "capsize": 3.0,
+            },
+        ),
+        (
+            "rate",
+            f"splitting, {100.0 * found['confidence']:g} % interval",
+            {"color": BLUE, "marker": "o", "markersize": 5.0, "capsize": 2.5},
+        ),
+    ):
+        shown = [(each["level_m"], each[kind]) for each in levels if each[kind]["value"] > 0.0]
+        at = [level for level, _ in shown]
+        value, low, high = (np.array([rate[end] for _, rate in shown]) for end in ("value", "low", "high"))
+        above.errorbar(at, value, [value - np.maximum(low, 1e-3 * value), high - value], label=label, **style)
     above.axvline(found["separation_m"], color=VERMILION, linewidth=1.4, linestyle="--", label="required separation")
     above.set_yscale("log")
     if np.any(every > 0.0):  # an interval that reaches 0 goes to the edge

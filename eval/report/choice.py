@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eval.plots.style import spread
 from eval.report.folder import Run
 
 __all__ = ["NEAR", "NEAREST", "OTHERS", "POINTS", "Choice", "choose", "points"]
@@ -32,7 +33,7 @@ def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
     """
     kinds, separation = run.kinds, run.table["min_separation_m"]
     success = kinds == "success"
-    near = success & (separation < NEAR * run.config.rules.separation)
+    near = success & (separation < NEAR * run.rules.separation)
     nearest = np.flatnonzero(near)
     nearest = nearest[np.argsort(separation[nearest], kind="stable")]
     # Failures that count, what no policy could have solved, and a look at how it usually goes.
@@ -47,7 +48,7 @@ def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
     for name, found, bound in groups:
         fresh = found[~np.isin(found, taken)]
         count = min(left, bound, len(fresh))
-        numbers = fresh[:count] if name == "near misses" else _spread(fresh, count)
+        numbers = fresh[:count] if name == "near misses" else spread(fresh, count)
         taken, left = np.concatenate([taken, numbers]), left - count
         chosen.append(Choice(name, numbers, len(found)))
     return [choice for choice in chosen if choice.total]
@@ -64,11 +65,6 @@ def points(run: Run, replayed: np.ndarray) -> np.ndarray:
     if len(everything) <= POINTS:
         return everything
     failures = np.setdiff1d(np.flatnonzero(run.kinds != "success"), replayed)
-    kept = np.concatenate([replayed, _spread(failures, max(0, min(len(failures), POINTS // 2)))])
+    kept = np.concatenate([replayed, spread(failures, POINTS // 2)])
     rest = np.setdiff1d(everything, kept)
-    return np.sort(np.concatenate([kept, _spread(rest, max(0, POINTS - len(kept)))]))
-
-
-def _spread(found: np.ndarray, count: int) -> np.ndarray:
-    """Return ``count`` of the found, evenly spaced."""
-    return found[np.arange(count) * len(found) // max(count, 1)]
+    return np.sort(np.concatenate([kept, spread(rest, max(0, POINTS - len(kept)))]))

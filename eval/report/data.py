@@ -37,7 +37,7 @@ def page_data(run: Run, shown: np.ndarray, flights: Mapping[int, Mapping[str, An
         shown: numbers of the encounters that are points, ascending.
         flights: by number, from :func:`flight_data`.
     """
-    table, rules = run.table, run.config.rules
+    table, rules = run.table, run.rules
     kinds = list(MARKERS)
     codes = np.array([kinds.index(kind) for kind in run.kinds[shown]], np.uint8)
     texts = {}

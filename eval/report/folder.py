@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 
 from agents.config.load import ConfigError, load
+from envs.outcome import Rules
 from eval.config import MonteCarloConfig
 from eval.flights.simulate import OUTCOMES
 from eval.metrics.summary import SCHEMA_VERSION
@@ -24,16 +25,11 @@ POINT_COLUMNS = ("distance_m", "bearing_deg", "relative_heading_deg")
 _SUMMARY, _TABLE, _CONFIG = "summary.json", "encounters.parquet", "config.yaml"
 _SCHEMA = b"monte_carlo 1"
 _RATES = (
-    "success_rate",
-    "violation_rate",
-    "timeout_rate",
-    "resolvable_rate",
-    "success_given_resolvable",
-    "undecided_rate",
-    "unresolvable_rate",
-    "baseline_violation_rate",
+    *("success_rate", "violation_rate", "timeout_rate", "resolvable_rate", "success_given_resolvable"),
+    *("undecided_rate", "unresolvable_rate", "baseline_violation_rate"),
 )
 _NUMBERS = ("score_mean", "risk_ratio", "path_excess_mean")
+_OBJECTS = ("counts", "versions", "min_separation_m_quantiles", "path_excess_quantiles")
 _TEXTS = ("outcome", "verdict", "verdict_method", "baseline_outcome", "name")
 _COLUMNS = (
     *POINT_COLUMNS,
@@ -49,6 +45,7 @@ class Run(NamedTuple):
 
     folder: Path
     summary: Mapping[str, Any]
+    rules: Rules  # of the aircraft that was flown
     config: MonteCarloConfig
     config_text: str  # the file as it stands
     table: Mapping[str, np.ndarray]  # columns [N]
@@ -78,7 +75,7 @@ def read_run(folder: Path) -> Run:
     _agree(folder, summary, table, config)
     text = (folder / _CONFIG).read_text(encoding="utf-8")
     figures = {name: _picture(folder / f"{name}.png") for name in FIGURES} if config.figures else {}
-    return Run(folder, summary, config, text, table, kinds_of(table), figures)
+    return Run(folder, summary, config.rules.rules(), config, text, table, kinds_of(table), figures)
 
 
 def _summary(path: Path) -> dict[str, Any]:
@@ -96,32 +93,37 @@ def _summary(path: Path) -> dict[str, Any]:
     version = found.get("schema_version")
     if version != SCHEMA_VERSION or isinstance(version, bool):
         raise ConfigError(f"{path}: schema_version is {version!r}, expected {SCHEMA_VERSION}")
-    for key in _RATES:
-        _check_rate(path, key, found.get(key))
-    for key in _NUMBERS:
-        if not _number(found.get(key, ""), or_none=True):
-            raise ConfigError(f"{path}: {key} is {found.get(key)!r}, expected a number or null")
-        ends = found.get(f"{key}_interval")
-        if not isinstance(ends, dict) or not all(_number(ends.get(end, ""), or_none=True) for end in ("low", "high")):
-            raise ConfigError(f"{path}: {key}_interval is {ends!r}, expected an object with low and high")
-    if not _number(found.get("confidence", "")) or not 0.0 < found["confidence"] < 1.0:
-        raise ConfigError(f"{path}: confidence is {found.get('confidence')!r}, expected a number between 0 and 1")
-    for key in ("counts", "versions", "min_separation_m_quantiles", "path_excess_quantiles"):
-        if not isinstance(found.get(key), dict):
-            raise ConfigError(f"{path}: {key} is {found.get(key)!r}, expected an object")
+    checks = [
+        *((key, _is_rate, "an object with value, low, high, count and total") for key in _RATES),
+        *((key, _is_number_or_none, "a number or null") for key in _NUMBERS),
+        *((f"{key}_interval", _has_ends, "an object with low and high") for key in _NUMBERS),
+        ("confidence", lambda value: _is_number(value) and 0.0 < value < 1.0, "a number between 0 and 1"),
+        *((key, lambda value: isinstance(value, dict), "an object") for key in _OBJECTS),
+    ]
+    for key, good, what in checks:
+        if not good(found.get(key, "")):
+            raise ConfigError(f"{path}: {key} is {found.get(key)!r}, expected {what}")
     return found
 
 
-def _check_rate(path: Path, key: str, rate: Any) -> None:
-    keys = ("low", "high", "count", "total")
-    good = isinstance(rate, dict) and all(_number(rate.get(part, "")) for part in keys)
-    if not good or not _number(rate.get("value", ""), or_none=True):
-        raise ConfigError(f"{path}: {key} is {rate!r}, expected an object with value, low, high, count and total")
+def _is_rate(value: Any) -> bool:
+    parts = ("low", "high", "count", "total")
+    return (
+        isinstance(value, dict)
+        and all(_is_number(value.get(part)) for part in parts)
+        and _is_number_or_none(value.get("value", ""))
+    )
 
 
-def _number(value: Any, *, or_none: bool = False) -> bool:
-    if value is None:
-        return or_none
+def _has_ends(value: Any) -> bool:
+    return isinstance(value, dict) and all(_is_number_or_none(value.get(end, "")) for end in ("low", "high"))
+
+
+def _is_number_or_none(value: Any) -> bool:
+    return value is None or _is_number(value)
+
+
+def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 

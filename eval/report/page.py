@@ -61,7 +61,7 @@ def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -
         lines="\n".join(_row(line) for line in lines),
         unresolvable=_unresolvable(run),
         kinds="\n".join(_kind(run, place, kind) for place, kind in reversed(list(enumerate(MARKERS)))),
-        near=escape(f"{NEAR * run.config.rules.separation:.0f}"),
+        near=escape(f"{NEAR * run.rules.separation:.0f}"),
         points=_points(run, data["count"]),
         tracks=_tracks(chosen, data),
         figures="\n".join(_figure(name, png) for name, png in run.figures.items())
@@ -85,7 +85,7 @@ def _digest(code: str) -> str:
 
 
 def _about(run: Run) -> str:
-    summary, rules = run.summary, run.config.rules
+    summary, rules = run.summary, run.rules
     said = [
         f"seed {summary['seed']}",
         f"policy {summary['policy_sha256'][:12]}",

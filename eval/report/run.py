@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from agents.config.load import ConfigError, Parser
 from envs.edge.files import written
+from eval.runner.options import whole
 
 if TYPE_CHECKING:
     from eval.report.choice import Choice
@@ -58,16 +59,12 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.report", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
     add("folder", type=Path, metavar="DIR", help="folder of the run; report.html in it is replaced")
-    add("--tracks", type=_whole, default=1_000, metavar="N", help="most encounters to replay (default: 1000)")
+    add(
+        "--tracks", type=whole(0, 100_000), default=1_000, metavar="N", help="most encounters to replay (default: 1000)"
+    )
     add("--show", type=_numbers, default=[], metavar="N,...", help="numbers of encounters to replay in any case")
     add("--policy", type=Path, metavar="FILE", help="policy file, if it has moved (default: as in config.yaml)")
     return parser
-
-
-def _whole(text: str) -> int:
-    if not text.isascii() or not text.isdecimal() or int(text) > 100_000:
-        raise argparse.ArgumentTypeError(f"{text!r}; expected a whole number, 0 to 100000")
-    return int(text)
 
 
 def _numbers(text: str) -> list[int]:

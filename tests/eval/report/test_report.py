@@ -223,7 +223,7 @@ def run_of(kinds: list[str]) -> Any:
     separation = np.random.default_rng(len(kinds)).uniform(1_000.0, 1_200.0, len(kinds))
     rules = SimpleNamespace(separation=1_000.0)
     table = {"min_separation_m": separation}
-    return SimpleNamespace(kinds=np.array(kinds, dtype=object), table=table, config=SimpleNamespace(rules=rules))
+    return SimpleNamespace(kinds=np.array(kinds, dtype=object), table=table, rules=rules)
 
 
 @given(kinds=st.lists(st.sampled_from(list(MARKERS)), min_size=1, max_size=400), most=st.integers(0, 500))
