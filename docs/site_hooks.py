@@ -4,6 +4,7 @@
 - A page for every text file outside ``docs/`` that is linked to, so that the link holds on the site as in a checkout.
 - A contents page for every folder that is linked to, or stands in ``nav``, and has none.
 - In ``nav`` a folder stands for all its pages.
+- Roles of our docstrings (``:func:`size```) are links, and double backticks code: an extension of griffe.
 
 A link to what does not exist is left as it is, so that the strict build refuses it.
 """
@@ -15,6 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import griffe
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -27,6 +29,7 @@ ALWAYS_OUTSIDE = ("CHANGELOG.md", "CONTRIBUTING.md", "README.md")
 
 _LINK = re.compile(r"(?<=\]\()(?![a-z]+:|[#/<])([^)\s#]+)((?:#[^)\s]*)?)(?=\))")
 _ROLE = re.compile(r":[a-z]+:(?=`)")
+_NAMED_ROLE = re.compile(r":(?:attr|class|data|exc|func|meth|mod):`~?([\w.]+)`")
 _LANGUAGES = {".csv": "text", ".py": "python", ".toml": "toml", ".yaml": "yaml", ".yml": "yaml"}
 
 
@@ -175,3 +178,34 @@ def _pages(folder: str, files: Files) -> list[Any]:
     index = f"{folder}README.md"
     entries: list[Any] = sorted(here, key=lambda uri: (uri != index, uri))
     return entries + [{name: _pages(f"{folder}{name}/", files)} for name in folders]
+
+
+class Roles(griffe.Extension):
+    """Rewrites docstrings before they are parsed."""
+
+    def on_package(self, *, pkg: griffe.Module, **_: Any) -> None:
+        """Rewrite every docstring of a package, when all its names are known."""
+        _rewrite(pkg)
+
+
+def _rewrite(item: griffe.Object) -> None:
+    if item.docstring is not None:
+        scope = item
+        item.docstring.value = _NAMED_ROLE.sub(lambda role: _reference(role[1], scope), item.docstring.value)
+    for member in item.members.values():
+        if not member.is_alias:
+            _rewrite(member)  # pyright: ignore[reportArgumentType]
+
+
+def _reference(name: str, scope: griffe.Object) -> str:
+    """Return a link to a public name where there is one, else the name as code."""
+    try:
+        first, _, rest = name.partition(".")
+        path = scope.resolve(first) + (f".{rest}" if rest else "")
+    except griffe.NameResolutionError:
+        path = name
+    try:
+        found = scope.modules_collection[path]
+    except KeyError:
+        return f"`{name}`"
+    return f"[`{name}`][{path}]" if found.is_public else f"`{name}`"
