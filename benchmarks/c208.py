@@ -22,6 +22,7 @@ from agents.planner.request import Options
 from agents.policy.inference import Policy
 from benchmarks.measure import report
 from envs import follower
+from envs.aircraft import PAPER
 from envs.c208.conditions import CALM, NOMINAL, Conditions, Loading
 from envs.c208.facts import GRAVITY
 from envs.c208.guidance import Path as Track
@@ -69,7 +70,7 @@ class Flown(NamedTuple):
 def plans_of(count: int, name: str, seed: int) -> list[Plan]:
     """Return the SAFE ones of so many plans of the shipped policy."""
     encounters = numbered(scenario(name), seed, 0, count)
-    proposals = plan_many(request_of(encounters), Policy.load(), Options()).proposals
+    proposals = plan_many(request_of(encounters, PAPER), Policy.load(), Options()).proposals
     found = []
     for number in np.flatnonzero(proposals.safe):
         knots = Knots(*(np.asarray(field[number], dtype=float) for field in proposals.knots))

@@ -17,7 +17,6 @@ from agents.policy.inference import Policy
 from benchmarks.measure import report
 from envs.edge.command import Parser, run_cli
 from envs.encounters import SCENARIOS
-from envs.outcome import RULES
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.runner.cluster import Cluster, connected
 from eval.runner.workers import DECISIVE, Chunk, Task, fly_chunks
@@ -62,7 +61,7 @@ def main() -> None:
     options = parser.parse_args()
 
     policy = Policy.load()
-    evaluation = Evaluation(None, SCENARIOS["circle"], None, 0, RULES, policy.limits)
+    evaluation = Evaluation(None, SCENARIOS["circle"], None, 0, policy.aircraft)
     firsts = range(0, options.encounters, options.chunk)
     chunks = [Chunk(first, min(options.chunk, options.encounters - first)) for first in firsts]
     empty = [Chunk(first, 1_250) for first in range(options.chunks)]

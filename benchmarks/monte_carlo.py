@@ -21,11 +21,10 @@ from agents.resolvability.classify import classify
 from benchmarks.measure import report, seconds
 from envs.edge.command import Parser, run_cli
 from envs.encounters import SCENARIOS
-from envs.outcome import RULES
 from envs.starts import numbered
 from eval.config import MonteCarloConfig
 from eval.flights.chunks import Evaluation, Pilot, columns
-from eval.flights.simulate import direct, fly
+from eval.flights.simulate import Direct, fly
 from eval.runner.workers import Chunk, Task, cores, fly_chunks
 
 ROWS = 256
@@ -55,7 +54,7 @@ def flops(widths: list[int]) -> int:
 
 def stages(pilot: Pilot, count: int) -> dict[str, float]:
     """Return the time of each stage of a chunk in one process, s."""
-    rules, limits = pilot.evaluation.rules, pilot.evaluation.limits
+    aircraft = pilot.evaluation.aircraft
     times = {}
     begun = time.perf_counter()
 
@@ -66,11 +65,11 @@ def stages(pilot: Pilot, count: int) -> dict[str, float]:
 
     starts = numbered(SCENARIOS["circle"], 0, 0, count)
     lap("draw_s")
-    flown = fly(starts, pilot.decider, rules, limits)
+    flown = fly(starts, pilot.decider, aircraft)
     lap("policy_flights_s")
-    bare = fly(starts, direct(limits), rules, limits)
+    bare = fly(starts, Direct(aircraft), aircraft)
     lap("baseline_flights_s")
-    classify(starts, rules, limits, solved=(flown.outcome == 1) | (bare.outcome == 1))
+    classify(starts, aircraft.rules(), aircraft.limits, solved=(flown.outcome == 1) | (bare.outcome == 1))
     lap("resolvability_s")
     return times
 
@@ -85,7 +84,7 @@ def main() -> None:
     options = parser.parse_args()
 
     policy = Policy.load(options.policy)
-    evaluation = Evaluation(options.policy, SCENARIOS["circle"], None, 0, RULES, policy.limits)
+    evaluation = Evaluation(options.policy, SCENARIOS["circle"], None, 0, policy.aircraft)
     size = MonteCarloConfig().chunk_for(options.encounters, options.workers)
     chunks = [Chunk(first, min(size, options.encounters - first)) for first in range(0, options.encounters, size)]
     walls, evaluations = [], 0.0
@@ -95,8 +94,8 @@ def main() -> None:
             table for _, table in fly_chunks(Task(Pilot, columns), evaluation, options.workers, chunks, lambda: False)
         ]
         walls.append(time.perf_counter() - begun)
-        # The policy acts once a second.
-        evaluations = sum(math.fsum(table["duration_s"]) for table in tables) / RULES.dt
+        # The policy acts once a time step.
+        evaluations = sum(math.fsum(table["duration_s"]) for table in tables) / evaluation.aircraft.dt
 
     architecture = policy.metadata["architecture"]
     widths = [features.size(architecture["feature_set"]), *architecture["hidden"], 2]

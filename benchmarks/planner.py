@@ -21,6 +21,7 @@ from agents.planner.planner import plan
 from agents.policy import features
 from agents.policy.inference import Policy
 from benchmarks.measure import report
+from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
@@ -61,7 +62,7 @@ def main() -> None:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     policy = Policy.load(options.policy)
     encounters = numbered(scenario(options.scenario), 0, 0, options.requests)
-    request = request_of(encounters)
+    request = request_of(encounters, PAPER)
     bare = floor(policy)
     times: dict[str, list[float]] = {"policy": [], "fallback": [], "unresolved": []}
     busy: dict[str, list[float]] = {kind: [] for kind in times}

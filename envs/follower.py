@@ -13,7 +13,7 @@ from envs.kinematics import Limits, VehicleState, advance
 from envs.tracking import offset
 from envs.waypoints import Legs, at
 
-__all__ = ["GAINS", "PERIOD", "Gains", "KinematicVehicle", "Vehicle", "guidance", "steer"]
+__all__ = ["GAINS", "PERIOD", "Gains", "KinematicVehicle", "Vehicle", "gains", "guidance", "steer"]
 
 PERIOD = 0.1
 """Control period, s."""
@@ -33,6 +33,11 @@ class Gains(NamedTuple):
 
 
 GAINS = Gains()
+
+
+def gains(dt: float) -> Gains:
+    """Return the feedback where plans have a time step of ``dt``, s, instead of 1 s: as quick in time steps."""
+    return Gains(GAINS.along / (dt * dt), GAINS.speed / dt, GAINS.across / (dt * dt), GAINS.heading / dt)
 
 
 class Vehicle(Protocol):

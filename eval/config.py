@@ -9,11 +9,13 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from agents.baselines.baselines import BASELINES
 from agents.config.keys import nearest
 from agents.config.load import ConfigError, Strict
-from agents.config.world import RulesConfig, ScenarioConfig, VehicleConfig
+from agents.config.world import AircraftConfig, ScenarioConfig, VehicleConfig
 from agents.planner.options import MARGIN, Options, comfort_limits
 from agents.planner.traffic import Requirement
+from agents.policy.inference import Policy
+from envs.aircraft import Aircraft
 from envs.encounters import SCENARIOS, Scenario
-from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, within
+from envs.kinematics import C208_PUBLISHED, Limits, within
 from envs.sobol import REPLICATES
 from envs.traffic.replay import AHEAD
 
@@ -71,15 +73,15 @@ class PlannerConfig(Strict):
     """Limits of the legs and of the vehicle that follows them; manoeuvres keep inside the surrogate's, too; null: the
     Cessna 208's as the paper states them."""
 
-    def setting(self) -> Setting:
-        """Return this as the planner takes it: manoeuvres inside both the surrogate's limits and the vehicle's.
+    def setting(self, aircraft: Aircraft) -> Setting:
+        """Return this as the planner takes it: manoeuvres inside both the aircraft's limits and the vehicle's.
 
         Raises:
             ConfigError: there is no speed that both have.
         """
         limits = C208_PUBLISHED if self.vehicle is None else self.vehicle.limits()
         try:
-            manoeuvre = comfort_limits(within(SURROGATE, limits))
+            manoeuvre = comfort_limits(within(aircraft.limits, limits))
         except ValueError as problem:
             raise ConfigError(f"planner.vehicle: {problem}") from None
         options = Options(
@@ -192,11 +194,13 @@ class MonteCarloConfig(Strict):
     """Of all intervals."""
     resamples: int = Field(default=2_000, ge=100, le=100_000)
     """Bootstrap resamples behind the intervals of means."""
-    rules: RulesConfig = RulesConfig()
-    vehicle: VehicleConfig | None = Field(
+    aircraft: AircraftConfig | None = Field(
         default=None, json_schema_extra={"expected": "null, the path of a YAML file, or a group of keys"}
     )
-    """Limits of the ownship; null: those that the policy was trained for."""
+    """The ownship and its task, which rules, scenarios and plans follow; null: the one that the policy was trained for.
+    """
+    allow_outside_domain: bool = False
+    """Whether an aircraft outside the family that the policy was trained for is flown all the same."""
     planner: PlannerConfig = PlannerConfig()
     tracks: TracksConfig = TracksConfig()
     figures: bool = True
@@ -276,6 +280,10 @@ class MonteCarloConfig(Strict):
     def wanted(self) -> int:
         """Number of encounters where no file says otherwise."""
         return _DEFAULT_ENCOUNTERS if self.encounters is None else self.encounters
+
+    def flown_aircraft(self, policy: Policy) -> Aircraft:
+        """Return the aircraft that is flown."""
+        return policy.aircraft if self.aircraft is None else self.aircraft.aircraft()
 
     def chunk_for(self, encounters: int, workers: int) -> int:
         """Return the size of the chunks of so many encounters among so many workers."""

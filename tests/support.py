@@ -3,6 +3,7 @@
 import gzip
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,22 +11,36 @@ import numpy as np
 import pytest
 from pyproj import Geod
 
+from agents.baselines.baselines import Sight
+from envs.aircraft import Aircraft
 from envs.encounters import Encounter
-from envs.kinematics import Limits
-from envs.outcome import Rules
+from envs.observation import CRITICAL_RADIUS, most_critical, observe
 from envs.traffic.track_units import FOOT, KNOT
 from eval.flights.simulate import Flights, fly
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
 
-__all__ = ["WGS84", "case", "flight", "fly_recorded", "recorded", "reports_file"]
+__all__ = ["WGS84", "OnObservations", "case", "flight", "fly_recorded", "recorded", "reports_file"]
+
+
+class OnObservations:
+    """A decider made of a function from observations ``[M, 8]``, float32, to actions ``[M, 2]``."""
+
+    def __init__(self, decide: Callable[[np.ndarray], np.ndarray]) -> None:
+        self._decide = decide
+        self.seen: list[np.ndarray] = []
+
+    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        chosen = most_critical(sight.own, sight.intruders, sight.mask, CRITICAL_RADIUS, np)
+        self.seen.append(observe(sight.own, chosen, sight.goal_x, sight.goal_y, np).astype(np.float32))
+        return self._decide(self.seen[-1]).astype(float), memory
 
 
 def fly_recorded(
-    starts: Encounter, decider: Any, rules: Rules, limits: Limits, noise: Any = None
+    starts: Encounter, decider: Any, aircraft: Aircraft, noise: Any = None, *, endless: bool = False
 ) -> tuple[Flights, Trajectories]:
     """Return flights of encounters ``[N]`` and their trajectories."""
     recorder = TrajectoryRecorder(starts)
-    return fly(starts, decider, rules, limits, noise=noise, recorder=recorder), recorder.stack()
+    return fly(starts, decider, aircraft, noise=noise, recorder=recorder, endless=endless), recorder.stack()
 
 
 def recorded(name: str) -> Path:

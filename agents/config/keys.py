@@ -34,11 +34,13 @@ RENAMED = {
     "doubtful": "fallback_cost_threshold",
     "escape": "escape_margin",
     "rejoin": "rejoin_turn_cost",
+    "rules": "aircraft",
     "practice": "near_limit",
     "start_from": "warm_start",
     "swing": "heading_change_cost",
     "thorough": "exhaustive",
     "turn": "turn_rate_cost",
+    "vehicle": "aircraft",
 }
 """New names of keys by their old ones, each the last part of a dotted key; a refusal names the new one."""
 

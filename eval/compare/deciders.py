@@ -8,19 +8,19 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.baselines.acas_nnet import load_logic
-from agents.baselines.baselines import BASELINES
+from agents.baselines.baselines import BASELINES, Baseline, Sight
 from agents.planner.request import Options
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict
+from envs.aircraft import Aircraft
 from envs.encounters import Encounter
-from envs.kinematics import C208_PUBLISHED, Limits
-from envs.outcome import Rules
+from envs.kinematics import C208_PUBLISHED
 from envs.traffic.replay import Replay
 from eval.config import Setting
 from eval.flights.chunks import Evaluation, Pilot, noise_of
 from eval.flights.optimal import WitnessSearch, fly_witnesses
 from eval.flights.recorded import fly_in_mode
-from eval.flights.simulate import OUTCOMES, Decider, Flights, OnStates, fly
+from eval.flights.simulate import OUTCOMES, ByPolicy, Flights, fly
 from eval.flights.sources import drawn
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder, until
 from eval.flights.verdicts import verdicts
@@ -60,7 +60,7 @@ class Entry(NamedTuple):
 
     name: str
     kind: str  # policy, baseline, nnet or witness
-    decider: Decider | OnStates | Plans | WitnessSearch
+    decider: Baseline | Plans | WitnessSearch
     sha256: str | None = None  # of a policy file
 
 
@@ -68,7 +68,7 @@ class Comparison(NamedTuple):
     """All that the result of a comparison follows from."""
 
     entries: tuple[Entry, ...]
-    evaluation: Evaluation  # source, seed, rules and limits; nothing else of it counts
+    evaluation: Evaluation  # source, seed and aircraft; nothing else of it counts
 
     @property
     def replayed(self) -> bool:
@@ -76,9 +76,7 @@ class Comparison(NamedTuple):
         return isinstance(self.evaluation.source, Replay)
 
 
-def policy_entries(
-    path: Path | None, name: str, limits: Limits, rules: Rules, modes: Sequence[str] = ()
-) -> tuple[Entry, ...]:
+def policy_entries(path: Path | None, name: str, aircraft: Aircraft, modes: Sequence[str] = ()) -> tuple[Entry, ...]:
     """Return the entries of a policy file: as it is, and with the speed held, as most published resolvers hold it.
 
     A ``.nnet`` file is a logic that holds the speed anyway, and of which no plans are made.
@@ -86,29 +84,29 @@ def policy_entries(
     Args:
         path: of the file; None: the policy that ships.
         name: of the entries.
-        limits: of the ownship.
-        rules: of the task.
+        aircraft: of the ownship.
         modes: in which it is flown besides: plan, assured.
 
     Raises:
         PolicyFileError, NnetError: the file cannot be used.
     """
     if path is not None and path.suffix == ".nnet":
-        logic = load_logic(path, limits, rules.goal_radius, rules.separation)
-        return (Entry(name, "nnet", OnStates(logic)),)
+        logic = load_logic(path, aircraft.limits, aircraft.goal_radius, aircraft.separation)
+        return (Entry(name, "nnet", logic),)
     policy = Policy.load(path)
     return (
-        Entry(name, "policy", policy.rowwise, policy.sha256),
-        Entry(f"{name}, speed held", "policy", _held(policy.rowwise), policy.sha256),
+        Entry(name, "policy", ByPolicy(policy), policy.sha256),
+        Entry(f"{name}, speed held", "policy", _SpeedHeld(policy), policy.sha256),
         *(Entry(f"{name}, {mode}", "policy", Plans(policy, SETTING, mode), policy.sha256) for mode in modes),
     )
 
 
-def baseline_entry(name: str, limits: Limits, rules: Rules) -> Entry:
+def baseline_entry(name: str, aircraft: Aircraft) -> Entry:
     """Return the entry of a baseline, one of :data:`agents.baselines.BASELINES`, or of the witness."""
     if name == WITNESS:
         return Entry(name, WITNESS, WitnessSearch())
-    return Entry(name, "baseline", OnStates(BASELINES[name](limits, rules.goal_radius, rules.separation)))
+    made = BASELINES[name](aircraft.limits, aircraft.goal_radius, aircraft.separation)
+    return Entry(name, "baseline", made)
 
 
 def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndarray]:
@@ -118,7 +116,7 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
     What counts as a violation is the same as in :mod:`eval.flights.simulate`: any loss before the end.
     """
     evaluation = comparison.evaluation
-    rules, limits = evaluation.rules, evaluation.limits
+    aircraft, rules = evaluation.aircraft, evaluation.rules
     starts, weights = drawn(evaluation.source, evaluation.seed, first, count)
     noise = noise_of(evaluation, starts, first)
     table: dict[str, np.ndarray] = {"encounter": np.arange(first, first + count), "weight": weights}
@@ -132,36 +130,36 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
         table |= {f"{entry.name}.{name}": values for name, values in made.items()}
     route = np.hypot(starts.goal_x - starts.own.x, starts.goal_y - starts.own.y)
     table["late_at_first_speed"] = route - rules.goal_radius > starts.own.speed * rules.t_max
-    table["unresolvable"] = (
-        verdicts(starts, rules, limits, solved=reduce(np.logical_or, solved)).verdict == Verdict.UNRESOLVABLE
-    )
+    judged = verdicts(starts, aircraft, solved=reduce(np.logical_or, solved))
+    table["unresolvable"] = judged.verdict == Verdict.UNRESOLVABLE
     return table
 
 
 def _flown(
-    decider: Decider | OnStates | Plans | WitnessSearch,
+    decider: Baseline | Plans | WitnessSearch,
     starts: Encounter,
     evaluation: Evaluation,
     noise: Callable[[int], np.ndarray] | None,
 ) -> tuple[Flights, Trajectories]:
     """Fly encounters on after losses of separation; the trajectories end where each flight does."""
     if isinstance(decider, WitnessSearch):
-        return fly_witnesses(starts, decider, evaluation.rules, evaluation.limits)
-    recorder, endless = TrajectoryRecorder(starts), evaluation.rules._replace(separation=0.0)
+        return fly_witnesses(starts, decider, evaluation.aircraft)
+    recorder = TrajectoryRecorder(starts)
     if not isinstance(decider, Plans):
-        flights = fly(starts, decider, endless, evaluation.limits, noise=noise, recorder=recorder)
+        flights = fly(starts, decider, evaluation.aircraft, noise=noise, recorder=recorder, endless=True)
         return flights, recorder.stack()
     policy, setting, mode = decider
-    pilot = Pilot(evaluation._replace(rules=endless, setting=setting, mode=mode), policy)
-    _, flights = fly_in_mode(pilot, starts, noise, recorder)
-    return flights, until(recorder.stack(), flights.duration)
+    pilot = Pilot(evaluation._replace(setting=setting, mode=mode), policy)
+    _, flights = fly_in_mode(pilot, starts, noise, recorder, endless=True)
+    return flights, until(recorder.stack(), flights.duration, evaluation.aircraft.dt)
 
 
-def _held(decide: Callable[[np.ndarray], np.ndarray]) -> Decider:
-    def held(observation: np.ndarray) -> np.ndarray:
-        return decide(observation) * np.array([0.0, 1.0], np.float32)
+class _SpeedHeld(ByPolicy):
+    """A policy of which only the turns are flown."""
 
-    return held
+    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        actions, memory = super().decide(sight, memory)
+        return actions * np.array([0.0, 1.0]), memory
 
 
 def _columns(

@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     begun = time.perf_counter()
     from eval.compare.setup import prepare
-    from eval.flights.aircraft import flown_limits
+    from eval.flights.aircraft import described
     from eval.flights.sources import said, say
 
     comparison, total = prepare(options)
@@ -78,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from agents.policy.versions import versions
     from eval.compare.summary import SCHEMA_VERSION, summarise
 
-    limits = comparison.evaluation.limits
+    aircraft = comparison.evaluation.aircraft
     summary = {
         "schema_version": SCHEMA_VERSION,
         "scenario": options.scenario,
@@ -90,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "weighted": weighted,
         **summarise(table, comparison.entries, chosen, options.confidence, options.resamples, options.seed),
         **said(comparison.evaluation.source),
-        **flown_limits(limits, limits, named=False),
+        **described(aircraft, aircraft),
         "wall_s": time.perf_counter() - begun,
         "versions": versions("numpy", "scipy", "pyarrow"),
     }

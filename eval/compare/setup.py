@@ -8,8 +8,7 @@ from agents.baselines.baselines import BASELINES
 from agents.config.keys import nearest
 from agents.config.load import ConfigError, load
 from agents.policy.inference import Policy
-from envs.kinematics import SURROGATE, Limits
-from envs.outcome import RULES, Rules
+from envs.aircraft import PAPER, Aircraft
 from eval.compare.deciders import REFERENCE, WITNESS, Comparison, Entry, baseline_entry, policy_entries
 from eval.config import FILE, MODEL, TRACKS, MonteCarloConfig
 from eval.flights.chunks import Evaluation
@@ -30,10 +29,10 @@ def prepare(options: argparse.Namespace) -> tuple[Comparison, int]:
             ``TrackError``: a file cannot be used.
     """
     config = _config(options)
-    limits = _limits(options.policy, options.policy_sha256)
-    entries = _entries(options, limits, RULES)
-    source, names, resolved = named_source(config, limits, "--encounters")
-    evaluation = Evaluation(None, source, names, config.seed, RULES, limits)
+    aircraft = _aircraft(options.policy, options.policy_sha256)
+    entries = _entries(options, aircraft)
+    source, names, resolved = named_source(config, aircraft, "--encounters")
+    evaluation = Evaluation(None, source, names, config.seed, aircraft)
     return Comparison(entries, evaluation), resolved["encounters"]
 
 
@@ -54,8 +53,8 @@ def _config(options: argparse.Namespace) -> MonteCarloConfig:
         raise ConfigError(f"--{sentence}") from None
 
 
-def _limits(policies: Sequence[Path], digests: Sequence[str]) -> Limits:
-    """Return the limits of the ownship: those that the policies were trained for, which must agree.
+def _aircraft(policies: Sequence[Path], digests: Sequence[str]) -> Aircraft:
+    """Return the aircraft: the one that the policies were trained for, on which they must agree.
 
     Args:
         policies: their files.
@@ -70,19 +69,19 @@ def _limits(policies: Sequence[Path], digests: Sequence[str]) -> Limits:
     for path, digest in zip(files, digests, strict=False):
         check_digest(path, loaded[path].sha256, digest, "--policy-sha256")
     if not loaded:
-        return SURROGATE
-    found = {path: policy.limits for path, policy in loaded.items()}
+        return PAPER
+    found = {path: policy.aircraft for path, policy in loaded.items()}
     first, *others = found
     for path in others:
         if found[path] != found[first]:
             raise ConfigError(
                 f"--policy: {path} was trained for {found[path]}, {first} for {found[first]}; "
-                "expected policies of the same vehicle"
+                "expected policies of the same aircraft"
             )
     return found[first]
 
 
-def _entries(options: argparse.Namespace, limits: Limits, rules: Rules) -> tuple[Entry, ...]:
+def _entries(options: argparse.Namespace, aircraft: Aircraft) -> tuple[Entry, ...]:
     """Return the entries: the policies, the baselines, and always the flight without a resolver."""
     entries: list[Entry] = []
     names = policy_names(options.policy)
@@ -91,7 +90,7 @@ def _entries(options: argparse.Namespace, limits: Limits, rules: Rules) -> tuple
         if mode not in _MODES:
             raise ConfigError(f"--mode: {mode!r}; expected {' or '.join(_MODES)}")
     for path, name in zip(options.policy or [None], names or ["policy"], strict=True):
-        entries += policy_entries(path, name, limits, rules, modes)
+        entries += policy_entries(path, name, aircraft, modes)
     wanted = list(dict.fromkeys(options.baseline or BASELINES))
     for name in wanted:
         if name not in _NAMES:
@@ -100,7 +99,7 @@ def _entries(options: argparse.Namespace, limits: Limits, rules: Rules) -> tuple
             raise ConfigError(f"--baseline: {name!r}; expected one of {', '.join(_NAMES)}{hint}")
     if REFERENCE not in wanted:
         wanted.append(REFERENCE)
-    return (*entries, *(baseline_entry(name, limits, rules) for name in wanted))
+    return (*entries, *(baseline_entry(name, aircraft) for name in wanted))
 
 
 def policy_names(paths: Sequence[Path]) -> list[str]:

@@ -2,17 +2,17 @@
 
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.flights.recorded import fly_recorded
-from eval.flights.simulate import Flights, direct, fly
+from eval.flights.simulate import Direct, Flights, fly
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
 
 __all__ = [
+    "Direct",
     "Evaluation",
     "Flights",
     "Pilot",
     "Trajectories",
     "TrajectoryRecorder",
     "columns",
-    "direct",
     "fly",
     "fly_recorded",
 ]

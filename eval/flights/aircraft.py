@@ -1,41 +1,60 @@
-"""The aircraft that an evaluation flies, in words, and what to beware of where it is not the one expected."""
+"""The aircraft that an evaluation flies, in words, and what to beware of where it is not the policy's."""
 
 import math
 from collections.abc import Mapping
 from typing import Any
 
-from envs.kinematics import SURROGATE, Limits
+from envs.aircraft import Aircraft, new_aircraft
+from envs.edge.command import ConfigError
+from envs.kinematics import Limits
 
-__all__ = ["flown_limits", "lines_about"]
+__all__ = ["aircraft_of", "described", "lines_about"]
 
 
-def flown_limits(flown: Limits, policy: Limits, *, named: bool) -> dict[str, Any]:
-    """Return what a summary says of the aircraft, in JSON types.
+def described(flown: Aircraft, policy: Aircraft) -> dict[str, Any]:
+    """Return what a summary says of the aircraft, in JSON types, SI.
 
     Args:
-        flown: limits of the ownship.
-        policy: limits that the policy was trained for.
-        named: whether the configuration names the aircraft; otherwise it is the policy's, by its own word.
+        flown: as flown.
+        policy: that the policy was trained for.
     """
     warning = None
     if flown != policy:
-        warning = f"the policy was trained for another aircraft: {_described(policy)}"
-    elif not named and flown != SURROGATE:
-        warning = "these limits are the policy file's own and not the paper's; the key vehicle names an aircraft"
-    return {"limits": flown._asdict(), "policy_limits": policy._asdict(), "aircraft_warning": warning}
+        warning = f"the policy was trained for another aircraft: {_line(policy)}"
+    return {"aircraft": _plain(flown), "policy_aircraft": _plain(policy), "aircraft_warning": warning}
+
+
+def aircraft_of(summary: Mapping[str, Any]) -> Aircraft:
+    """Return the aircraft that a summary describes.
+
+    Raises:
+        ConfigError: it describes none.
+    """
+    found = summary.get("aircraft")
+    names = {*Limits._fields, *Aircraft._fields} - {"limits"}
+    if not isinstance(found, dict) or found.keys() != names:
+        raise ConfigError(f"aircraft is {found!r}; expected an object with {', '.join(sorted(names))}")
+    rest = {name: value for name, value in found.items() if name in Aircraft._fields}
+    return new_aircraft(Limits(*(found[name] for name in Limits._fields)), **rest)
 
 
 def lines_about(summary: Mapping[str, Any]) -> list[str]:
-    """Return what a table or a page says of :func:`flown_limits`; nothing where a summary of old does not know it."""
-    if "limits" not in summary:
+    """Return what a table or a page says of :func:`described`; nothing where a summary of old does not know it."""
+    if "policy_aircraft" not in summary:
         return []
-    warning = summary["aircraft_warning"]
-    return [f"aircraft: {_described(Limits(**summary['limits']))}", *([f"warning: {warning}"] if warning else [])]
+    warning, line = summary["aircraft_warning"], f"aircraft: {_line(aircraft_of(summary))}"
+    return [line, *([f"warning: {warning}"] if warning else [])]
 
 
-def _described(limits: Limits) -> str:
-    """Return limits in one line."""
+def _plain(aircraft: Aircraft) -> dict[str, Any]:
+    return aircraft.limits._asdict() | {name: value for name, value in aircraft._asdict().items() if name != "limits"}
+
+
+def _line(aircraft: Aircraft) -> str:
+    """Return an aircraft in one line."""
+    limits = aircraft.limits
     return (
         f"{limits.speed_min:g} to {limits.speed_max:g} m/s, {limits.acceleration_min:g} to "
-        f"{limits.acceleration_max:g} m/s², {math.degrees(limits.yaw_rate_max):.4g} deg/s"
+        f"{limits.acceleration_max:g} m/s², {math.degrees(limits.yaw_rate_max):.4g} deg/s, separation "
+        f"{aircraft.separation:g} m"
     )

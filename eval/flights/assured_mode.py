@@ -15,19 +15,30 @@ from agents.planner.request import Options, Request
 from agents.planner.traffic import Traffic
 from agents.policy.inference import Policy
 from envs import intruder
+from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.follower import PERIOD
-from envs.outcome import Rules
 from envs.perception import carried_back, perceive
 from envs.trees import scatter, take
 from eval.config import Setting
-from eval.flights.plan_flight import SUBSTEPS, Flown, Tally, fly_second, request_of, takeoff
+from eval.flights.plan_flight import SUBSTEPS, Flown, Tally, fly_step, request_of, takeoff
 from eval.flights.plan_mode import perceived_at_start
 from eval.flights.trajectories import TrajectoryRecorder
 
-__all__ = ["Assured", "fly_assured"]
+__all__ = ["Assured", "Reports", "along", "fly_assured"]
 
-_LEAST_TIME = 1.0  # in which a route can still be rejoined, s
+
+class Reports(NamedTuple):
+    """How the intruders are known; the default is perfectly."""
+
+    noise: Callable[[int], np.ndarray] | None = None
+    """Of the sensors by step, ``[4, N, K]``; what monitor and planner see after the start are tracks of such reports.
+    """
+    spread: tuple[float, float] = (0.0, 0.0)
+    """One sigma of the reported positions, m, and velocities, m/s: what the monitor must bear."""
+
+
+_PERFECT = Reports()
 
 
 class Assured(NamedTuple):
@@ -37,34 +48,33 @@ class Assured(NamedTuple):
     replans: np.ndarray
     """New plans asked for, int32."""
     backup: np.ndarray
-    """Seconds on the backup, int32."""
+    """Time on the backup, s."""
 
 
 def fly_assured(
     encounters: Encounter,
     plans: Plans,
     policy: Policy,
-    rules: Rules,
+    aircraft: Aircraft,
     setting: Setting,
     *,
-    spread: tuple[float, float] = (0.0, 0.0),
-    noise: Callable[[int], np.ndarray] | None = None,
+    reports: Reports = _PERFECT,
     recorder: TrajectoryRecorder | None = None,
+    endless: bool = False,
 ) -> Assured:
-    """Fly encounters ``[N]`` with the monitor until ``rules.t_max`` or a violation.
+    """Fly encounters ``[N]`` with the monitor until the time limit or a violation.
 
     Args:
         encounters: ``[N]``, float64.
         plans: what was planned at the start, ``[N]``.
         policy: decides.
-        rules: of the task, with a time step of 1 s.
+        aircraft: of the ownship.
         setting: how plans are made and flown.
-        spread: one sigma of the reported positions, m, and velocities, m/s: what the monitor must bear.
-        noise: of the sensors by second, ``[4, N, K]``; None for perfect knowledge of the intruders. What monitor and
-            planner see after the start are tracks of these reports.
+        reports: of the intruders.
         recorder: takes the trajectories.
+        endless: whether a loss of separation is no violation.
     """
-    count = len(encounters.goal_x)
+    count, dt, (noise, spread) = len(encounters.goal_x), aircraft.dt, reports
     usual = Thresholds(requirement=setting.options.requirement, limits=setting.limits)
     # Three sigmas of what noise makes of an intruder that flies as predicted.
     thresholds = replace(
@@ -72,63 +82,70 @@ def fly_assured(
         intruder_position=usual.intruder_position + 3.0 * spread[0],
         intruder_velocity=usual.intruder_velocity + 3.0 * spread[1],
     )
-    asked = request_of(encounters)
-    tally = Tally(count)
+    asked = request_of(encounters, aircraft)
+    tally = Tally(count, aircraft, endless=endless)
     replans, backup = np.zeros(count, np.int32), np.zeros(count, np.int32)
     rows, reached = np.arange(count), np.zeros(count, dtype=bool)
-    first = Traffic.straight(perceived_at_start(encounters, None if noise is None else noise(0)), encounters.mask)
+    first = Traffic.straight(perceived_at_start(encounters, dt, None if noise is None else noise(0)), encounters.mask)
     monitor = assurance.start(*encounters.mask.shape)
     made = plans.proposals
     monitor = assurance.activate(monitor, rows, made.knots, made.safe, 0.0, first, thresholds)
-    air = takeoff(encounters, np.full(count, rules.t_max))
+    air = takeoff(encounters, np.full(count, aircraft.t_max))
     seen = encounters.intruders
-    previous, sensor = (carried_back(seen, 1.0, np), carried_back(seen, 2.0, np)), encounters.sensor
+    previous, sensor = (carried_back(seen, dt, np), carried_back(seen, 2.0 * dt, np)), encounters.sensor
     tracks: Tracks | None = None
-    for clock in range(round(rules.t_max)):
+    for number in range(tally.steps):
+        time = number * dt
         seen = air.traffic.vehicle
         if noise is not None:
-            seen = perceive(seen, *previous, sensor, noise(clock)[:, rows], 1.0, np)
+            seen = perceive(seen, *previous, sensor, noise(number)[:, rows], dt, np)
             quality = sensor.position_std, sensor.velocity_std
-            tracks = begin(seen, *quality) if tracks is None else follow(tracks, seen, *quality, 1.0)
+            tracks = begin(seen, *quality) if tracks is None else follow(tracks, seen, *quality, dt)
             seen = tracks.state
-        monitor, decision = assurance.step(monitor, assurance.inputs(float(clock), air.own, seen, air.mask), thresholds)
+        monitor, decision = assurance.step(monitor, assurance.inputs(time, air.own, seen, air.mask), thresholds)
         wanting = np.flatnonzero(decision.replan)
         if wanting.size:
             replans[rows[wanting]] += 1
             request = Request(*take((decision.own, decision.traffic, *asked[2:]), wanting))
-            left = rules.t_max - clock
-            found = _planned_again(request, reached[rows[wanting]], left, policy, setting.options)
+            left = aircraft.t_max - time
+            again = along(setting.options, left, dt)
+            found = _planned_again(request, reached[rows[wanting]], policy, again)
             monitor, _ = assurance.answer(
                 monitor, wanting, decision.number[wanting], found.knots, found.safe, thresholds
             )
         backup[rows] += monitor.on_backup
-        following = intruder.step(air.traffic, air.intent, clock * 1.0, 1.0, np)
-        references = assurance.references(monitor, float(clock), PERIOD, SUBSTEPS)
-        second = fly_second(air, following, references, float(clock), rules.goal_radius, setting.limits)
-        tally.add(rows, second, clock + 1, rules)
-        reached[rows] |= ~np.isnan(second.reached)
+        following = intruder.step(air.traffic, air.intent, time, dt, np)
+        references = assurance.references(monitor, time, PERIOD * dt, SUBSTEPS)
+        flown = fly_step(air, following, references, number, aircraft, setting.limits)
+        tally.add(rows, flown, number + 1)
+        reached[rows] |= ~np.isnan(flown.reached)
         if recorder is not None:
-            recorder.append(rows, second.own, following.vehicle, second.separation)
+            recorder.append(rows, flown.own, following.vehicle, flown.separation)
         previous = (air.traffic.vehicle, previous[0])
-        air = air._replace(own=second.own, traffic=following, side=second.side)
-        on = second.separation >= rules.separation
+        air = air._replace(own=flown.own, traffic=following, side=flown.side)
+        on = flown.separation >= (0.0 if endless else aircraft.separation)
         if not on.all():
             rows, air, monitor, asked, previous, sensor = take((rows, air, monitor, asked, previous, sensor), on)
             tracks = None if tracks is None else take(tracks, on)
         if rows.size == 0:
             break
-    return Assured(tally.flown(rules), replans, backup)
+    return Assured(tally.flown(), replans, backup * dt)
 
 
-def _planned_again(request: Request, reached: Any, left: float, policy: Policy, options: Options) -> Proposals:
-    """Plan from the middle of a flight: to the goal in the time left if it is still ahead, else along the route."""
-    best, rows = empty(reached.size), np.flatnonzero(~reached)
+def along(options: Options, left: float, dt: float) -> list[Options]:
+    """Return how to plan from the middle of a flight: to the goal in the time left, s, if there is any, else along."""
     # The refinement takes longer than a monitor can wait.
-    along = replace(options, exhaustive=False)
-    if rows.size and left >= _LEAST_TIME:
-        in_time = replace(along, goals=1, rejoin_by=min(left, options.rejoin_by))
-        scatter(best, rows, plan_many(take(request, rows), policy, in_time).proposals)
-    rest = np.flatnonzero(~best.safe)
-    if rest.size:
-        scatter(best, rest, plan_many(take(request, rest), policy, along).proposals)
+    whole = replace(options, exhaustive=False)
+    in_time = replace(whole, goals=1, rejoin_by=min(left, options.rejoin_by))
+    return [in_time, whole] if left >= dt else [whole]
+
+
+def _planned_again(request: Request, reached: Any, policy: Policy, tries: list[Options]) -> Proposals:
+    """Plan from the middle of a flight, to the goal first where it is still ahead."""
+    best = empty(reached.size)
+    for options in tries:
+        wanted = ~best.safe & ~(reached & (options is not tries[-1]))
+        rows = np.flatnonzero(wanted)
+        if rows.size:
+            scatter(best, rows, plan_many(take(request, rows), policy, options).proposals)
     return best

@@ -13,19 +13,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.baselines.baselines import BASELINES
+from agents.baselines.baselines import BASELINES, Baseline
 from agents.planner.request import Options
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Method, Verdict
+from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
 from envs.kinematics import C208_PUBLISHED, Limits
 from envs.outcome import Rules
 from envs.starts import joined
 from eval.config import Setting
-from eval.flights.assured_mode import fly_assured
+from eval.flights.assured_mode import Reports, fly_assured
 from eval.flights.conditions import conditions
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start
-from eval.flights.simulate import OUTCOMES, Decider, Flights, OnStates, direct, fly, sensor_noise
+from eval.flights.simulate import OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
 from eval.flights.sources import Source, drawn, spread
 from eval.flights.verdicts import verdicts
 
@@ -40,7 +41,7 @@ __all__ = [
 ]
 
 MODES = ("policy", "plan", "assured")
-"""What decides: the network once a second; a plan made at the start; such a plan under a monitor, with re-plans."""
+"""What decides: the network once a time step; a plan made at the start; such a plan under a monitor, with re-plans."""
 
 
 class Evaluation(NamedTuple):
@@ -52,14 +53,23 @@ class Evaluation(NamedTuple):
     names: tuple[str, ...] | None
     """Names of the encounters of a file."""
     seed: int
-    rules: Rules
-    limits: Limits
+    aircraft: Aircraft
     mode: str = "policy"
     """One of :data:`MODES`."""
     setting: Setting = Setting(Options(), C208_PUBLISHED)
     """How plans are made and flown, in the other modes."""
     baseline: str = "none"
     """One of :data:`agents.baselines.BASELINES` that decides in the policy's place in mode policy; none: the policy."""
+
+    @property
+    def rules(self) -> Rules:
+        """Of the task."""
+        return self.aircraft.rules()
+
+    @property
+    def limits(self) -> Limits:
+        """Of the ownship."""
+        return self.aircraft.limits
 
 
 class Pilot(NamedTuple):
@@ -78,13 +88,12 @@ class Pilot(NamedTuple):
         return cls(evaluation, Policy.load(evaluation.policy))
 
     @property
-    def decider(self) -> Decider | OnStates:
-        """What decides once a second in mode policy."""
+    def decider(self) -> Baseline:
+        """What decides once a time step in mode policy."""
         if self.evaluation.baseline == "none":
-            return self.policy.rowwise
-        rules = self.evaluation.rules
-        make = BASELINES[self.evaluation.baseline]
-        return OnStates(make(self.evaluation.limits, rules.goal_radius, rules.separation))
+            return ByPolicy(self.policy)
+        aircraft = self.evaluation.aircraft
+        return BASELINES[self.evaluation.baseline](aircraft.limits, aircraft.goal_radius, aircraft.separation)
 
 
 def encounters(evaluation: Evaluation, first: int, count: int) -> Encounter:
@@ -108,17 +117,17 @@ def picked(evaluation: Evaluation, numbers: Iterable[int]) -> Encounter:
 def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     """Return the table of a chunk: a row an encounter; columns: docs/reference/evaluation-files.md."""
     evaluation = pilot.evaluation
-    rules, limits = evaluation.rules, evaluation.limits
+    aircraft = evaluation.aircraft
     starts, weights = drawn(evaluation.source, evaluation.seed, first, count)
-    begun = conditions(starts)
+    begun = conditions(starts, aircraft)
     noise = noise_of(evaluation, starts, first)
-    alone = fly(starts, pilot.decider, rules, limits, noise=noise)
-    bare = fly(starts, direct(limits), rules, limits)
+    alone = fly(starts, pilot.decider, aircraft, noise=noise)
+    bare = fly(starts, Direct(aircraft), aircraft)
     beside = {"baseline": bare} if evaluation.mode == "policy" else {"baseline": bare, "policy": alone}
     flown, more = (alone, {}) if evaluation.mode == "policy" else _planned(pilot, starts, noise)
     reached = flown.outcome == OUTCOMES.index("reached")
     solved = reduce(np.logical_or, (other.outcome == OUTCOMES.index("reached") for other in beside.values()), reached)
-    judged = verdicts(starts, rules, limits, solved=solved)
+    judged = verdicts(starts, aircraft, solved=solved)
 
     # The route is the straight line to the goal: what is left of it at the end counts as flown straight.
     route = np.maximum(begun.route_length, 1.0)  # a start on the goal has none
@@ -159,9 +168,9 @@ def _planned(
 ) -> tuple[Flights, dict[str, np.ndarray]]:
     """Return the flights of a mode that plans, and the columns that only it has."""
     evaluation = pilot.evaluation
-    setting, rules = evaluation.setting, evaluation.rules
-    plans = plan_at_start(starts, pilot.policy, setting, None if noise is None else noise(0))
-    flown = fly_once(starts, plans, rules, setting)
+    setting, aircraft = evaluation.setting, evaluation.aircraft
+    plans = plan_at_start(starts, pilot.policy, aircraft, setting, None if noise is None else noise(0))
+    flown = fly_once(starts, plans, aircraft, setting)
     made = plans.proposals
     more = {
         "plan_status": np.array(STATUSES, dtype=object)[made.safe.astype(int)],
@@ -176,7 +185,8 @@ def _planned(
     }
     if evaluation.mode == "plan":
         return flown.flights, more
-    assured = fly_assured(starts, plans, pilot.policy, rules, setting, spread=spread(evaluation.source), noise=noise)
+    reports = Reports(noise, spread(evaluation.source))
+    assured = fly_assured(starts, plans, pilot.policy, aircraft, setting, reports=reports)
     more |= _beside({"plan": flown.flights})
     more |= {"replans": assured.replans, "backup_s": assured.backup}
     return assured.flown.flights, more

@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter
-from envs.observation import CRITICAL_RADIUS, most_critical
+from envs.observation import most_critical
 from envs.relative import bearing, distance, straight_cpa
 
 __all__ = ["Conditions", "conditions"]
@@ -35,10 +36,10 @@ class Conditions(NamedTuple):
     """Distance from the start to the goal, m."""
 
 
-def conditions(encounters: Encounter) -> Conditions:
-    """Return the initial conditions of encounters ``[N]``."""
+def conditions(encounters: Encounter, aircraft: Aircraft) -> Conditions:
+    """Return the initial conditions of encounters ``[N]`` of an aircraft."""
     own = encounters.own
-    other = most_critical(own, encounters.intruders, encounters.mask, CRITICAL_RADIUS, np)
+    other = most_critical(own, encounters.intruders, encounters.mask, 1.5 * aircraft.separation, np)
     cpa = straight_cpa(own, other, np)
     return Conditions(
         intruders=np.count_nonzero(encounters.mask, axis=-1).astype(np.int32),

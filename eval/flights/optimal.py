@@ -7,17 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.baselines.baselines import Direct
+from agents.baselines.baselines import BASELINES
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly, steps, takeoff, tracks
 from agents.resolvability.witness import least_cost
+from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter
-from envs.kinematics import Limits
-from envs.outcome import Rules
 from envs.relative import distance, leg_separation
 from envs.trees import column, mapped, take
 from eval.flights import simulate
-from eval.flights.simulate import OUTCOMES, Flights, OnStates, turned_to
+from eval.flights.simulate import OUTCOMES, Flights, reversal_rate, turned_to
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
 
 __all__ = ["ROUNDS", "WitnessSearch", "ended", "fly_witnesses", "followed"]
@@ -33,9 +32,7 @@ class WitnessSearch(NamedTuple):
     """Of its refinement."""
 
 
-def fly_witnesses(
-    encounters: Encounter, search: WitnessSearch, rules: Rules, limits: Limits
-) -> tuple[Flights, Trajectories]:
+def fly_witnesses(encounters: Encounter, search: WitnessSearch, aircraft: Aircraft) -> tuple[Flights, Trajectories]:
     """Fly the least-cost witnesses of encounters ``[N]``, float64, until the goal or the time limit.
 
     Where no witness is known, the flight is that without a resolver, straight along the route at constant speed.
@@ -43,19 +40,19 @@ def fly_witnesses(
     Args:
         encounters: the starts.
         search: its effort.
-        rules: of the task; the witness keeps the separation, the other flights go on after its loss.
-        limits: of the ownship.
+        aircraft: of the ownship; the witness keeps its separation, the other flights go on after a loss.
     """
+    rules, limits = aircraft.rules(), aircraft.limits
     best = least_cost(encounters, rules, limits, rounds=search.rounds)
     known = np.isfinite(best.arrival)
     solved, left = np.flatnonzero(known), np.flatnonzero(~known)
-    witnesses = followed(take(encounters, solved), take(best.manoeuvre, solved), rules, limits)
-    resolving = ended(take(encounters, solved), witnesses, rules)
+    witnesses = followed(take(encounters, solved), take(best.manoeuvre, solved), aircraft)
+    resolving = ended(take(encounters, solved), witnesses, aircraft)
 
     others = take(encounters, left)
-    unresolved, endless = OnStates(Direct(limits, rules.goal_radius)), rules._replace(separation=0.0)
+    unresolved = BASELINES["none"](limits, rules.goal_radius, rules.separation)
     recorder = TrajectoryRecorder(others)
-    straight = simulate.fly(others, unresolved, endless, limits, recorder=recorder)
+    straight = simulate.fly(others, unresolved, aircraft, recorder=recorder, endless=True)
 
     def rows(first: np.ndarray, other: np.ndarray) -> np.ndarray:
         whole = np.zeros(len(known), first.dtype)
@@ -70,11 +67,12 @@ def fly_witnesses(
     return mapped(rows, resolving, straight), mapped(frames, witnesses, recorder.stack())
 
 
-def followed(encounters: Encounter, manoeuvre: Manoeuvre, rules: Rules, limits: Limits) -> Trajectories:
+def followed(encounters: Encounter, manoeuvre: Manoeuvre, aircraft: Aircraft) -> Trajectories:
     """Return the trajectories of manoeuvres ``[N]``, each flown in its encounter ``[N]`` to the goal or the time limit.
 
     The same flight as :func:`agents.resolvability.replay` of each; losses of separation do not end it here.
     """
+    rules, limits = aircraft.rules(), aircraft.limits
     traffic = tracks(encounters, steps(rules), rules)
     recorder, rows = TrajectoryRecorder(encounters), np.arange(len(encounters.goal_x))
     flight, goal, mask = takeoff(encounters.own, manoeuvre), (encounters.goal_x, encounters.goal_y), encounters.mask
@@ -91,15 +89,15 @@ def followed(encounters: Encounter, manoeuvre: Manoeuvre, rules: Rules, limits: 
     return recorder.stack()
 
 
-def ended(encounters: Encounter, flown: Trajectories, rules: Rules) -> Flights:
+def ended(encounters: Encounter, flown: Trajectories, aircraft: Aircraft) -> Flights:
     """Return how recorded flights ``[N]`` ended that no loss of separation stops: at the goal or in time-out.
 
     Args:
         encounters: their starts.
         flown: NaN after the end of each.
-        rules: of the task.
+        aircraft: of the ownship.
     """
-    own, first = flown.own, take(flown.intruders, 0)
+    own, first, rules = flown.own, take(flown.intruders, 0), aircraft.rules()
     count = np.arange(len(encounters.goal_x))
     last = np.count_nonzero(np.isfinite(own.x), axis=0) - 1
     apart = distance(first.x - own.x[0, :, None], first.y - own.y[0, :, None], np)
@@ -118,15 +116,15 @@ def ended(encounters: Encounter, flown: Trajectories, rules: Rules) -> Flights:
         closest * rules.dt,
         length,
         to_goal,
-        _reversals(wrap(np.diff(own.heading, axis=0), np) / rules.dt),
+        _reversals(wrap(np.diff(own.heading, axis=0), np) / rules.dt, reversal_rate(aircraft.limits)),
     )
 
 
-def _reversals(yaw_rate: np.ndarray) -> np.ndarray:
+def _reversals(yaw_rate: np.ndarray, straight: float) -> np.ndarray:
     """Return how often turns at rates ``[T, N]``, rad/s, changed side, as :mod:`eval.flights.simulate` counts it."""
     side = np.zeros(yaw_rate.shape[1])
     count = np.zeros(yaw_rate.shape[1], np.int32)
     for rate in yaw_rate:
-        side, reversed_ = turned_to(rate, side)
+        side, reversed_ = turned_to(rate, side, straight)
         count += reversed_
     return count

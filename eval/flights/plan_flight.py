@@ -1,4 +1,4 @@
-"""Plans as they are flown: the follower on the true limits' kinematics, from the published waypoints, every 0.1 s.
+"""Plans as they are flown: the follower on the true limits' kinematics, from the published waypoints, ten times a step.
 
 Nothing of the rollout that made a plan is used. The intruders fly their true motion, manoeuvres included.
 """
@@ -10,9 +10,10 @@ import numpy as np
 from agents.planner.request import Request
 from agents.planner.traffic import Traffic
 from envs import intruder
+from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter
-from envs.follower import PERIOD, steer
+from envs.follower import PERIOD, gains, steer
 from envs.intruder import Intent, IntruderState
 from envs.kinematics import Limits, VehicleState, advance
 from envs.outcome import Rules
@@ -20,28 +21,24 @@ from envs.relative import distance, leg_separation
 from envs.tracking import offset
 from envs.trees import column, take
 from envs.waypoints import Knots, at, legs
-from eval.flights.simulate import OUTCOMES, Flights, turned_to
+from eval.flights.simulate import OUTCOMES, Flights, reversal_rate, turned_to
 from eval.flights.trajectories import TrajectoryRecorder
 
 __all__ = [
-    "ROUTE_SPACING",
     "SUBSTEPS",
     "Air",
     "Flown",
-    "Second",
+    "Step",
     "Tally",
     "fly_plans",
-    "fly_second",
+    "fly_step",
     "request_of",
     "takeoff",
     "verdicts",
 ]
 
-ROUTE_SPACING = 5_000.0
-"""Between the points of an evaluation's route beyond the goal, m; it ends 45 km beyond it."""
-
 SUBSTEPS = round(1.0 / PERIOD)
-"""Periods of the follower in a second."""
+"""Periods of the follower in a time step."""
 
 
 class Flown(NamedTuple):
@@ -69,8 +66,8 @@ class Air(NamedTuple):
     """What comes later than this is not judged, s after the start."""
 
 
-class Second(NamedTuple):
-    """What one second of flight along legs brought; fields ``[M]``."""
+class Step(NamedTuple):
+    """What one time step of flight along legs brought; fields ``[M]``."""
 
     own: VehicleState
     separation: Any
@@ -78,7 +75,7 @@ class Second(NamedTuple):
     nearest: Any
     """Smallest distance to the goal, m."""
     reached: Any
-    """Time since the beginning of the second at which the goal's radius was entered, s; nan if it was not."""
+    """Time since the beginning of the step at which the goal's radius was entered, s; nan if it was not."""
     path: Any
     """Length flown, m."""
     error: Any
@@ -89,64 +86,67 @@ class Second(NamedTuple):
     """How often the turn changed side."""
 
 
-def request_of(encounters: Encounter, intruders: VehicleState | None = None) -> Request:
+def request_of(encounters: Encounter, aircraft: Aircraft, intruders: VehicleState | None = None) -> Request:
     """Return what a planner is asked at the start of encounters ``[N]``.
 
-    The route runs from the start to the goal, then over a point every 5 km on the same line to 45 km beyond it.
+    The route runs from the start to the goal, then over a point every 5 separations on the same line to 45 beyond it.
 
     Args:
         encounters: ``[N]``.
+        aircraft: of the ownship.
         intruders: as the ownship believes them to be, ``[N, K]``; None: as they are.
     """
     own = encounters.own
     dx, dy = encounters.goal_x - own.x, encounters.goal_y - own.y
     length = np.maximum(np.hypot(dx, dy), 1e-9)
-    beyond = np.arange(0.0, 45_000.1, ROUTE_SPACING)
+    beyond = 5.0 * aircraft.separation * np.arange(10)
     x = np.concatenate([own.x[:, None], encounters.goal_x[:, None] + (dx / length)[:, None] * beyond], axis=1)
     y = np.concatenate([own.y[:, None], encounters.goal_y[:, None] + (dy / length)[:, None] * beyond], axis=1)
     traffic = Traffic.straight(encounters.intruders if intruders is None else intruders, encounters.mask)
     return Request(own, traffic, x, y, np.full(len(x), x.shape[1]))
 
 
-def fly_second(
-    air: Air, following: IntruderState, references: VehicleState, clock: float, radius: float, limits: Limits
-) -> Second:
-    """Fly one second through states to be flown through, ``[M]``.
+def fly_step(
+    air: Air, following: IntruderState, references: VehicleState, number: int, aircraft: Aircraft, limits: Limits
+) -> Step:
+    """Fly one time step through states to be flown through, ``[M]``.
 
     Args:
-        air: at the beginning of the second.
+        air: at the beginning of the step.
         following: the intruders at its end, ``[M, K]``.
-        references: what to fly through at the beginning and after every period, ``[1 / PERIOD + 1, M]``.
-        clock: time since the start at the beginning of the second, s.
-        radius: of the goal, m.
-        limits: of the vehicle.
+        references: what to fly through at the beginning and after every period, ``[SUBSTEPS + 1, M]``.
+        number: of the step; the first is 0.
+        aircraft: of the ownship.
+        limits: of the vehicle that follows.
     """
     own, side, mask, other = air.own, air.side, air.mask, air.traffic.vehicle
+    dt, feedback, straight = aircraft.dt, gains(aircraft.dt), reversal_rate(aircraft.limits)
+    period = PERIOD * dt
     turn = wrap(following.vehicle.heading - other.heading, np)
     separation, nearest = np.full(own.x.shape, np.inf), np.full(own.x.shape, np.inf)
     reached, error, path = np.full(own.x.shape, np.nan), np.zeros(own.x.shape), np.zeros(own.x.shape)
     reversals = np.zeros(own.x.shape, np.int32)
     for step in range(SUBSTEPS):
         now, after = (VehicleState(*(field[step + i] for field in references)) for i in (0, 1))
-        acceleration, yaw_rate = steer(now, after, own)
+        acceleration, yaw_rate = steer(now, after, own, period, feedback)
         acceleration = np.clip(acceleration, limits.acceleration_min, limits.acceleration_max)
         yaw_rate = np.clip(yaw_rate, -limits.yaw_rate_max, limits.yaw_rate_max)
-        moved = advance(own, acceleration, yaw_rate, PERIOD, limits, np)
-        # Over a second the intruder's controller holds its yaw rate.
-        other_next = advance(other, other.speed * 0.0, turn, PERIOD, intruder.INTRUDER_LIMITS, np)
-        apart = leg_separation(column(own), column(moved), other, other_next, PERIOD, np)
-        flown = (clock + (step + 1) * PERIOD <= air.ends + 1e-6)[:, None]
+        moved = advance(own, acceleration, yaw_rate, period, limits, np)
+        # Over a step the intruder's controller holds its yaw rate.
+        other_next = advance(other, other.speed * 0.0, turn / dt, period, intruder.INTRUDER_LIMITS, np)
+        apart = leg_separation(column(own), column(moved), other, other_next, period, np)
+        flown = ((number + (step + 1) * PERIOD) * dt <= air.ends + 1e-6)[:, None]
         separation = np.minimum(separation, np.min(np.where(mask & flown, apart, np.inf), axis=-1, initial=np.inf))
         to_goal = distance(air.goal_x - moved.x, air.goal_y - moved.y, np)
-        entered = np.isnan(reached) & (to_goal <= radius)
-        reached = np.where(entered, (step + 1) * PERIOD, reached)
+        entered = np.isnan(reached) & (to_goal <= aircraft.goal_radius)
+        reached = np.where(entered, (step + 1) * PERIOD * dt, reached)
         nearest = np.minimum(nearest, to_goal)
-        path += 0.5 * PERIOD * (own.speed + moved.speed)
+        path += 0.5 * period * (own.speed + moved.speed)
         error = np.maximum(error, np.hypot(*offset(moved, after)))
-        side, reversed_ = turned_to(yaw_rate, side)
+        side, reversed_ = turned_to(yaw_rate, side, straight)
         reversals += reversed_
         own, other = moved, other_next
-    return Second(own, separation, nearest, reached, path, error, side, reversals)
+    return Step(own, separation, nearest, reached, path, error, side, reversals)
 
 
 def takeoff(encounters: Encounter, ends: Any) -> Air:
@@ -166,47 +166,57 @@ def takeoff(encounters: Encounter, ends: Any) -> Air:
 def fly_plans(
     encounters: Encounter,
     knots: Knots,
-    rules: Rules,
+    aircraft: Aircraft,
     limits: Limits,
     recorder: TrajectoryRecorder | None = None,
     numbers: np.ndarray | None = None,
+    *,
+    endless: bool = False,
 ) -> Flown:
     """Fly plans once, to their ends.
 
-    An encounter counts as reached if the goal was by ``rules.t_max`` and the separation kept until then.
+    An encounter counts as reached if the goal was by the time limit and the separation kept until then.
 
     Args:
         encounters: ``[N]``, float64.
         knots: of the plans, ``[N, W]``, all finite.
-        rules: of the task, with a time step of 1 s.
+        aircraft: of the ownship.
         limits: of the vehicle that follows.
-        recorder: takes the flights second by second until ``rules.t_max``.
+        recorder: takes the flights step by step until the time limit.
         numbers: their rows in it, ``[N]``; None: 0 to N - 1.
+        endless: whether a loss of separation is no violation.
     """
-    tally, rows = Tally(len(encounters.goal_x)), np.arange(len(encounters.goal_x))
-    air, curves = takeoff(encounters, knots.time[:, -1]), legs(knots)
-    clock = 0
+    tally, rows = Tally(len(encounters.goal_x), aircraft, endless=endless), np.arange(len(encounters.goal_x))
+    air, curves, dt = takeoff(encounters, knots.time[:, -1]), legs(knots), aircraft.dt
+    count = 0
     while rows.size:
-        following = intruder.step(air.traffic, air.intent, clock * 1.0, 1.0, np)
-        states = (at(curves, clock + step * PERIOD) for step in range(SUBSTEPS + 1))
+        following = intruder.step(air.traffic, air.intent, count * dt, dt, np)
+        states = (at(curves, (count + step * PERIOD) * dt) for step in range(SUBSTEPS + 1))
         references = VehicleState(*(np.stack(field) for field in zip(*states, strict=True)))
-        second = fly_second(air, following, references, float(clock), rules.goal_radius, limits)
-        clock += 1
-        tally.add(rows, second, clock, rules)
-        if recorder is not None and clock <= rules.t_max:
+        flown = fly_step(air, following, references, count, aircraft, limits)
+        count += 1
+        tally.add(rows, flown, count)
+        if recorder is not None and count <= tally.steps:
             number = rows if numbers is None else numbers[rows]
-            recorder.append(number, second.own, following.vehicle, second.separation)
-        air = air._replace(own=second.own, traffic=following, side=second.side)
-        on = air.ends > clock
+            recorder.append(number, flown.own, following.vehicle, flown.separation)
+        air = air._replace(own=flown.own, traffic=following, side=flown.side)
+        on = air.ends > count * dt
         if not on.all():
             rows, air, curves = take((rows, air, curves), on)
-    return tally.flown(rules)
+    return tally.flown()
 
 
 class Tally:
-    """What flights have brought so far; arrays ``[N]``."""
+    """What flights have brought so far; arrays ``[N]``.
 
-    def __init__(self, count: int) -> None:
+    Attributes:
+        steps: until the time limit.
+    """
+
+    def __init__(self, count: int, aircraft: Aircraft, *, endless: bool = False) -> None:
+        self._rules = aircraft.rules()
+        self._required = 0.0 if endless else aircraft.separation
+        self.steps = round(aircraft.t_max / aircraft.dt)
         self._reached = np.full(count, np.nan)
         self._lost = np.full(count, np.nan)
         self._separation, self._whole = np.full(count, np.inf), np.full(count, np.inf)
@@ -214,28 +224,30 @@ class Tally:
         self._reversals = np.zeros(count, np.int32)
         self._error = np.zeros(count)
 
-    def add(self, rows: Any, second: Second, clock: int, rules: Rules) -> None:
-        """Add a second that ends at time ``clock``, s, of some flights."""
-        self._whole[rows] = np.minimum(self._whole[rows], second.separation)
-        self._error[rows] = np.maximum(self._error[rows], second.error)
-        if clock > rules.t_max:
+    def add(self, rows: Any, step: Step, count: int) -> None:
+        """Add the step number ``count``, the first being 1, of some flights."""
+        self._whole[rows] = np.minimum(self._whole[rows], step.separation)
+        self._error[rows] = np.maximum(self._error[rows], step.error)
+        if count > self.steps:
             return
-        closer = second.separation < self._separation[rows]
-        self._closest_at[rows[closer]] = clock
-        self._separation[rows] = np.minimum(self._separation[rows], second.separation)
-        lost = (second.separation < rules.separation) & np.isnan(self._lost[rows])
-        self._lost[rows[lost]] = clock
+        dt = self._rules.dt
+        closer = step.separation < self._separation[rows]
+        self._closest_at[rows[closer]] = count * dt
+        self._separation[rows] = np.minimum(self._separation[rows], step.separation)
+        lost = (step.separation < self._required) & np.isnan(self._lost[rows])
+        self._lost[rows[lost]] = count * dt
         # Path, goal and reversals count until the goal is reached.
         under_way = rows[np.isnan(self._reached[rows])]
         part = np.isnan(self._reached[rows])
-        self._path[under_way] += second.path[part]
-        self._goal[under_way] = np.minimum(self._goal[under_way], second.nearest[part])
-        self._reversals[under_way] += second.reversals[part]
-        entered = ~np.isnan(second.reached) & part
-        self._reached[rows[entered]] = clock - 1 + second.reached[entered]
+        self._path[under_way] += step.path[part]
+        self._goal[under_way] = np.minimum(self._goal[under_way], step.nearest[part])
+        self._reversals[under_way] += step.reversals[part]
+        entered = ~np.isnan(step.reached) & part
+        self._reached[rows[entered]] = (count - 1) * dt + step.reached[entered]
 
-    def flown(self, rules: Rules) -> Flown:
+    def flown(self) -> Flown:
         """Judge the flights."""
+        rules = self._rules
         outcome = np.full(self._reached.size, OUTCOMES.index("timeout"), np.int8)
         outcome[~np.isnan(self._reached)] = OUTCOMES.index("reached")
         outcome[~np.isnan(self._lost)] = OUTCOMES.index("violation")

@@ -6,9 +6,9 @@ import numpy as np
 
 from agents.planner.planner import Plans, plan_many
 from agents.policy.inference import Policy
+from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.kinematics import VehicleState
-from envs.outcome import Rules
 from envs.perception import carried_back, perceive
 from envs.trees import take
 from eval.config import Setting
@@ -24,26 +24,37 @@ STATUSES = ("unresolved", "safe")
 """Names of a plan's statuses by whether it is safe."""
 
 
-def perceived_at_start(encounters: Encounter, noise: Any = None) -> VehicleState:
+def perceived_at_start(encounters: Encounter, dt: float, noise: Any = None) -> VehicleState:
     """Return the intruders as the ownship knows them at the start, ``[N, K]``.
 
     Args:
         encounters: ``[N]``.
+        dt: time step, s.
         noise: of the sensors at the start, ``[4, N, K]``; None for perfect knowledge.
     """
     seen = encounters.intruders
     if noise is None:
         return seen
-    return perceive(seen, carried_back(seen, 1.0, np), carried_back(seen, 2.0, np), encounters.sensor, noise, 1.0, np)
+    earlier = carried_back(seen, dt, np), carried_back(seen, 2.0 * dt, np)
+    return perceive(seen, *earlier, encounters.sensor, noise, dt, np)
 
 
-def plan_at_start(encounters: Encounter, policy: Policy, setting: Setting, noise: Any = None) -> Plans:
-    """Plan at the start of encounters ``[N]``; arguments as of :func:`perceived_at_start`."""
-    return plan_many(request_of(encounters, perceived_at_start(encounters, noise)), policy, setting.options)
+def plan_at_start(
+    encounters: Encounter, policy: Policy, aircraft: Aircraft, setting: Setting, noise: Any = None
+) -> Plans:
+    """Plan at the start of encounters ``[N]``; noise as of :func:`perceived_at_start`."""
+    seen = perceived_at_start(encounters, aircraft.dt, noise)
+    return plan_many(request_of(encounters, aircraft, seen), policy, setting.options)
 
 
 def fly_once(
-    encounters: Encounter, plans: Plans, rules: Rules, setting: Setting, recorder: TrajectoryRecorder | None = None
+    encounters: Encounter,
+    plans: Plans,
+    aircraft: Aircraft,
+    setting: Setting,
+    recorder: TrajectoryRecorder | None = None,
+    *,
+    endless: bool = False,
 ) -> Flown:
     """Fly the plans of encounters ``[N]`` once; a recorder takes their trajectories.
 
@@ -53,10 +64,10 @@ def fly_once(
     count = len(encounters.goal_x)
     rows = np.flatnonzero(plans.proposals.last >= 0)
     begun, knots = take((encounters, plans.proposals.knots), rows)
-    flown = fly_plans(begun, knots, rules, setting.limits, recorder, rows)
-    whole = Tally(count).flown(rules)
+    flown = fly_plans(begun, knots, aircraft, setting.limits, recorder, rows, endless=endless)
+    whole = Tally(count, aircraft).flown()
     whole.flights.min_separation[:] = np.nan
     whole.whole_separation[:] = np.nan
     for old, new in zip((*whole.flights, *whole[1:]), (*flown.flights, *flown[1:]), strict=True):
         old[rows] = new
-    return verdicts(whole, ~plans.proposals.safe, rules)
+    return verdicts(whole, ~plans.proposals.safe, aircraft.rules())

@@ -5,14 +5,14 @@ An encounter follows from seed and number alone and a flight from its encounter,
 
 from collections.abc import Callable, Sequence
 from functools import reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.planner.planner import Plans
 from envs.encounters import Encounter
 from envs.starts import joined
-from eval.flights.assured_mode import fly_assured
+from eval.flights.assured_mode import Reports, fly_assured
 from eval.flights.chunks import Pilot, encounters, noise_of
 from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import Flights, fly
@@ -46,7 +46,12 @@ def fly_recorded(pilot: Pilot, numbers: Sequence[int]) -> Recorded:
 
 
 def fly_in_mode(
-    pilot: Pilot, starts: Encounter, noise: Callable[[int], np.ndarray] | None, recorder: TrajectoryRecorder
+    pilot: Pilot,
+    starts: Encounter,
+    noise: Callable[[int], np.ndarray] | None,
+    recorder: TrajectoryRecorder,
+    *,
+    endless: bool = False,
 ) -> tuple[Plans | None, Flights]:
     """Plan where the evaluation's mode does, and fly encounters ``[M]``.
 
@@ -55,17 +60,17 @@ def fly_in_mode(
         starts: of the encounters.
         noise: of the sensors by step, ``[4, M, K]``; None for perfect knowledge.
         recorder: takes the trajectories.
+        endless: whether a loss of separation is no violation.
     """
     evaluation, policy = pilot
-    rules, setting = evaluation.rules, evaluation.setting
+    aircraft, setting = evaluation.aircraft, evaluation.setting
     if evaluation.mode == "policy":
-        return None, fly(starts, pilot.decider, rules, evaluation.limits, noise=noise, recorder=recorder)
-    plans = plan_at_start(starts, policy, setting, None if noise is None else noise(0))
+        return None, fly(starts, pilot.decider, aircraft, noise=noise, recorder=recorder, endless=endless)
+    plans = plan_at_start(starts, policy, aircraft, setting, None if noise is None else noise(0))
     if evaluation.mode == "plan":
-        return plans, fly_once(starts, plans, rules, setting, recorder).flights
-    sigmas = spread(evaluation.source)
-    assured = fly_assured(starts, plans, policy, rules, setting, spread=sigmas, noise=noise, recorder=recorder)
-    return plans, assured.flown.flights
+        return plans, fly_once(starts, plans, aircraft, setting, recorder, endless=endless).flights
+    how: Any = {"reports": Reports(noise, spread(evaluation.source)), "recorder": recorder, "endless": endless}
+    return plans, fly_assured(starts, plans, policy, aircraft, setting, **how).flown.flights
 
 
 def _together(noises: Sequence[Callable[[int], np.ndarray]]) -> Callable[[int], np.ndarray] | None:

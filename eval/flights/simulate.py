@@ -1,45 +1,59 @@
 """Closed-loop flights of many encounters at once, in plain numpy.
 
-Motion is float64; what the decider sees is float32, as in training. Encounters that end are dropped from the
-arrays, so that the work shrinks with the number still in the air. Every operation acts on each row alone: a
-flight comes out bit for bit the same whatever others are flown with it.
+Encounters that end are dropped from the arrays, so that the work shrinks with the number still in the air. Every
+operation acts on each row alone: a flight comes out bit for bit the same whatever others are flown with it.
 """
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.baselines.baselines import Baseline, Sight
+from agents.policy.inference import Policy
+from envs.aircraft import Aircraft
 from envs.draws import normals
 from envs.encounters import Encounter
 from envs.intruder import GAINS
 from envs.kinematics import Limits, commands
-from envs.outcome import Rules
-from envs.relative import distance
+from envs.relative import bearing, distance
 from envs.trees import take
-from envs.world import State, StepResult, World, begin, observe, perceived, smallest
+from envs.world import State, StepResult, World, begin, perceived, smallest
 from envs.world import step as advance
 from eval.flights.trajectories import TrajectoryRecorder
 
-__all__ = ["OUTCOMES", "REVERSAL_RATE", "Decider", "Flights", "OnStates", "direct", "fly", "sensor_noise", "turned_to"]
-
-Decider: TypeAlias = Callable[[np.ndarray], np.ndarray]
-"""Observations ``[M, 8]`` (float32, the contract's) to actions ``[M, 2]`` in [-1, 1]."""
-
-
-class OnStates(NamedTuple):
-    """A decider that sees the states of all aircraft instead of an observation."""
-
-    baseline: Baseline
-
+__all__ = ["OUTCOMES", "ByPolicy", "Direct", "Flights", "fly", "reversal_rate", "sensor_noise", "turned_to"]
 
 OUTCOMES = ("violation", "reached", "timeout")
 """Names of the outcome codes 0, 1, 2."""
 
-REVERSAL_RATE = math.radians(0.5)
-"""Yaw-rate commands smaller than this, rad/s, count as straight flight when heading reversals are counted."""
+
+class ByPolicy(NamedTuple):
+    """A policy as a decider."""
+
+    policy: Policy
+
+    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return actions ``[M, 2]`` and the memory, which is not used."""
+        return self.policy.command(sight.own, sight.intruders, sight.mask, sight.goal_x, sight.goal_y), memory
+
+
+class Direct(NamedTuple):
+    """No resolution: at constant speed along the route to the goal.
+
+    The intruder's waypoint controller steers it, because a displaced start does not point at its goal exactly.
+    """
+
+    aircraft: Aircraft
+
+    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return actions ``[M, 2]`` and the memory, which is not used."""
+        # As an observation has it: of its precision.
+        seen = (bearing(sight.own, sight.goal_x, sight.goal_y, np) * (1.0 / math.pi)).astype(np.float32)
+        full = self.aircraft.limits.yaw_rate_max * self.aircraft.dt
+        steering = GAINS.proportional * math.pi * seen / full
+        return np.stack([np.zeros_like(steering), np.clip(steering, -1.0, 1.0)], axis=-1).astype(float), memory
 
 
 class Flights(NamedTuple):
@@ -60,7 +74,7 @@ class Flights(NamedTuple):
     goal_distance: np.ndarray
     """At the end, m."""
     reversals: np.ndarray
-    """How often the commanded turn changed side, int32; commands below :data:`REVERSAL_RATE` do not count."""
+    """How often the commanded turn changed side, int32; commands below :func:`reversal_rate` do not count."""
 
 
 class _Air(NamedTuple):
@@ -79,27 +93,20 @@ class _Air(NamedTuple):
     """Of a baseline."""
 
 
-def direct(limits: Limits) -> Decider:
-    """Return the decider without any resolution: at constant speed along the route to the goal.
-
-    The intruder's waypoint controller steers it, because a displaced start does not point at its goal exactly.
-    """
-
-    def decide(observation: np.ndarray) -> np.ndarray:
-        steering = GAINS.proportional * math.pi * observation[:, 6] / limits.yaw_rate_max
-        return np.stack([np.zeros_like(steering), np.clip(steering, -1.0, 1.0)], axis=-1)
-
-    return decide
+def reversal_rate(limits: Limits) -> float:
+    """Return the yaw rate, rad/s, below which a command counts as straight flight: a sixth of the greatest."""
+    return limits.yaw_rate_max / 6.0
 
 
-def turned_to(yaw_rate: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def turned_to(yaw_rate: np.ndarray, side: np.ndarray, straight: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the side of the last turn after a command, and whether it changed; ``[...]``.
 
     Args:
-        yaw_rate: as commanded, rad/s; straight below :data:`REVERSAL_RATE`.
+        yaw_rate: as commanded, rad/s.
         side: of the last turn before: -1, 0 (none yet) or 1.
+        straight: the :func:`reversal_rate`.
     """
-    now = np.where(np.abs(yaw_rate) >= REVERSAL_RATE, np.sign(yaw_rate), side)
+    now = np.where(np.abs(yaw_rate) >= straight, np.sign(yaw_rate), side)
     return now, now * side < 0.0
 
 
@@ -115,44 +122,40 @@ def sensor_noise(seed: int, first: int, count: int, intruders: int) -> Callable[
 
 def fly(
     encounters: Encounter,
-    decider: Decider | OnStates,
-    rules: Rules,
-    limits: Limits,
+    decider: Baseline,
+    aircraft: Aircraft,
     *,
     noise: Callable[[int], np.ndarray] | None = None,
     recorder: TrajectoryRecorder | None = None,
+    endless: bool = False,
 ) -> Flights:
     """Fly encounters to their end; the decider acts once per time step.
 
     Args:
         encounters: the starts, ``[N]``, float64.
-        decider: sees the most critical intruder of each encounter and the goal, or, on states, all intruders.
-        rules: of the task.
-        limits: of the ownship.
+        decider: sees all intruders of each encounter and the goal.
+        aircraft: of the ownship.
         noise: the sensors' noise by step, ``[4, N, K]``; None for perfect knowledge of the intruders.
-        recorder: takes the trajectories (about 150 bytes an encounter and second).
+        recorder: takes the trajectories (about 150 bytes an encounter and step).
+        endless: whether flights go on after a loss of separation.
     """
-    count = len(encounters.goal_x)
+    count, rules = len(encounters.goal_x), aircraft.rules()
     kinds = {"outcome": np.int8, "reversals": np.int32}
     result = Flights(**{name: np.zeros(count, kinds.get(name, np.float64)) for name in Flights._fields})
-    dt, world = rules.dt, World(rules, limits)
+    rules = rules._replace(separation=0.0) if endless else rules
+    dt, limits, world = rules.dt, aircraft.limits, World(rules, aircraft.limits)
     air = _takeoff(encounters, late_reports=noise is not None)
     step = 0
     while len(air.number):
         state = air.state
         seen = perceived(state, None if noise is None else noise(step)[:, air.number], np)
-        observation = observe(state, seen, np).astype(np.float32)
-        memory = air.memory
-        if isinstance(decider, OnStates):
-            sight = Sight(state.own, seen, state.mask, state.goal_x, state.goal_y, rules.t_max - step * dt)
-            action, memory = decider.baseline.decide(sight, memory)
-        else:
-            action = decider(observation).astype(np.float64)
+        sight = Sight(state.own, seen, state.mask, state.goal_x, state.goal_y, rules.t_max - step * dt)
+        action, memory = decider.decide(sight, air.memory)
         controls = action[:, 0], action[:, 1]
         after, flown = advance(state, controls, world, np)
         step += 1
 
-        side, reversed_ = turned_to(commands(controls, limits, np)[1], air.side)
+        side, reversed_ = turned_to(commands(controls, limits, np)[1], air.side, reversal_rate(limits))
         closer = flown.separation < air.min_separation
         air = air._replace(
             state=after,
@@ -164,8 +167,7 @@ def fly(
             memory=memory,
         )
         if recorder is not None:
-            decisions = observation, action
-            recorder.append(air.number, after.own, after.intruders.vehicle, flown.separation, decisions)
+            recorder.append(air.number, after.own, after.intruders.vehicle, flown.separation, action)
         if after.ended.any():
             _land(result, air, flown, after.ended, step * dt)
             air = take(air, ~after.ended)

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from agents.config.world import check_own_speed
+from envs.aircraft import Aircraft
 from envs.edge.text import visible
 from envs.encounters import Encounter, EncounterError, Scenario
 from envs.formats import encounter_file
@@ -40,16 +41,17 @@ Source: TypeAlias = Scenario | Encounter | Replay | ModelTraffic
 """A scenario to draw from, the encounters of a file, recorded ones, or a model's traffic to draw from."""
 
 
-def read_source(config: MonteCarloConfig, limits: Limits) -> tuple[Source, tuple[str, ...] | None]:
+def read_source(config: MonteCarloConfig, aircraft: Aircraft) -> tuple[Source, tuple[str, ...] | None]:
     """Return what a configuration names, and the names of the encounters where it is a finite number of them.
 
     Args:
         config: of the run.
-        limits: of the ownship.
+        aircraft: of the ownship.
 
     Raises:
         ConfigError, EncounterError, TrackError: the file cannot be used.
     """
+    limits = aircraft.limits
     if config.file is None:
         sampled = config.sampled()
         check_own_speed(sampled, limits, "changes.own_speed")

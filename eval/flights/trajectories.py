@@ -1,13 +1,11 @@
 """Trajectories of flights, recorded step by step."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from envs.encounters import Encounter
 from envs.kinematics import VehicleState
-from envs.observation import SIZE
 
 __all__ = ["Trajectories", "TrajectoryRecorder", "until"]
 
@@ -19,22 +17,19 @@ class Trajectories(NamedTuple):
     """Fields ``[T + 1, N]``."""
     intruders: VehicleState
     """Fields ``[T + 1, N, K]``."""
-    observation: np.ndarray
-    """``[T, N, 8]``, at the beginning of each step; NaN where no observation decides."""
     action: np.ndarray
     """``[T, N, 2]``; NaN where no action decides."""
     separation: np.ndarray
     """Smallest distance to any intruder during each step, m, ``[T, N]``."""
 
 
-def until(flown: Trajectories, end: np.ndarray) -> Trajectories:
-    """Return trajectories one second a step without what comes after the step in which ``end``, s, ``[N]``, falls."""
-    after = np.arange(len(flown.own.x))[:, None] > np.ceil(end)
+def until(flown: Trajectories, end: np.ndarray, dt: float) -> Trajectories:
+    """Return trajectories of steps of dt, s, without what comes after the step in which ``end``, s, ``[N]``, falls."""
+    after = np.arange(len(flown.own.x))[:, None] > np.ceil(end / dt)
     late = after[1:, :, None]
     return Trajectories(
         VehicleState(*(np.where(after, np.nan, field) for field in flown.own)),
         VehicleState(*(np.where(after[..., None], np.nan, field) for field in flown.intruders)),
-        np.where(late, np.nan, flown.observation),
         np.where(late, np.nan, flown.action),
         np.where(late[..., 0], np.nan, flown.separation),
     )
@@ -56,7 +51,7 @@ class TrajectoryRecorder:
         own: VehicleState,
         intruders: VehicleState,
         separation: np.ndarray,
-        decisions: Sequence[np.ndarray] | None = None,
+        action: np.ndarray | None = None,
     ) -> None:
         """Add a step of the flights in progress.
 
@@ -64,13 +59,12 @@ class TrajectoryRecorder:
             rows: their numbers, ``[M]``.
             own, intruders: at the end of the step, ``[M]`` and ``[M, K]``.
             separation: smallest distance to any intruder during the step, m, ``[M]``.
-            decisions: observation and action of the step, ``[M, 8]`` and ``[M, 2]``; None where neither decides.
+            action: of the step, ``[M, 2]``; None where none decides.
         """
-        if decisions is None:
-            decisions = np.full((rows.size, SIZE), np.nan), np.full((rows.size, 2), np.nan)
+        action = np.full((rows.size, 2), np.nan) if action is None else action
         self._own.append(self._all(rows, np.stack(own, axis=-1)))
         self._intruders.append(self._all(rows, np.stack(intruders, axis=-1)))
-        self._steps.append([self._all(rows, values) for values in (*decisions, separation)])
+        self._steps.append([self._all(rows, values) for values in (action, separation)])
 
     def stack(self) -> Trajectories:
         """Return everything recorded; one empty step if nothing was."""

@@ -11,12 +11,12 @@ from envs.c208.conditions import TURBULENCE
 from eval.config import FILE, MonteCarloConfig
 from eval.hifi.conditions import CONDITIONS, Family
 
-__all__ = ["AIRCRAFT", "HIFI_MODES", "ConditionConfig", "HifiConfig"]
+__all__ = ["HIFI_MODES", "VEHICLES", "ConditionConfig", "HifiConfig"]
 
 HIFI_MODES = ("plan", "closed", "assured")
 """What decides: a plan made at the start; the network once a second; a plan under the run-time monitor."""
 
-AIRCRAFT = ("c208_ex", "c208", "point_mass", "surrogate")
+VEHICLES = ("c208_ex", "c208", "point_mass", "surrogate")
 """What flies."""
 
 _CHUNK = 8
@@ -109,7 +109,7 @@ class HifiConfig(MonteCarloConfig):
     mode: str = Field(default="plan", json_schema_extra={"expected": "plan, closed or assured"})
     """What decides: plan, the planner once at the start, whose plan is then followed; closed, the network alone, once
     a second; assured, the plan under a monitor that asks for new plans and falls back to a backup."""
-    aircraft: str = Field(default="c208_ex", json_schema_extra={"expected": f"one of {', '.join(AIRCRAFT)}"})
+    vehicle: str = Field(default="c208_ex", json_schema_extra={"expected": f"one of {', '.join(VEHICLES)}"})
     """What flies: c208_ex or c208 (675 shp) in JSBSim, point_mass (its lags and limits alone), surrogate."""
     condition: ConditionConfig = ConditionConfig()
     wind_plan: str = Field(default="air", json_schema_extra={"expected": "air or ground"})
@@ -121,19 +121,29 @@ class HifiConfig(MonteCarloConfig):
     def _available(cls, value: str, info: ValidationInfo) -> str:
         return _one_of(value, HIFI_MODES if info.field_name == "mode" else ("none",))
 
-    @field_validator("aircraft", "wind_plan")
+    @field_validator("vehicle", "wind_plan")
     @classmethod
     def _named(cls, value: str, info: ValidationInfo) -> str:
-        return _one_of(value, AIRCRAFT if info.field_name == "aircraft" else ("air", "ground"))
+        return _one_of(value, VEHICLES if info.field_name == "vehicle" else ("air", "ground"))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _old_key(cls, data: Any) -> Any:
+        if isinstance(data, dict) and data.get("aircraft") in VEHICLES:
+            raise ConfigError(f"aircraft is now called vehicle where it names what flies, {data['aircraft']}")
+        return data
 
     @model_validator(mode="after")
     def _whole(self) -> "HifiConfig":
-        if self.aircraft in ("point_mass", "surrogate"):
+        dt = 1.0 if self.aircraft is None else self.aircraft.aircraft().dt
+        if dt != 1.0:
+            raise ConfigError(f"aircraft.dt_s is {dt:g}; expected 1, the step at which vehicles are flown here")
+        if self.vehicle in ("point_mass", "surrogate"):
             family, calm = self.condition.family(), CONDITIONS["calm"]
             for key in ("turbulence", "weight_lb", "centre_of_gravity", *(k for k in _BOUNDS if k.endswith("factor"))):
                 if getattr(family, key) != getattr(calm, key):
                     raise ConfigError(
-                        f"aircraft {self.aircraft} has one loading and flies in no turbulence (condition.{key}); "
+                        f"vehicle {self.vehicle} has one loading and flies in no turbulence (condition.{key}); "
                         "expected c208_ex or c208, or the condition calm or wind"
                     )
         return self

@@ -20,7 +20,6 @@ from envs.backend import FLOATS
 from envs.c208.air_mass import Wind, over_ground
 from envs.follower import PERIOD
 from envs.kinematics import VehicleState, advance, commands
-from envs.observation import CRITICAL_RADIUS, criticality, observe
 from envs.tracking import offset
 from envs.waypoints import Legs, at
 from eval.flights.plan_flight import SUBSTEPS
@@ -103,8 +102,7 @@ def rolled(request: Request, goal: int, policy: Policy, options: Options) -> Veh
     for step in range(0 if math.isnan(until) else round(until / STEP)):
         seen = predicted(request.traffic, step * STEP)
         others = [VehicleState(*(float(f[0, k]) for f in seen)) for k in np.flatnonzero(request.traffic.mask[0])]
-        chosen = min(others, key=lambda other: criticality(state, other, CRITICAL_RADIUS, FLOATS))
-        action = policy.decide(observe(state, chosen, *to, FLOATS))
+        action = policy.command_one(state, others, *to)
         state = advance(state, *commands(action, task.limits, FLOATS), STEP, task.limits, FLOATS)
         states.append(state)
     return VehicleState(*(np.array(field) for field in zip(*states, strict=True)))

@@ -31,9 +31,9 @@ def draw_all(folder: RunFolder, table: Mapping[str, np.ndarray], campaign: Campa
             apart = "" if np.isnan(closest) else f", {closest:.0f} m"
             wind = f", wind {table['wind_m_s'][number]:.0f} m/s" if table["wind_m_s"][number] else ""
             flights.append((f"{number}: {table['outcome'][number]}{apart}{wind}", flown(loaded, number)))
-    figures = {"flights": sheet(flights, campaign.rules)}
+    figures = {"flights": sheet(flights, campaign.aircraft.rules())}
     if np.isfinite(table["min_separation_m"]).any():
-        figures["min_separation"] = separations(table, campaign.rules)
+        figures["min_separation"] = separations(table, campaign.aircraft.rules())
     if np.isfinite(table["position_error_max_m"]).any():
         figures["errors"] = distributions(table)
     return [path for name, figure in figures.items() for path in folder.save_figure(name, figure)]

@@ -14,12 +14,12 @@ from agents.planner.candidates import empty
 from agents.planner.planner import Plans
 from agents.planner.traffic import Traffic as Known
 from agents.policy.inference import Policy
+from envs.aircraft import Aircraft
 from envs.c208.air_mass import NO_WIND, Wind, over_ground, through_air
 from envs.c208.guidance import Path as Track
 from envs.c208.vehicle import FlightError, StartError
 from envs.encounters import Encounter, Scenario
-from envs.kinematics import Limits, VehicleState
-from envs.outcome import Rules
+from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from envs.starts import numbered
 from envs.trees import take
@@ -48,14 +48,13 @@ class Campaign(NamedTuple):
     source: Scenario | Encounter
     """A scenario to draw from, or the encounters of a file."""
     seed: int
-    rules: Rules
-    limits: Limits
-    """Full deflection of the actions in mode closed."""
+    aircraft: Aircraft
+    """That decisions and plans are made for; its time step is 1 s."""
     mode: str
     """One of :data:`eval.hifi.config.HIFI_MODES`."""
     setting: Setting
-    aircraft: str
-    """One of :data:`eval.hifi.config.AIRCRAFT`."""
+    vehicle: str
+    """That flies, one of :data:`eval.hifi.config.VEHICLES`."""
     family: Family
     """Of the conditions."""
     wind_plan: str
@@ -128,7 +127,7 @@ def scene_of(campaign: Campaign, number: int) -> Scene:
         one = numbered(source, campaign.seed, number, 1)
     else:
         one = take(source, slice(number, number + 1))
-    met = drawn(family, campaign.seed, number, takeoff_weight(campaign.aircraft))
+    met = drawn(family, campaign.seed, number, takeoff_weight(campaign.vehicle))
     wind = met.air.wind_east, met.air.wind_north
     if family.position_std > 0.0 or family.velocity_std > 0.0 or met.latency > 0.0:
         each = (np.full((1, 1), value) for value in (family.position_std, family.velocity_std, met.latency))
@@ -139,7 +138,7 @@ def scene_of(campaign: Campaign, number: int) -> Scene:
     away = math.hypot(float(one.goal_x[0]) - own.x, float(one.goal_y[0]) - own.y) / own.speed
     goal = float(one.goal_x[0]) + wind[0] * away, float(one.goal_y[0]) + wind[1] * away
     over = one._replace(goal_x=np.array([goal[0]]), goal_y=np.array([goal[1]]))
-    line = request_of(over)
+    line = request_of(over, campaign.aircraft)
     route = Route(line.route_x[0], line.route_y[0])
     frame = met.believed_wind if campaign.wind_plan == "air" else NO_WIND
     return Scene(one, met, wind, frame, over_ground(own, wind, 0.0), route, noise)
@@ -155,10 +154,10 @@ def flown(loaded: LoadedCampaign, number: int) -> Flown:
     campaign, policy = loaded.campaign, loaded.policy
     scene = scene_of(campaign, number)
     goal = float(scene.route.x[1]), float(scene.route.y[1])
-    gains = lookahead_of(campaign.aircraft)
+    gains = lookahead_of(campaign.vehicle)
     if campaign.mode == "closed":
-        pilot: Pilot = Closed(policy, campaign.limits, goal, scene.encounter.mask, scene.frame)
-        flight, problem = _fly(campaign, scene, number, pilot, round(campaign.rules.t_max), _CLOSED_ENDS)
+        pilot: Pilot = Closed(policy, campaign.aircraft.limits, goal, scene.encounter.mask, scene.frame)
+        flight, problem = _fly(campaign, scene, number, pilot, round(campaign.aircraft.t_max), _CLOSED_ENDS)
         return Flown(scene, None, None, flight, None, problem, pilot)
     made, known = _planned(campaign, scene, policy)
     if made.problem is not None:
@@ -167,12 +166,13 @@ def flown(loaded: LoadedCampaign, number: int) -> Flown:
     curves = legs(take(made.plans.proposals.knots, 0)) if whole else None
     if curves is not None:
         # What blows is known only as well as it is believed to be.
-        wrong = unflyable(curves, scene.frame, scene.drawn.believed_wind, reach_of(campaign.aircraft, scene.drawn))
+        reach = reach_of(campaign.vehicle, campaign.aircraft.limits, scene.drawn)
+        wrong = unflyable(curves, scene.frame, scene.drawn.believed_wind, reach)
         if wrong is not None:
             return Flown(scene, made, curves, None, None, wrong, None)
     if campaign.mode == "assured":
         pilot = _assured(campaign, scene, made.plans, known, policy)
-        flight, problem = _fly(campaign, scene, number, pilot, round(campaign.rules.t_max), _ASSURED_ENDS)
+        flight, problem = _fly(campaign, scene, number, pilot, round(campaign.aircraft.t_max), _ASSURED_ENDS)
         return Flown(scene, made, curves, flight, None, problem, pilot)
     if curves is None:
         return Flown(scene, made, None, None, None, "the planner knows no way back to the route", None)
@@ -189,7 +189,7 @@ def flown(loaded: LoadedCampaign, number: int) -> Flown:
 def _planned(campaign: Campaign, scene: Scene, policy: Policy) -> tuple[Made, Known]:
     """Return the plan made at the start, and the intruders that it was made with."""
     noise = None if scene.noise is None else scene.noise(0)
-    ground = over_ground(perceived_at_start(scene.encounter, noise), scene.wind, 0.0)
+    ground = over_ground(perceived_at_start(scene.encounter, campaign.aircraft.dt, noise), scene.wind, 0.0)
     known = Known.straight(through_air(ground, scene.frame, 0.0), scene.encounter.mask)
     own = through_air(scene.own, scene.frame, 0.0)
     return plan_for(own, known, scene.route, 0.0, scene.frame, policy, campaign.setting.options), known
@@ -209,8 +209,8 @@ def _assured(campaign: Campaign, scene: Scene, plans: Plans, known: Known, polic
     )
     if int(plans.proposals.last[0]) < 0:
         plans = plans._replace(proposals=empty(1))
-    flown_with = scene.frame, lookahead_of(campaign.aircraft), None if scene.noise is None else scene.encounter.sensor
-    return Assured(plans, known, scene.route, policy, options, campaign.rules, thresholds, flown_with)
+    flown_with = scene.frame, lookahead_of(campaign.vehicle), None if scene.noise is None else scene.encounter.sensor
+    return Assured(plans, known, scene.route, policy, options, campaign.aircraft.rules(), thresholds, flown_with)
 
 
 def _fly(
@@ -218,7 +218,7 @@ def _fly(
 ) -> tuple[Flight | None, str | None]:
     """Fly with a pilot; return the flight, or why it could not begin."""
     try:
-        vehicle: Any = begin(campaign.aircraft, scene.own, scene.drawn, campaign.setting.limits)
+        vehicle: Any = begin(campaign.vehicle, scene.own, scene.drawn, campaign.setting.limits)
     except StartError as problem:
         return None, str(problem)
     except FlightError as problem:
@@ -226,4 +226,4 @@ def _fly(
     navigation = Navigation(campaign.family.own_position_std, campaign.seed, number)
     goal = float(scene.route.x[1]), float(scene.route.y[1])
     traffic = Traffic(scene.encounter, scene.wind, scene.noise)
-    return fly(Guided(vehicle, pilot, navigation), traffic, goal, campaign.rules, until, ends), None
+    return fly(Guided(vehicle, pilot, navigation), traffic, goal, campaign.aircraft.rules(), until, ends), None

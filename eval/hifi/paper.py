@@ -41,14 +41,16 @@ def _draw(options: argparse.Namespace) -> int:
     from eval.hifi.rows import row_of
     from eval.hifi.run import campaign_of
     from eval.hifi.sheet import sheet
+    from eval.runner.options import named_policy
 
     if options.flight < 0:
         raise ConfigError(f"--flight is {options.flight}; expected a whole number of at least 0")
-    keys = {"aircraft": options.vehicle, "condition.name": options.condition, "seed": options.seed, "mode": "plan"}
+    keys = {"vehicle": options.vehicle, "condition.name": options.condition, "seed": options.seed, "mode": "plan"}
     named = [f"{key}={value}" for key, value in keys.items()]
-    config = load(HifiConfig, None, [*named, *options.set])
+    first = load(HifiConfig, None, [*named, *options.set])
     if options.out.exists() and not options.out.is_dir():
         raise ConfigError(f"--out {options.out}: is a file, expected a folder")
+    rules = first.flown_aircraft(named_policy(first)).rules()
     flights = []
     with threadpool_limits(1):
         for name in _SCENARIOS:
@@ -63,7 +65,7 @@ def _draw(options: argparse.Namespace) -> int:
                 f"path definition {_shown(row['path_definition_max_m'])}, total {_shown(row['total_error_max_m'])}, "
                 f"accumulated {row['accumulated_m_s']:.0f} m s"
             )
-    picture = sheet(flights, config.rules.rules())
+    picture = sheet(flights, rules)
     try:
         options.out.mkdir(parents=True, exist_ok=True)
         for path in save_figure(picture, options.out / f"paper_{options.condition}", 130):

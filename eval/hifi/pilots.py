@@ -17,7 +17,6 @@ from agents.policy.inference import Policy
 from envs.c208.air_mass import Wind, ground_commands, through_air
 from envs.c208.guidance import Guide, Lookahead, Path
 from envs.kinematics import Limits, VehicleState, commands
-from envs.observation import CRITICAL_RADIUS, most_critical, observe
 from envs.outcome import Rules
 from envs.perception import Sensor
 from envs.trees import take
@@ -70,14 +69,15 @@ class Closed:
         self._held = 0.0, 0.0
 
     def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
-        """Look at the most critical intruder and the goal, and decide."""
+        """Decide by the policy."""
         frame, time = self._frame, float(clock)
         here = through_air(own, frame, time)
-        one = VehicleState(*(np.array([float(field)]) for field in here))
-        chosen = most_critical(one, through_air(intruders, frame, time), self._mask, CRITICAL_RADIUS, np)
         goal = self._goal[0] - frame[0] * time, self._goal[1] - frame[1] * time
-        action = self._policy.decide(observe(one, chosen, *goal, np).astype(np.float32)[0].tolist())
-        acceleration, yaw_rate = commands((float(action[0]), float(action[1])), self._limits, np)
+        seen = through_air(intruders, frame, time)
+        others = [VehicleState(*(float(field[0, k]) for field in seen)) for k in np.flatnonzero(self._mask[0])]
+        own = VehicleState(*(float(field) for field in here))
+        action = self._policy.command_one(own, others, *goal)
+        acceleration, yaw_rate = commands(action, self._limits, np)
         self._held = float(acceleration), float(yaw_rate)
 
     def commands(self, own: VehicleState, time: float) -> tuple[float, float]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from agents.resolvability.classify import Verdict, classify
 from envs.follower import PERIOD
-from envs.kinematics import SURROGATE, within
+from envs.kinematics import within
 from envs.outcome import Rules
 from eval.flights.conditions import conditions
 from eval.flights.plan_flight import SUBSTEPS
@@ -37,9 +37,17 @@ def columns(loaded: LoadedCampaign, first: int, count: int) -> dict[str, np.ndar
 
 def row_of(campaign: Campaign, number: int, one: Flown) -> dict[str, Any]:
     """Return the row of one flight."""
-    verdict = _verdict(one, campaign.rules)
+    verdict = _verdict(one, campaign.aircraft.rules())
     plan = _plan(one) | _bound(campaign, one)
-    return {"flight": number} | verdict | plan | _loss(one) | _errors(one) | _monitor(campaign, one) | _scene(one)
+    return (
+        {"flight": number}
+        | verdict
+        | plan
+        | _loss(one)
+        | _errors(one)
+        | _monitor(campaign, one)
+        | _scene(campaign, one)
+    )
 
 
 def _verdict(one: Flown, rules: Rules) -> dict[str, Any]:
@@ -100,9 +108,9 @@ def _bound(campaign: Campaign, one: Flown) -> dict[str, Any]:
     """Say whether the separation that the plan must keep can be kept at all, within the limits of its manoeuvres."""
     options = campaign.setting.options
     required = options.requirement.separation + options.requirement.margin
-    rules = campaign.rules._replace(separation=required)
+    rules = campaign.aircraft.rules()._replace(separation=required)
     solved = one.made is not None and bool(one.made.plans.proposals.safe[0])
-    limits = within(SURROGATE, campaign.setting.limits)
+    limits = within(campaign.aircraft.limits, campaign.setting.limits)
     begins = limits.speed_min <= float(one.scene.encounter.own.speed[0]) <= limits.speed_max
     if not begins and not solved:
         return {"verdict": "outside"}
@@ -160,9 +168,9 @@ def _monitor(campaign: Campaign, one: Flown) -> dict[str, Any]:
     return {"replans": one.pilot.replans, "taken_up": one.pilot.taken_up, "backup_s": one.pilot.backup_seconds}
 
 
-def _scene(one: Flown) -> dict[str, Any]:
+def _scene(campaign: Campaign, one: Flown) -> dict[str, Any]:
     scene = one.scene
-    met, begun = scene.drawn, conditions(scene.encounter)
+    met, begun = scene.drawn, conditions(scene.encounter, campaign.aircraft)
     loading = met.air.loading
     return {
         "weight_lb": float(loading.weight or _NAN),

@@ -11,7 +11,7 @@ from eval.runner.command import cluster_of, concluded, flown_on, run_in, whole_t
 from eval.runner.options import first_options, last_options, loaded, named_policy, named_source, whole
 
 if TYPE_CHECKING:
-    from envs.kinematics import Limits
+    from envs.aircraft import Aircraft
     from eval.hifi.config import HifiConfig
     from eval.hifi.flights import Campaign
     from eval.hifi.folder import HifiFolder
@@ -90,7 +90,7 @@ def _run(options: argparse.Namespace) -> int:
         fly = flown_on(cluster, workers, task, campaign, str(config.policy_sha256))
         with run_in(folder, config, resume=options.resume):
             table, flown = whole_table(folder, config, fly, "flights", "python -m eval.hifi")
-            summary = _summary(table, config, campaign.limits, time.perf_counter() - begun, flown)
+            summary = _summary(table, config, campaign.aircraft, time.perf_counter() - begun, flown)
             paths = [folder.write_summary(summary)]
             if config.figures:
                 from eval.hifi.figures import draw_all
@@ -103,7 +103,7 @@ def _run(options: argparse.Namespace) -> int:
 def _config(options: argparse.Namespace) -> "HifiConfig":
     from eval.hifi.config import HifiConfig
 
-    keys = {"mode": "mode", "vehicle": "aircraft", "condition": "condition.name", "flights": "encounters"}
+    keys = {"mode": "mode", "vehicle": "vehicle", "condition": "condition.name", "flights": "encounters"}
     return loaded(HifiConfig, options, keys | {"seed": "seed", "workers": "workers"}, "")
 
 
@@ -120,21 +120,21 @@ def campaign_of(config: "HifiConfig", workers: int = 1) -> "tuple[Campaign, Hifi
     from eval.hifi.flights import Campaign
 
     policy = named_policy(config)
-    limits = policy.limits if config.vehicle is None else config.vehicle.limits()
-    source, _, resolved = named_source(config, limits, "flights")
+    aircraft = config.flown_aircraft(policy)
+    source, _, resolved = named_source(config, aircraft, "flights")
     resolved |= {"policy_sha256": policy.sha256}
     resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
     campaign = Campaign(
-        *(config.policy, source, config.seed, config.rules.rules(), limits, config.mode, config.planner.setting()),
-        *(config.aircraft, config.condition.family(), config.wind_plan),
+        *(config.policy, source, config.seed, aircraft, config.mode, config.planner.setting(aircraft)),
+        *(config.vehicle, config.condition.family(), config.wind_plan),
     )
     return campaign, config.model_copy(update=resolved)
 
 
-def _summary(table: Any, config: "HifiConfig", limits: "Limits", wall_s: float, flown: int) -> dict[str, Any]:
+def _summary(table: Any, config: "HifiConfig", aircraft: "Aircraft", wall_s: float, flown: int) -> dict[str, Any]:
     """Return the content of summary.json."""
     from agents.policy.versions import versions
-    from eval.flights.aircraft import flown_limits
+    from eval.flights.aircraft import described
     from eval.hifi.summary import SCHEMA_VERSION, summarise
 
     return {
@@ -144,12 +144,12 @@ def _summary(table: Any, config: "HifiConfig", limits: "Limits", wall_s: float, 
         "scenario": config.scenario,
         "changes": config.changes,
         "mode": config.mode,
-        "aircraft": config.aircraft,
+        "vehicle": config.vehicle,
         "condition": config.condition.model_dump(),
         "wind_plan": config.wind_plan,
         "margin_m": config.planner.margin,
         "policy_sha256": config.policy_sha256,
-        **flown_limits(limits, named_policy(config).limits, named=config.vehicle is not None),
+        **described(aircraft, named_policy(config).aircraft),
         "confidence": config.confidence,
         **summarise(table, config.confidence),
         "wall_s": wall_s,
@@ -164,7 +164,7 @@ def _show(summary: dict[str, Any], folder: "HifiFolder", paths: list[Path]) -> N
     from eval.flights.aircraft import lines_about
 
     print(
-        f"{summary['flights']} flights of {summary['aircraft']}, mode {summary['mode']}, scenario "
+        f"{summary['flights']} flights of {summary['vehicle']}, mode {summary['mode']}, scenario "
         f"{summary['scenario']}, condition {summary['condition']['name']}, seed {summary['seed']}"
     )
     for key, found in summary.items():

@@ -14,13 +14,13 @@ from envs.c208.point_mass import PointMassVehicle
 from envs.c208.propulsion import DENSITY_0
 from envs.c208.vehicle import C208Vehicle
 from envs.follower import KinematicVehicle
-from envs.kinematics import SURROGATE, Limits, VehicleState
+from envs.kinematics import Limits, VehicleState
 from eval.hifi.conditions import Drawn
 
 __all__ = ["PROMPT", "VARIANT_OF", "Airborne", "Navigation", "begin", "lookahead_of", "reach_of", "takeoff_weight"]
 
 VARIANT_OF = {"c208_ex": "ex", "c208": "675", "point_mass": "ex", "surrogate": "ex"}
-"""Variant of the Cessna 208B behind each kind of aircraft."""
+"""Variant of the Cessna 208B behind each kind of vehicle."""
 
 PROMPT = Lookahead(turn=0.0, speed=0.0)
 """Guidance of a vehicle without lags."""
@@ -110,11 +110,11 @@ class Navigation:
         return state._replace(x=state.x + x0 + share * (x1 - x0), y=state.y + y0 + share * (y1 - y0))
 
 
-def begin(aircraft: str, own: VehicleState, drawn: Drawn, limits: Limits) -> Airborne:
+def begin(kind: str, own: VehicleState, drawn: Drawn, limits: Limits) -> Airborne:
     """Return a vehicle at the beginning of its flight.
 
     Args:
-        aircraft: kind, a key of :data:`VARIANT_OF`.
+        kind: of vehicle, a key of :data:`VARIANT_OF`.
         own: over the ground, plain floats.
         drawn: the conditions.
         limits: of the surrogate's kinematics, where that is what flies.
@@ -124,32 +124,32 @@ def begin(aircraft: str, own: VehicleState, drawn: Drawn, limits: Limits) -> Air
         FlightError: it does not survive the time before the start.
     """
     wind = drawn.air.wind_east, drawn.air.wind_north
-    if aircraft == "surrogate":
+    if kind == "surrogate":
         return _Kinematic(own, limits, wind, drawn.altitude)
-    if aircraft == "point_mass":
-        return PointMassVehicle(own, VARIANT_OF[aircraft], wind, drawn.altitude)
-    return _Cessna(own, VARIANT_OF[aircraft], drawn)
+    if kind == "point_mass":
+        return PointMassVehicle(own, VARIANT_OF[kind], wind, drawn.altitude)
+    return _Cessna(own, VARIANT_OF[kind], drawn)
 
 
-def reach_of(aircraft: str, drawn: Drawn) -> tuple[float, float]:
-    """Return the slowest and the fastest true airspeed of a kind of aircraft under some conditions, m/s.
+def reach_of(kind: str, limits: Limits, drawn: Drawn) -> tuple[float, float]:
+    """Return the slowest and the fastest true airspeed of a kind of vehicle under some conditions, m/s.
 
     Of the Cessna the stall in level flight and the greatest operating speed, of the surrogate what a request may have.
     """
-    if aircraft == "surrogate":
-        return SURROGATE.speed_min - SPEED_TOLERANCE, SURROGATE.speed_max + SPEED_TOLERANCE
+    if kind == "surrogate":
+        return limits.speed_min - SPEED_TOLERANCE, limits.speed_max + SPEED_TOLERANCE
     density = DENSITY_0 * (1.0 - 0.0065 * drawn.altitude / 288.15) ** 4.25588
-    weight = (drawn.air.loading.weight or takeoff_weight(aircraft)) * _POUND
+    weight = (drawn.air.loading.weight or takeoff_weight(kind)) * _POUND
     area = value("wing_area") * _FOOT**2
     stall = math.sqrt(2.0 * weight / (density * area * value("lift_max")))
     return stall, value("speed_max_operating") * _KNOT * math.sqrt(DENSITY_0 / density)
 
 
-def lookahead_of(aircraft: str) -> Lookahead:
-    """Return how far ahead the guidance looks for a kind of aircraft."""
-    return PROMPT if aircraft == "surrogate" else LOOKAHEAD
+def lookahead_of(kind: str) -> Lookahead:
+    """Return how far ahead the guidance looks for a kind of vehicle."""
+    return PROMPT if kind == "surrogate" else LOOKAHEAD
 
 
-def takeoff_weight(aircraft: str) -> float:
-    """Return the greatest weight of a kind of aircraft, lb."""
-    return VARIANTS[VARIANT_OF[aircraft]].takeoff_weight
+def takeoff_weight(kind: str) -> float:
+    """Return the greatest weight of a kind of vehicle, lb."""
+    return VARIANTS[VARIANT_OF[kind]].takeoff_weight

@@ -123,14 +123,12 @@ def _prepare(config: "MonteCarloConfig", workers: int) -> "tuple[Evaluation, Pol
     from eval.flights.chunks import Evaluation
 
     policy = named_policy(config)
-    limits = policy.limits if config.vehicle is None else config.vehicle.limits()
-    source, names, resolved = named_source(config, limits, "encounters")
+    aircraft = config.flown_aircraft(policy)
+    source, names, resolved = named_source(config, aircraft, "encounters")
     resolved |= {"policy_sha256": policy.sha256}
     resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
-    rules, setting = config.rules.rules(), config.planner.setting()
-    evaluation = Evaluation(
-        config.policy, source, names, config.seed, rules, limits, config.mode, setting, config.baseline
-    )
+    setting = config.planner.setting(aircraft)
+    evaluation = Evaluation(config.policy, source, names, config.seed, aircraft, config.mode, setting, config.baseline)
     return evaluation, policy, config.model_copy(update=resolved)
 
 
@@ -138,12 +136,11 @@ def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: f
     """Return the content of summary.json."""
     from agents.policy.versions import versions
     from envs.sobol import REPLICATES
-    from eval.flights.aircraft import flown_limits
+    from eval.flights.aircraft import described
     from eval.metrics.replicated import replicated
     from eval.metrics.summary import SCHEMA_VERSION, summarise
     from eval.metrics.weighted import summarise_weighted
 
-    limits = policy.limits if config.vehicle is None else config.vehicle.limits()
     how = (config.confidence, config.resamples, config.seed)
     return {
         "schema_version": SCHEMA_VERSION,
@@ -154,7 +151,7 @@ def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: f
         "mode": config.mode,
         "baseline": config.baseline,
         "policy_sha256": policy.sha256,
-        **flown_limits(limits, policy.limits, named=config.vehicle is not None),
+        **described(config.flown_aircraft(policy), policy.aircraft),
         "confidence": config.confidence,
         **summarise(table, *how),
         **({"draws": "sobol"} | replicated(table, REPLICATES, config.confidence) if config.draws == "sobol" else {}),

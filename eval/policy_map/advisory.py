@@ -9,14 +9,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.kinematics import Limits, VehicleState, commands
-from envs.observation import observe
-from eval.flights.simulate import REVERSAL_RATE, Decider
+from agents.policy.inference import Policy
+from envs.aircraft import Aircraft
+from envs.kinematics import VehicleState, commands
+from envs.trees import column
+from eval.flights.simulate import reversal_rate
 
 __all__ = ["Advisory", "Scene", "advise", "name_of", "relative_velocity", "shares"]
 
 _UP = math.pi / 2.0
-_STEADY = 0.05  # accelerations smaller than this, m/s^2, count as constant speed
+_STEADY = 0.1  # accelerations smaller than this share of the greatest count as constant speed
 
 
 class Scene(NamedTuple):
@@ -38,15 +40,15 @@ class Advisory(NamedTuple):
     acceleration: np.ndarray  # commanded, m/s^2, [C (ahead), C (right)]
 
 
-def advise(decider: Decider, scene: Scene, extent: float, cells: int, limits: Limits) -> Advisory:
+def advise(policy: Policy, scene: Scene, extent: float, cells: int, aircraft: Aircraft) -> Advisory:
     """Ask a policy what it commands.
 
     Args:
-        decider: the policy.
+        policy: that decides.
         scene: what is fixed.
         extent: the map reaches this far ahead, back and to either side, m.
         cells: along each side, C.
-        limits: full deflection of the commands.
+        aircraft: of the ownship.
     """
     place = extent * ((2.0 * np.arange(cells) + 1.0) / cells - 1.0)
     y, x = (side.ravel() for side in np.meshgrid(place, place, indexing="ij"))
@@ -56,14 +58,15 @@ def advise(decider: Decider, scene: Scene, extent: float, cells: int, limits: Li
     intruder = VehicleState(x, y, zero + heading, zero + scene.intruder_speed)
     goal_x = zero - scene.goal_distance * math.sin(scene.goal_bearing)
     goal_y = zero + scene.goal_distance * math.cos(scene.goal_bearing)
-    action = decider(observe(own, intruder, goal_x, goal_y, np).astype(np.float32)).astype(np.float64)
-    acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
+    action = policy.command(own, column(intruder), np.ones((x.size, 1), bool), goal_x, goal_y)
+    acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), aircraft.limits, np)
     return Advisory(scene, place, yaw_rate.reshape(cells, cells), acceleration.reshape(cells, cells))
 
 
-def shares(advisory: Advisory, separation: float) -> dict[str, Any]:
+def shares(advisory: Advisory, aircraft: Aircraft) -> dict[str, Any]:
     """Return which share of the map, less the disc where separation is lost, has which advice."""
-    outside = np.hypot(advisory.place[:, None], advisory.place) >= separation
+    straight, steady = reversal_rate(aircraft.limits), _STEADY * aircraft.limits.acceleration_max
+    outside = np.hypot(advisory.place[:, None], advisory.place) >= aircraft.separation
     yaw_rate, acceleration = advisory.yaw_rate[outside], advisory.acceleration[outside]
 
     def share(condition: np.ndarray) -> float:
@@ -71,12 +74,12 @@ def shares(advisory: Advisory, separation: float) -> dict[str, Any]:
 
     return {
         "relative_heading_deg": round(math.degrees(advisory.scene.relative_heading), 9),
-        "left_share": share(yaw_rate >= REVERSAL_RATE),
-        "right_share": share(yaw_rate <= -REVERSAL_RATE),
-        "straight_share": share(np.abs(yaw_rate) < REVERSAL_RATE),
-        "accelerate_share": share(acceleration >= _STEADY),
-        "brake_share": share(acceleration <= -_STEADY),
-        "steady_share": share(np.abs(acceleration) < _STEADY),
+        "left_share": share(yaw_rate >= straight),
+        "right_share": share(yaw_rate <= -straight),
+        "straight_share": share(np.abs(yaw_rate) < straight),
+        "accelerate_share": share(acceleration >= steady),
+        "brake_share": share(acceleration <= -steady),
+        "steady_share": share(np.abs(acceleration) < steady),
     }
 
 

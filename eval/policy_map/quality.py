@@ -6,122 +6,140 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.policy.inference import Policy
+from envs.aircraft import Aircraft
 from envs.encounters import SCENARIOS
-from envs.kinematics import Limits, VehicleState, commands
-from envs.observation import SIZE, decode
-from envs.outcome import RULES
+from envs.kinematics import VehicleState, commands
 from envs.relative import straight_cpa
 from envs.starts import numbered
-from eval.flights.simulate import OUTCOMES, REVERSAL_RATE, Decider, fly
+from envs.trees import column, mapped, take
+from eval.flights.simulate import OUTCOMES, ByPolicy, fly, reversal_rate
 from eval.flights.trajectories import TrajectoryRecorder
 
-__all__ = ["Recorded", "around_conflicts", "chatter", "lines_of", "mirror_error", "mirrored", "record"]
+__all__ = ["Recorded", "Scenes", "around_conflicts", "chatter", "lines_of", "mirror_error", "mirrored", "record"]
 
-CONFLICT_RADIUS = 2_000.0
-"""Straight courses that pass closer than this, m, count as around a conflict: twice the required separation."""
+NEAREST, FARTHEST = 1.0, 10.0  # distances to the intruder of the uniform sample, separations
+CONFLICT, HORIZON = 2.0, 30.0
+"""Straight courses that pass closer than so many separations, sooner than so many times the time that the ownship takes
+for one at its greatest speed, count as around a conflict."""
 
-NEAREST, FARTHEST = 1_000.0, 10_000.0  # distances to the intruder of the uniform sample, m
-HORIZON = 300.0  # latest closest approach of the uniform sample, s
-
-# Left and right change places: headings and bearings change their sign.
-_REFLECTION = np.array([1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0], np.float32)
 _PERCENTILE = 95.0
+
+
+class Scenes(NamedTuple):
+    """What a policy is asked, with one intruder; fields ``[M]``."""
+
+    own: VehicleState
+    intruder: VehicleState
+    goal_x: np.ndarray  # m
+    goal_y: np.ndarray
+
+    def actions(self, policy: Policy) -> np.ndarray:
+        """Return what the policy commands, ``[M, 2]``."""
+        one = np.ones((self.goal_x.size, 1), bool)
+        return policy.command(self.own, column(self.intruder), one, self.goal_x, self.goal_y)
 
 
 class Recorded(NamedTuple):
     """Decisions of flights; NaN after a flight's end."""
 
-    observation: np.ndarray  # [T, N, 8], float32
+    scenes: Scenes  # all of them in the air, [M]
     action: np.ndarray  # [T, N, 2], fractions of the limits
     reversals: np.ndarray  # changes of the side of the turn in each flight, [N]
     outcome: np.ndarray  # codes into eval.flights.simulate.OUTCOMES, [N]
 
-    @property
-    def seen(self) -> np.ndarray:
-        """All observations in the air, ``[M, 8]``."""
-        return self.observation[np.isfinite(self.observation[..., 0])]
+
+def mirrored(scenes: Scenes) -> Scenes:
+    """Return the scenes in which left and right have changed places."""
+
+    def reflected(state: VehicleState) -> VehicleState:
+        return state._replace(y=-state.y, heading=-state.heading)
+
+    return Scenes(reflected(scenes.own), reflected(scenes.intruder), scenes.goal_x, -scenes.goal_y)
 
 
-def mirrored(observation: np.ndarray) -> np.ndarray:
-    """Return the observations ``[..., 8]`` of the scenes in which left and right have changed places."""
-    return observation * _REFLECTION
-
-
-def mirror_error(decider: Decider, observation: np.ndarray, limits: Limits) -> dict[str, Any]:
-    """Return by how much a decision changes with the side: |a(mirror(o)) - mirror(a(o))|.
+def mirror_error(policy: Policy, scenes: Scenes, aircraft: Aircraft) -> dict[str, Any]:
+    """Return by how much a decision changes with the side: |a(mirror(s)) - mirror(a(s))|.
 
     A policy that treats both sides alike has zero. Where a scene is its own mirror image it must then fly straight,
     so that a policy that breaks the tie of a head-on encounter has a large error there, rightly.
 
     Args:
-        decider: the policy.
-        observation: ``[M, 8]``, float32, M > 0.
-        limits: full deflection of either command.
+        policy: that decides.
+        scenes: ``[M]``, M > 0.
+        aircraft: of the ownship.
 
     Returns:
         ``observations``; ``mean``, ``p95`` and ``max`` of ``yaw_rate_deg_s`` and ``acceleration_m_s2``; and
-        ``same_side_share``: how often both turns go to one side, each by :data:`eval.flights.simulate.REVERSAL_RATE` or
-            more.
+        ``same_side_share``: how often both turns go to one side, each by
+        :func:`eval.flights.simulate.reversal_rate` or more.
     """
-    actions, images = decider(observation), decider(mirrored(observation))
-    acceleration, yaw_rate = commands((actions[:, 0], actions[:, 1]), limits, np)
-    acceleration_there, yaw_rate_there = commands((images[:, 0], images[:, 1]), limits, np)
-    turning = np.minimum(np.abs(yaw_rate), np.abs(yaw_rate_there)) >= REVERSAL_RATE
+    limits = aircraft.limits
+    acceleration, yaw_rate = commands(scenes.actions(policy).T, limits, np)
+    acceleration_there, yaw_rate_there = commands(mirrored(scenes).actions(policy).T, limits, np)
+    turning = np.minimum(np.abs(yaw_rate), np.abs(yaw_rate_there)) >= reversal_rate(limits)
     return {
-        "observations": len(observation),
+        "observations": scenes.goal_x.size,
         "yaw_rate_deg_s": _spread(np.degrees(np.abs(yaw_rate + yaw_rate_there))),
         "acceleration_m_s2": _spread(np.abs(acceleration - acceleration_there)),
         "same_side_share": float(np.mean(turning & (yaw_rate * yaw_rate_there > 0.0))),
     }
 
 
-def around_conflicts(count: int, seed: int) -> np.ndarray:
-    """Return observations ``[count, 8]``, float32, uniform in the eight components, of those around a conflict.
+def around_conflicts(count: int, seed: int, aircraft: Aircraft) -> Scenes:
+    """Return scenes ``[count]``, uniform in the eight numbers of an observation, of those around a conflict.
 
-    These have the intruder 1 to 10 km away and, if both fly on straight, nearer than :data:`CONFLICT_RADIUS` within
-    :data:`HORIZON`. All other components take their whole range, whether flights come there or not.
+    These have the intruder 1 to 10 separations away and, if both fly on straight, nearer than :data:`CONFLICT` within
+    :data:`HORIZON`. All other numbers take their whole range, whether flights come there or not.
     """
-    draws = np.random.default_rng(seed)
-    kept: list[np.ndarray] = []
+    draws, limits = np.random.default_rng(seed), aircraft.limits
+    middle, half = 0.5 * (limits.speed_max + limits.speed_min), 0.5 * (limits.speed_max - limits.speed_min)
+    kept: list[Scenes] = []
     found = 0
     while found < count:
-        observation = draws.uniform(-1.0, 1.0, (4 * count, SIZE))
-        observation[:, 5] = draws.uniform(NEAREST / 10_000.0 - 1.0, FARTHEST / 10_000.0 - 1.0, 4 * count)
-        observation = observation.astype(np.float32)
-        scene = decode(list(observation.T), np)
-        zero = np.zeros_like(scene.own_speed)
-        heading = np.arctan2(scene.intruder_vy, scene.intruder_vx)
-        speed = np.hypot(scene.intruder_vx, scene.intruder_vy)
-        own = VehicleState(zero, zero, zero, scene.own_speed)
-        cpa = straight_cpa(own, VehicleState(scene.intruder_x, scene.intruder_y, heading, speed), np)
-        kept.append(observation[(cpa.distance < CONFLICT_RADIUS) & (cpa.time > 0.0) & (cpa.time < HORIZON)])
-        found += len(kept[-1])
-    return np.concatenate(kept)[:count]
+        u = draws.uniform(-1.0, 1.0, (8, 4 * count))
+        away = aircraft.separation * draws.uniform(NEAREST, FARTHEST, 4 * count)
+        to_goal = 10.0 * aircraft.separation * (u[7] + 1.0)
+        own = VehicleState(0.0 * u[0], 0.0 * u[0], math.pi * u[1], middle + half * u[0])
+        there, goal = own.heading + math.pi * u[4], own.heading + math.pi * u[6]
+        speed = 0.5 * aircraft.traffic_speed_max * (u[2] + 1.0)
+        intruder = VehicleState(away * np.cos(there), away * np.sin(there), math.pi * u[3], speed)
+        scenes = Scenes(own, intruder, to_goal * np.cos(goal), to_goal * np.sin(goal))
+        cpa = straight_cpa(own, intruder, np)
+        near = (cpa.distance < CONFLICT * aircraft.separation) & (cpa.time > 0.0)
+        kept.append(take(scenes, near & (cpa.time < HORIZON * aircraft.time_unit)))
+        found += kept[-1].goal_x.size
+    return take(mapped(lambda *fields: np.concatenate(fields), *kept), slice(count))
 
 
-def record(decider: Decider, encounters: int, seed: int, limits: Limits) -> Recorded:
+def record(policy: Policy, encounters: int, seed: int, aircraft: Aircraft) -> Recorded:
     """Fly a policy through ``circle`` encounters 0, 1, ... of a seed and return its decisions."""
     starts = numbered(SCENARIOS["circle"], seed, 0, encounters)
     recorder = TrajectoryRecorder(starts)
-    flights = fly(starts, decider, RULES, limits, recorder=recorder)
+    flights = fly(starts, ByPolicy(policy), aircraft, recorder=recorder)
     flown = recorder.stack()
-    return Recorded(flown.observation, flown.action, flights.reversals, flights.outcome)
+    flying = np.isfinite(flown.action[..., 0])
+    goal_x, goal_y = (np.broadcast_to(field, flying.shape)[flying] for field in (starts.goal_x, starts.goal_y))
+    own, intruder = (
+        VehicleState(*(field[:-1][flying] for field in one)) for one in (flown.own, take(flown.intruders, (..., 0)))
+    )
+    return Recorded(Scenes(own, intruder, goal_x, goal_y), flown.action, flights.reversals, flights.outcome)
 
 
-def chatter(recorded: Recorded, limits: Limits) -> dict[str, Any]:
-    """Return how much the commands move from one second to the next, over all seconds of all flights.
+def chatter(recorded: Recorded, aircraft: Aircraft) -> dict[str, Any]:
+    """Return how much the commands change from one time step to the next, over all steps of all flights.
 
     Args:
         recorded: of at least one flight.
-        limits: full deflection of either command.
+        aircraft: of the ownship.
     """
-    acceleration, yaw_rate = commands((recorded.action[..., 0], recorded.action[..., 1]), limits, np)
+    acceleration, yaw_rate = commands((recorded.action[..., 0], recorded.action[..., 1]), aircraft.limits, np)
     flights = {name: int(np.sum(recorded.outcome == code)) for code, name in enumerate(OUTCOMES)}
     return {
         "flights": len(recorded.outcome),
         **flights,
-        "yaw_rate_change_deg_s_per_s": math.degrees(_change(yaw_rate)),
-        "acceleration_change_m_s2_per_s": _change(acceleration),
+        "yaw_rate_change_deg_s_per_s": math.degrees(_change(yaw_rate, aircraft.dt)),
+        "acceleration_change_m_s2_per_s": _change(acceleration, aircraft.dt),
         "mean_yaw_rate_deg_s": math.degrees(float(np.nanmean(np.abs(yaw_rate)))),
         "reversals_per_flight": _spread(recorded.reversals),
     }
@@ -147,9 +165,9 @@ def lines_of(errors: Mapping[str, Mapping[str, Any]], calm: Mapping[str, Any]) -
     return lines
 
 
-def _change(command: np.ndarray) -> float:
+def _change(command: np.ndarray, dt: float) -> float:
     """Return the mean absolute change of a command ``[T, N]`` per second; 0 if no flight has two decisions."""
-    change = np.abs(np.diff(command, axis=0)) / RULES.dt
+    change = np.abs(np.diff(command, axis=0)) / dt
     change = change[np.isfinite(change)]
     return float(change.mean()) if change.size else 0.0
 

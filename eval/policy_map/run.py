@@ -12,6 +12,7 @@ from eval.plots import save as picture_folder
 
 if TYPE_CHECKING:
     from agents.policy.inference import Policy
+    from envs.aircraft import Aircraft
     from eval.policy_map.advisory import Scene
 
 __all__ = ["HEADINGS", "main"]
@@ -44,13 +45,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     headings = options.relative_heading or list(HEADINGS)
-    _check(options, headings)
     from agents.policy.inference import Policy
     from eval.runner.options import check_digest
 
     policy = Policy.load(options.policy)
     check_digest(options.policy, policy.sha256, options.policy_sha256, "--policy-sha256")
-    scenes = _scenes(options, headings, policy)
+    _check(options, headings, policy.aircraft)
+    scenes = _scenes(options, headings)
     out = options.out or Path("runs") / time.strftime("policy_map_%Y%m%d_%H%M%S")
     picture_folder.create(out)
 
@@ -74,8 +75,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--policy", Path, "FILE", "policy file (default: the one that ships)")
     add("--policy-sha256", str, "DIGEST", "SHA-256 that the policy must have (default: any)")
     add("--out", Path, "DIR", "folder, new or empty (default: runs/policy_map_DATE_TIME)")
-    add("--own-speed", float, "M/S", "of the ownship (default: 75)", default=75.0)
-    add("--intruder-speed", float, "M/S", "of the intruder (default: 75)", default=75.0)
+    add("--own-speed", float, "M/S", "of the ownship (default: 3/4 of its greatest)")
+    add("--intruder-speed", float, "M/S", "of the intruder (default: half of the traffic's greatest)")
     add(
         "--relative-heading",
         float,
@@ -91,8 +92,8 @@ def _parser() -> argparse.ArgumentParser:
         "of the goal from the own heading, degrees counter-clockwise (default: 0)",
         default=0.0,
     )
-    add("--goal-distance", float, "M", "of the goal (default: 8000)", default=8_000.0)
-    add("--extent", float, "M", "how far the map reaches to each side (default: 6000)", default=6_000.0)
+    add("--goal-distance", float, "M", "of the goal (default: 8 required separations)")
+    add("--extent", float, "M", "how far the map reaches to each side (default: 6 required separations)")
     add("--cells", int, "N", "along each side of the map (default: 181)", default=181)
     add("--samples", int, "N", "observations around conflicts for the mirror error (default: 50000)", default=50_000)
     add("--encounters", int, "N", "circle flights for mirror error and chatter (default: 500)", default=500)
@@ -100,15 +101,25 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _check(options: argparse.Namespace, headings: Sequence[float]) -> None:
-    """Raise ``ConfigError`` for the first value that is out of its range; the own speed's is the policy's affair."""
+def _check(options: argparse.Namespace, headings: Sequence[float], aircraft: "Aircraft") -> None:
+    """Fill in what the aircraft decides, and raise ``ConfigError`` for the first value that is out of its range."""
+    limits, unit = aircraft.limits, aircraft.separation
+    for name, value in (
+        ("own_speed", 0.75 * limits.speed_max),
+        ("intruder_speed", 0.5 * aircraft.traffic_speed_max),
+        ("goal_distance", 8.0 * unit),
+        ("extent", 6.0 * unit),
+    ):
+        if getattr(options, name) is None:
+            setattr(options, name, value)
     ranges: list[tuple[str, float, float, float, str]] = [
-        ("--intruder-speed", options.intruder_speed, 0.0, 150.0, " m/s"),
+        ("--own-speed", options.own_speed, limits.speed_min, limits.speed_max, " m/s"),
+        ("--intruder-speed", options.intruder_speed, 0.0, aircraft.traffic_speed_max, " m/s"),
         *(("--relative-heading", heading, -180.0, 180.0, " degrees") for heading in headings),
         ("--goal-bearing", options.goal_bearing, -180.0, 180.0, " degrees"),
-        ("--goal-distance", options.goal_distance, 0.0, 20_000.0, " m"),
+        ("--goal-distance", options.goal_distance, 0.0, 20.0 * unit, " m"),
         # The corners must not be farther away than an observation can say.
-        ("--extent", options.extent, 1_500.0, 14_000.0, " m"),
+        ("--extent", options.extent, 1.5 * unit, 14.0 * unit, " m"),
         ("--cells", options.cells, 11, 1_001, ""),
         ("--samples", options.samples, 1, 10_000_000, ""),
         ("--encounters", options.encounters, 1, 10_000, ""),
@@ -122,13 +133,10 @@ def _check(options: argparse.Namespace, headings: Sequence[float]) -> None:
         raise ConfigError(f"--relative-heading: given {len(headings)} times; expected at most {_MOST_COLUMNS}")
 
 
-def _scenes(options: argparse.Namespace, headings: Sequence[float], policy: "Policy") -> "list[Scene]":
+def _scenes(options: argparse.Namespace, headings: Sequence[float]) -> "list[Scene]":
     """Return what each column holds fixed."""
     from eval.policy_map.advisory import Scene
 
-    low, high = policy.limits.speed_min, policy.limits.speed_max
-    if not low <= options.own_speed <= high:
-        raise ConfigError(f"--own-speed: {options.own_speed:g} m/s; expected {low:g} to {high:g} m/s")
     goal = math.radians(options.goal_bearing), options.goal_distance
     return [Scene(options.own_speed, options.intruder_speed, math.radians(heading), *goal) for heading in headings]
 
@@ -136,14 +144,15 @@ def _scenes(options: argparse.Namespace, headings: Sequence[float], policy: "Pol
 def _examine(policy: "Policy", scenes: "Sequence[Scene]", options: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     """Return the figure and the content of the JSON file."""
     from agents.policy.versions import versions
-    from envs.outcome import RULES
     from eval.policy_map.advisory import advise, shares
     from eval.policy_map.figure import policy_map
     from eval.policy_map.quality import around_conflicts, chatter, mirror_error, record
 
-    limits = policy.limits
-    maps = [advise(policy.rowwise, scene, options.extent, options.cells, limits) for scene in scenes]
-    flown = record(policy.rowwise, options.encounters, options.seed, limits)
+    aircraft = policy.aircraft
+    limits, separation = aircraft.limits, aircraft.separation
+    around = around_conflicts(options.samples, options.seed, aircraft)
+    maps = [advise(policy, scene, options.extent, options.cells, aircraft) for scene in scenes]
+    flown = record(policy, options.encounters, options.seed, aircraft)
     name = "the shipped policy" if options.policy is None else options.policy.name
     settings = {
         "own_speed_m_s": options.own_speed,
@@ -159,15 +168,15 @@ def _examine(policy: "Policy", scenes: "Sequence[Scene]", options: argparse.Name
     found = {
         "schema_version": 1,
         "policy_sha256": policy.sha256,
-        "separation_m": RULES.separation,
+        "separation_m": separation,
         "limits": limits._asdict(),
         "settings": settings,
-        "maps": [shares(advisory, RULES.separation) for advisory in maps],
+        "maps": [shares(advisory, aircraft) for advisory in maps],
         "mirror_error": {
-            "around conflicts": mirror_error(policy.rowwise, around_conflicts(options.samples, options.seed), limits),
-            "on policy": mirror_error(policy.rowwise, flown.seen, limits),
+            "around conflicts": mirror_error(policy, around, aircraft),
+            "on policy": mirror_error(policy, flown.scenes, aircraft),
         },
-        "chatter": chatter(flown, limits),
+        "chatter": chatter(flown, aircraft),
         "versions": versions("numpy", "matplotlib"),
     }
-    return policy_map(maps, limits, RULES.separation, f"{name} ({policy.sha256[:8]})"), found
+    return policy_map(maps, limits, separation, f"{name} ({policy.sha256[:8]})"), found

@@ -6,11 +6,10 @@ import numpy as np
 
 from agents.resolvability.classify import Verdict
 from envs.encounters import Encounter, Scenario, sample
-from envs.outcome import Rules
 from envs.trees import take
 from eval.flights.chunks import Pilot
 from eval.flights.plan_mode import fly_once, plan_at_start
-from eval.flights.simulate import Flights, direct, fly
+from eval.flights.simulate import Direct, Flights, fly
 from eval.flights.verdicts import verdicts
 from eval.rare.splitting import Draws
 
@@ -30,19 +29,24 @@ class FlightProblem:
     if only the resolvable count, where the encounter is proven unresolvable.
     """
 
-    def __init__(self, pilot: Pilot, mode: str, *, resolvable_only: bool = False) -> None:
+    def __init__(
+        self, pilot: Pilot, mode: str, *, resolvable_only: bool = False, closer_than: float | None = None
+    ) -> None:
         """Take what flies.
 
         Args:
             pilot: with a sampled scenario.
             mode: one of :data:`RARE_MODES`.
             resolvable_only: whether proven unresolvable encounters do not count.
+            closer_than: separation below which a flight counts, m, which then goes on after a loss of the required one;
+                None: the required one.
         """
         scenario = pilot.evaluation.source
         if not isinstance(scenario, Scenario):
             raise ValueError("expected a sampled scenario")
         self._pilot, self._scenario, self._mode = pilot, scenario, mode
-        self._resolvable_only = resolvable_only
+        self._resolvable_only, self._endless = resolvable_only, closer_than is not None
+        self.level = pilot.evaluation.rules.separation if closer_than is None else closer_than
         self._flawed = scenario.position_std > 0.0 or scenario.velocity_std > 0.0 or scenario.latency[1] > 0.0
 
     @property
@@ -51,12 +55,9 @@ class FlightProblem:
         start = (self._scenario.dimensions,)
         if not self._flawed or self._mode == "none":
             return (start,)
-        seconds = 1 if self._mode == "plan" else round(self._rules.t_max)
+        aircraft = self._pilot.evaluation.aircraft
+        seconds = 1 if self._mode == "plan" else round(aircraft.t_max / aircraft.dt)
         return (start, (seconds, 4, self._scenario.intruders[1]))
-
-    @property
-    def _rules(self) -> Rules:
-        return self._pilot.evaluation.rules
 
     def supported(self, draws: Draws) -> np.ndarray:
         """Return which starts meet the scenario's conditions, bool ``[N]``."""
@@ -68,7 +69,7 @@ class FlightProblem:
         # Where no trajectory was proposed, nothing was flown that could lose the separation.
         apart = np.where(np.isnan(flights.min_separation), np.inf, flights.min_separation)
         if self._resolvable_only:
-            apart = np.where(self.unresolvable(starts, apart < self._rules.separation), np.inf, apart)
+            apart = np.where(self.unresolvable(starts, apart < self.level), np.inf, apart)
         return apart
 
     def starts(self, draws: Draws) -> Encounter:
@@ -90,7 +91,7 @@ class FlightProblem:
         if rows.size:
             evaluation = self._pilot.evaluation
             unsolved = np.zeros(rows.size, bool)
-            judged = verdicts(take(starts, rows), evaluation.rules, evaluation.limits, solved=unsolved)
+            judged = verdicts(take(starts, rows), evaluation.aircraft, solved=unsolved)
             found[rows] = judged.verdict == Verdict.UNRESOLVABLE
         return found
 
@@ -102,13 +103,13 @@ class FlightProblem:
     def _fly(self, starts: Encounter, noises: list[np.ndarray]) -> Flights:
         evaluation = self._pilot.evaluation
         noise = None if not noises else _by_step(noises[0])
-        rules, limits = evaluation.rules, evaluation.limits
+        aircraft, setting = evaluation.aircraft, evaluation.setting
         if self._mode == "none":
-            return fly(starts, direct(limits), rules, limits)
+            return fly(starts, Direct(aircraft), aircraft, endless=self._endless)
         if self._mode == "policy":
-            return fly(starts, self._pilot.decider, rules, limits, noise=noise)
-        plans = plan_at_start(starts, self._pilot.policy, evaluation.setting, None if noise is None else noise(0))
-        return fly_once(starts, plans, rules, evaluation.setting).flights
+            return fly(starts, self._pilot.decider, aircraft, noise=noise, endless=self._endless)
+        plans = plan_at_start(starts, self._pilot.policy, aircraft, setting, None if noise is None else noise(0))
+        return fly_once(starts, plans, aircraft, setting, endless=self._endless).flights
 
 
 def _by_step(noise: np.ndarray) -> Callable[[int], np.ndarray]:

@@ -41,7 +41,7 @@ _EPILOG = """\
 examples:
   python -m eval.rare --resolvable-only --out runs/rare
   python -m eval.rare --mode plan --scenario noisy --resolvable-only --particles 200 --out runs/rare_plan
-  python -m eval.rare --mode none --set rules.separation=5 --out runs/check     straight flight, closer than 5 m
+  python -m eval.rare --mode none --closer-than 5 --out runs/check     straight flight, closer than 5 m
 
 Keys of --set and --config are those of eval.monte_carlo (its --help-keys)."""
 
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     _check(options)
     config, mode = _config(options)
-    problem, policy_sha256, aircraft = _problem(config, mode, resolvable_only=options.resolvable_only)
+    problem, policy_sha256, aircraft = _problem(config, mode, options)
     picture_folder.create(options.out)
 
     from threadpoolctl import threadpool_limits
@@ -64,11 +64,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     begun = time.perf_counter()
     seeds = np.random.SeedSequence((config.seed, _STREAM)).spawn(options.repetitions + 1)
-    separation = config.rules.separation
+    level = problem.level
     sizes = (options.particles, options.moves)
     with threadpool_limits(1):
         try:
-            plan = pilot(problem, separation, *sizes, options.share, np.random.default_rng(seeds[0]))
+            plan = pilot(problem, level, *sizes, options.share, np.random.default_rng(seeds[0]))
         except SplittingError as problem_found:
             print(f"error: {problem_found}", file=sys.stderr)
             return 1
@@ -102,6 +102,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--scenario", metavar="NAME", help="a sampled scenario (default: circle)")
     add("--seed", type=whole(0), metavar="N", help="of all draws (default: 0)")
     add("--resolvable-only", action="store_true", help="proven unresolvable encounters do not count")
+    add("--closer-than", type=float, metavar="M", help="count these; flights go on (default: the required separation)")
     add("--particles", type=whole(10), default=1_000, metavar="N", help="encounters at each level (default: 1000)")
     add("--moves", type=whole(1), default=5, metavar="N", help="steps of each at each level (default: 5)")
     add("--repetitions", type=whole(3), default=10, metavar="N", help="independent estimates (default: 10)")
@@ -118,6 +119,8 @@ def _check(options: argparse.Namespace) -> None:
         raise ConfigError(f"--share: {options.share:g}; expected 0.02 to 0.5")
     if not 0.5 <= options.confidence < 1.0:
         raise ConfigError(f"--confidence: {options.confidence:g}; expected 0.5 to less than 1")
+    if options.closer_than is not None and not 0.0 < options.closer_than <= 1e6:
+        raise ConfigError(f"--closer-than: {options.closer_than:g} m; expected more than 0 and at most 1e6 m")
     if options.particles * options.share < 2.0:
         raise ConfigError(
             f"--particles: {options.particles} of which {options.share:g} pass a level; expected at least two that do"
@@ -142,23 +145,24 @@ def _config(options: argparse.Namespace) -> "tuple[MonteCarloConfig, str]":
 
 
 def _problem(
-    config: "MonteCarloConfig", mode: str, *, resolvable_only: bool
+    config: "MonteCarloConfig", mode: str, options: argparse.Namespace
 ) -> "tuple[FlightProblem, str, dict[str, Any]]":
     from agents.config.world import check_own_speed
-    from eval.flights.aircraft import flown_limits
+    from eval.flights.aircraft import described
     from eval.flights.chunks import Evaluation, Pilot
     from eval.rare.problem import FlightProblem
 
     policy = named_policy(config)
-    limits = policy.limits if config.vehicle is None else config.vehicle.limits()
-    check_own_speed(config.sampled(), limits, "changes.own_speed")
-    aircraft = flown_limits(limits, policy.limits, named=config.vehicle is not None)
-    rules, setting = config.rules.rules(), config.planner.setting()
+    aircraft = config.flown_aircraft(policy)
+    check_own_speed(config.sampled(), aircraft.limits, "changes.own_speed")
+    setting = config.planner.setting(aircraft)
     flown = "policy" if mode == "none" else mode
     evaluation = Evaluation(
-        config.policy, config.sampled(), None, config.seed, rules, limits, flown, setting, config.baseline
+        config.policy, config.sampled(), None, config.seed, aircraft, flown, setting, config.baseline
     )
-    return FlightProblem(Pilot(evaluation, policy), mode, resolvable_only=resolvable_only), policy.sha256, aircraft
+    how = {"resolvable_only": options.resolvable_only, "closer_than": options.closer_than}
+    problem = FlightProblem(Pilot(evaluation, policy), mode, **how)
+    return problem, policy.sha256, described(aircraft, policy.aircraft)
 
 
 def _blamed(problem: "FlightProblem", one: "Repetition") -> np.ndarray:
@@ -206,7 +210,7 @@ def _found(
         "scenario": config.scenario,
         "changes": config.changes,
         "seed": config.seed,
-        "separation_m": config.rules.separation,
+        "separation_m": plan.levels[-1],
         "resolvable_only": options.resolvable_only,
         "particles": options.particles,
         "moves": options.moves,

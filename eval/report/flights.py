@@ -77,8 +77,8 @@ def evaluation_of(run: Run, policy_path: Any = None) -> Evaluation:
             f"policy {path or 'that ships'} has SHA-256 {policy.sha256}, expected {config.policy_sha256} as in the run "
             "(--policy names the file, --tracks 0 makes the page without tracks)"
         )
-    limits = policy.limits if config.vehicle is None else config.vehicle.limits()
-    source, names = read_source(config, limits)
+    aircraft = config.flown_aircraft(policy)
+    source, names = read_source(config, aircraft)
     if config.file is not None:
         digest = hashlib.sha256(config.file.read_bytes()).hexdigest()
         if digest != config.scenario_sha256:
@@ -86,8 +86,8 @@ def evaluation_of(run: Run, policy_path: Any = None) -> Evaluation:
                 f"{config.file} has SHA-256 {digest}, expected {config.scenario_sha256} as in the run "
                 "(--tracks 0 makes the page without tracks)"
             )
-    rules, setting = config.rules.rules(), config.planner.setting()
-    return Evaluation(path, source, names, config.seed, rules, limits, config.mode, setting, config.baseline)
+    setting = config.planner.setting(aircraft)
+    return Evaluation(path, source, names, config.seed, aircraft, config.mode, setting, config.baseline)
 
 
 def fly_again(run: Run, evaluation: Evaluation, numbers: Sequence[int], witnesses: set[int]) -> Iterator[Replayed]:

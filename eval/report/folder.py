@@ -9,8 +9,10 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 
 from agents.config.load import ConfigError, load
+from envs.aircraft import AircraftError
 from envs.outcome import Rules
 from eval.config import MonteCarloConfig
+from eval.flights.aircraft import aircraft_of
 from eval.flights.simulate import OUTCOMES
 from eval.metrics.summary import SCHEMA_VERSION
 from eval.metrics.table import read_table
@@ -75,7 +77,14 @@ def read_run(folder: Path) -> Run:
     _agree(folder, summary, table, config)
     text = (folder / _CONFIG).read_text(encoding="utf-8")
     figures = {name: _picture(folder / f"{name}.png") for name in FIGURES} if config.figures else {}
-    return Run(folder, summary, config.rules.rules(), config, text, table, kinds_of(table), figures)
+    return Run(folder, summary, _rules(folder, summary), config, text, table, kinds_of(table), figures)
+
+
+def _rules(folder: Path, summary: Mapping[str, Any]) -> Rules:
+    try:
+        return aircraft_of(summary).rules()
+    except (ConfigError, AircraftError, TypeError) as problem:
+        raise ConfigError(f"{folder / _SUMMARY}: {problem}") from None
 
 
 def _summary(path: Path) -> dict[str, Any]:

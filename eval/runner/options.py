@@ -11,7 +11,7 @@ from agents.config.load import ConfigError, load
 
 if TYPE_CHECKING:
     from agents.policy.inference import Policy
-    from envs.kinematics import Limits
+    from envs.aircraft import Aircraft
     from eval.config import MonteCarloConfig
 
 __all__ = ["check_digest", "first_options", "last_options", "loaded", "named_policy", "named_source", "real", "whole"]
@@ -136,13 +136,13 @@ def check_digest(path: Path | None, found: str, wanted: str | None, option: str)
 
 
 def named_source(
-    config: "MonteCarloConfig", limits: "Limits", counted: str
+    config: "MonteCarloConfig", aircraft: "Aircraft", counted: str
 ) -> "tuple[Any, tuple[str, ...] | None, dict[str, Any]]":
     """Return scenario or encounters, names of the encounters of a file, and what is resolved thereby.
 
     Args:
         config: of the run.
-        limits: of the ownship.
+        aircraft: of the ownship.
         counted: what the number of encounters is called in messages.
 
     Raises:
@@ -150,7 +150,7 @@ def named_source(
     """
     from eval.flights.sources import read_source
 
-    source, names = read_source(config, limits)
+    source, names = read_source(config, aircraft)
     if config.file is None:
         return source, names, {"encounters": config.wanted}
     digest = hashlib.sha256(config.file.read_bytes()).hexdigest()

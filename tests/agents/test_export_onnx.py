@@ -19,13 +19,13 @@ from agents.policy.inference import Policy
 from agents.policy.onnx import INPUT, IR_VERSION, OPSET, ExportError, export, model
 from agents.policy.onnx_trace import Graph
 from agents.policy.schema import new_metadata
+from envs.aircraft import PAPER
 from envs.angles import atan2
 from envs.edge.command import run_cli
 from envs.encounters import SCENARIOS
 from envs.kinematics import SURROGATE
-from envs.outcome import RULES
 from envs.starts import numbered
-from tests.support import fly_recorded
+from tests.support import OnObservations, fly_recorded
 
 onnx = pytest.importorskip("onnx")
 reference = pytest.importorskip("onnx.reference")
@@ -88,8 +88,9 @@ def test_it_decides_as_the_shipped_policy_on_random_observations():
 def test_it_decides_as_the_shipped_policy_in_flight():
     policy = Policy.load()
     starts = numbered(SCENARIOS["circle"], 7, 0, 60)
-    _, paths = fly_recorded(starts, policy.rowwise, RULES, SURROGATE)
-    seen = paths.observation[np.isfinite(paths.observation[..., 0])]
+    decider = OnObservations(policy.rowwise)
+    fly_recorded(starts, decider, PAPER)
+    seen = np.concatenate(decider.seen)
     assert len(seen) > 3_000
     np.testing.assert_allclose(decided(shipped_model(), seen), policy(seen), rtol=0.0, atol=PARITY)
 

@@ -20,6 +20,7 @@ from benchmarks.safety.adversary import drawn
 from benchmarks.safety.attack import Batch, Tally, tasks
 from benchmarks.safety.reflight import refly
 from benchmarks.safety.resimulation import CHECKS, Route, resimulate
+from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.starts import numbered
 from envs.trees import take
@@ -45,7 +46,7 @@ def policy() -> Policy:
 
 @pytest.fixture(scope="module")
 def plans(policy: Policy) -> Plans:
-    request = request_of(numbered(scenario("circle"), 11, 0, 40))
+    request = request_of(numbered(scenario("circle"), 11, 0, 40), PAPER)
     best = plan_many(request, policy, OPTIONS).proposals
     near = np.flatnonzero(best.safe & (best.min_separation < 1_060.0))[:6]
     assert near.size >= 3

@@ -17,11 +17,11 @@ from agents.baselines.baselines import BASELINES
 from agents.config.load import ConfigError
 from agents.planner.validator import Findings
 from agents.policy import file as policy_file
+from envs.aircraft import PAPER
 from envs.encounters import EncounterError, scenario
 from envs.formats import encounter_file
 from envs.intruder import Recording
 from envs.kinematics import SURROGATE
-from envs.outcome import RULES
 from envs.starts import numbered
 from envs.traffic.tracks import TrackError
 from eval.compare import deciders as comparison
@@ -32,15 +32,14 @@ from eval.flights import chunks, simulate
 from eval.flights import recorded as recorded_flights
 from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.optimal import WitnessSearch
-from eval.flights.simulate import OnStates
 from eval.stats.paired import mcnemar_exact, pairs, tango
 from tests.support import fly_recorded, recorded
 
 
 def make(policy_path: Path, name: str, baselines: tuple[str, ...] = ("none", "mvp")) -> Comparison:
-    entries = policy_entries(policy_path, "ours", SURROGATE, RULES)
-    entries += tuple(baseline_entry(each, SURROGATE, RULES) for each in baselines)
-    return Comparison(entries, Evaluation(policy_path, scenario(name), None, 4, RULES, SURROGATE))
+    entries = policy_entries(policy_path, "ours", PAPER)
+    entries += tuple(baseline_entry(each, PAPER) for each in baselines)
+    return Comparison(entries, Evaluation(policy_path, scenario(name), None, 4, PAPER))
 
 
 @pytest.mark.parametrize("name", ["circle", "noisy"])
@@ -71,8 +70,8 @@ def test_a_row_does_not_depend_on_its_company(policy_path: Path) -> None:
 
 def test_the_resolver_none_is_the_evaluation_s_direct_flight() -> None:
     starts = numbered(scenario("circle"), 9, 0, 80)
-    ours = simulate.fly(starts, OnStates(BASELINES["none"](SURROGATE, 500.0, 1_000.0)), RULES, SURROGATE)
-    theirs = simulate.fly(starts, simulate.direct(SURROGATE), RULES, SURROGATE)
+    ours = simulate.fly(starts, BASELINES["none"](SURROGATE, 500.0, 1_000.0), PAPER)
+    theirs = simulate.fly(starts, simulate.Direct(PAPER), PAPER)
     np.testing.assert_array_equal(ours.outcome, theirs.outcome)
     np.testing.assert_allclose(ours.min_separation, theirs.min_separation, atol=2.0)
 
@@ -80,7 +79,7 @@ def test_the_resolver_none_is_the_evaluation_s_direct_flight() -> None:
 @pytest.mark.parametrize("name", ["rules", "mvp", "mvp_speed"])
 def test_resolvers_resolve(name: str) -> None:
     starts = numbered(scenario("circle"), 9, 0, 150)
-    flown = simulate.fly(starts, OnStates(BASELINES[name](SURROGATE, 500.0, 1_000.0)), RULES, SURROGATE)
+    flown = simulate.fly(starts, BASELINES[name](SURROGATE, 500.0, 1_000.0), PAPER)
     share = np.bincount(flown.outcome, minlength=3) / 150
     # Without a resolver nearly all are lost; published resolvers save nine of ten such conflicts.
     assert share[0] < 0.2
@@ -88,22 +87,22 @@ def test_resolvers_resolve(name: str) -> None:
 
 
 def test_a_held_speed_is_held(policy_path: Path) -> None:
-    _, held = policy_entries(policy_path, "ours", SURROGATE, RULES)
+    _, held = policy_entries(policy_path, "ours", PAPER)
     starts = numbered(scenario("circle"), 9, 0, 5)
     assert not isinstance(held.decider, (comparison.Plans, WitnessSearch))
-    _, paths = fly_recorded(starts, held.decider, RULES, SURROGATE)
+    _, paths = fly_recorded(starts, held.decider, PAPER)
     assert np.nanmax(np.abs(paths.own.speed - starts.own.speed)) == 0.0
     assert held.name == "ours, speed held"
 
 
 def test_replayed_intruders_fly_their_recording() -> None:
     starts = numbered(scenario("maneuvering"), 2, 0, 6)
-    plain, paths = fly_recorded(starts, simulate.direct(SURROGATE), RULES, SURROGATE)
+    plain, paths = fly_recorded(starts, simulate.Direct(PAPER), PAPER)
     # What was flown, flown again as a recording, up to where an encounter ended.
     known = [np.where(np.isnan(field), 0.0, field) for field in paths.intruders]
     recording = Recording(*(np.moveaxis(field, 0, -1) for field in known))
     replayed: Any = recording
-    again = simulate.fly(starts._replace(intent=replayed), simulate.direct(SURROGATE), RULES, SURROGATE)
+    again = simulate.fly(starts._replace(intent=replayed), simulate.Direct(PAPER), PAPER)
     for field in simulate.Flights._fields:
         np.testing.assert_array_equal(getattr(again, field), getattr(plain, field), err_msg=field)
 
@@ -159,9 +158,9 @@ def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["circle", "noisy"])
 def test_plans_and_the_assured_loop_fly_as_in_the_evaluation(name: str) -> None:
-    entries = policy_entries(None, "ours", SURROGATE, RULES, ("plan", "assured"))
-    evaluation = Evaluation(None, scenario(name), None, 4, RULES, SURROGATE, "assured", comparison.SETTING)
-    ours = comparison.columns(Comparison((*entries, baseline_entry("none", SURROGATE, RULES)), evaluation), 20, 25)
+    entries = policy_entries(None, "ours", PAPER, ("plan", "assured"))
+    evaluation = Evaluation(None, scenario(name), None, 4, PAPER, "assured", comparison.SETTING)
+    ours = comparison.columns(Comparison((*entries, baseline_entry("none", PAPER)), evaluation), 20, 25)
     theirs = chunks.columns(Pilot.load(evaluation), 20, 25)
     for mode, columns in (("assured", ""), ("plan", "plan_")):
         np.testing.assert_array_equal(ours[f"ours, {mode}.outcome"], theirs[f"{columns}outcome"])
@@ -181,9 +180,9 @@ def test_a_request_without_any_trajectory_is_a_time_out(monkeypatch: pytest.Monk
 
     made = recorded_flights.plan_at_start
     monkeypatch.setattr(recorded_flights, "plan_at_start", hopeless)
-    entries = policy_entries(None, "ours", SURROGATE, RULES, ("plan",))
-    evaluation = Evaluation(None, scenario("circle"), None, 4, RULES, SURROGATE)
-    table = comparison.columns(Comparison((*entries, baseline_entry("none", SURROGATE, RULES)), evaluation), 0, 3)
+    entries = policy_entries(None, "ours", PAPER, ("plan",))
+    evaluation = Evaluation(None, scenario("circle"), None, 4, PAPER)
+    table = comparison.columns(Comparison((*entries, baseline_entry("none", PAPER)), evaluation), 0, 3)
     assert set(table["ours, plan.outcome"]) == {"timeout"}
     assert np.isnan(table["ours, plan.min_separation_m"]).all()
     assert not table["ours, plan.lost_do365_terminal"].any()

@@ -4,6 +4,7 @@ import csv
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,20 +13,17 @@ from hypothesis import strategies as st
 
 from agents.config.load import ConfigError
 from agents.policy.inference import Policy
+from envs.aircraft import PAPER, new_aircraft
 from envs.edge.command import run_cli
-from envs.kinematics import SURROGATE, VehicleState
-from envs.observation import observe
-from envs.outcome import RULES
+from envs.kinematics import VehicleState
 from eval.failures.groups import HOW, failures, grouped, representatives
 from eval.failures.run import main
 from eval.monte_carlo import run as monte_carlo
 from eval.policy_map import run as policy_map
 from eval.policy_map.advisory import Advisory, Scene, advise, name_of, relative_velocity, shares
 from eval.policy_map.quality import (
-    CONFLICT_RADIUS,
-    FARTHEST,
-    NEAREST,
     Recorded,
+    Scenes,
     around_conflicts,
     chatter,
     mirror_error,
@@ -34,39 +32,48 @@ from eval.policy_map.quality import (
 )
 from tests.eval.conftest import COUNT
 
-LIMITS = SURROGATE
 SCENE = Scene(75.0, 90.0, math.radians(-90.0), math.radians(30.0), 8_000.0)
 SMALL = ["--cells", "31", "--samples", "200", "--encounters", "4"]
 
 
-def even_handed(observation: np.ndarray) -> np.ndarray:
-    """Return actions that turn away from the intruder's side and brake near by."""
-    return np.stack([observation[:, 5], -np.clip(3.0 * observation[:, 4], -1.0, 1.0)], axis=-1)
+class EvenHanded:
+    """Turns away from the intruder's side, and brakes near by; ``bias`` is added to every turn."""
+
+    def __init__(self, bias: float = 0.0) -> None:
+        self.bias = bias
+
+    def command(self, own: VehicleState, intruders: VehicleState, present: Any, goal_x: Any, goal_y: Any) -> np.ndarray:
+        x, y = intruders.x[:, 0] - own.x, intruders.y[:, 0] - own.y
+        left = y * np.cos(own.heading) - x * np.sin(own.heading)
+        far = np.minimum(np.hypot(x, y) / 10_000.0, 2.0) - 1.0
+        return np.stack([far, np.clip(self.bias - 1e-4 * left, -1.0, 1.0)], axis=-1)
+
+
+POLICY: Any = EvenHanded()
 
 
 def test_a_map_is_what_the_policy_commands_at_each_place():
-    seen = []
+    asked = []
 
-    def decider(observation: np.ndarray) -> np.ndarray:
-        seen.append(observation)
-        return even_handed(observation)
+    class Spy(EvenHanded):
+        def command(self, own: Any, intruders: Any, present: Any, goal_x: Any, goal_y: Any) -> np.ndarray:
+            asked.append((own, intruders, goal_x, goal_y))
+            return super().command(own, intruders, present, goal_x, goal_y)
 
-    advisory = advise(decider, SCENE, 6_000.0, 5, LIMITS)
+    spy: Any = Spy()
+    advisory = advise(spy, SCENE, 6_000.0, 5, PAPER)
     assert advisory.place == pytest.approx([-4_800.0, -2_400.0, 0.0, 2_400.0, 4_800.0])
-    (observation,) = seen
-    assert observation.dtype == np.float32
+    ((own, intruders, goal_x, goal_y),) = asked
     ahead_left = 4 * 5 + 1  # row 4: 4800 m ahead, column 1: 2400 m to the left
-    own_speed, own, speed, heading, bearing, distance, goal, goal_distance = observation[ahead_left]
-    assert own_speed == 0.0
-    assert (75.0 * (speed + 1.0), 10_000.0 * (goal_distance + 1.0)) == pytest.approx((90.0, 8_000.0))
-    assert distance == pytest.approx(math.hypot(4_800.0, 2_400.0) / 10_000.0 - 1.0, abs=1e-6)
-    # The contract counts to the left: the intruder stands there, the goal too, and it flies 90 degrees to the right.
-    assert math.pi * bearing == pytest.approx(math.atan2(2_400.0, 4_800.0), abs=1e-6)
-    assert math.degrees(math.pi * goal) == pytest.approx(30.0, abs=1e-4)
-    assert math.degrees(math.pi * (heading - own)) == pytest.approx(-90.0, abs=1e-4)
+    assert (own.speed[ahead_left], intruders.speed[ahead_left, 0]) == (75.0, 90.0)
+    assert (intruders.x[ahead_left, 0], intruders.y[ahead_left, 0]) == pytest.approx((-2_400.0, 4_800.0))
+    # Angles count to the left: the goal stands there, and the intruder flies 90 degrees to the right of the ownship.
+    assert math.degrees(math.atan2(-goal_x[ahead_left], goal_y[ahead_left])) == pytest.approx(30.0)
+    assert math.hypot(goal_x[ahead_left], goal_y[ahead_left]) == pytest.approx(8_000.0)
+    assert math.degrees(intruders.heading[ahead_left, 0] - own.heading[ahead_left]) == pytest.approx(-90.0)
     # It stands to the left, so that the turn goes to the right, which is negative.
-    assert advisory.yaw_rate[4, 1] == pytest.approx(-3.0 * bearing * LIMITS.yaw_rate_max, rel=1e-6)
-    assert advisory.acceleration[4, 1] == pytest.approx(-0.5 * abs(distance), rel=1e-6)
+    assert advisory.yaw_rate[4, 1] == pytest.approx(-0.24 * PAPER.limits.yaw_rate_max)
+    assert advisory.acceleration[4, 1] == pytest.approx(0.5 * (math.hypot(2.4, 4.8) / 10.0 - 1.0))
 
 
 def test_a_relative_heading_of_minus_90_comes_from_the_left():
@@ -84,61 +91,58 @@ def test_shares_leave_out_the_disc():
     yaw_rate[1, 1] = -0.05  # in the disc
     yaw_rate[0, 0], yaw_rate[0, 1] = -0.05, 0.001
     acceleration = np.full((3, 3), -0.3)
-    found = shares(Advisory(SCENE, place, yaw_rate, acceleration), 1_000.0)
+    found = shares(Advisory(SCENE, place, yaw_rate, acceleration), PAPER)
     assert found["relative_heading_deg"] == -90.0
     assert [found[f"{side}_share"] for side in ("left", "right", "straight")] == [6 / 8, 1 / 8, 1 / 8]
     assert [found[f"{kind}_share"] for kind in ("accelerate", "brake", "steady")] == [0.0, 1.0, 0.0]
 
 
 def test_the_mirror_is_that_of_the_world():
-    random = np.random.default_rng(2)
+    scenes = around_conflicts(200, 2, PAPER)
+    there = mirrored(scenes)
+    again = mirrored(there)
+    for one, two in zip((*scenes.own, *scenes.intruder), (*again.own, *again.intruder), strict=True):
+        np.testing.assert_array_equal(one, two)
 
-    def vehicle() -> VehicleState:
-        x, y = random.uniform(-6_000.0, 6_000.0, (2, 200))
-        return VehicleState(x, y, random.uniform(-math.pi, math.pi, 200), random.uniform(50.0, 100.0, 200))
+    def seen(scene: Scenes) -> np.ndarray:
+        to_goal = np.arctan2(scene.goal_y - scene.own.y, scene.goal_x - scene.own.x) - scene.own.heading
+        return np.stack([np.sin(to_goal), np.sin(scene.intruder.heading - scene.own.heading)])
 
-    def reflected(state: VehicleState) -> VehicleState:
-        return state._replace(y=-state.y, heading=-state.heading)
-
-    own, intruder = vehicle(), vehicle()
-    goal_x, goal_y = random.uniform(-6_000.0, 6_000.0, (2, 200))
-    there = observe(reflected(own), reflected(intruder), goal_x, -goal_y, np)
-    np.testing.assert_allclose(mirrored(observe(own, intruder, goal_x, goal_y, np)), there, atol=1e-7)
+    np.testing.assert_allclose(seen(there), -seen(scenes), atol=1e-12)
 
 
 def test_an_even_handed_policy_has_no_mirror_error():
-    found = mirror_error(even_handed, around_conflicts(500, 0), LIMITS)
+    found = mirror_error(POLICY, around_conflicts(500, 0, PAPER), PAPER)
     assert found["observations"] == 500
-    assert found["yaw_rate_deg_s"] == found["acceleration_m_s2"] == {"mean": 0.0, "p95": 0.0, "max": 0.0}
+    for name in ("yaw_rate_deg_s", "acceleration_m_s2"):
+        assert found[name] == pytest.approx({"mean": 0.0, "p95": 0.0, "max": 0.0}, abs=1e-12)
     assert found["same_side_share"] == 0.0
 
 
 def test_the_mirror_error_is_twice_a_bias_to_one_side():
-    def biased(observation: np.ndarray) -> np.ndarray:
-        # Half of the full turn to the left whatever comes, and more thrust for what comes from the left.
-        return np.stack([0.1 * np.sign(observation[:, 4]), np.full(len(observation), 0.5)], axis=-1)
-
-    found = mirror_error(biased, around_conflicts(500, 0), LIMITS)
-    assert found["yaw_rate_deg_s"] == pytest.approx({"mean": 3.0, "p95": 3.0, "max": 3.0})
-    assert found["acceleration_m_s2"] == pytest.approx({"mean": 0.1, "p95": 0.1, "max": 0.1})
-    assert found["same_side_share"] == 1.0
+    policy: Any = EvenHanded(bias=0.4)
+    found = mirror_error(policy, around_conflicts(500, 0, PAPER), PAPER)
+    # 0.8 of 3 deg/s wherever neither turn meets its limit.
+    assert found["yaw_rate_deg_s"]["p95"] == pytest.approx(2.4)
+    assert found["acceleration_m_s2"]["max"] == pytest.approx(0.0, abs=1e-12)
+    assert found["same_side_share"] > 0.3
 
 
-def test_samples_lie_around_conflicts_and_fill_them():
-    observation = around_conflicts(2_000, 3)
-    assert observation.shape == (2_000, 8)
-    assert np.abs(observation).max() <= 1.0
-    distance = 10_000.0 * (observation[:, 5] + 1.0)
-    assert NEAREST - 1.0 <= distance.min() < 1_500.0
-    assert 9_000.0 < distance.max() <= FARTHEST + 1.0
+@pytest.mark.parametrize("separation", [1_000.0, 610.0])
+def test_samples_lie_around_conflicts_and_fill_them(separation: float):
+    aircraft = new_aircraft(PAPER.limits, separation)
+    own, other, goal_x, goal_y = around_conflicts(2_000, 3, aircraft)
+    away = np.hypot(other.x, other.y) / separation
+    assert 1.0 <= away.min() < 1.5
+    assert 9.0 < away.max() <= 10.0
+    assert 19.0 < np.hypot(goal_x, goal_y).max() / separation <= 20.0
     # The miss distance, by the sine of the angle between line of sight and relative velocity.
-    course = math.pi * (observation[:, 3] - observation[:, 1])
-    speed, own = 75.0 * (observation[:, 2] + 1.0), 75.0 + 25.0 * observation[:, 0]
-    vx, vy = speed * np.cos(course) - own, speed * np.sin(course)
-    x, y = distance * np.cos(math.pi * observation[:, 4]), distance * np.sin(math.pi * observation[:, 4])
-    assert (x * vx + y * vy < 0.0).all()
-    assert (np.abs(x * vy - y * vx) / np.hypot(vx, vy)).max() < CONFLICT_RADIUS + 1.0
-    assert (around_conflicts(2_000, 3) == observation).all()
+    vx = other.speed * np.cos(other.heading) - own.speed * np.cos(own.heading)
+    vy = other.speed * np.sin(other.heading) - own.speed * np.sin(own.heading)
+    assert (other.x * vx + other.y * vy < 0.0).all()
+    assert (np.abs(other.x * vy - other.y * vx) / np.hypot(vx, vy)).max() < 2.0 * separation + 1.0
+    again = around_conflicts(2_000, 3, aircraft)
+    np.testing.assert_array_equal(again.intruder.x, other.x)
 
 
 def test_chatter_by_hand():
@@ -146,8 +150,8 @@ def test_chatter_by_hand():
     steering = np.array([[0.0, 1.0], [1.0, 1.0], [-1.0, nan]])  # two flights; the second ends after two seconds
     throttle = np.array([[0.5, 0.0], [0.5, 0.4], [0.5, nan]])
     action = np.stack([throttle, steering], axis=-1)
-    recorded = Recorded(np.zeros((3, 2, 8), np.float32), action, np.array([1, 0]), np.array([1, 0]))
-    found = chatter(recorded, LIMITS)
+    recorded = Recorded(around_conflicts(1, 0, PAPER), action, np.array([1, 0]), np.array([1, 0]))
+    found = chatter(recorded, PAPER)
     # Changes of 3, 6 and 0 deg/s; of 0, 0 and 0.2 m/s^2.
     assert found["yaw_rate_change_deg_s_per_s"] == pytest.approx(3.0)
     assert found["acceleration_change_m_s2_per_s"] == pytest.approx(0.2 / 3.0)
@@ -157,15 +161,12 @@ def test_chatter_by_hand():
 
 
 def test_flights_are_recorded_while_they_last(policy: Policy):
-    recorded = record(policy.rowwise, 6, 1, LIMITS)
-    lasting = np.isfinite(recorded.action[..., 0]).sum(axis=0)
-    assert lasting.max() <= RULES.t_max
-    assert len(recorded.seen) == lasting.sum()
-    np.testing.assert_array_equal(policy.rowwise(recorded.seen[:50]), recorded.action[recorded_rows(recorded)][:50])
-
-
-def recorded_rows(recorded: Recorded) -> np.ndarray:
-    return np.isfinite(recorded.observation[..., 0])
+    recorded = record(policy, 6, 1, PAPER)
+    flying = np.isfinite(recorded.action[..., 0])
+    lasting = flying.sum(axis=0)
+    assert lasting.max() <= PAPER.t_max
+    assert recorded.scenes.goal_x.size == lasting.sum()
+    np.testing.assert_array_equal(recorded.scenes.actions(policy), recorded.action[flying])
 
 
 def test_a_run_writes_its_files_and_repeats_itself(

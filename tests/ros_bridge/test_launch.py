@@ -26,6 +26,7 @@ import yaml
 from agents.assurance.thresholds import Thresholds
 from agents.config.load import load
 from agents.planner.request import Options
+from envs.aircraft import PAPER
 from envs.kinematics import SURROGATE, within
 from eval.hifi.config import HifiConfig
 from ros_bridge.transport import parameters
@@ -126,7 +127,7 @@ def test_the_aircraft_in_flight_is_that_of_the_evaluations():
     assert runner == monitor
     config = load(HifiConfig, PACKAGE.parent / "configs" / "flight_c208.yaml")
     assert runner["margin"] == config.planner.margin
-    vehicle = config.planner.setting().limits
+    vehicle = config.planner.setting(PAPER).limits
     assert vehicle_limits(runner.__getitem__) == (vehicle, within(SURROGATE, vehicle))
     for name, read in (("runner", lambda node: planning_settings(node).options), ("monitor", monitor_thresholds)):
         _, numbers, others = next(one for one in parameters.NODES if one[0] == name)

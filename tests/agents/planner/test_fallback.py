@@ -15,6 +15,7 @@ from agents.planner.fallback_flight import STRIDE, Flown, fly_out
 from agents.planner.options import MARGIN, Options
 from agents.planner.request import Request
 from agents.planner.traffic import Requirement
+from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.kinematics import SURROGATE, VehicleState
 from envs.outcome import RULES
@@ -35,7 +36,7 @@ manoeuvres = st.builds(
 
 
 def requests(kind: str = "circle", count: int = 12) -> Request:
-    return request_of(numbered(scenario(kind), 5, 0, count))
+    return request_of(numbered(scenario(kind), 5, 0, count), PAPER)
 
 
 def flown(

@@ -13,9 +13,9 @@ from agents.planner.request import Altitude, Intruder, Options, Request
 from agents.planner.rollout import roll
 from agents.planner.traffic import Requirement, Traffic
 from agents.policy.inference import Policy
+from envs.aircraft import PAPER
 from envs.encounters import Encounter, scenario
 from envs.kinematics import C208_PUBLISHED, VehicleState
-from envs.outcome import RULES
 from envs.starts import numbered
 from envs.trees import take
 from envs.waypoints import RoutePoint
@@ -82,12 +82,12 @@ def test_without_intruders_the_route_is_flown(policy: Policy) -> None:
 
 
 def test_every_safe_plan_keeps_its_contract_and_the_separation_as_flown(policy: Policy, encounters: Encounter) -> None:
-    request = request_of(encounters)
+    request = request_of(encounters, PAPER)
     plans = plan_many(request, policy, Options()).proposals
     assert plans.safe.mean() > 0.98
     # The narrowest ones, because a flight takes its time.
     few = np.flatnonzero(plans.safe)[np.argsort(plans.min_separation[plans.safe])[:40]]
-    flown = fly_plans(take(encounters, few), take(plans.knots, few), RULES, C208_PUBLISHED)
+    flown = fly_plans(take(encounters, few), take(plans.knots, few), PAPER, C208_PUBLISHED)
     assert flown.whole_separation.min() >= 1_000.0
     assert flown.error.max() < 0.1
     np.testing.assert_allclose(flown.whole_separation, plans.min_separation[few], atol=0.02)
@@ -99,7 +99,7 @@ def test_every_safe_plan_keeps_its_contract_and_the_separation_as_flown(policy: 
 
 
 def test_one_request_and_many_get_the_same_answer(policy: Policy, encounters: Encounter) -> None:
-    request = request_of(encounters)
+    request = request_of(encounters, PAPER)
     many = plan_many(request, policy, Options())
     for number in range(0, 120, 4):
         answer, row = plan(*ask(request, number), policy), take(many, number)
@@ -111,7 +111,7 @@ def test_one_request_and_many_get_the_same_answer(policy: Policy, encounters: En
 
 
 def test_plans_do_not_depend_on_the_batch(policy: Policy, encounters: Encounter) -> None:
-    request = request_of(encounters)
+    request = request_of(encounters, PAPER)
     many, few = plan_many(request, policy, Options()), plan_many(take(request, slice(50, 70)), policy, Options())
     np.testing.assert_array_equal(few.proposals.safe, many.proposals.safe[50:70])
     np.testing.assert_array_equal(few.proposals.min_separation, many.proposals.min_separation[50:70])
@@ -120,7 +120,7 @@ def test_plans_do_not_depend_on_the_batch(policy: Policy, encounters: Encounter)
 
 def test_the_two_rollouts_agree(policy: Policy) -> None:
     exact = Policy.load(dtype=np.float64)
-    request = request_of(numbered(scenario("multi"), 3, 0, 5))
+    request = request_of(numbered(scenario("multi"), 3, 0, 5), PAPER)
     goal = (request.route_x[:, 1], request.route_y[:, 1])
     for direct in (True, False):
         task = task_of(Options(direct=direct))
@@ -145,7 +145,7 @@ def test_a_pure_rollout_flies_to_the_goal(policy: Policy) -> None:
 
 def test_the_fallback_finds_a_plan_where_the_policy_has_none(policy: Policy) -> None:
     # Several intruders are more than a policy can see at once.
-    request = request_of(numbered(scenario("multi"), 7, 0, 24))
+    request = request_of(numbered(scenario("multi"), 7, 0, 24), PAPER)
     # One point alone: to the next but one the policy may know a way that it does not know to the next.
     plans = plan_many(request, policy, Options(exhaustive=False, goals=1))
     saved = plans.proposals.safe & ~plans.policy_safe
@@ -154,7 +154,7 @@ def test_the_fallback_finds_a_plan_where_the_policy_has_none(policy: Policy) -> 
 
 
 def test_a_costly_plan_is_compared_with_the_fallback(policy: Policy, encounters: Encounter) -> None:
-    request = request_of(take(encounters, slice(0, 60)))
+    request = request_of(take(encounters, slice(0, 60)), PAPER)
     never, always = (
         plan_many(request, policy, Options(fallback_cost_threshold=limit)).proposals for limit in (math.inf, 0.0)
     )

@@ -15,6 +15,7 @@ from gymnasium.utils.passive_env_checker import env_render_passive_checker
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from envs import encounters, flight, starts, surrogate
+from envs.aircraft import PAPER
 from envs.encounters import SCENARIOS, Encounter, EncounterError
 from envs.gym.gymnasium_env import ENV_ID, DeconflictionEnv
 from envs.gym.gymnasium_vector import DeconflictionVectorEnv
@@ -24,6 +25,7 @@ from envs.outcome import RULES
 from envs.perception import Sensor
 from envs.trees import take
 from eval.flights import simulate
+from tests.support import OnObservations
 
 INFO_KEYS = {"separation", "min_separation", "goal_distance", "time", "outcome", "encounter"}
 STRAIGHT = np.zeros(2, np.float32)
@@ -140,7 +142,7 @@ def test_the_environment_flies_what_the_evaluator_flies(scenario):
     family = encounters.scenario(scenario)
     noise = simulate.sensor_noise(seed, 0, count, family.intruders[1]) if scenario == "noisy" else None
     drawn = starts.numbered(family, seed, 0, count)
-    flown = simulate.fly(drawn, decide, RULES, SURROGATE, noise=noise)
+    flown = simulate.fly(drawn, OnObservations(decide), PAPER, noise=noise)
     env = DeconflictionEnv(scenario)
     for i in range(count):
         seen, info = env.reset(seed=seed if i == 0 else None)

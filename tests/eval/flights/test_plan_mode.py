@@ -11,6 +11,7 @@ import pytest
 from agents.planner.planner import Plans
 from agents.planner.request import Options
 from agents.policy.inference import Policy
+from envs.aircraft import PAPER
 from envs.encounters import Encounter, scenario
 from envs.kinematics import C208_PUBLISHED
 from envs.outcome import RULES
@@ -35,12 +36,12 @@ def encounters() -> Encounter:
 
 @pytest.fixture(scope="module")
 def plans(encounters: Encounter) -> Plans:
-    return plan_at_start(encounters, Policy.load(), SETTING)
+    return plan_at_start(encounters, Policy.load(), PAPER, SETTING)
 
 
 @pytest.fixture(scope="module")
 def flown(encounters: Encounter, plans: Plans) -> Flown:
-    return fly_once(encounters, plans, RULES, SETTING)
+    return fly_once(encounters, plans, PAPER, SETTING)
 
 
 def table_of(out: Path) -> dict[str, np.ndarray]:
@@ -63,7 +64,7 @@ def test_flights_do_not_depend_on_their_company_and_need_a_trajectory(
     few = take(plans, slice(10, 13))
     last = np.array([few.proposals.last[0], -1, few.proposals.last[2]])
     few = few._replace(proposals=few.proposals._replace(last=last))
-    part = fly_once(take(encounters, slice(10, 13)), few, RULES, SETTING)
+    part = fly_once(take(encounters, slice(10, 13)), few, PAPER, SETTING)
     for a, b in zip((*part.flights, *part[1:]), (*flown.flights, *flown[1:]), strict=True):
         np.testing.assert_array_equal(a[[0, 2]], b[[10, 12]])
     assert part.flights.outcome[1] == TIMEOUT
@@ -78,7 +79,7 @@ def test_refusing_is_no_success(flown: Flown) -> None:
 
 
 def test_the_route_of_an_evaluation(encounters: Encounter) -> None:
-    request = request_of(encounters)
+    request = request_of(encounters, PAPER)
     assert request.route_x.shape == (16, 11)
     np.testing.assert_allclose(request.route_x[:, 0], encounters.own.x)
     np.testing.assert_allclose(request.route_y[:, 1], encounters.goal_y)
@@ -140,12 +141,12 @@ def turning() -> Encounter:
 
 @pytest.fixture(scope="module")
 def assured(turning: Encounter, policy: Policy) -> Assured:
-    plans = plan_at_start(turning, policy, SETTING)
-    return fly_assured(turning, plans, policy, RULES, SETTING)
+    plans = plan_at_start(turning, policy, PAPER, SETTING)
+    return fly_assured(turning, plans, policy, PAPER, SETTING)
 
 
 def test_more_is_saved_than_by_the_plan_flown_once(turning: Encounter, policy: Policy, assured: Assured) -> None:
-    once = fly_once(turning, plan_at_start(turning, policy, SETTING), RULES, SETTING)
+    once = fly_once(turning, plan_at_start(turning, policy, PAPER, SETTING), PAPER, SETTING)
     outcome = assured.flown.flights.outcome
     assert (outcome == REACHED).mean() >= 0.95
     assert (outcome == REACHED).sum() > (once.flights.outcome == REACHED).sum()
@@ -157,7 +158,7 @@ def test_more_is_saved_than_by_the_plan_flown_once(turning: Encounter, policy: P
 @pytest.mark.slow
 def test_assured_flights_do_not_depend_on_their_company(turning: Encounter, policy: Policy, assured: Assured) -> None:
     few = take(turning, slice(12, 16))
-    part = fly_assured(few, plan_at_start(few, policy, SETTING), policy, RULES, SETTING)
+    part = fly_assured(few, plan_at_start(few, policy, PAPER, SETTING), policy, PAPER, SETTING)
     for a, b in zip(part.flown.flights, assured.flown.flights, strict=True):
         np.testing.assert_array_equal(a, b[12:16])
     np.testing.assert_array_equal(part.replans, assured.replans[12:16])

@@ -9,16 +9,16 @@ import pytest
 
 from agents.policy.inference import Policy
 from envs import surrogate
+from envs.aircraft import PAPER
 from envs.encounters import SCENARIOS, Encounter
 from envs.intruder import Intent
-from envs.kinematics import SURROGATE, VehicleState
-from envs.outcome import RULES
+from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from envs.starts import numbered
 from eval.flights import simulate
 from eval.flights.conditions import conditions
-from eval.flights.simulate import OUTCOMES, sensor_noise
-from tests.support import fly_recorded
+from eval.flights.simulate import OUTCOMES, ByPolicy, sensor_noise
+from tests.support import OnObservations, fly_recorded
 
 VIOLATION, REACHED, TIMEOUT = range(3)
 
@@ -38,7 +38,7 @@ def placed(own, goal, intruder, *, present: bool = True) -> Encounter:
 
 
 def steady(throttle: float, steering: float):
-    return lambda observation: np.full((len(observation), 2), [throttle, steering], np.float32)
+    return OnObservations(lambda observation: np.full((len(observation), 2), [throttle, steering], np.float32))
 
 
 FAR = (90_000, 90_000, 0, 50)
@@ -46,7 +46,7 @@ FAR = (90_000, 90_000, 0, 50)
 
 def test_straight_flight_by_hand() -> None:
     start = placed((0, 0, 0, 80), (8_000, 0), FAR)
-    flight, paths = fly_recorded(start, simulate.direct(SURROGATE), RULES, SURROGATE)
+    flight, paths = fly_recorded(start, simulate.Direct(PAPER), PAPER)
     # The disc of 500 m is reached at the end of the first step beyond 7500 m: 94 steps of 80 m.
     assert flight.outcome[0] == REACHED
     assert flight.score[0] == 100.0
@@ -59,7 +59,7 @@ def test_straight_flight_by_hand() -> None:
 
 def test_time_out_and_the_length_of_an_accelerated_path() -> None:
     start = placed((0, 0, 0, 80), (-90_000, 0), FAR)
-    flight = simulate.fly(start, steady(1.0, 0.0), RULES, SURROGATE)
+    flight = simulate.fly(start, steady(1.0, 0.0), PAPER)
     assert (flight.outcome[0], flight.score[0], flight.duration[0]) == (TIMEOUT, -10.0, 300.0)
     # 40 s from 80 to 100 m/s, then 260 s at 100 m/s
     assert flight.path_length[0] == pytest.approx(90.0 * 40.0 + 26_000.0, abs=0.1)
@@ -67,7 +67,7 @@ def test_time_out_and_the_length_of_an_accelerated_path() -> None:
 
 def test_violation_ends_the_flight_and_names_its_time() -> None:
     start = placed((0, 0, 0, 80), (20_000, 0), (6_000, 0, -math.pi, 100))
-    flight = simulate.fly(start, simulate.direct(SURROGATE), RULES, SURROGATE)
+    flight = simulate.fly(start, simulate.Direct(PAPER), PAPER)
     # 5000 m are closed at 180 m/s after 27.8 s, in the 28th step.
     assert (flight.outcome[0], flight.score[0], flight.duration[0]) == (VIOLATION, -100.0, 28.0)
     assert flight.min_separation[0] == pytest.approx(6_000.0 - 28 * 180.0)
@@ -77,21 +77,21 @@ def test_violation_ends_the_flight_and_names_its_time() -> None:
 def test_separation_is_watched_between_the_steps() -> None:
     # Crossing at right angles with the closest point half a second into a step, 995 m apart.
     start = placed((0, 0, 0, 100), (20_000, 0), (10_050, -10_050 + 1_407, math.pi / 2, 100))
-    flight, paths = fly_recorded(start, simulate.direct(SURROGATE), RULES._replace(separation=0.0), SURROGATE)
+    flight, paths = fly_recorded(start, simulate.Direct(PAPER), PAPER, endless=True)
     apart = np.hypot(paths.own.x - paths.intruders.x[..., 0], paths.own.y - paths.intruders.y[..., 0])
     assert flight.min_separation[0] == pytest.approx(1_407.0 / math.sqrt(2.0), abs=0.1)
     assert flight.min_separation[0] <= np.nanmin(apart)
 
 
 def test_a_start_inside_the_separation_is_a_violation_at_once() -> None:
-    flight = simulate.fly(placed((0, 0, 0, 80), (9_000, 0), (500, 0, 0, 100)), steady(0, 0), RULES, SURROGATE)
+    flight = simulate.fly(placed((0, 0, 0, 80), (9_000, 0), (500, 0, 0, 100)), steady(0, 0), PAPER)
     assert (flight.outcome[0], flight.duration[0], flight.min_separation[0]) == (VIOLATION, 1.0, 500.0)
     assert flight.time_of_min_separation[0] == 0.0
 
 
 def test_an_absent_intruder_harms_nobody() -> None:
     start = placed((0, 0, 0, 80), (8_000, 0), (4_000, 0, math.pi / 2, 0.0), present=False)
-    flight = simulate.fly(start, simulate.direct(SURROGATE), RULES, SURROGATE)
+    flight = simulate.fly(start, simulate.Direct(PAPER), PAPER)
     assert flight.outcome[0] == REACHED
     assert flight.min_separation[0] == math.inf
 
@@ -102,14 +102,14 @@ def test_reversals_count_changes_of_side_of_commands_that_matter() -> None:
     def decide(observation: np.ndarray) -> np.ndarray:
         return np.array([[0.0, next(commands)]], np.float32)
 
-    flight = simulate.fly(placed((0, 0, 0, 80), (90_000, 0), FAR), decide, RULES, SURROGATE)
+    flight = simulate.fly(placed((0, 0, 0, 80), (90_000, 0), FAR), OnObservations(decide), PAPER)
     # Left, right, left: 0.1 of 3 deg/s is below the threshold.
     assert flight.reversals[0] == 2
 
 
 def test_initial_conditions_by_hand() -> None:
     start = placed((0, 0, math.pi / 2, 50), (0, 9_000), (3_000, 4_000, math.pi, 75))
-    seen = conditions(start)
+    seen = conditions(start, PAPER)
     assert seen.distance[0] == pytest.approx(5_000.0)
     assert seen.bearing[0] == pytest.approx(math.atan2(4, 3) - math.pi / 2, abs=1e-6)
     assert seen.relative_heading[0] == pytest.approx(math.pi / 2, abs=1e-6)
@@ -124,7 +124,7 @@ def test_initial_conditions_by_hand() -> None:
 def flown(name: str, policy: Policy, first: int, count: int):
     starts = numbered(SCENARIOS[name], 11, first, count)
     noise = sensor_noise(11, first, *starts.mask.shape) if name == "noisy" else None
-    return fly_recorded(starts, policy.rowwise, RULES, SURROGATE, noise=noise)
+    return fly_recorded(starts, ByPolicy(policy), PAPER, noise=noise)
 
 
 @pytest.mark.parametrize("name", ["circle", "maneuvering", "noisy", "multi"])
@@ -153,11 +153,10 @@ def test_trajectories_end_with_the_flight(policy: Policy) -> None:
 
 def test_noise_changes_what_is_seen_and_nothing_else(policy: Policy) -> None:
     starts = numbered(SCENARIOS["noisy"], 3, 0, 40)
-    clear, clear_paths = fly_recorded(starts, policy.rowwise, RULES, SURROGATE)
-    noisy, noisy_paths = fly_recorded(
-        starts, policy.rowwise, RULES, SURROGATE, noise=sensor_noise(3, 0, *starts.mask.shape)
-    )
-    difference = noisy_paths.observation[0] - clear_paths.observation[0]
+    sees_clear, sees_noisy = OnObservations(policy.rowwise), OnObservations(policy.rowwise)
+    clear, clear_paths = fly_recorded(starts, sees_clear, PAPER)
+    noisy, noisy_paths = fly_recorded(starts, sees_noisy, PAPER, noise=sensor_noise(3, 0, *starts.mask.shape))
+    difference = sees_noisy.seen[0] - sees_clear.seen[0]
     # The own state and the goal are known; the intruder is not.
     np.testing.assert_array_equal(difference[:, [0, 1, 6, 7]], 0.0)
     distance_error_m = difference[:, 5] * 10_000.0
@@ -183,12 +182,13 @@ def test_parity_with_the_jax_surrogate_step_by_step(name: str, double: bool, pol
     """
     tolerance_m, tolerance_rad = (1e-4, 1e-9) if double else (0.5, 2e-5)
     starts = numbered(SCENARIOS[name], 5, 0, 64)
-    flights, paths = fly_recorded(starts, policy.rowwise, RULES, SURROGATE)
+    decider = OnObservations(policy.rowwise)
+    flights, paths = fly_recorded(starts, decider, PAPER)
     with jax.enable_x64(double):
         kind = jnp.float64 if double else jnp.float32
         cast = jax.tree.map(lambda a: jnp.asarray(a) if a.dtype == bool else jnp.asarray(a, kind), starts)
         state = surrogate.reset(cast)
-        world = surrogate.World(RULES, SURROGATE)
+        world = surrogate.World(PAPER.rules(), PAPER.limits)
         step = jax.jit(lambda state, action: surrogate.step(state, (action[:, 0], action[:, 1]), world))
         see = jax.jit(surrogate.observe)
         flying = np.ones(64, bool)
@@ -208,7 +208,7 @@ def test_parity_with_the_jax_surrogate_step_by_step(name: str, double: bool, pol
             near(paths.intruders.x[t + 1], traffic.x, tolerance_m)
             near(paths.separation[t], result.separation, tolerance_m)
             if name != "multi":  # of several, which one is seen may hang on a rounding
-                off = np.abs(seen - paths.observation[t])[flying]
+                off = np.abs(seen[flying] - decider.seen[t])
                 assert np.minimum(off, 2.0 - off).max() < 1e-4
             ended = np.stack(result.outcome)
             for code in range(len(OUTCOMES)):

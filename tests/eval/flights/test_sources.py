@@ -11,10 +11,10 @@ import pytest
 
 from agents.config.load import ConfigError
 from agents.resolvability.classify import Method, Verdict
+from envs.aircraft import PAPER
 from envs.encounters import EncounterError
 from envs.intruder import Recording
-from envs.kinematics import SURROGATE, VehicleState
-from envs.outcome import RULES
+from envs.kinematics import VehicleState
 from envs.traffic.replay import encounters_of
 from envs.traffic.tracks import Repairs, TrackError
 from eval.compare import run as compare
@@ -184,7 +184,7 @@ def test_a_loose_recording_is_not_proven_unresolvable() -> None:
     loose[1, 60] = 5.0
     recording = Recording(*np.stack([straight, loose], axis=1)[:, :, None])
     starts = encounters_of(own, recording, np.ones((2, 1), bool), 220.0)
-    found = verdicts.verdicts(starts, RULES, SURROGATE, np.zeros(2, bool))
+    found = verdicts.verdicts(starts, PAPER, np.zeros(2, bool))
     assert found.verdict.tolist() == [Verdict.UNRESOLVABLE, Verdict.UNDECIDED]
     assert found.method[0] in (Method.CONTAINMENT, Method.SPLITTING)
     assert found.method[1] == Method.NONE

@@ -12,10 +12,10 @@ from agents.baselines.baselines import BASELINES
 from agents.config.load import ConfigError
 from agents.manoeuvres.escape_manoeuvre import steps, tracks
 from agents.resolvability.classify import Witnesses, least_cost, replay
+from envs.aircraft import PAPER
 from envs.encounters import Encounter, scenario
 from envs.intruder import Recording
 from envs.kinematics import SURROGATE
-from envs.outcome import RULES
 from envs.starts import joined, numbered
 from envs.trees import take
 from eval.compare import deciders as comparison
@@ -23,11 +23,11 @@ from eval.compare import run as compare
 from eval.compare.deciders import REFERENCE, WITNESS, Comparison, Entry, baseline_entry
 from eval.flights.chunks import Evaluation
 from eval.flights.optimal import WitnessSearch, ended, fly_witnesses, followed
-from eval.flights.simulate import OUTCOMES, OnStates
+from eval.flights.simulate import OUTCOMES
 from tests.support import fly_recorded, recorded
 
 SHORT = {"radius": (3_000.0, 3_600.0)}
-QUICK = RULES._replace(t_max=150.0)
+QUICK = PAPER._replace(t_max=150.0)
 FEW = WitnessSearch(rounds=1)
 """Enough for the properties, not for the best cost."""
 
@@ -44,17 +44,17 @@ def starts() -> Encounter:
 
 @pytest.fixture(scope="module")
 def best(starts: Encounter) -> Witnesses:
-    return least_cost(starts, QUICK, SURROGATE, rounds=FEW.rounds)
+    return least_cost(starts, QUICK.rules(), SURROGATE, rounds=FEW.rounds)
 
 
 @pytest.fixture(scope="module")
 def flown(starts: Encounter) -> Any:
-    return fly_witnesses(starts, FEW, QUICK, SURROGATE)
+    return fly_witnesses(starts, FEW, QUICK)
 
 
 def comparison_of(source: Any, *names: str, search: WitnessSearch = FEW) -> Comparison:
-    entries = tuple(baseline_entry(name, SURROGATE, QUICK) for name in names)
-    return Comparison((*entries, Entry(WITNESS, WITNESS, search)), Evaluation(None, source, None, 4, QUICK, SURROGATE))
+    entries = tuple(baseline_entry(name, QUICK) for name in names)
+    return Comparison((*entries, Entry(WITNESS, WITNESS, search)), Evaluation(None, source, None, 4, QUICK))
 
 
 def test_what_is_flown_is_the_witness(starts: Encounter, best: Witnesses, flown: Any) -> None:
@@ -62,7 +62,7 @@ def test_what_is_flown_is_the_witness(starts: Encounter, best: Witnesses, flown:
     known = np.flatnonzero(np.isfinite(best.arrival))
     assert known.size >= 7
     for row in known:
-        alone = replay(take(starts, row), take(best.manoeuvre, row), QUICK, SURROGATE)
+        alone = replay(take(starts, row), take(best.manoeuvre, row), QUICK.rules(), SURROGATE)
         end = len(alone.time)
         for here, there in zip(paths.own, alone.own, strict=True):
             np.testing.assert_array_equal(here[:end, row], there)
@@ -81,9 +81,8 @@ def test_what_is_flown_is_the_witness(starts: Encounter, best: Witnesses, flown:
 def test_without_a_witness_the_flight_is_that_of_none(starts: Encounter, best: Witnesses, flown: Any) -> None:
     lost = np.flatnonzero(np.isnan(best.arrival))
     assert {1, 5} <= set(lost)
-    none, endless = baseline_entry(REFERENCE, SURROGATE, QUICK).decider, QUICK._replace(separation=0.0)
-    assert isinstance(none, OnStates)
-    straight, seen = fly_recorded(take(starts, lost), none, endless, SURROGATE)
+    none = baseline_entry(REFERENCE, QUICK).decider
+    straight, seen = fly_recorded(take(starts, lost), none, QUICK, endless=True)
     flights, paths = flown
     for field, ours, theirs in zip(flights._fields, flights, straight, strict=True):
         np.testing.assert_array_equal(ours[lost], theirs, err_msg=field)
@@ -92,7 +91,7 @@ def test_without_a_witness_the_flight_is_that_of_none(starts: Encounter, best: W
 
 
 def test_a_batch_without_any_witness_flies_too(starts: Encounter, flown: Any) -> None:
-    flights, paths = fly_witnesses(take(starts, [1]), FEW, QUICK, SURROGATE)
+    flights, paths = fly_witnesses(take(starts, [1]), FEW, QUICK)
     assert flights.min_separation[0] == flown[0].min_separation[1]
     np.testing.assert_array_equal(paths.own.x[:, 0], flown[1].own.x[: len(paths.own.x), 1])
 
@@ -100,10 +99,10 @@ def test_a_batch_without_any_witness_flies_too(starts: Encounter, flown: Any) ->
 @pytest.mark.parametrize("name", ["circle", "multi"])
 def test_ended_counts_as_the_simulation_does(name: str) -> None:
     starts = numbered(scenario(name, **SHORT), 5, 0, 40)
-    endless = RULES._replace(separation=0.0, t_max=100.0)
-    decider = OnStates(BASELINES["mvp_speed"](SURROGATE, 500.0, 1_000.0))
-    counted, paths = fly_recorded(starts, decider, endless, SURROGATE)
-    recounted = ended(starts, paths, endless)
+    aircraft = PAPER._replace(t_max=100.0)
+    decider = BASELINES["mvp_speed"](SURROGATE, 500.0, 1_000.0)
+    counted, paths = fly_recorded(starts, decider, aircraft, endless=True)
+    recounted = ended(starts, paths, aircraft)
     assert 0 < (recounted.outcome == OUTCOMES.index("reached")).sum() < 40
     assert recounted.reversals.max() > 0
     for field, ours, theirs in zip(recounted._fields, recounted, counted, strict=True):
@@ -129,9 +128,9 @@ def test_the_witness_hears_no_noise() -> None:
 
 def test_a_recorded_intruder_is_known_to_its_end(starts: Encounter, flown: Any) -> None:
     turning = take(starts, slice(6, 10))
-    states = tracks(turning, steps(QUICK), QUICK)
+    states = tracks(turning, steps(QUICK.rules()), QUICK.rules())
     recording: Any = Recording(*(np.moveaxis(field, 0, -1) for field in states))
-    again, paths = fly_witnesses(turning._replace(intent=recording), FEW, QUICK, SURROGATE)
+    again, paths = fly_witnesses(turning._replace(intent=recording), FEW, QUICK)
     for ours, theirs in zip(flown[0], again, strict=True):
         np.testing.assert_array_equal(ours[6:], theirs)
     np.testing.assert_array_equal(flown[1].separation[: len(paths.separation), 6:], paths.separation)
@@ -140,7 +139,7 @@ def test_a_recorded_intruder_is_known_to_its_end(starts: Encounter, flown: Any) 
 def test_a_manoeuvre_is_not_stopped_by_a_loss(starts: Encounter, best: Witnesses) -> None:
     # An escape of one encounter, flown in another, where it saves nothing.
     wrong = take(best.manoeuvre, np.full(2, np.flatnonzero(np.isfinite(best.arrival))[0]))
-    paths = followed(take(starts, [1, 5]), wrong, QUICK, SURROGATE)
+    paths = followed(take(starts, [1, 5]), wrong, QUICK)
     flights = ended(take(starts, [1, 5]), paths, QUICK)
     assert (flights.min_separation < QUICK.separation).all()
     assert (flights.duration > flights.time_of_min_separation).all()

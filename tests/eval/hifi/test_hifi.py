@@ -151,7 +151,7 @@ def test_an_interrupted_run_finishes_what_is_in_the_air(tmp_path: Path) -> None:
     [
         (["--scenario", "headon"], "did you mean head_on"),
         (["--condition", "stormy"], "condition.name: 'stormy' is unknown; expected one of calm, loaded, wind"),
-        (["--vehicle", "c280"], "aircraft: 'c280' is unknown"),
+        (["--vehicle", "c280"], "vehicle: 'c280' is unknown"),
         (["--vehicle", "point_mass", "--condition", "light"], "flies in no turbulence"),
         (["--mode", "policy"], "expected one of plan, closed, assured"),
         (["--flights", "0"], "expected a whole number of at least 1"),

@@ -15,6 +15,7 @@ from agents.config.load import load
 from agents.planner.request import Options
 from agents.planner.traffic import Traffic as Known
 from agents.policy.inference import Policy
+from envs.aircraft import PAPER
 from envs.c208.air_mass import NO_WIND, over_ground, through_air
 from envs.c208.conditions import Conditions
 from envs.c208.guidance import Path as Track
@@ -147,7 +148,7 @@ def test_a_flight_in_closed_loop_ends_where_it_is_decided() -> None:
 
 
 def test_the_assured_loop_plans_anew_for_an_intruder_that_turns() -> None:
-    turning = ("scenario=maneuvering", "condition.name=wind", "planner.margin=60", "rules.t_max=100")
+    turning = ("scenario=maneuvering", "condition.name=wind", "planner.margin=60", "aircraft.t_max_s=100")
     rows = [fly(campaign("mode=assured", *turning), number)[1] for number in (0, 2)]
     for row in rows:
         judged(row)
@@ -194,7 +195,7 @@ def test_a_start_that_the_aircraft_cannot_fly_is_refused() -> None:
 
 def test_a_plan_that_is_not_safe_is_no_success() -> None:
     flying = campaign("scenario=circle", "changes.min_initial_separation=0", "changes.radius=[1100,1200]")
-    rows = [fly(flying._replace(aircraft="point_mass"), number)[1] for number in range(2)]
+    rows = [fly(flying._replace(vehicle="point_mass"), number)[1] for number in range(2)]
     unresolved = [row for row in rows if row["plan_status"] == "unresolved"]
     assert unresolved
     assert all(row["outcome"] != "reached" for row in unresolved)
@@ -228,7 +229,7 @@ def test_a_plan_for_a_wind_enters_the_goal_on_the_ground(number: int, wind: floa
         return  # refused, or rejoined elsewhere: said so
     curves, rejoin = legs(take(found.knots, 0)), float(found.rejoin_time[0])
     there = over_ground(VehicleState(*(float(f) for f in at(curves, rejoin))), scene.frame, rejoin)
-    assert math.hypot(scene.route.x[1] - there.x, scene.route.y[1] - there.y) <= flying.rules.goal_radius
+    assert math.hypot(scene.route.x[1] - there.x, scene.route.y[1] - there.y) <= flying.aircraft.goal_radius
     slow, fast = airspeeds(curves, scene.frame, scene.wind)
     # 0.4 m/s is the swing of the smoothing that plans are made for.
     assert SURROGATE.speed_min - 1.0 <= slow <= fast <= SURROGATE.speed_max + 1e-9
@@ -236,7 +237,7 @@ def test_a_plan_for_a_wind_enters_the_goal_on_the_ground(number: int, wind: floa
 
 @pytest.mark.parametrize("number", [1, 4])
 def test_in_a_wind_the_surrogate_flies_its_plan_as_in_calm_air(number: int) -> None:
-    flying = campaign("aircraft=surrogate", "condition.wind_mps=[15,15]")
+    flying = campaign("vehicle=surrogate", "condition.wind_mps=[15,15]")
     one = flown(LoadedCampaign(flying), number)
     row = row_of(flying, number, one)
     assert row["plan_status"] == "safe"
@@ -326,9 +327,9 @@ def test_the_error_of_the_navigation_is_as_large_as_stated_and_changes_slowly() 
 
 
 def test_gentle_manoeuvres_keep_the_limits_of_the_vehicle_too() -> None:
-    setting = load(HifiConfig, None, ["planner.vehicle=configs/vehicle_c208.yaml"]).planner.setting()
+    setting = load(HifiConfig, None, ["planner.vehicle=configs/vehicle_c208.yaml"]).planner.setting(PAPER)
     assert setting.options.manoeuvre.speed_min == 55.0
     assert setting.options.manoeuvre.speed_max < 90.0
     assert setting.options.manoeuvre.acceleration_max < 0.28
     assert replace(setting.options, manoeuvre=Options().manoeuvre) != setting.options
-    assert load(HifiConfig).planner.setting().options.manoeuvre == Options().manoeuvre
+    assert load(HifiConfig).planner.setting(PAPER).options.manoeuvre == Options().manoeuvre

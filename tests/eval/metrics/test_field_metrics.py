@@ -11,14 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.config.load import ConfigError, load
+from envs.aircraft import PAPER
 from envs.encounters import SCENARIOS, scenario
-from envs.kinematics import SURROGATE
-from envs.outcome import RULES
 from envs.sobol import REPLICATES, quasi_numbered
 from envs.starts import numbered
 from envs.traffic.track_units import FOOT, NAUTICAL_MILE
 from eval.config import MonteCarloConfig
-from eval.flights.simulate import direct
+from eval.flights.simulate import Direct
 from eval.flights.sources import drawn, read_source
 from eval.hifi.config import HifiConfig
 from eval.metrics.field import costs, losses, ratio, relative
@@ -220,7 +219,7 @@ def test_a_sample_that_cannot_carry_the_claim_says_so() -> None:
 
 def test_costs_and_losses_of_flights() -> None:
     starts = numbered(SCENARIOS["circle"], 3, 0, 60)
-    flights, paths = fly_recorded(starts, direct(SURROGATE), RULES._replace(separation=0.0), SURROGATE)
+    flights, paths = fly_recorded(starts, Direct(PAPER), PAPER, endless=True)
     found = costs(starts, flights, paths)
     # Without a resolver the route is flown: nothing is lost but the turn onto it.
     assert found.path_excess.max() < 1e-3
@@ -253,13 +252,13 @@ def test_a_ratio_by_hand() -> None:
 
 
 def test_random_draws_are_what_they_were() -> None:
-    source, _ = read_source(MonteCarloConfig(), SURROGATE)
+    source, _ = read_source(MonteCarloConfig(), PAPER)
     made, usual = drawn(source, 7, 5, 20)[0], numbered(scenario("circle"), 7, 5, 20)
     np.testing.assert_array_equal(made.own.x, usual.own.x)
 
 
 def test_sobol_draws_are_quasi_random() -> None:
-    source, _ = read_source(load(MonteCarloConfig, None, ["draws=sobol", "encounters=64"]), SURROGATE)
+    source, _ = read_source(load(MonteCarloConfig, None, ["draws=sobol", "encounters=64"]), PAPER)
     made, wanted = drawn(source, 7, 5, 20)[0], quasi_numbered(scenario("circle"), 7, 5, 20)
     np.testing.assert_array_equal(made.own.x, wanted.own.x)
     assert not np.array_equal(made.own.x, numbered(scenario("circle"), 7, 5, 20).own.x)

@@ -17,15 +17,15 @@ import yaml
 from agents.baselines.baselines import BASELINES
 from agents.config.folder_lock import locked
 from agents.config.load import ConfigError
+from envs.aircraft import PAPER
 from envs.edge.command import run_cli
 from envs.encounters import SCENARIOS
 from envs.formats import encounter_file
 from envs.kinematics import SURROGATE
-from envs.outcome import RULES
 from envs.starts import numbered
 from envs.trees import take
 from eval.flights import simulate
-from eval.flights.simulate import OUTCOMES, OnStates
+from eval.flights.simulate import OUTCOMES
 from eval.monte_carlo import run as monte_carlo
 from eval.stats.intervals import clopper_pearson
 
@@ -153,23 +153,23 @@ def test_every_baseline_flies_in_the_policy_s_place(name: str, tmp_path: Path, p
     assert summary["baseline"] == name
     table = pq.read_table(tmp_path / "run" / "encounters.parquet").to_pydict()
     starts = numbered(SCENARIOS["circle"], 0, 0, 24)
-    expected = simulate.fly(starts, OnStates(BASELINES[name](SURROGATE, 500.0, 1000.0)), RULES, SURROGATE)
+    expected = simulate.fly(starts, BASELINES[name](SURROGATE, 500.0, 1000.0), PAPER)
     assert table["outcome"] == [OUTCOMES[code] for code in expected.outcome]
     np.testing.assert_allclose(table["min_separation_m"], expected.min_separation)
 
 
-@pytest.mark.parametrize("vehicle", ["null", "{speed_max_mps: 101}"])
+@pytest.mark.parametrize("aircraft", ["null", "{speed_max_mps: 101}"])
 def test_the_aircraft_flown_is_named(
-    vehicle: str, tmp_path: Path, policy_path: Path, capsys: pytest.CaptureFixture[str]
+    aircraft: str, tmp_path: Path, policy_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    fly(tmp_path / "run", "--policy", str(policy_path), "--encounters", "2", *QUICK, "--set", f"vehicle={vehicle}")
+    fly(tmp_path / "run", "--policy", str(policy_path), "--encounters", "2", *QUICK, "--set", f"aircraft={aircraft}")
     summary = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
-    assert summary["policy_limits"] == SURROGATE._asdict()
-    assert summary["limits"]["speed_max"] == (100.0 if vehicle == "null" else 101.0)
-    assert bool(summary["aircraft_warning"]) is (vehicle != "null")
+    assert summary["policy_aircraft"]["yaw_rate_max"] == SURROGATE.yaw_rate_max
+    assert summary["aircraft"]["speed_max"] == (100.0 if aircraft == "null" else 101.0)
+    assert bool(summary["aircraft_warning"]) is (aircraft != "null")
     printed = capsys.readouterr().out
     assert "aircraft: 50 to 10" in printed
-    assert ("warning: the policy was trained for another aircraft" in printed) is (vehicle != "null")
+    assert ("warning: the policy was trained for another aircraft" in printed) is (aircraft != "null")
 
 
 def test_a_longer_run_begins_like_a_shorter_one(finished: Path, tmp_path: Path) -> None:
@@ -348,7 +348,7 @@ def mistakes(folder: Path) -> dict[str, tuple[list[str], str]]:
         "twice": (["--seed", "1", "--seed", "2"], "--seed stands twice"),
         "pipe": (["--scenario", f"file:{folder / 'pipe'}"], "not a regular file"),
         "speeds": (
-            ["--set", "vehicle={speed_min_mps: 18, speed_max_mps: 36}"],
+            ["--set", "aircraft={speed_min_mps: 18, speed_max_mps: 36, separation_m: 610}"],
             "changes.own_speed is [50, 100] m/s; expected a range within 18 to 36 m/s",
         ),
         "pinned": (["--policy-sha256", "0" * 64], "expected 000"),
@@ -414,7 +414,7 @@ def test_help_is_quick_and_complete() -> None:
 
 def test_keys_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert monte_carlo.main(["--help-keys"]) == 0
-    assert "rules.goal_radius" in capsys.readouterr().out
+    assert "aircraft.separation_m" in capsys.readouterr().out
 
 
 def test_the_shipped_configuration_is_the_defaults() -> None:

@@ -155,9 +155,9 @@ def test_flights_come_out_as_the_table_says(report_run: Path) -> None:
         assert flight.own.shape == (2, len(flight.separation) + 1)
         if flight.witness is not None:
             assert flight.number in failed
-            assert flight.witness.separation >= run.config.rules.separation
+            assert flight.witness.separation >= run.rules.separation
             to_goal = np.hypot(flight.witness.x[-1] - flight.goal[0], flight.witness.y[-1] - flight.goal[1])
-            assert to_goal <= run.config.rules.goal_radius + 1e-6
+            assert to_goal <= run.rules.goal_radius + 1e-6
 
 
 def test_a_flight_that_differs_from_the_table_is_marked(report_run: Path) -> None:
