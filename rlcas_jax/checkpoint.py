@@ -25,9 +25,7 @@ from envs.edge.files import check_regular, write_file
 __all__ = ["CheckpointError", "latest", "meta", "restore", "restore_part", "save"]
 
 SCHEMA = "rlcas-checkpoint-1"
-KEPT = 3
-"""Newest checkpoints that stay."""
-
+KEPT = 3  # newest checkpoints that stay
 _HEADER = "rlcas-checkpoint"
 _NAME = "checkpoint-{:010d}.safetensors"
 _NAMES = re.compile(r"checkpoint-(\d{10,})\.safetensors")
@@ -39,19 +37,16 @@ class CheckpointError(InputError):
 
 
 def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any], *, keep: int = KEPT) -> Path:
-    """Write a checkpoint and remove all but the newest ones.
+    """Write a checkpoint, remove all but the newest ones, and return its path.
 
     Args:
         directory: of the run's checkpoints; made if it is not there.
         number: orders the checkpoints, for instance the number of updates done, >= 0.
-        tree: a pytree whose leaves are arrays (any backend, jax's typed PRNG keys among them) or Python numbers.
+        tree: a pytree whose leaves are arrays of dtypes that numpy knows.
         meta: anything that JSON can hold.
         keep: how many of the newest checkpoints stay, >= 1.
-
-    Returns:
-        The file's path.
     """
-    tensors = {name: _plain(leaf) for name, leaf in _leaves(tree).items()}
+    tensors = {name: np.array(leaf, order="C") for name, leaf in _leaves(tree).items()}
     directory.mkdir(parents=True, exist_ok=True)
     written = json.dumps(dict(meta))
     header = {"schema": SCHEMA, "meta": written, "sha256": _digest(tensors, written)}
@@ -84,24 +79,14 @@ def latest(directory: Path) -> Path:
 
 
 def meta(path: Path) -> dict[str, Any]:
-    """Return the meta data of a checkpoint.
-
-    Raises:
-        CheckpointError: the file is not there or not whole.
-    """
+    """Return the meta data of a checkpoint; raises a CheckpointError where it is not there or not whole."""
     return _read(path)[1]
 
 
 def restore(path: Path, like: Any) -> Any:
-    """Read a checkpoint.
+    """Return the tree of a checkpoint, bit for bit as saved.
 
-    Args:
-        path: the file.
-        like: a pytree with the structure, shapes, dtypes and kinds of leaves that are expected; its values do not
-            matter, so ``jax.eval_shape`` makes a good one where there are no typed PRNG keys.
-
-    Returns:
-        The tree, bit for bit as saved.
+    The structure, shapes and dtypes that are expected are those of ``like``, for instance of ``jax.eval_shape``.
 
     Raises:
         CheckpointError: the file is not there, not whole, or not of this structure.
@@ -110,15 +95,10 @@ def restore(path: Path, like: Any) -> Any:
 
 
 def restore_part(path: Path, like: Any, part: str) -> Any:
-    """Read one field of the named tuple that a checkpoint holds, whatever the others are.
-
-    Args:
-        path: the file.
-        like: what is expected of the field, as for :func:`restore`.
-        part: the field's name.
+    """Return the field ``part`` of the named tuple that a checkpoint holds, whatever the others are.
 
     Raises:
-        CheckpointError: the file is not there, not whole, or its field is not of this structure.
+        CheckpointError: the file is not there, not whole, or its field is not ``like`` what is expected.
     """
     tensors, _ = _read(path)
     begins = f".{part}"
@@ -131,47 +111,18 @@ def _leaves(tree: Any) -> dict[str, Any]:
     return {jax.tree_util.keystr(path) or "root": leaf for path, leaf in jax.tree_util.tree_leaves_with_path(tree)}
 
 
-def _is_key(leaf: Any) -> bool:
-    return hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
-
-
-def _plain(leaf: Any) -> np.ndarray:
-    array = np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf)
-    array = np.ascontiguousarray(array).reshape(array.shape)  # the former turns a scalar into a vector
-    return array.view(_stored_dtype(array.dtype))
-
-
-def _stored_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """Return the dtype itself, or for one that numpy does not know (bfloat16) an integer of its width."""
-    return np.dtype(f"u{dtype.itemsize}") if dtype.kind == "V" else dtype
-
-
 def _fitted(path: Path, tensors: Mapping[str, np.ndarray], like: Any) -> Any:
     """Return stored arrays as the tree that is expected."""
     expected = _leaves(like)
     for name in [*(n for n in expected if n not in tensors), *(n for n in tensors if n not in expected)]:
         has, lacks = (path, "this run") if name in tensors else ("this run", path)
         raise CheckpointError(f"{path}: made by another structure ({name} is in {has} and not in {lacks})")
-    restored = [_like(tensors[name], leaf, f"{path}: {name}") for name, leaf in expected.items()]
-    return jax.tree.unflatten(jax.tree.structure(like), restored)
-
-
-def _like(stored: np.ndarray, leaf: Any, name: str) -> Any:
-    """Return a stored array as the kind of leaf that is expected."""
-    is_number = isinstance(leaf, (bool, int, float))
-    plain: Any = np.asarray(leaf) if is_number else leaf
-    if _is_key(leaf):
-        plain = jax.eval_shape(jax.random.key_data, leaf)
-    dtype = np.dtype(plain.dtype)
-    if (stored.shape, stored.dtype) != (plain.shape, _stored_dtype(dtype)):
-        raise CheckpointError(f"{name} is {stored.dtype}{list(stored.shape)}; expected {dtype}{list(plain.shape)}")
-    stored = stored.view(dtype)
-    if is_number:
-        return stored.item()
-    if isinstance(leaf, np.ndarray):
-        return stored
-    array = jnp.asarray(stored)
-    return jax.random.wrap_key_data(array, impl=jax.random.key_impl(leaf)) if _is_key(leaf) else array
+    for name, leaf in expected.items():
+        stored, dtype = tensors[name], np.dtype(leaf.dtype)
+        if (stored.shape, stored.dtype) != (leaf.shape, dtype):
+            found = f"{stored.dtype}{list(stored.shape)}; expected {dtype}{list(leaf.shape)}"
+            raise CheckpointError(f"{path}: {name} is {found}")
+    return jax.tree.unflatten(jax.tree.structure(like), [jnp.asarray(tensors[name]) for name in expected])
 
 
 def _digest(tensors: Mapping[str, np.ndarray], meta: str) -> str:

@@ -18,16 +18,14 @@ from rlcas_jax.cli import Processes
 
 __all__ = ["AXIS", "Devices", "agreed", "connect", "everywhere", "first", "local", "place"]
 
-AXIS = "encounters"
-"""Name of the mesh's one axis."""
+AXIS = "encounters"  # name of the mesh's one axis
 
 
 @dataclass(frozen=True)
 class Devices:
     """Where the arrays of a training are."""
 
-    mesh: Mesh | None
-    """None on one device, where nothing is split."""
+    mesh: Mesh | None  # None on one device, where nothing is split
 
     @property
     def count(self) -> int:
@@ -76,11 +74,8 @@ def connect(devices: int | None = None, processes: Processes | None = None) -> D
         raise ConfigError(
             f"--devices is {wanted}; expected at most {len(here)}, the visible {here[0].platform} devices"
         )
-    chosen = [
-        device
-        for process in range(jax.process_count())
-        for device in [d for d in jax.devices() if d.process_index == process][:wanted]
-    ]
+    of_each = [[one for one in jax.devices() if one.process_index == i] for i in range(jax.process_count())]
+    chosen = [device for theirs in of_each for device in theirs[:wanted]]
     return Devices(None if len(chosen) == 1 else Mesh(np.array(chosen), (AXIS,)))
 
 
@@ -112,20 +107,15 @@ def local(tree: Any) -> Any:
 
 
 def place(tree: Any, shardings: Any) -> Any:
-    """Put whole arrays where they belong.
+    """Put whole arrays, which every process has, where they belong.
 
-    Args:
-        tree: arrays that every process has.
-        shardings: a tree of the same structure, or its beginning; None leaves the arrays where they are.
+    The shardings are a tree of the same structure, or its beginning; None leaves the arrays where they are.
     """
     if shardings is None:
         return tree
 
     def put(sharding: NamedSharding, part: Any) -> Any:
-        def one(array: Any) -> jax.Array:
-            values = np.asarray(array)
-            return jax.make_array_from_callback(values.shape, sharding, lambda index: values[index])
-
-        return jax.tree.map(one, part)
+        whole = jax.tree.map(np.asarray, part)
+        return jax.tree.map(lambda a: jax.make_array_from_callback(a.shape, sharding, a.__getitem__), whole)
 
     return jax.tree.map(put, shardings, tree, is_leaf=lambda node: isinstance(node, NamedSharding))

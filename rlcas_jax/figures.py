@@ -18,9 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FIGURES", "STYLE", "main", "stretches", "training_figures"]
 
-PAPER_SCORE = 75.0
-"""Average episode reward that the paper reports at the end of its training."""
-
+PAPER_SCORE = 75.0  # average episode reward that the paper reports at the end of its training
 _BLUE, _GREEN, _ORANGE, _GREY = "#0072b2", "#00795a", "#d55e00", "#767676"  # apart for every kind of colour vision
 STYLE: dict[Any, Any] = {
     "font.size": 9.0,
@@ -36,8 +34,7 @@ STYLE: dict[Any, Any] = {
     "svg.hashsalt": "rlcas",  # the same data give the same file
 }
 _STEPS = "environment steps, millions"
-_POINTS = 400
-"""Most points of a curve; more would be a band."""
+_POINTS = 400  # most points of a curve; more would be a band
 
 
 class _Panel(NamedTuple):
@@ -58,15 +55,12 @@ FIGURES = {
 
 
 def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
-    """Draw the figures of a training as PNG and SVG: one a metric, and ``training`` with all of them.
+    """Draw the figures of a training as PNG and SVG and return the files: one a metric, and ``training`` with all.
 
     Args:
         runs: directories (or metrics files) of the seeds of one configuration; with several, each is a thin line
             and their mean a thick one.
         out: directory of the files; made if it is not there.
-
-    Returns:
-        The files.
 
     Raises:
         ValueError: no run has a metric yet.
@@ -79,32 +73,20 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
     from agents.config.figures import save_figure
 
     out.mkdir(parents=True, exist_ok=True)
+    sheets = {name: [name] for name in FIGURES} | {"training": list(FIGURES)}
     with mpl.rc_context(STYLE):
-        files = [
-            file for name, panel in FIGURES.items() for file in save_figure(_side_by_side(logs, panel), out / name)
-        ]
-        return files + save_figure(_sheet(logs), out / "training")
+        return [file for name, shown in sheets.items() for file in save_figure(_figure(logs, shown), out / name)]
 
 
-def _side_by_side(logs: Sequence[dict[str, np.ndarray]], panel: _Panel) -> "Figure":
-    """Return a metric with the success rate to its right."""
+def _figure(logs: Sequence[dict[str, np.ndarray]], names: list[str]) -> "Figure":
+    """Return one metric with the success rate to its right, or four above it."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    _draw_metric(left, logs, panel)
-    _draw_success(right, logs)
-    return figure
-
-
-def _sheet(logs: Sequence[dict[str, np.ndarray]]) -> "Figure":
-    """Return all metrics above the success rate."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.0, 9.0), layout="constrained")
-    axes = figure.subplot_mosaic([["a", "b"], ["c", "d"], ["success", "success"]])
-    for name, panel in zip("abcd", FIGURES.values(), strict=True):
-        _draw_metric(axes[name], logs, panel)
+    figure = Figure(figsize=(9.0, 3.4 if len(names) == 1 else 9.0), layout="constrained")
+    layout: Any = [[*names, "success"]] if len(names) == 1 else [names[:2], names[2:], ["success", "success"]]
+    axes: Any = figure.subplot_mosaic(layout)
+    for name in names:
+        _draw_metric(axes[name], logs, FIGURES[name])
     _draw_success(axes["success"], logs)
     return figure
 
@@ -112,36 +94,21 @@ def _sheet(logs: Sequence[dict[str, np.ndarray]]) -> "Figure":
 def _draw_metric(axes: "Axes", logs: Sequence[dict[str, np.ndarray]], panel: _Panel) -> None:
     _lines(axes, logs, panel.metric, _BLUE, None)
     if panel.metric == "score":
-        axes.axhline(PAPER_SCORE, color=_GREY, linewidth=1.0, linestyle=(0, (4, 3)))
-        axes.annotate(
-            f"paper: +{PAPER_SCORE:.0f}",
-            (1.0, PAPER_SCORE),  # below its right end, where the curve has long left it
-            xycoords=("axes fraction", "data"),
-            xytext=(-3, -2),
-            textcoords="offset points",
-            ha="right",
-            va="top",
-            color=_GREY,
-            fontsize=8.0,
-        )
+        style: Any = {"color": _GREY, "linewidth": 1.0, "linestyle": (0, (4, 3))}
+        axes.axhline(PAPER_SCORE, label=f"paper: +{PAPER_SCORE:.0f}", **style)
+        axes.legend(loc="lower right")
     axes.set(title=panel.title, xlabel=_STEPS, xlim=_span(logs), ylabel=panel.unit)
 
 
 def _draw_success(axes: "Axes", logs: Sequence[dict[str, np.ndarray]]) -> None:
     _lines(axes, logs, "success", _GREEN, "stochastic policy, while training")
     evaluated = [log for log in logs if "eval_success" in log]
+    style: Any = {"color": _ORANGE, "linewidth": 0.8, "marker": "o", "markersize": 4.0}
+    style |= {"alpha": 1.0 if len(evaluated) == 1 else 0.6, "label": "deterministic policy, evaluations"}
     for log in evaluated:
         known = np.isfinite(log["eval_success"])
-        axes.plot(
-            log["step"][known] * 1e-6,
-            100.0 * log["eval_success"][known],
-            color=_ORANGE,
-            linewidth=0.8,
-            marker="o",
-            markersize=4.0,
-            alpha=1.0 if len(evaluated) == 1 else 0.6,
-            label="deterministic policy, evaluations" if log is evaluated[0] else None,
-        )
+        axes.plot(1e-6 * log["step"][known], 100.0 * log["eval_success"][known], **style)
+        style["label"] = None
     axes.set(title="Success rate", xlabel=_STEPS, xlim=_span(logs), ylabel="%", ylim=(0.0, 102.0))
     if axes.get_legend_handles_labels()[0]:  # before the first episode ends there is nothing to show
         axes.legend(loc="lower right")
@@ -180,11 +147,7 @@ def stretches(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a curve of at most so many points: the ends of stretches of equal length and the weighted means over them.
 
-    Args:
-        steps: ascending, ``[N]``.
-        values: ``[N]``.
-        weights: of the values, positive, ``[N]``.
-        most: points.
+    Steps (ascending), values and weights (positive) are ``[N]``.
     """
     if len(steps) <= most:
         return steps, values
@@ -195,11 +158,7 @@ def stretches(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Draw the figures that the command line asks for.
-
-    Raises:
-        ConfigError: a run is not there or has no metrics.
-    """
+    """Draw the figures that the command line asks for; raises a ConfigError where a run has no metrics."""
     parser = Parser(prog="python -m rlcas_jax.figures", description="Draw the figures of trainings again.")
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="folders of the seeds of one configuration")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the figures go, PNG and SVG")

@@ -113,8 +113,7 @@ def table(directory: Path, summaries: Sequence[dict[str, Any]]) -> str:
         scores = [summary["training_score"] for summary in summaries if summary["training_score"] is not None]
         given = [summary["evaluation"]["success_given_resolvable"] for summary in summaries]
         reached = f"training score {min(scores):+.1f} to {max(scores):+.1f}, " if scores else ""
-        lines.append(
-            f"{len(summaries)} seeds: {reached}resolved of the resolvable {min(given):.2%} to {max(given):.2%}"
-        )
+        resolved = f"resolved of the resolvable {min(given):.2%} to {max(given):.2%}"
+        lines.append(f"{len(summaries)} seeds: {reached}{resolved}")
     lines.append(f"policy, summary, metrics and figures: {directory}")
     return "\n".join(lines)

@@ -4,23 +4,21 @@ import os
 import signal
 import sys
 import threading
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, TextIO
 
 __all__ = ["INTERRUPTED", "Interrupt"]
 
-INTERRUPTED = 130
-"""Exit status."""
-
+INTERRUPTED = 130  # exit status
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Interrupt:
     """A context in which the first signal asks the program to stop, and the second one ends it.
 
-    The program looks at :attr:`requested` where it can stop. A thread hears the signals: Python itself would answer
-    only when the compiled call has returned, and an exception inside such a call can crash the process. Where nothing
-    would be lost (:meth:`waits_for` None) the first signal ends the process already.
+    The program looks at ``requested`` where it can stop. A thread takes the signals: Python itself would answer only
+    when the compiled call has returned, and an exception inside such a call can crash the process. Where nothing would
+    be lost (:meth:`waits_for` None) the first signal ends the process already.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
@@ -43,9 +41,7 @@ class Interrupt:
         threading.Thread(target=self._listen, args=(reader,), daemon=True).start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *problem: object) -> None:
         """Give the signals back."""
         signal.set_wakeup_fd(self._wakeup)
         for number, handler in self._before:
@@ -53,10 +49,9 @@ class Interrupt:
         os.close(self._writer)
 
     def _listen(self, reader: int) -> None:
-        while heard := os.read(reader, 64):
-            for number in heard:
-                if number in _SIGNALS:
-                    self._answer()
+        while taken := os.read(reader, 64):
+            for _ in filter(_SIGNALS.__contains__, taken):
+                self._answer()
         os.close(reader)
 
     def _answer(self) -> None:
@@ -64,8 +59,7 @@ class Interrupt:
         if self.requested or what is None:
             self._say("interrupted; the last checkpoint is kept" if what else "interrupted")
             if self._stream.isatty():
-                self._stream.write("\x1b[?25h")  # a live display hides the cursor
-                self._stream.flush()
+                print("\x1b[?25h", end="", file=self._stream, flush=True)  # a live display hides the cursor
             os._exit(INTERRUPTED)
         self.requested = True
         self._say(f"stopping: waits for {what}; Ctrl-C again ends at once, and the last checkpoint is kept")

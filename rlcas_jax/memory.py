@@ -12,8 +12,7 @@ from rlcas_jax.config import TrainConfig
 __all__ = ["check_memory", "needed_bytes"]
 
 _FLOAT = 4
-_START = 40
-"""Numbers of an encounter's start with one intruder, and of each further one some of them again."""
+_START = 40  # numbers of an encounter's start with one intruder, and of each further one some of them again
 
 
 def needed_bytes(config: TrainConfig) -> int:
@@ -38,19 +37,14 @@ def _of_phase(config: TrainConfig) -> int:
     return _FLOAT * (pool + samples + activations + parameters)
 
 
-def check_memory(config: TrainConfig) -> int:
-    """Return :func:`needed_bytes`.
-
-    Raises:
-        ConfigError: the devices have less memory.
-    """
+def check_memory(config: TrainConfig) -> None:
+    """Raise a ConfigError where the devices have less memory than :func:`needed_bytes`."""
     needed, had = needed_bytes(config), _had_bytes()
     if needed > had:
         raise ConfigError(
             f"ppo.environments {config.ppo.environments} with ppo.rollout {config.ppo.rollout} and pool_rows "
             f"{config.pool_rows} need about {needed / 2**30:.3g} GiB of memory; expected at most {had / 2**30:.3g} GiB"
         )
-    return needed
 
 
 def _had_bytes() -> int:

@@ -5,9 +5,9 @@ import math
 import os
 import time
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from importlib.util import find_spec
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any
 
 import numpy as np
@@ -53,15 +53,13 @@ METRICS = {
 }
 """What is logged, by name, with its meaning and unit."""
 
-WALL_CLOCK = ("wall_s", "steps_per_s")
-"""The only metrics in which two runs of one configuration differ."""
+WALL_CLOCK = ("wall_s", "steps_per_s")  # the only metrics in which two runs of one configuration differ
 
 
-_FLUSH_S = 10.0
-"""Time between two flushes of the file for TensorBoard, each of which waits for the disk, s."""
+_FLUSH_S = 10.0  # time between two flushes of the file for TensorBoard, each of which waits for the disk, s
 
 
-class Writer:
+class Writer(AbstractContextManager["Writer"]):
     """Appends a run's metrics to ``metrics.jsonl`` in its directory, flushed line by line.
 
     Where tensorboardX is installed, the same figures go to ``tensorboard/`` beside it.
@@ -77,9 +75,8 @@ class Writer:
             tensorboard: write for TensorBoard too, if that is possible.
         """
         path = directory / FILE
-        kept = (
-            [] if resume_update is None else [one for one in _lines(path) if json.loads(one)["update"] <= resume_update]
-        )
+        last = -1 if resume_update is None else resume_update
+        kept = [line for line in _lines(path) if json.loads(line)["update"] <= last]
         with path.open("ab") as file:
             file.truncate(sum(map(len, kept)))
         self._file: IO[str] = path.open("a", encoding="utf-8")
@@ -88,17 +85,13 @@ class Writer:
             self._board = _Board(directory / "tensorboard", json.loads(kept[-1])["step"] + 1 if kept else 0)
 
     def write(self, row: Mapping[str, Any]) -> None:
-        """Write the figures of an update.
-
-        Args:
-            row: numbers by name, among them ``step`` and ``update``; what is not finite becomes null.
+        """Write the figures of an update by name, ``step`` and ``update`` among them; what is not finite becomes null.
 
         Raises:
             KeyError: a name is not described in :data:`METRICS`.
         """
-        for name in row:
-            if name not in METRICS:
-                raise KeyError(f"metric {name!r} has no description in rlcas_jax.metrics.METRICS")
+        if unknown := row.keys() - METRICS:
+            raise KeyError(f"metric {min(unknown)!r} has no description in rlcas_jax.metrics.METRICS")
         figures = {name: _number(name, value) for name, value in row.items()}
         self._file.write(json.dumps(figures) + "\n")
         self._file.flush()
@@ -113,13 +106,7 @@ class Writer:
         if self._board is not None:
             self._board.close()
 
-    def __enter__(self) -> "Writer":
-        """Return itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *problem: object) -> None:
         """Close the files."""
         self.close()
 
@@ -159,8 +146,7 @@ class _Board:
 def read(path: Path) -> dict[str, np.ndarray]:
     """Return a run's metrics by name, float64 ``[updates]``, not-a-number where a line lacks one.
 
-    Args:
-        path: of the JSONL file or of the run's directory. A last line that is only half written is left out.
+    The path is that of the JSONL file or of the run's directory. A last line that is only half written is left out.
     """
     rows = [json.loads(line) for line in _lines(path / FILE if path.is_dir() else path)]
     names = dict.fromkeys(name for row in rows for name in row)

@@ -9,8 +9,7 @@ from agents.config.progress import Progress, spaced
 
 __all__ = ["Reporter"]
 
-_SILENCE_S = 10.0
-"""Least time between two plain lines."""
+_SILENCE_S = 10.0  # least time between two plain lines
 
 
 class Reporter:
@@ -19,24 +18,13 @@ class Reporter:
     def __init__(
         self, *, quiet: bool = False, stream: TextIO | None = None, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Prepare; nothing is shown before :meth:`start`.
-
-        Args:
-            quiet: show nothing at all.
-            stream: where to; standard error by default.
-            clock: seconds from any origin.
-        """
+        """Prepare what :class:`agents.config.progress.Progress` shows from :meth:`start` on; arguments as there."""
         self._quiet, self._stream, self._clock = quiet, stream, clock
         self._progress = self._prepared(1)
         self._evaluated: float | None = None
 
     def start(self, total_steps: int, step: int = 0) -> None:
-        """Begin.
-
-        Args:
-            total_steps: of the whole run.
-            step: steps that are already done, where the run is a resumed one.
-        """
+        """Begin a run of so many steps, some of which are done already where it is a resumed one."""
         self._evaluated = None
         self._progress = self._prepared(total_steps).start(step, "compiling")
 

@@ -68,9 +68,8 @@ def _train(options: "Options", interrupt: "Interrupt") -> int:
                 break
         if first():
             if len(options.jobs) > 1:
-                training_figures(
-                    [job.directory for job in options.jobs[: len(summaries)]], options.directory / "figures"
-                )
+                done = [job.directory for job in options.jobs[: len(summaries)]]
+                training_figures(done, options.directory / "figures")
             print(table(options.directory, summaries))
             if interrupted:
                 print(f"interrupted: go on with  python -m rlcas_jax.train --resume {options.directory}")

@@ -10,6 +10,7 @@ from pydantic import Field
 from agents.config.folder_lock import is_unused
 from agents.config.load import ConfigError, Parser, Strict, load, validated
 from agents.config.yaml import YamlError, read
+from rlcas_jax.cli import add_configuration, overrides_of
 from rlcas_jax.config import SEED_END, TrainConfig
 from rlcas_jax.sweep.space import Objective, Parameter, check
 from rlcas_jax.sweep.space import parse as parse_space
@@ -63,17 +64,13 @@ class Options:
     base: TrainConfig
     settings: SweepConfig
     space: tuple[Parameter, ...]
-    timeout_s: float | None
-    """Time after which no further trial begins, s."""
+    timeout_s: float | None  # time after which no further trial begins, s
     resumed: bool
     quiet: bool
 
 
 def parse(argv: Sequence[str] | None = None) -> Options:
-    """Read the command line; nothing is written.
-
-    Args:
-        argv: arguments without the program's name; those of the process by default.
+    """Read the command line, that of the process by default; nothing is written.
 
     Raises:
         ConfigError: the arguments, the configuration, the space or the directory are not usable.
@@ -95,7 +92,7 @@ def parse(argv: Sequence[str] | None = None) -> Options:
         if given.space is None or given.trials is None:
             raise ConfigError(f"--{'space' if given.space is None else 'trials'} is missing (see --help)")
         file, source = given.config, given.space
-        overrides = given.set + ([f"steps={given.steps}"] if given.steps else [])
+        overrides = overrides_of(given)
         base, settings = load(TrainConfig, file, overrides), _settings(given)
     if base.phases:
         raise ConfigError("phases: expected a training of one phase, as trials are compared step by step")
@@ -118,30 +115,20 @@ def _settings(given: Any) -> SweepConfig:
 
 def _parser() -> Parser:
     parser = Parser(prog="python -m rlcas_jax.sweep", description=_DESCRIPTION, epilog=_EPILOG)
+    add_configuration(parser)
     add = parser.add_argument
-    add("--config", type=Path, metavar="FILE", help="training configuration that all trials begin from (YAML)")
     add("--space", type=Path, metavar="FILE", help="what varies (YAML, see below)")
     add("--trials", type=int, metavar="N", help="trials in all, also those of earlier calls")
     add("--out", type=Path, required=True, metavar="DIR", help="directory of the sweep")
     add("--resume", action="store_true", help="go on with the sweep of --out; only --trials may change")
-    add(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="change one key of all trials, e.g. network.hidden=[64,64]; may be given many times",
-    )
-    add("--steps", metavar="N", help="length of each training, environment steps; short for --set steps=N")
     add("--seeds", type=int, metavar="N", help="training runs of a trial, whose mean counts (default: 1)")
-    add(
-        "--objective",
-        choices=("success", "score"),
-        help="what to maximise, of the deterministic policy after training: success, the share resolved of the"
-        " resolvable encounters (default), or score, the mean sparse return (-100 to 100)",
+    text = (
+        "what to maximise, of the deterministic policy after training: success, the share resolved of the resolvable "
+        "encounters (default), or score, the mean sparse return (-100 to 100)"
     )
+    add("--objective", choices=("success", "score"), help=text)
     add("--sampler-seed", type=int, metavar="N", help="seed of the search (default: 0)")
     add("--startup", type=int, metavar="N", help="trials drawn evenly and never stopped early, at first (default: 10)")
     add("--no-pruning", action="store_true", help="train every trial to its end")
     add("--timeout", type=float, metavar="S", help="begin no trial after this time, s (default: never)")
-    add("--quiet", action="store_true", help="show no progress")
     return parser

@@ -5,6 +5,7 @@ The search is an Optuna study in ``study.db`` (SQLite) of the sweep's directory,
 
 import gc
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -165,12 +166,11 @@ def _written(options: Options, study: "Study") -> bool:
     trials = study.get_trials(deepcopy=False)
     complete = [trial for trial in trials if trial.state == TrialState.COMPLETE]
     best = study.best_trial if complete else None
-    states = [trial.state.name.lower() for trial in trials]
     report = {
         "name": options.base.name,
         "objective": options.settings.objective,
         "finished": _counted(study) >= options.settings.trials,
-        "states": {state: states.count(state) for state in dict.fromkeys(states)},
+        "states": Counter(trial.state.name.lower() for trial in trials),
         "best": best and {"trial": best.number, "value": best.value, "parameters": best.params},
     }
     write_file(options.directory / "sweep.json", json.dumps(report, indent=2) + "\n")

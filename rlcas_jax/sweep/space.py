@@ -21,9 +21,7 @@ __all__ = ["Objective", "Parameter", "check", "overrides", "parse"]
 
 Objective = Literal["success", "score"]
 
-_TRIED = 64
-"""Combinations with the other keys that are tried for a value that is not valid by itself."""
-
+_TRIED = 64  # combinations with the other keys that are tried for a value that is not valid by itself
 _FIXED = ("name", "seed", "evaluation", "checkpoint", "phases", "world.t_max", "world.goal_radius", "world.vehicle")
 _SCORES = ("world.reward_violation", "world.reward_goal", "world.reward_timeout")
 
@@ -31,16 +29,13 @@ _SCORES = ("world.reward_violation", "world.reward_goal", "world.reward_timeout"
 class Parameter(NamedTuple):
     """A key that varies: between two numbers, both included, or among choices."""
 
-    key: str
-    """Dotted, list items by their index."""
+    key: str  # dotted, list items by their index
     low: float = 0.0
     high: float = 0.0
     log: bool = False
     step: float | None = None
-    whole: bool = False
-    """A range of whole numbers."""
-    choices: tuple[str, ...] = ()
-    """As ``--set`` takes them; empty for a range."""
+    whole: bool = False  # a range of whole numbers
+    choices: tuple[str, ...] = ()  # as --set takes them; empty for a range
 
     def suggest(self, trial: "Trial") -> Any:
         """Return the value that Optuna suggests for a trial."""
