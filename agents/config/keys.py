@@ -24,6 +24,7 @@ __all__ = [
     "markdown",
     "nearest",
     "nested_model",
+    "one_of",
     "shown",
 ]
 
@@ -139,6 +140,13 @@ def field_at(model: type[BaseModel], path: Sequence[str | int]) -> FieldInfo | t
 def nearest(word: str, words: Iterable[str]) -> str | None:
     """Return the one of the words that is most like the given one, None if none is."""
     return next(iter(difflib.get_close_matches(word, list(words), n=1, cutoff=0.5)), None)
+
+
+def one_of(word: str, words: Iterable[str]) -> str:
+    """Return the end of a refusal of a word: which ones are expected, and which of them may be meant."""
+    words = list(words)
+    close = nearest(word, words)
+    return f"expected one of {', '.join(words)}" + (f"; did you mean {close}?" if close else "")
 
 
 def expected(field: FieldInfo) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_serializer, model_validator
 
-from agents.config.keys import nearest
+from agents.config.keys import one_of
 from agents.config.load import ConfigError, Strict, load
 from envs.aircraft import PAPER, Aircraft, new_aircraft
 from envs.encounters import SCENARIOS, Scenario
@@ -176,9 +176,7 @@ class ScenarioConfig(Strict):
     @classmethod
     def _known(cls, name: str) -> str:
         if name not in SCENARIOS:
-            close = nearest(name, SCENARIOS)
-            hint = f"; did you mean {close}?" if close else ""
-            raise ConfigError(f"{name!r} is unknown; expected one of {', '.join(SCENARIOS)}{hint}")
+            raise ConfigError(f"{name!r} is unknown; {one_of(name, SCENARIOS)}")
         return name
 
     @model_validator(mode="after")

@@ -23,15 +23,9 @@ _BLOCK = 8
 def best_separation(
     own_speed: float, intruder_heading: float, intruder_speed: float, x: Any, y: Any, limits: Limits, horizon: float
 ) -> Any:
-    """Return the largest smallest distance of any flight of the fan, m, ``[M]``.
+    """Return the largest smallest distance of any flight of the fan within a horizon (s), m, ``[M]``.
 
-    Args:
-        own_speed: m/s; the ownship starts at the origin, heading along x.
-        intruder_heading: rad.
-        intruder_speed: m/s, constant.
-        x, y: where the intruder starts, m, ``[M]``.
-        limits: of the ownship.
-        horizon: s.
+    The ownship starts at the origin, heading along x; the intruder flies straight from (x, y), m, ``[M]``. m/s, rad.
     """
     step = _TURN / limits.yaw_rate_max
     own_x, own_y = _fan(own_speed, limits, step, math.ceil(horizon / step))

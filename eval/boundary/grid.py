@@ -53,12 +53,11 @@ class Solution(NamedTuple):
 
 
 def make_grid(limits: Limits, intruder_speed: float, separation: float, dt: float, cell: float) -> Grid:
-    """Return a grid that contains all states from which the separation cannot be kept.
+    """Return a grid that contains all states from which the separation (m) from an intruder (m/s) cannot be kept.
 
     Args:
         limits: of the ownship; floats, ``speed_min`` above 0.
-        intruder_speed: m/s.
-        separation: m.
+        intruder_speed, separation: m/s, m.
         dt: time step, s; a half turn takes a whole number of steps.
         cell: distance of the nodes, m.
 
@@ -109,12 +108,8 @@ def value_at(solution: Solution, x: Any, y: Any, heading: float, speed: float) -
     """Return the value at states between the nodes, m, ``[...]``, by one more time step from there.
 
     That keeps the ridge sharp on which two ways out are equally good; interpolating the value itself would raise it.
-
-    Args:
-        solution: on a grid.
-        x, y: ownship less intruder in the intruder's frame, m, ``[...]``.
-        heading: own heading less the intruder's, rad in [-pi, pi); on a node nothing is lost by interpolation.
-        speed: own, m/s, within the limits; likewise.
+    The place is ownship less intruder in the intruder's frame, m; the heading (own less the intruder's, rad in
+    [-pi, pi)) and the speed (own, m/s, within the limits) lose nothing by interpolation on a node.
     """
     grid, limits = solution.grid, solution.limits
     own = VehicleState(np.asarray(x, float), np.asarray(y, float), heading, speed)

@@ -84,15 +84,7 @@ def encounters_at(cut: Slice, x: Any, y: Any, aircraft: Aircraft) -> Encounter:
 
 
 def judge(cut: Slice, fine: Solution, coarse: Solution, spacing: float, aircraft: Aircraft) -> Answers:
-    """Ask both for the slice.
-
-    Args:
-        cut: the slice.
-        fine: value of the intruder's speed.
-        coarse: the same on a grid twice as coarse.
-        spacing: of the raster, m.
-        aircraft: of the ownship.
-    """
+    """Ask a fine and a coarse solution for the intruder's speed, and the verdicts, on a raster of such a spacing, m."""
     limits, separation = aircraft.limits, aircraft.separation
     map_x, map_y = _surroundings(cut, coarse, separation)
     map_value = values_at(fine, cut, *np.meshgrid(map_x, map_y, indexing="ij"))

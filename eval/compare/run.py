@@ -1,15 +1,14 @@
 """Policies and baselines on the same encounters, side by side: ``python -m eval.compare --out runs/compare``."""
 
 import argparse
-import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.config.figures import save_figure
 from agents.config.load import Parser
-from envs.edge.files import write_file, written
+from envs.edge.files import written
 from eval.plots import save as picture_folder
 
 if TYPE_CHECKING:
@@ -68,7 +67,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     picture_folder.create(out, _FIGURE_BYTES + _ROW_BYTES * total * len(comparison.entries))
     say(comparison.evaluation.source)
 
+    import pyarrow.parquet as pq
     from threadpoolctl import threadpool_limits
+
+    from eval.runner.outputs import arrow_table
 
     # One thread: the network's rows would be rounded otherwise with another.
     with threadpool_limits(1):
@@ -94,9 +96,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "wall_s": time.perf_counter() - begun,
         "versions": versions("numpy", "scipy", "pyarrow"),
     }
-    _write(out, summary, table)
+    from eval.compare.figure import draw
     from eval.compare.table import show
 
+    picture_folder.write(out, "summary", summary)
+    with written(out / "encounters.parquet") as path:
+        pq.write_table(arrow_table(table), path)
+    save_figure(draw(summary), out / "compare", 130)
     show(summary, out)
     return 0
 
@@ -104,42 +110,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.compare", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
-    add(
-        "--policy",
-        type=Path,
-        metavar="FILE",
-        action="append",
-        default=[],
-        help="policy file, may be repeated (default: the one that ships)",
-    )
+    many: Any = {"action": "append", "default": []}
+    add("--policy", type=Path, metavar="FILE", help="policy file, may be repeated (default: the shipped one)", **many)
     add(
         "--policy-sha256",
         metavar="DIGEST",
-        action="append",
-        default=[],
         help="SHA-256 that the policy must have, once for each --policy in their order; a .nnet file has none",
+        **many,
     )
-    add(
-        "--baseline",
-        metavar="NAME",
-        action="append",
-        default=[],
-        help="none, rules, mvp, mvp_speed or witness, may be repeated (default: all but witness)",
-    )
-    add(
-        "--mode",
-        metavar="MODE",
-        action="append",
-        default=[],
-        help="plan or assured: how policies are flown besides, may be repeated",
-    )
+    add("--baseline", metavar="NAME", help="of those above, may be repeated (default: all but witness)", **many)
+    add("--mode", choices=("plan", "assured"), help="how policies are flown besides, may be repeated", **many)
     add("--scenario", metavar="NAME", default="circle", help="a name, file:PATH, tracks:PATH or lincoln:PATH")
     add(
         "--change",
         metavar="KEY=VALUE",
-        action="append",
-        default=[],
         help="change a number of the scenario, such as own_speed=[50,70] in m/s, may be repeated",
+        **many,
     )
     add("--repair", action="store_true", help="drop and fill what is wrong in recorded tracks, and say what was done")
     add("--encounters", type=int, metavar="N", help="how many (default: 1000, or all of a file's)")
@@ -167,17 +153,3 @@ def _flown(comparison: "Comparison", total: int) -> "dict[str, np.ndarray]":
             outcome = parts[-1][f"{comparison.entries[0].name}.outcome"]
             progress.advance(size, int(np.count_nonzero(outcome == "reached")))
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
-
-def _write(out: Path, summary: Mapping[str, Any], table: "Mapping[str, np.ndarray]") -> None:
-    """Write the files of the comparison."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    from eval.compare.figure import draw
-
-    write_file(out / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
-    kinds = {name: pa.string() if values.dtype == object else None for name, values in table.items()}
-    with written(out / "encounters.parquet") as path:
-        pq.write_table(pa.table({name: pa.array(v, type=kinds[name]) for name, v in table.items()}), path)
-    save_figure(draw(summary), out / "compare", 130)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from agents.baselines.baselines import BASELINES
-from agents.config.keys import nearest
+from agents.config.keys import one_of
 from agents.config.load import ConfigError, load
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER, Aircraft
@@ -17,7 +17,6 @@ from eval.runner.options import check_digest, named_source
 __all__ = ["policy_names", "prepare"]
 
 _DEFAULT_ENCOUNTERS = 1_000
-_MODES = ("plan", "assured")
 _NAMES = (*BASELINES, WITNESS)
 
 
@@ -86,17 +85,12 @@ def _entries(options: argparse.Namespace, aircraft: Aircraft) -> tuple[Entry, ..
     entries: list[Entry] = []
     names = policy_names(options.policy)
     modes = list(dict.fromkeys(options.mode))
-    for mode in modes:
-        if mode not in _MODES:
-            raise ConfigError(f"--mode: {mode!r}; expected {' or '.join(_MODES)}")
     for path, name in zip(options.policy or [None], names or ["policy"], strict=True):
         entries += policy_entries(path, name, aircraft, modes)
     wanted = list(dict.fromkeys(options.baseline or BASELINES))
     for name in wanted:
         if name not in _NAMES:
-            close = nearest(name, _NAMES)
-            hint = f"; did you mean {close}?" if close else ""
-            raise ConfigError(f"--baseline: {name!r}; expected one of {', '.join(_NAMES)}{hint}")
+            raise ConfigError(f"--baseline: {name!r}; {one_of(name, _NAMES)}")
     if REFERENCE not in wanted:
         wanted.append(REFERENCE)
     return (*entries, *(baseline_entry(name, aircraft) for name in wanted))

@@ -28,13 +28,8 @@ def summarise(
 ) -> dict[str, Any]:
     """Return the statistics of a comparison in JSON types; what cannot be said is None.
 
-    Args:
-        table: as :func:`eval.compare.deciders.columns` makes it, the chunks joined, N >= 1.
-        entries: that took part, the first being the one that the others are compared with.
-        weights: of the encounters, for the ratios; None for equal ones.
-        confidence: of all intervals.
-        resamples: of the bootstraps.
-        seed: of the bootstraps.
+    The table is that of :func:`eval.compare.deciders.columns`, N >= 1; the first entry is the one that the others are
+    compared with; weights ``[N]`` are for the ratios, None for equal ones.
     """
     total = len(table["encounter"])
     possible = total - int(np.count_nonzero(table["unresolvable"]))

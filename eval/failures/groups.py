@@ -33,12 +33,7 @@ def failures(table: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def grouped(table: Mapping[str, np.ndarray], separation: float) -> list[Group]:
-    """Return the groups that hold failures, the largest first.
-
-    Args:
-        table: of the run, columns ``[N]``.
-        separation: that was required, m.
-    """
+    """Return the groups that hold failures, the largest first, of a run's table with the required separation, m."""
     angle, distance = np.abs(table["relative_heading_deg"]), table["distance_m"]
     possible, failed = table["verdict"] != "unresolvable", failures(table)
     violated = table["outcome"] == "violation"

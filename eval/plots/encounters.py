@@ -79,12 +79,7 @@ def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
 
 
 def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Figure:
-    """Return the histogram of the smallest separation of every flight.
-
-    Args:
-        table: of the encounters.
-        required: separation, m.
-    """
+    """Return the histogram of the smallest separation of every flight, beside the required one, m."""
     figure = Figure(figsize=(8.0, 4.6), layout="constrained")
     axes = figure.add_subplot()
     flown, bare = table["min_separation_m"] / _ONE_KM, table["baseline_min_separation_m"] / _ONE_KM

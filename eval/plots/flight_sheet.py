@@ -37,15 +37,7 @@ class Panel(NamedTuple):
 
 
 def sheet(panels: Sequence[Panel], rules: Rules, columns: int, size: tuple[float, float], fontsize: float) -> Figure:
-    """Return a sheet of flights in so many columns.
-
-    Args:
-        panels: at least one.
-        rules: of the task.
-        columns: of the sheet.
-        size: of a panel, inches.
-        fontsize: of the titles.
-    """
+    """Return a sheet of flights, at least one, in so many columns of panels, whose size is in inches."""
     lines = -(-len(panels) // columns)
     figure = Figure(figsize=(size[0] * columns, size[1] * lines + 0.6), layout="constrained")
     for i, panel in enumerate(panels):
@@ -64,14 +56,7 @@ def sheet(panels: Sequence[Panel], rules: Rules, columns: int, size: tuple[float
 def trajectory_sheet(
     table: Mapping[str, np.ndarray], numbers: Sequence[int], flights: Recorded, rules: Rules
 ) -> Figure:
-    """Return the sheet of some flights of a run.
-
-    Args:
-        table: of the encounters.
-        numbers: of the encounters shown.
-        flights: of them, in the same order.
-        rules: of the task.
-    """
+    """Return the sheet of some flights of a run, by the numbers of their encounters in its table."""
     kinds, flown, starts = kinds_of(table), flights.trajectories, flights.starts
     panels = []
     for i, number in enumerate(numbers):

@@ -13,11 +13,7 @@ __all__ = ["create", "write"]
 
 
 def create(folder: Path, needed: int = 2_000_000) -> None:
-    """Make a folder that is new, or take one that is empty.
-
-    Args:
-        folder: to be written.
-        needed: bytes that its files take, generously; those of a few figures.
+    """Make a folder that is new, or take one that is empty, with room for so many bytes: those of a few figures.
 
     Raises:
         ConfigError: it holds something already, has too little room, or cannot be written.

@@ -69,13 +69,8 @@ def legend(figure: Any, handles: Sequence[Any], ncols: int, fontsize: float = 9,
 def arrow(axes: Any, start: tuple[float, float], direction: float, way: float, name: str, **where: Any) -> None:
     """Draw an aircraft: a dot, an arrow along the way that it flies in some time, and its name.
 
-    Args:
-        axes: to draw on.
-        start: of the aircraft, as the axes count.
-        direction: of the flight, rad counter-clockwise from the axis of x.
-        way: length of the arrow, as the axes count.
-        name: of the aircraft.
-        where: the name stands: ``xytext`` in points from the start, ``ha``, ``va``; ``path_effects`` of the arrow.
+    The start and the way's length are as the axes count, the direction is counter-clockwise from the axis of x, rad.
+    Where the name stands is matplotlib's: ``xytext`` in points from the start, ``ha``, ``va``.
     """
     style = {"arrowstyle": "-|>", "linewidth": 2.0, "color": "black", "shrinkA": 0.0, "shrinkB": 0.0}
     style |= {"path_effects": where.pop("path_effects", None)}

@@ -73,15 +73,9 @@ class Repetition(NamedTuple):
 def pilot(
     problem: Problem, threshold: float, particles: int, moves: int, share: float, rng: np.random.Generator
 ) -> Plan:
-    """Choose levels that a given share of the particles passes, and steps of which about a third are taken.
+    """Choose levels that a given share of the N particles passes, and steps of which about a third are taken.
 
-    Args:
-        problem: what is asked.
-        threshold: the last level.
-        particles: N.
-        moves: proposals for each particle and level.
-        share: of the particles that passes a level, in (0, 1).
-        rng: of the draws.
+    The threshold is the last level; ``moves`` are the proposals for each particle and level.
 
     Raises:
         SplittingError: the values of the particles stop falling before the threshold.

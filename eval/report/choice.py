@@ -24,13 +24,7 @@ class Choice(NamedTuple):
 
 
 def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
-    """Return the groups of encounters to replay, the most important first.
-
-    Args:
-        run: the evaluation.
-        most: encounters in all.
-        wanted: numbers that are asked for and come first.
-    """
+    """Return the groups of encounters to replay, at most so many in all: those wanted and the most important first."""
     kinds, separation = run.kinds, run.table["min_separation_m"]
     success = kinds == "success"
     near = success & (separation < NEAR * run.rules.separation)
@@ -55,12 +49,7 @@ def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
 
 
 def points(run: Run, replayed: np.ndarray) -> np.ndarray:
-    """Return the numbers of the encounters that are points: all, or those replayed, failures and an even sample.
-
-    Args:
-        run: the evaluation.
-        replayed: numbers of the encounters with tracks.
-    """
+    """Return the numbers of the encounters that are points: all, or those replayed, failures and an even sample."""
     everything = np.arange(len(run.kinds))
     if len(everything) <= POINTS:
         return everything

@@ -19,7 +19,7 @@ from envs.kinematics import commands
 from envs.trees import take
 from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.plan_mode import STATUSES
-from eval.flights.recorded import Recorded, fly_recorded
+from eval.flights.recorded import fly_recorded
 from eval.flights.simulate import OUTCOMES
 from eval.flights.sources import read_source
 from eval.report.folder import Run
@@ -107,49 +107,37 @@ def fly_again(run: Run, evaluation: Evaluation, numbers: Sequence[int], witnesse
 
 
 def _batch(run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int]) -> Iterator[Replayed]:
-    evaluation, flown = pilot.evaluation, fly_recorded(pilot, numbers)
-    flights, plans = flown.flights, flown.plans
-    found = _witnesses(evaluation, flown.starts, [i for i, number in enumerate(numbers) if number in wanted])
+    evaluation, batch = pilot.evaluation, fly_recorded(pilot, numbers)
+    starts, plans, flights, flown = batch
+    found = _witnesses(evaluation, starts, [i for i, number in enumerate(numbers) if number in wanted])
     for i, number in enumerate(numbers):
         if plans is not None and plans.proposals.last[i] < 0:
             continue  # the planner had no trajectory
         said, closest = run.table["outcome"][number], run.table["min_separation_m"][number]
         same = OUTCOMES[flights.outcome[i]] == said and abs(flights.min_separation[i] - closest) <= _SAME
-        yield _one(evaluation, flown, i)._replace(number=number, same=bool(same), witness=found.get(i))
-
-
-def _one(evaluation: Evaluation, batch: Recorded, i: int) -> Replayed:
-    """Return the flight of encounter ``i`` of a batch."""
-    starts, plans, _, flown = batch
-    end = int(np.count_nonzero(np.isfinite(flown.own.x[:, i])))
-    own = take(flown.own, (slice(0, end), i))
-    others = np.flatnonzero(starts.mask[i])
-    traffic = np.stack([flown.intruders.x[:end, i, others].T, flown.intruders.y[:end, i, others].T], axis=1)
-    if plans is None:
-        action = flown.action[: end - 1, i]
-        acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), evaluation.limits, np)
-    else:
-        dt = evaluation.rules.dt
-        acceleration, yaw_rate = np.diff(own.speed) / dt, wrap(np.diff(own.heading), np) / dt
-    plan, status = None, None
-    if plans is not None:
-        made = plans.proposals
-        status = STATUSES[int(made.safe[i])]
-        plan = np.stack([made.knots.x[i], made.knots.y[i], made.knots.time[i]])
-        plan = plan if np.isfinite(plan).all() else None
-    return Replayed(
-        -1,
-        (float(starts.goal_x[i]), float(starts.goal_y[i])),
-        np.stack([own.x, own.y]),
-        traffic,
-        flown.separation[: end - 1, i],
-        acceleration,
-        yaw_rate,
-        False,
-        plan,
-        status,
-        None,
-    )
+        end = int(np.count_nonzero(np.isfinite(flown.own.x[:, i])))
+        own, others = take(flown.own, (slice(0, end), i)), np.flatnonzero(starts.mask[i])
+        plan, status = None, None
+        if plans is None:
+            acceleration, yaw_rate = commands(flown.action[: end - 1, i].T, evaluation.limits, np)
+        else:
+            dt, made = evaluation.rules.dt, plans.proposals
+            acceleration, yaw_rate = np.diff(own.speed) / dt, wrap(np.diff(own.heading), np) / dt
+            status = STATUSES[int(made.safe[i])]
+            plan = np.stack([made.knots.x[i], made.knots.y[i], made.knots.time[i]])
+        yield Replayed(
+            number,
+            (float(starts.goal_x[i]), float(starts.goal_y[i])),
+            np.stack([own.x, own.y]),
+            np.stack([flown.intruders.x[:end, i, others].T, flown.intruders.y[:end, i, others].T], axis=1),
+            flown.separation[: end - 1, i],
+            acceleration,
+            yaw_rate,
+            bool(same),
+            plan if plan is not None and np.isfinite(plan).all() else None,
+            status,
+            found.get(i),
+        )
 
 
 def _witnesses(evaluation: Evaluation, starts: Encounter, rows: list[int]) -> dict[int, Witness]:

@@ -45,9 +45,7 @@ class Line(NamedTuple):
 def headline(summary: Mapping[str, Any], unresolvable: Mapping[str, int]) -> list[Line]:
     """Return the lines for a summary (as in ``summary.json``); those that its mode does not have are left out.
 
-    Args:
-        summary: of the run.
-        unresolvable: how many of those that a rate counts are proven unresolvable, by the rate's key.
+    By a rate's key stands how many of those that it counts are proven unresolvable.
     """
     lines = []
     for label, key in _RATES:

@@ -19,7 +19,7 @@ from agents.policy.versions import versions
 from envs.edge.files import write_file, written
 from eval.config import MonteCarloConfig
 
-__all__ = ["RunFolder"]
+__all__ = ["RunFolder", "arrow_table"]
 
 _PARTS, _CONFIG, _SUMMARY = "parts", "config.yaml", "summary.json"
 _ROW_GROUP = 65_536
@@ -132,7 +132,7 @@ class RunFolder:
         """Store the table of the chunk that begins with encounter ``first``."""
         import pyarrow.parquet as pq
 
-        table = _table(columns).replace_schema_metadata({b"rlcas_run": self._identity().encode()})
+        table = arrow_table(columns).replace_schema_metadata({b"rlcas_run": self._identity().encode()})
         with written(self.path / _PARTS / f"{first:09d}.parquet") as path:
             pq.write_table(table, path)
 
@@ -216,7 +216,8 @@ def _plain(config: MonteCarloConfig) -> dict[str, Any]:
     return values | {"scenario": values["scenario"] if config.file is None else "a file"}
 
 
-def _table(columns: Mapping[str, np.ndarray]) -> Any:
+def arrow_table(columns: Mapping[str, np.ndarray]) -> Any:
+    """Return columns as a table of pyarrow."""
     import pyarrow as pa
 
     kinds = {name: pa.string() if values.dtype == object else None for name, values in columns.items()}

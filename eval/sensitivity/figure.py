@@ -85,13 +85,8 @@ def overview(found: Sequence[Mapping[str, Any]], title: str) -> Figure:
 def map_figure(cells: Points, across: Quantity, up: Quantity, mode: str, title: str) -> Figure:
     """Return the initial conditions of a run as a map of two quantities.
 
-    Left the success of what is not proven unresolvable, right the share that is proven so.
-
-    Args:
-        cells: as :func:`eval.sensitivity.bins.mapped` makes them.
-        across, up: the quantities.
-        mode: whose success is shown.
-        title: of the figure.
+    Left the success of what is not proven unresolvable, right the share that is proven so; the cells are those of
+    :func:`eval.sensitivity.bins.mapped`.
     """
     figure = Figure(figsize=(12.4, 5.4), layout="constrained")
     wide, tall = (sorted({cell[one.name][end] for cell in cells for end in ("low", "high")}) for one in (across, up))

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.config.keys import nearest
+from agents.config.keys import one_of
 from agents.config.load import ConfigError
 from envs.encounters import SCENARIOS
 from eval.monte_carlo import run as monte_carlo
@@ -71,9 +71,7 @@ def swept(text: str) -> Sweep:
             "moderate, and its folder as --run"
         )
     if name not in PARAMETERS:
-        close = nearest(name, PARAMETERS)
-        hint = f"; did you mean {close}?" if close else ""
-        raise ConfigError(f"--vary {name}: unknown; expected one of {', '.join(PARAMETERS)}{hint}")
+        raise ConfigError(f"--vary {name}: unknown; {one_of(name, PARAMETERS)}")
     parameter = PARAMETERS[name]
     if not sign:
         return Sweep(name, tuple(map(float, parameter.values)))
@@ -87,16 +85,10 @@ def swept(text: str) -> Sweep:
 
 
 def fly(sweep: Sweep, arguments: Sequence[str], out: Path, *, resume: bool) -> int:
-    """Fly the run of every value into a folder of its own below ``out``.
+    """Fly the run of every value into a folder of its own below ``out``, or go on with it.
 
-    Args:
-        sweep: what is varied.
-        arguments: of ``eval.monte_carlo``, the same for all values.
-        out: folder of the sweeps.
-        resume: go on with runs that were begun.
-
-    Returns:
-        The exit status of the first run that did not finish, else 0.
+    The arguments of ``eval.monte_carlo`` are the same for all values. Returned is the exit status of the first run that
+    did not finish, else 0.
 
     Raises:
         ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.

@@ -32,10 +32,7 @@ class Pairs(NamedTuple):
 
 
 def pairs(first: np.ndarray, second: np.ndarray) -> Pairs:
-    """Count the four cells of two deciders' successes.
-
-    Args:
-        first, second: bool ``[N]``, the same encounters in the same order.
+    """Count the four cells of two deciders' successes, bool ``[N]``, of the same encounters in the same order.
 
     Raises:
         ValueError: they are not two bool arrays of one length.
@@ -55,10 +52,6 @@ def tango(counts: Pairs, confidence: float = 0.95) -> Interval:
 
     The interval holds every difference that the score test does not reject (T. Tango, Statistics in Medicine 17
     (1998) 891). The statistic falls as the supposed difference rises, so that its ends are found by bisection.
-
-    Args:
-        counts: of the pairs.
-        confidence: in (0, 1).
 
     Raises:
         ValueError: a count is negative, there is no pair, or the confidence is out of its range.

@@ -220,7 +220,7 @@ def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         (["--baseline", "mpv"], ConfigError, "--baseline: 'mpv'; expected one of none, rules, mvp, mvp_speed"),
         (["--encounters", "0"], ConfigError, "--encounters is 0; expected"),
         (["--encounters", "many"], ConfigError, "invalid int value"),
-        (["--mode", "policy"], ConfigError, "--mode: 'policy'; expected plan or assured"),
+        (["--mode", "policy"], ConfigError, "--mode: invalid choice: 'policy'"),
         (["--change", "own_sped=[50,70]"], ConfigError, "--change.own_sped is unknown"),
         (["--change", "own_speed=[70,50]"], ConfigError, "--change.own_speed is [70.0, 50.0]; expected"),
         (["--change", "name=multi"], ConfigError, "--change.name is unknown; expected a number of the scenario"),
