@@ -69,7 +69,7 @@ class Flown(NamedTuple):
 
 def plans_of(count: int, name: str, seed: int) -> list[Plan]:
     """Return the SAFE ones of so many plans of the shipped policy."""
-    encounters = numbered(scenario(name), seed, 0, count)
+    encounters = numbered(scenario(name, PAPER), seed, 0, count)
     proposals = plan_many(request_of(encounters, PAPER), Policy.load(), Options()).proposals
     found = []
     for number in np.flatnonzero(proposals.safe):

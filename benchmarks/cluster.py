@@ -15,8 +15,9 @@ from distributed import LocalCluster
 
 from agents.policy.inference import Policy
 from benchmarks.measure import report
+from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
-from envs.encounters import SCENARIOS
+from envs.encounters import scenario
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.runner.cluster import Cluster, connected
 from eval.runner.workers import DECISIVE, Chunk, Task, fly_chunks
@@ -61,7 +62,7 @@ def main() -> None:
     options = parser.parse_args()
 
     policy = Policy.load()
-    evaluation = Evaluation(None, SCENARIOS["circle"], None, 0, policy.aircraft)
+    evaluation = Evaluation(None, scenario("circle", PAPER), None, 0, policy.aircraft)
     firsts = range(0, options.encounters, options.chunk)
     chunks = [Chunk(first, min(options.chunk, options.encounters - first)) for first in firsts]
     empty = [Chunk(first, 1_250) for first in range(options.chunks)]

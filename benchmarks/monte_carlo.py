@@ -19,8 +19,9 @@ from agents.policy import features
 from agents.policy.inference import Policy
 from agents.resolvability.classify import classify
 from benchmarks.measure import report, seconds
+from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
-from envs.encounters import SCENARIOS
+from envs.encounters import scenario
 from envs.starts import numbered
 from eval.config import MonteCarloConfig
 from eval.flights.chunks import Evaluation, Pilot, columns
@@ -63,7 +64,7 @@ def stages(pilot: Pilot, count: int) -> dict[str, float]:
         now = time.perf_counter()
         times[name], begun = now - begun, now
 
-    starts = numbered(SCENARIOS["circle"], 0, 0, count)
+    starts = numbered(scenario("circle", PAPER), 0, 0, count)
     lap("draw_s")
     flown = fly(starts, pilot.decider, aircraft)
     lap("policy_flights_s")
@@ -84,7 +85,7 @@ def main() -> None:
     options = parser.parse_args()
 
     policy = Policy.load(options.policy)
-    evaluation = Evaluation(options.policy, SCENARIOS["circle"], None, 0, policy.aircraft)
+    evaluation = Evaluation(options.policy, scenario("circle", PAPER), None, 0, policy.aircraft)
     size = MonteCarloConfig().chunk_for(options.encounters, options.workers)
     chunks = [Chunk(first, min(size, options.encounters - first)) for first in range(0, options.encounters, size)]
     walls, evaluations = [], 0.0

@@ -61,7 +61,7 @@ def main() -> None:
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     policy = Policy.load(options.policy)
-    encounters = numbered(scenario(options.scenario), 0, 0, options.requests)
+    encounters = numbered(scenario(options.scenario, PAPER), 0, 0, options.requests)
     request = request_of(encounters, PAPER)
     bare = floor(policy)
     times: dict[str, list[float]] = {"policy": [], "fallback": [], "unresolved": []}

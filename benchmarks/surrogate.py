@@ -18,12 +18,12 @@ import jax.numpy as jnp
 
 from benchmarks.measure import report, seconds
 from envs import encounters, intruder, kinematics, observation, perception, relative, surrogate
+from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
-from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 
-WORLD = surrogate.World(RULES, SURROGATE)
-CIRCLE = encounters.scenario("circle")
+WORLD = surrogate.World(RULES, PAPER)
+CIRCLE = encounters.scenario("circle", PAPER)
 
 
 def ours(count: int, steps: int, rows: int) -> Callable[[jax.Array, surrogate.State], Any]:
@@ -38,7 +38,7 @@ def ours(count: int, steps: int, rows: int) -> Callable[[jax.Array, surrogate.St
             action, index = now
             fresh = jax.tree.map(lambda field: field[index % rows], pool)
             carry = surrogate.restart(carry, fresh)
-            seen = surrogate.observe(carry)
+            seen = surrogate.observe(carry, PAPER)
             carry, result = surrogate.step(carry, (action[0], action[1]), WORLD)
             return carry, (seen, result.reward)
 
@@ -58,7 +58,7 @@ def naive(count: int, steps: int) -> Callable[[jax.Array, surrogate.State], Any]
         batch_of_one = jax.tree.map(lambda field: field[None], state)
         final, result = surrogate.step(batch_of_one, (action[:1], action[1:]), WORLD)
         following = surrogate.restart(final, fresh)
-        seen = surrogate.observe(following)
+        seen = surrogate.observe(following, PAPER)
         return jax.tree.map(lambda field: field[0], following), (seen[0], result.reward[0])
 
     def run(key: jax.Array, state: surrogate.State) -> Any:

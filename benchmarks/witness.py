@@ -18,6 +18,7 @@ from agents.manoeuvres.escape_manoeuvre import steps, tracks
 from agents.resolvability.classify import replay
 from agents.resolvability.witness import Witnesses, least_cost
 from benchmarks.measure import report
+from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.edge.command import Parser, run_cli
 from envs.encounters import Encounter, scenario
@@ -141,7 +142,7 @@ def recorded(encounter: Encounter, witnesses: Witnesses, number: int) -> Any:
 
 def in_conflict(count: int, seed: int) -> Encounter:
     """Return circle encounters whose straight courses pass within the separation, ``[count]``."""
-    return numbered(scenario("circle", conflicts_closer_than=RULES.separation), seed, 0, count)
+    return numbered(scenario("circle", PAPER, conflicts_closer_than=RULES.separation), seed, 0, count)
 
 
 def compare(encounter: Encounter, witnesses: Witnesses, number: int, iterations: int) -> float:

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+from envs.aircraft import Aircraft
 from envs.angles import sincos, wrap
 from envs.edge.command import InputError
 from envs.intruder import Intent
@@ -16,7 +17,17 @@ from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from envs.relative import distance, straight_cpa
 
-__all__ = ["SCENARIOS", "Encounter", "EncounterError", "Scenario", "choose", "padded", "sample", "scenario"]
+__all__ = [
+    "MOST_INTRUDERS",
+    "SCENARIOS",
+    "Encounter",
+    "EncounterError",
+    "Scenario",
+    "choose",
+    "padded",
+    "sample",
+    "scenario",
+]
 
 
 class EncounterError(InputError):
@@ -37,32 +48,52 @@ class Encounter(NamedTuple):
     """Quality of the intruders' reports, ``[..., 1]`` each."""
 
 
+MOST_INTRUDERS = 64
+"""Most intruders of an encounter: far beyond any traffic that one ownship can tell apart, and still cheap to hold."""
+
+SCENARIOS = (
+    "circle",
+    "crossing_left",
+    "crossing_right",
+    "head_on",
+    "same_course",
+    "maneuvering",
+    "noisy",
+    "multi",
+)
+"""The scenarios by name."""
+
+
 @dataclass(frozen=True)
 class Scenario:
     """A family of encounters around a common conflict point (the paper's "circle" and DESIGN's variants).
 
-    Own ship and intruders start so far from the centre that they would meet there at the same time; then every
-    start is displaced. Pairs (low, high) are ranges of a uniform draw.
+    Ownship and intruders start so far from the centre that they would meet there at the same time; then every
+    start is displaced. Pairs (low, high) are ranges of a uniform draw. :func:`scenario` makes them.
     """
 
     name: str
-    radius: tuple[float, float] = (3_000.0, 10_000.0)
+    aircraft: Aircraft
+    """The ownship; what a scenario does not state otherwise is scaled by it."""
+    radius: tuple[float, float]
     """Distance of the ownship from the centre, m; the goal lies as far on the other side."""
-    own_speed: tuple[float, float] = (50.0, 100.0)
-    intruder_speed: tuple[float, float] = (50.0, 100.0)
+    own_speed: tuple[float, float]
+    """m/s."""
+    intruder_speed: tuple[float, float]
+    """m/s."""
+    displacement: float
+    """Each start is moved by up to this in x and in y, m; headings and goal stay."""
+    min_initial_separation: float
+    """Starts closer than this, m, are redrawn; 0 keeps them all."""
     course_difference: tuple[float, float] = (-math.pi, math.pi)
     """Intruder's course less own course, rad clockwise."""
-    displacement: float = 500.0
-    """Each start is moved by up to this in x and in y, m; headings and goal stay."""
-    min_initial_separation: float = 1_000.0
-    """Starts closer than this, m, are redrawn; 0 keeps them all."""
     conflicts_closer_than: float = math.inf
     """Only starts whose straight courses pass closer than this, m, are kept."""
     intruders: tuple[int, int] = (1, 1)
     """Fewest and most intruders."""
     turn_rate: float = 0.0
-    """Largest rate of the intruder's one turn, rad/s; 0: it flies straight."""
-    heading_change: float = 0.0
+    """Largest rate of each intruder's one turn, rad/s; 0: it flies straight."""
+    heading_change: float = math.radians(120.0)
     """Largest heading change of that turn, rad."""
     position_std: float = 0.0
     """Noise of reported positions, one sigma per axis, m."""
@@ -79,40 +110,79 @@ class Scenario:
         return 7 + 7 * self.intruders[1]
 
 
-_CONFLICT = 1_000.0
-_CIRCLE = Scenario("circle")
+def scenario(name: str, aircraft: Aircraft, **changes: Any) -> Scenario:
+    """Return a scenario by its name, scaled by the aircraft, with some of its fields changed.
 
-
-def _conflicts(name: str, middle_deg: float, half_width_deg: float) -> Scenario:
-    low, high = math.radians(middle_deg - half_width_deg), math.radians(middle_deg + half_width_deg)
-    return replace(_CIRCLE, name=name, course_difference=(low, high), conflicts_closer_than=_CONFLICT, attempts=48)
-
-
-SCENARIOS: dict[str, Scenario] = {
-    scenario.name: scenario
-    for scenario in (
-        _CIRCLE,
-        _conflicts("crossing_left", 90.0, 45.0),
-        _conflicts("crossing_right", -90.0, 45.0),
-        _conflicts("head_on", 180.0, 20.0),
-        _conflicts("same_course", 0.0, 20.0),
-        replace(_CIRCLE, name="maneuvering", turn_rate=math.radians(3.0), heading_change=math.radians(120.0)),
-        replace(_CIRCLE, name="noisy", position_std=30.0, velocity_std=3.0, latency=(1.0, 2.0)),
-        replace(_CIRCLE, name="multi", intruders=(2, 8), attempts=24),
-    )
-}
-"""The scenarios by name."""
-
-
-def scenario(name: str, **changes: Any) -> Scenario:
-    """Return a scenario by its name, with some of its fields changed.
+    Lengths are in separations, speeds in ``speed_max``, latencies in time steps; for the paper's aircraft the numbers
+    are the paper's.
 
     Raises:
-        EncounterError: the name is unknown.
+        EncounterError: the name is unknown, or a field contradicts the aircraft; the message begins with the field.
     """
     if name not in SCENARIOS:
         raise EncounterError(f"scenario {name!r} is unknown; expected one of {', '.join(SCENARIOS)}")
-    return replace(SCENARIOS[name], **changes)
+    separation, limits = aircraft.separation, aircraft.limits
+    # An aircraft that can stand still would never arrive at the conflict point.
+    speeds = (max(limits.speed_min, 0.2 * limits.speed_max), limits.speed_max)
+    circle = Scenario(
+        name, aircraft, (3.0 * separation, 10.0 * separation), speeds, speeds, 0.5 * separation, separation
+    )
+    conflict = {"conflicts_closer_than": separation, "attempts": 48}
+    own: dict[str, dict[str, Any]] = {
+        "crossing_left": {"course_difference": _courses(90.0, 45.0), **conflict},
+        "crossing_right": {"course_difference": _courses(-90.0, 45.0), **conflict},
+        "head_on": {"course_difference": _courses(180.0, 20.0), **conflict},
+        "same_course": {"course_difference": _courses(0.0, 20.0), **conflict},
+        "maneuvering": {"turn_rate": limits.yaw_rate_max},
+        "noisy": {
+            "position_std": 0.03 * separation,
+            "velocity_std": 0.03 * limits.speed_max,
+            "latency": (aircraft.dt, 2.0 * aircraft.dt),
+        },
+        "multi": {"intruders": (2, 8), "attempts": 24},
+    }
+    chosen = replace(circle, **(own.get(name, {}) | changes))
+    _check(chosen)
+    return chosen
+
+
+def _courses(middle_deg: float, half_width_deg: float) -> tuple[float, float]:
+    return math.radians(middle_deg - half_width_deg), math.radians(middle_deg + half_width_deg)
+
+
+def _check(chosen: Scenario) -> None:
+    """Refuse a scenario with a field out of range."""
+    aircraft, limits = chosen.aircraft, chosen.aircraft.limits
+    whole = 2.0 * math.pi
+    speeds = "the speeds of the aircraft"
+    for name, low, high, why in (
+        ("radius", 0.1 * aircraft.separation, 1e3 * aircraft.separation, "0.1 to 1000 separations"),
+        ("own_speed", limits.speed_min, limits.speed_max, speeds),
+        ("intruder_speed", 0.0, aircraft.traffic_speed_max, "the speeds of its traffic"),
+        ("course_difference", -whole, whole, "radians"),
+        ("intruders", 1, MOST_INTRUDERS, "that an encounter can have"),
+        ("latency", 0.0, 2.0 * aircraft.dt, "two time steps of the aircraft"),
+    ):
+        first, last = getattr(chosen, name)
+        if not low <= first <= last <= high:
+            raise EncounterError(
+                f"{name} is [{first:g}, {last:g}]; expected [low, high] within {low:g} to {high:g}, {why}"
+            )
+    if not chosen.own_speed[0] > 0.0:
+        raise EncounterError(f"own_speed begins at {chosen.own_speed[0]:g} m/s; expected a number above 0")
+    for name, high in (
+        ("displacement", math.inf),
+        ("min_initial_separation", math.inf),
+        ("conflicts_closer_than", math.inf),
+        ("turn_rate", 1.0 / aircraft.dt),
+        ("heading_change", math.pi),
+        ("position_std", math.inf),
+        ("velocity_std", math.inf),
+    ):
+        value = getattr(chosen, name)
+        if not 0.0 <= value <= high:
+            expected = f"0 to {high:g}" if math.isfinite(high) else "a number at least 0"
+            raise EncounterError(f"{name} is {value:g}; expected {expected}")
 
 
 def sample(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
@@ -206,8 +276,10 @@ def _attempt(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
     turn_rate = _between((-scenario.turn_rate, scenario.turn_rate), each[4])
     intent = Intent(
         onset=1.2 * cpa.time * each[5],
-        heading_change=xp.copysign(scenario.heading_change * each[6], turn_rate),
-        turn_rate=xp.abs(turn_rate) if scenario.turn_rate else xp.full_like(turn_rate, math.radians(3.0)),
+        heading_change=xp.copysign((scenario.heading_change if scenario.turn_rate else 0.0) * each[6], turn_rate),
+        turn_rate=xp.abs(turn_rate)
+        if scenario.turn_rate
+        else xp.full_like(turn_rate, scenario.aircraft.limits.yaw_rate_max),
     )
     ones = xp.ones_like(radius)[:, None]
     sensor = Sensor(

@@ -10,19 +10,26 @@ from typing import Any
 import numpy as np
 
 from envs import world
+from envs.aircraft import Aircraft
 from envs.backend import EXACT_FLOATS
 from envs.encounters import Encounter
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
+from envs.observation import SetObservation
 from envs.perception import Sensor
 from envs.relative import distance
 from envs.world import State, StepResult, World
 
-__all__ = ["begin", "observe", "separations", "step"]
+__all__ = ["begin", "observe", "observe_set", "separations", "step"]
 
 
-def begin(encounter: Encounter) -> State:
-    """Return the start of one encounter (own fields are scalars, intruder fields ``[K]``) without absent intruders."""
+def begin(encounter: Encounter, dt: float) -> State:
+    """Return the start of one encounter without absent intruders.
+
+    Args:
+        encounter: own fields are scalars, intruder fields ``[K]``.
+        dt: time step, s.
+    """
     present = np.flatnonzero(encounter.mask)
 
     def each(kind: type, fields: Any) -> Any:
@@ -37,18 +44,33 @@ def begin(encounter: Encounter) -> State:
         intent=each(Intent, encounter.intent),
         sensor=Sensor(*(float(field[0]) for field in encounter.sensor)),
     )
-    return world.begin(plain, EXACT_FLOATS, late_reports=True)
+    return world.begin(plain, EXACT_FLOATS, history_dt=dt)
 
 
-def observe(state: State, noise: np.ndarray | None = None) -> np.ndarray:
+def observe(state: State, aircraft: Aircraft, noise: np.ndarray | None = None) -> np.ndarray:
     """Return the observation of the most critical intruder, float32 ``[8]``.
 
     Args:
         state: of the encounter.
+        aircraft: whose scales the observation has.
         noise: standard normal draws ``[4, K]`` of the reports; None for perfect knowledge.
     """
-    seen = world.perceived(state, None if noise is None else noise.T.tolist(), EXACT_FLOATS)
-    return np.array(world.observe(state, seen, EXACT_FLOATS), dtype=np.float32)
+    seen = _perceived(state, aircraft, noise)
+    return np.array(world.observe(state, seen, aircraft, EXACT_FLOATS), dtype=np.float32)
+
+
+def observe_set(state: State, count: int, aircraft: Aircraft, noise: np.ndarray | None = None) -> SetObservation:
+    """Return the observation of the ``count`` most critical intruders, the most critical first, numpy.
+
+    Arguments as of :func:`observe`.
+    """
+    seen = VehicleState(*np.array(_perceived(state, aircraft, noise)).T)
+    arrays = state._replace(own=VehicleState(*map(np.float64, state.own)), mask=np.array(state.mask))
+    return world.observe_set(arrays, seen, count, aircraft, np)
+
+
+def _perceived(state: State, aircraft: Aircraft, noise: np.ndarray | None) -> tuple[VehicleState, ...]:
+    return world.perceived(state, None if noise is None else noise.T.tolist(), aircraft.dt, EXACT_FLOATS)
 
 
 def separations(state: State) -> tuple[float, ...]:

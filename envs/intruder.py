@@ -29,7 +29,10 @@ LOOKAHEAD = 10_000_000.0
 course flown after it (with 50 km, a change of 120 degrees at 1 degree/s would end at 131)."""
 
 INTRUDER_LIMITS = Limits(0.0, 150.0, -0.5, 0.5, math.radians(3.0))
-"""Real traffic is slower than the surrogate's ownship at times; the turn limit is that of a passive intruder."""
+"""Of the paper's traffic."""
+
+_COASTING = Limits(0.0, math.inf, 0.0, 0.0, math.inf)
+"""An intruder keeps its speed, so that no limit is ever met."""
 
 
 class Gains(NamedTuple):
@@ -123,14 +126,14 @@ def step(
         + gains.derivative * wrap(error - state.error, xp) * (1.0 / dt)
     )
     yaw_rate = xp.clip(command, -intent.turn_rate, intent.turn_rate)
-    moved = advance(vehicle, error * 0.0, yaw_rate, dt, INTRUDER_LIMITS, xp)
+    moved = advance(vehicle, error * 0.0, yaw_rate, dt, _COASTING, xp)
     return IntruderState(moved, waypoint_x, waypoint_y, error, error_sum)
 
 
 def _recorded(vehicle: VehicleState, recording: Recording, time: Any, dt: float) -> VehicleState:
     """Return the vehicles after the step that begins at ``time``, ``[..., K]``."""
     still = vehicle.heading * 0.0
-    straight = advance(vehicle, still, still, dt, INTRUDER_LIMITS, np)
+    straight = advance(vehicle, still, still, dt, _COASTING, np)
     row = np.broadcast_to(np.rint(np.asarray(time) / dt).astype(int) + 1, still.shape)
     last = recording.x.shape[-1] - 1
     index = np.minimum(row, last)[..., None]

@@ -1,25 +1,31 @@
-"""The observation contract: eight numbers in [-1, 1], and back to the geometry they stand for."""
+"""The observation contract: eight numbers in [-1, 1] for one intruder, a set of rows for several, and back again.
+
+Everything is scaled by the aircraft, so that alike encounters of alike aircraft are seen alike.
+"""
 
 import math
 from typing import Any, NamedTuple
 
+from envs.aircraft import Aircraft
 from envs.angles import sincos
 from envs.backend import FloatNamespace
 from envs.kinematics import VehicleState
 from envs.relative import bearing, distance, straight_cpa
+from envs.trees import mapped
 
 __all__ = [
-    "CRITICAL_RADIUS",
-    "DISTANCE_HALF",
     "NAMES",
+    "ROW",
     "SIZE",
-    "SPEED_HALF",
-    "SPEED_MIDDLE",
     "Decoded",
+    "SetObservation",
+    "beside",
     "criticality",
     "decode",
     "most_critical",
     "observe",
+    "observe_set",
+    "ranked",
 ]
 
 NAMES = (
@@ -36,43 +42,101 @@ NAMES = (
 
 SIZE = len(NAMES)
 
-CRITICAL_RADIUS = 1_500.0
-"""Distance that counts as a conflict when the most critical of several intruders is chosen, m."""
-
-SPEED_MIDDLE, SPEED_HALF = 75.0, 25.0
-"""Own speed that is 0 in the observation, and how much faster 1 is, m/s."""
-
-DISTANCE_HALF = 10_000.0
-"""Distance that is 0 in the observation, and how much farther 1 is, m."""
-
-_INTRUDER_SPEED_HALF = 75.0
+ROW = 4
+"""Numbers of the own and goal part, and of each intruder."""
 
 
-def observe(own: VehicleState, intruder: VehicleState, goal_x: Any, goal_y: Any, xp: Any) -> Any:
+def observe(own: VehicleState, intruder: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft, xp: Any) -> Any:
     """Return the observation of one intruder and the goal, ``[..., 8]`` in [-1, 1].
 
-    Own speed is scaled from 50..100 m/s, the intruder's from 0..150 m/s, angles are divided by pi (bearings
-    relative to the own heading), distances are scaled from 0..20 km; what lies outside is clipped.
+    Own speed is scaled from the aircraft's lowest to its highest, the intruder's from 0 to the traffic's highest,
+    distances from 0 to 20 separations; angles are divided by pi (bearings relative to the own heading). What lies
+    outside is clipped.
 
     Args:
         own: ownship, ``[...]``.
         intruder: the intruder to be seen, ``[...]``.
         goal_x, goal_y: goal position, m, ``[...]``.
+        aircraft: floats, or fields ``[...]``.
         xp: array namespace.
     """
-    to_intruder = distance(intruder.x - own.x, intruder.y - own.y, xp)
-    to_goal = distance(goal_x - own.x, goal_y - own.y, xp)
-    parts = [
-        (own.speed - SPEED_MIDDLE) * (1.0 / SPEED_HALF),
+    mine, other = _own_parts(own, goal_x, goal_y, aircraft, xp), _traffic_parts(own, intruder, aircraft, xp)
+    return _stacked([mine[0], mine[1], other[0], other[1], other[2], other[3], mine[2], mine[3]], xp)
+
+
+class SetObservation(NamedTuple):
+    """An observation of several intruders."""
+
+    own: Any
+    """Own speed, own heading, bearing and distance to the goal, ``[..., 4]`` in [-1, 1]."""
+    traffic: Any
+    """Speed, heading, bearing and distance of each intruder, ``[..., K, 4]`` in [-1, 1]; 0 where there is none."""
+    mask: Any
+    """Which of the K exist, bool ``[..., K]``."""
+
+
+def observe_set(
+    own: VehicleState, intruders: VehicleState, mask: Any, goal_x: Any, goal_y: Any, aircraft: Aircraft, xp: Any
+) -> SetObservation:
+    """Return the observation of several intruders and the goal, scaled as by :func:`observe`; arrays only.
+
+    Args:
+        own: ownship, ``[...]``.
+        intruders: ``[..., K]``.
+        mask: which of them exist, bool ``[..., K]``.
+        goal_x, goal_y: goal position, m, ``[...]``.
+        aircraft: floats, or fields ``[...]``.
+        xp: array namespace.
+
+    Raises:
+        ValueError: the mask has another shape than the intruders.
+    """
+    if mask.shape != intruders.x.shape:
+        raise ValueError(f"mask has shape {mask.shape}; expected {intruders.x.shape}, that of the intruders")
+    seen_by, scaled_by = beside(own), beside(aircraft)
+    traffic = _stacked(_traffic_parts(seen_by, intruders, scaled_by, xp), xp)
+    return SetObservation(
+        _stacked(_own_parts(own, goal_x, goal_y, aircraft, xp), xp), xp.where(mask[..., None], traffic, 0.0), mask
+    )
+
+
+def beside(tree: Any) -> Any:
+    """Return nested tuples with a last axis added to every array, to be set against intruders; floats stay."""
+    return mapped(lambda field: field[..., None] if getattr(field, "ndim", 0) else field, tree)
+
+
+def _own_parts(own: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft, xp: Any) -> list[Any]:
+    middle, half = _speeds(aircraft)
+    return [
+        (own.speed - middle) * (1.0 / half),
         own.heading * (1.0 / math.pi),
-        intruder.speed * (1.0 / _INTRUDER_SPEED_HALF) - 1.0,
-        intruder.heading * (1.0 / math.pi),
-        bearing(own, intruder.x, intruder.y, xp) * (1.0 / math.pi),
-        to_intruder * (1.0 / DISTANCE_HALF) - 1.0,
         bearing(own, goal_x, goal_y, xp) * (1.0 / math.pi),
-        to_goal * (1.0 / DISTANCE_HALF) - 1.0,
+        distance(goal_x - own.x, goal_y - own.y, xp) * (1.0 / _far(aircraft)) - 1.0,
     ]
+
+
+def _traffic_parts(own: VehicleState, other: VehicleState, aircraft: Aircraft, xp: Any) -> list[Any]:
+    return [
+        other.speed * (1.0 / (0.5 * aircraft.traffic_speed_max)) - 1.0,
+        other.heading * (1.0 / math.pi),
+        bearing(own, other.x, other.y, xp) * (1.0 / math.pi),
+        distance(other.x - own.x, other.y - own.y, xp) * (1.0 / _far(aircraft)) - 1.0,
+    ]
+
+
+def _stacked(parts: list[Any], xp: Any) -> Any:
     return xp.stack([xp.clip(part, -1.0, 1.0) for part in parts], axis=-1)
+
+
+def _speeds(aircraft: Aircraft) -> tuple[Any, Any]:
+    """Return the own speed that is 0 in the observation, and how much faster 1 is, m/s."""
+    low, high = aircraft.limits.speed_min, aircraft.limits.speed_max
+    return 0.5 * (high + low), 0.5 * (high - low)
+
+
+def _far(aircraft: Aircraft) -> Any:
+    """Return the distance that is 0 in the observation, and how much farther 1 is, m."""
+    return 10.0 * aircraft.separation
 
 
 class Decoded(NamedTuple):
@@ -88,22 +152,24 @@ class Decoded(NamedTuple):
     goal_y: Any
 
 
-def decode(observation: Any, xp: Any) -> Decoded:
+def decode(observation: Any, aircraft: Aircraft, xp: Any) -> Decoded:
     """Recover the geometry from an observation given as eight components ``[...]`` each.
 
     Exact but for what :func:`observe` clipped. Absolute headings enter only through their difference, so what is
     built on this does not change when the whole scene is rotated.
     """
-    own_speed = observation[0] * SPEED_HALF + SPEED_MIDDLE
-    intruder_speed = (observation[2] + 1.0) * _INTRUDER_SPEED_HALF
+    middle, half = _speeds(aircraft)
+    far = _far(aircraft)
+    own_speed = observation[0] * half + middle
+    intruder_speed = (observation[2] + 1.0) * (0.5 * aircraft.traffic_speed_max)
     course = (observation[3] - observation[1]) * math.pi
     course = xp.where(course > math.pi, course - 2.0 * math.pi, course)
     course = xp.where(course < -math.pi, course + 2.0 * math.pi, course)
     sine, cosine = sincos(course, xp)
     intruder_sine, intruder_cosine = sincos(observation[4] * math.pi, xp)
-    intruder_distance = (observation[5] + 1.0) * DISTANCE_HALF
+    intruder_distance = (observation[5] + 1.0) * far
     goal_sine, goal_cosine = sincos(observation[6] * math.pi, xp)
-    goal_distance = (observation[7] + 1.0) * DISTANCE_HALF
+    goal_distance = (observation[7] + 1.0) * far
     return Decoded(
         own_speed,
         intruder_distance * intruder_cosine,
@@ -115,31 +181,33 @@ def decode(observation: Any, xp: Any) -> Decoded:
     )
 
 
-def criticality(own: VehicleState, intruders: VehicleState, radius: float, xp: Any) -> Any:
+def criticality(own: VehicleState, intruders: VehicleState, aircraft: Aircraft, xp: Any) -> Any:
     """Rank intruders by urgency, smallest first, ``[..., K]``.
 
-    The rank is the time in seconds until the range falls below ``radius`` on straight courses; where it does
-    not, 10^4 plus the predicted distance at the closest approach in metres; where it is below already, that
-    distance less the radius, which is negative.
+    The rank is the time until the range falls below 1.5 separations on straight courses, tenths of the aircraft's time
+    unit (s for the paper's); where it does not, 10^4 plus the predicted distance at the closest approach, thousandths
+    of a separation; where it is below already, that distance less the 1.5 separations, which is negative.
 
     Args:
         own: ownship with fields ``[..., 1]``.
         intruders: fields ``[..., K]``.
-        radius: distance that counts as a conflict, m.
+        aircraft: of the ownship; floats, or fields ``[..., 1]``.
         xp: array namespace.
     """
+    radius = 1.5 * aircraft.separation
+    length = 1_000.0 / aircraft.separation
     cpa = straight_cpa(own, intruders, xp)
     now = distance(intruders.x - own.x, intruders.y - own.y, xp)
     # Along a straight relative course the squared range is d^2 + w^2 (t - t_cpa)^2 with w the relative speed.
     travelled = xp.sqrt(xp.maximum(now * now - cpa.distance * cpa.distance, 1e-9))
     inside = xp.sqrt(xp.maximum(radius * radius - cpa.distance * cpa.distance, 0.0))
-    time = xp.maximum(cpa.time * (1.0 - inside / travelled), 0.0)
+    time = xp.maximum(cpa.time * (1.0 - inside / travelled), 0.0) * (10.0 / aircraft.time_unit)
     # Of several inside, the one that will come closest: with equal ranks their order would decide.
-    conflict = xp.where(now < radius, cpa.distance - radius, time)
-    return xp.where(cpa.distance < radius, conflict, 10_000.0 + cpa.distance)
+    conflict = xp.where(now < radius, (cpa.distance - radius) * length, time)
+    return xp.where(cpa.distance < radius, conflict, 10_000.0 + cpa.distance * length)
 
 
-def most_critical(own: VehicleState, intruders: Any, mask: Any, radius: float, xp: Any) -> VehicleState:
+def most_critical(own: VehicleState, intruders: Any, mask: Any, aircraft: Aircraft, xp: Any) -> VehicleState:
     """Choose, of the intruders ``[..., K]`` present by ``mask``, the most urgent one, ``[...]``.
 
     An absent intruder is never chosen unless all are absent. Plain floats come as a tuple of the intruders present.
@@ -147,10 +215,26 @@ def most_critical(own: VehicleState, intruders: Any, mask: Any, radius: float, x
     if isinstance(xp, FloatNamespace):
         if len(intruders) == 1:
             return intruders[0]
-        return min(intruders, key=lambda one: criticality(own, one, radius, xp))
+        return min(intruders, key=lambda one: criticality(own, one, aircraft, xp))
     if intruders.x.shape[-1] == 1:
         return VehicleState(*(field[..., 0] for field in intruders))
-    seen_by = VehicleState(*(field[..., None] for field in own))
-    rank = xp.where(mask, criticality(seen_by, intruders, radius, xp), xp.inf)
+    rank = xp.where(mask, criticality(beside(own), intruders, beside(aircraft), xp), xp.inf)
     chosen = xp.argmin(rank, axis=-1)[..., None]
     return VehicleState(*(xp.take_along_axis(field, chosen, axis=-1)[..., 0] for field in intruders))
+
+
+def ranked(
+    own: VehicleState, intruders: VehicleState, mask: Any, count: int, aircraft: Aircraft, xp: Any
+) -> tuple[VehicleState, Any]:
+    """Return the ``count`` most urgent of the intruders ``[..., K]``, the most urgent first, and their mask.
+
+    Where there are fewer, absent ones follow.
+    """
+    rank = xp.where(mask, criticality(beside(own), intruders, beside(aircraft), xp), xp.inf)
+    order = xp.argsort(rank, axis=-1)[..., :count]
+    missing = count - order.shape[-1]
+    present = xp.take_along_axis(mask, order, axis=-1)
+    if missing > 0:
+        order = xp.concatenate([order] + [order[..., :1]] * missing, axis=-1)
+        present = xp.concatenate([present] + [xp.zeros_like(present[..., :1])] * missing, axis=-1)
+    return VehicleState(*(xp.take_along_axis(field, order, axis=-1) for field in intruders)), present

@@ -21,7 +21,7 @@ class Sensor(NamedTuple):
     velocity_std: Any = 0.0
     """One sigma per axis, m/s."""
     latency: Any = 0.0
-    """Age of a report when it is used, s, within [0, 2]."""
+    """Age of a report when it is used, s, at most two time steps."""
 
 
 def carried_back(state: VehicleState, seconds: float, xp: Any) -> VehicleState:

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from envs import draws
-from envs.encounters import Encounter, EncounterError, Scenario, sample
-from envs.intruder import INTRUDER_LIMITS, Intent
-from envs.kinematics import Limits, VehicleState
+from envs.aircraft import Aircraft
+from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario, sample
+from envs.intruder import Intent
+from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from envs.trees import mapped
 
@@ -57,12 +58,12 @@ def cast(encounters: Encounter, dtype: Any) -> Encounter:
     return mapped(lambda field: field if field.dtype == bool else field.astype(dtype), encounters)
 
 
-def checked(encounter: Encounter, limits: Limits, batch: tuple[int, ...] = ()) -> Encounter:
+def checked(encounter: Encounter, aircraft: Aircraft, batch: tuple[int, ...] = ()) -> Encounter:
     """Return a user's own encounter as float64 arrays of the shapes that it must have.
 
     Args:
         encounter: own fields ``batch``, intruder fields ``[*batch, K]`` or what broadcasts to them.
-        limits: of the ownship.
+        aircraft: the ownship.
         batch: leading shape; ``()`` for one encounter, which may also come as a batch of one.
 
     Raises:
@@ -71,24 +72,26 @@ def checked(encounter: Encounter, limits: Limits, batch: tuple[int, ...] = ()) -
     if not isinstance(encounter, Encounter):
         raise EncounterError(f"encounter is a {type(encounter).__name__}; expected an envs.encounters.Encounter")
     mask = np.atleast_1d(np.asarray(encounter.mask, dtype=bool))
-    wide = (*batch, mask.shape[-1])
+    if not 1 <= mask.shape[-1] <= MOST_INTRUDERS:
+        raise EncounterError(f"mask has {mask.shape[-1]} intruder columns; expected 1 to {MOST_INTRUDERS}")
+    wide, limits = (*batch, mask.shape[-1]), aircraft.limits
 
     own = [_numbers(f"own.{name}", value, batch) for name, value in encounter.own._asdict().items()]
     _numbers("own.speed", own[3], batch, limits.speed_min, limits.speed_max)
     _numbers("own.heading", own[2], batch, -math.pi, math.pi)
     intruders = [_numbers(f"intruders.{name}", value, wide) for name, value in encounter.intruders._asdict().items()]
-    _numbers("intruders.speed", intruders[3], wide, INTRUDER_LIMITS.speed_min, INTRUDER_LIMITS.speed_max)
+    _numbers("intruders.speed", intruders[3], wide, 0.0, aircraft.traffic_speed_max)
     _numbers("intruders.heading", intruders[2], wide, -math.pi, math.pi)
     intent = [
         _numbers("intent.onset", encounter.intent.onset, wide),
         _numbers("intent.heading_change", encounter.intent.heading_change, wide, -math.pi, math.pi),
-        _numbers("intent.turn_rate", encounter.intent.turn_rate, wide, 0.0, 1.0),
+        _numbers("intent.turn_rate", encounter.intent.turn_rate, wide, 0.0, 1.0 / aircraft.dt),
     ]
     narrow = (*batch, 1)
     sensor = [
         _numbers("sensor.position_std", encounter.sensor.position_std, narrow, 0.0),
         _numbers("sensor.velocity_std", encounter.sensor.velocity_std, narrow, 0.0),
-        _numbers("sensor.latency", encounter.sensor.latency, narrow, 0.0, 2.0),
+        _numbers("sensor.latency", encounter.sensor.latency, narrow, 0.0, 2.0 * aircraft.dt),
     ]
     present = _shaped("mask", mask, wide)
     if not present.any(axis=-1).all():

@@ -10,25 +10,35 @@ import jax
 import jax.numpy as jnp
 
 from envs import encounters, world
+from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
+from envs.observation import SetObservation
 from envs.world import State, StepResult, World
 
-__all__ = ["State", "StepResult", "World", "observe", "redraw_pool", "reset", "restart", "step"]
+__all__ = ["State", "StepResult", "World", "observe", "observe_set", "redraw_pool", "reset", "restart", "step"]
 
 
-def reset(encounter: Encounter, *, late_reports: bool = False, required_separation: jax.Array | None = None) -> State:
+def reset(encounter: Encounter, *, history_dt: Any = None, required_separation: jax.Array | None = None) -> State:
     """Begin encounters ``[N]``; arguments as of :func:`envs.world.begin`."""
-    return world.begin(encounter, jnp, late_reports=late_reports, required_separation=required_separation)
+    return world.begin(encounter, jnp, history_dt=history_dt, required_separation=required_separation)
 
 
-def observe(state: State, noise: jax.Array | None = None) -> jax.Array:
+def observe(state: State, aircraft: Aircraft, noise: jax.Array | None = None) -> jax.Array:
     """Return the observation of the most critical intruder, ``[N, 8]``.
 
     Args:
         state: ``[N]``.
+        aircraft: whose scales the observation has.
         noise: standard normal draws ``[4, N, K]`` of the reports; None for perfect knowledge.
     """
-    return world.observe(state, world.perceived(state, noise, jnp), jnp)
+    return world.observe(state, world.perceived(state, noise, aircraft.dt, jnp), aircraft, jnp)
+
+
+def observe_set(
+    state: State, aircraft: Aircraft, noise: jax.Array | None = None, count: int | None = None
+) -> SetObservation:
+    """Return the observation of all intruders, or of the ``count`` most critical; arguments as of :func:`observe`."""
+    return world.observe_set(state, world.perceived(state, noise, aircraft.dt, jnp), count, aircraft, jnp)
 
 
 def step(state: State, action: tuple[jax.Array, jax.Array], parameters: World) -> tuple[State, StepResult]:

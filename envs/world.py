@@ -9,9 +9,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from envs import intruder, observation, outcome
+from envs.aircraft import Aircraft
 from envs.backend import FloatNamespace
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState, advance, commands
+from envs.observation import SetObservation, beside
 from envs.outcome import Outcome, Rules
 from envs.perception import Sensor, carried_back, perceive
 from envs.relative import distance, leg_separation
@@ -24,6 +26,7 @@ __all__ = [
     "evaluate",
     "move_intruders",
     "observe",
+    "observe_set",
     "perceived",
     "smallest",
     "step",
@@ -34,8 +37,13 @@ class World(NamedTuple):
     """Parameters of the world, all of them data."""
 
     rules: Rules
-    limits: Limits
-    """Of the ownship."""
+    aircraft: Aircraft
+    """The ownship."""
+
+    @property
+    def limits(self) -> Limits:
+        """Of the ownship."""
+        return self.aircraft.limits
 
 
 class State(NamedTuple):
@@ -74,19 +82,21 @@ class StepResult(NamedTuple):
     """At the end of the step, m."""
 
 
-def begin(encounter: Encounter, xp: Any, *, late_reports: bool = False, required_separation: Any = None) -> State:
+def begin(encounter: Encounter, xp: Any, *, history_dt: Any = None, required_separation: Any = None) -> State:
     """Return the state at the start of encounters ``[...]``.
 
     Args:
         encounter: the starts.
         xp: array namespace.
-        late_reports: keep the history of the intruders that reports with latency need.
+        history_dt: the time step, s, where reports may be late and need a history of the intruders; None: they are not.
         required_separation: by which each encounter is judged instead of the rules', m, ``[...]``.
     """
     previous = None
-    if late_reports:
-        # The rules' time step is 1 s wherever reports are late; see perception.perceive.
-        previous = (_earlier(encounter.intruders, 1.0, xp), _earlier(encounter.intruders, 2.0, xp))
+    if history_dt is not None:
+        previous = tuple(
+            _each(lambda one, ago=ago: carried_back(one, ago * history_dt, xp), xp, encounter.intruders)
+            for ago in (1.0, 2.0)
+        )
     steps = xp.zeros_like(encounter.goal_x)
     return State(
         encounter.own,
@@ -125,9 +135,7 @@ def step(state: State, action: tuple[Any, Any], world: World, xp: Any) -> tuple[
 
 def move_intruders(state: State, dt: float, xp: Any) -> Any:
     """Return the intruders one time step later, ``[..., K]``."""
-    time = state.steps * dt
-    if not isinstance(xp, FloatNamespace):
-        time = time[..., None]
+    time, dt = beside((state.steps * dt, dt))
     return _each(lambda one, intent: intruder.step(one, intent, time, dt, xp), xp, state.intruders, state.intent)
 
 
@@ -143,9 +151,9 @@ def evaluate(state: State, own: VehicleState, intruders: Any, rules: Rules, xp: 
     """
     if state.required_separation is not None:
         rules = rules._replace(separation=state.required_separation)
-    before, after = _against_intruders(state.own, xp), _against_intruders(own, xp)
+    before, after, dt = beside((state.own, own, rules.dt))
     separations = _each(
-        lambda old, new: leg_separation(before, after, old.vehicle, new.vehicle, rules.dt, xp),
+        lambda old, new: leg_separation(before, after, old.vehicle, new.vehicle, dt, xp),
         xp,
         state.intruders,
         intruders,
@@ -159,13 +167,14 @@ def evaluate(state: State, own: VehicleState, intruders: Any, rules: Rules, xp: 
     return moved, StepResult(judged, outcome.reward(judged, rules, xp), separations, separation, goal_distance)
 
 
-def perceived(state: State, noise: Any, xp: Any) -> Any:
+def perceived(state: State, noise: Any, dt: Any, xp: Any) -> Any:
     """Return the intruders as the ownship believes them to be, ``[..., K]``.
 
     Args:
         state: ``[...]``.
         noise: standard normal draws of the reports, ``[4, ..., K]``, or of plain floats a sequence of K times 4; None
             for perfect knowledge.
+        dt: time step, s; reports are at most two of them old.
         xp: array namespace.
     """
     now = _vehicles(state.intruders, xp)
@@ -173,19 +182,36 @@ def perceived(state: State, noise: Any, xp: Any) -> Any:
         return now
     # Where no history is kept no report is late, and earlier states have no weight.
     earlier = (now, now) if state.previous is None else state.previous
-    return _each(lambda a, b, c, draws: perceive(a, b, c, state.sensor, draws, 1.0, xp), xp, now, *earlier, noise)
+    return _each(lambda a, b, c, draws: perceive(a, b, c, state.sensor, draws, dt, xp), xp, now, *earlier, noise)
 
 
-def observe(state: State, seen: Any, xp: Any) -> Any:
+def observe(state: State, seen: Any, aircraft: Aircraft, xp: Any) -> Any:
     """Return the observation of the most critical intruder and the goal, ``[..., 8]``.
 
     Args:
         state: ``[...]``.
         seen: intruders as :func:`perceived`, ``[..., K]``.
+        aircraft: whose scales the observation has.
         xp: array namespace.
     """
-    chosen = observation.most_critical(state.own, seen, state.mask, observation.CRITICAL_RADIUS, xp)
-    return observation.observe(state.own, chosen, state.goal_x, state.goal_y, xp)
+    chosen = observation.most_critical(state.own, seen, state.mask, aircraft, xp)
+    return observation.observe(state.own, chosen, state.goal_x, state.goal_y, aircraft, xp)
+
+
+def observe_set(state: State, seen: Any, count: int | None, aircraft: Aircraft, xp: Any) -> SetObservation:
+    """Return the observation of several intruders and the goal; arrays only.
+
+    Args:
+        state: ``[...]``.
+        seen: intruders as :func:`perceived`, ``[..., K]``.
+        count: of the most critical ones to be seen, in their order; None: all K as they come.
+        aircraft: whose scales the observation has.
+        xp: array namespace.
+    """
+    mask = state.mask
+    if count is not None:
+        seen, mask = observation.ranked(state.own, seen, mask, count, aircraft, xp)
+    return observation.observe_set(state.own, seen, mask, state.goal_x, state.goal_y, aircraft, xp)
 
 
 def smallest(values: Any, mask: Any, xp: Any) -> Any:
@@ -202,14 +228,5 @@ def _each(function: Callable[..., Any], xp: Any, *trees: Any) -> Any:
     return function(*trees)
 
 
-def _against_intruders(own: VehicleState, xp: Any) -> VehicleState:
-    """Return an ownship ``[...]`` shaped to broadcast against its intruders."""
-    return own if isinstance(xp, FloatNamespace) else VehicleState(*(field[..., None] for field in own))
-
-
 def _vehicles(intruders: Any, xp: Any) -> Any:
     return _each(lambda one: one.vehicle, xp, intruders)
-
-
-def _earlier(vehicles: Any, seconds: float, xp: Any) -> Any:
-    return _each(lambda one: carried_back(one, seconds, xp), xp, vehicles)

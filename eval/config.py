@@ -248,7 +248,7 @@ class MonteCarloConfig(Strict):
     @model_validator(mode="after")
     def _check(self) -> "MonteCarloConfig":
         if self.file is None:
-            self.sampled()
+            self._sampled() if self.aircraft is None else self.sampled(self.aircraft.aircraft())
         elif self.prefix == MODEL:
             self.traffic()
         elif self.changes:
@@ -290,16 +290,22 @@ class MonteCarloConfig(Strict):
         share = -(-encounters // workers)
         return self.chunk or -(-share // -(-share // _LARGEST_CHUNK))
 
-    def sampled(self) -> Scenario:
-        """Return the sampled scenario with its changes.
+    def sampled(self, aircraft: Aircraft) -> Scenario:
+        """Return the sampled scenario of an aircraft with its changes.
 
         Raises:
             ConfigError: a change names an unknown number or a value outside its range.
         """
+        try:
+            return self._sampled().scenario(aircraft)
+        except ConfigError as problem:
+            raise ConfigError(f"changes.{str(problem).removeprefix('changes.')}") from None
+
+    def _sampled(self) -> ScenarioConfig:
         for key in ("name", "weight"):
             if key in self.changes:
                 raise ConfigError(f"changes.{key} is unknown; expected a number of the scenario")
-        return self._changed(ScenarioConfig, f"name={self.scenario}").scenario()
+        return self._changed(ScenarioConfig, f"name={self.scenario}")
 
     def traffic(self) -> TrafficConfig:
         """Return what is drawn from an encounter model, with its changes.

@@ -8,10 +8,11 @@ import numpy as np
 from pydantic import Field, NonNegativeFloat, model_validator
 
 from agents.config.load import ConfigError, Strict, validated
-from agents.config.world import RulesConfig, ScenarioConfig, VehicleConfig, check_own_speed
+from agents.config.world import AircraftConfig, ScenarioConfig
 from agents.policy.features import begins
-from envs.kinematics import SURROGATE, Limits
-from envs.outcome import RULES, Rules
+from envs.aircraft import PAPER
+from envs.encounters import Scenario
+from envs.outcome import Rules
 
 __all__ = [
     "SEED_END",
@@ -52,7 +53,7 @@ class PpoConfig(Strict):
     environments: int = Field(default=1024, ge=1, le=1_000_000)
     """Encounters that are flown at the same time."""
     rollout: int = Field(default=32, ge=1, le=10_000)
-    """Time steps that each of them is flown between two updates, 1 s each; short ones learn more from a step."""
+    """Time steps that each of them is flown between two updates; short ones learn more from a step."""
     epochs: int = Field(default=4, ge=1, le=100)
     """Passes over a rollout in an update."""
     minibatch: int = Field(default=2048, ge=2, le=10_000_000)
@@ -65,7 +66,7 @@ class PpoConfig(Strict):
     learning_rate_final: float = Field(default=0.0, ge=0.0, le=1.0)
     """Step size at the end; it changes linearly with the steps."""
     discount: float = Field(default=0.995, gt=0.0, le=1.0)
-    """Worth of a reward one time step (1 s) later."""
+    """Worth of a reward one time step later."""
     gae_lambda: float = Field(default=0.95, ge=0.0, le=1.0)
     """Decay of the generalised advantage estimate: 0 trusts the critic alone, 1 the returns alone."""
     clip: float = Field(default=0.2, gt=0.0, le=1.0)
@@ -112,29 +113,27 @@ class PpoConfig(Strict):
         return self
 
 
-class WorldConfig(RulesConfig):
-    """The task and the vehicle; training may require more separation than the evaluation."""
+class WorldConfig(Strict):
+    """What training requires beyond the aircraft's own task, and the task's scores."""
 
-    vehicle: VehicleConfig = Field(
-        default=VehicleConfig(), json_schema_extra={"expected": "the path of a YAML file, or a group of keys"}
-    )
-    """Limits of the ownship. A path is looked for beside the configuration file, then in the working directory."""
-    separation_spread: float = Field(default=0.0, ge=0.0, le=1e6)
-    """The environments require separations spread evenly from `separation` to this much more, m, which the observation
-    does not show: the closer an encounter comes, the more often it is lost."""
-    separation_headroom: float | None = Field(default=None, ge=0.0)
-    """An encounter requires no more than the best of twelve escape manoeuvres keeps less this, m, and never less than
-    `separation`; null: the spread alone decides."""
+    separation_spread: float = Field(default=0.0, ge=0.0, le=10.0)
+    """The environments require separations spread evenly from the aircraft's to this much more, separations, which the
+    observation does not show: the closer an encounter comes, the more often it is lost."""
+    separation_headroom: float | None = Field(default=None, ge=0.0, le=10.0)
+    """An encounter requires no more than the best of twelve escape manoeuvres keeps less this, separations, and never
+    less than the aircraft's separation; null: the spread alone decides."""
+    reward_violation: float = -100.0
+    """Score of a lost separation."""
+    reward_goal: float = 100.0
+    """Score of a goal reached."""
+    reward_timeout: float = -10.0
+    """Score of a goal missed."""
 
-    def required_separation(self, environments: int) -> np.ndarray:
+    def required_separation(self, environments: int, separation: float) -> np.ndarray:
         """Return the separation that each environment requires, m, ``[environments]``, mixed over their numbers."""
         # By the golden ratio, so that any few neighbours cover the spread.
         share = np.modf(np.arange(environments) * (0.5 * (math.sqrt(5.0) - 1.0)))[0]
-        return (self.separation + self.separation_spread * share).astype(np.float32)
-
-    def limits(self) -> Limits:
-        """Return the ownship's limits as the world's functions take them."""
-        return self.vehicle.limits()
+        return (separation + self.separation_spread * separation * share).astype(np.float32)
 
 
 class ShapingConfig(Strict):
@@ -144,21 +143,21 @@ class ShapingConfig(Strict):
     """
 
     goal: Weight = 0.0
-    """Potential of 10 km less to the goal."""
+    """Potential of ten separations less to the goal."""
     escape_margin: Weight = 0.0
-    """Potential of 50 m more separation under the best of twelve escape manoeuvres, from 50 m less than required to
-    50 m more."""
+    """Potential of 0.05 separations more under the best of twelve escape manoeuvres, from 0.05 less than required to
+    0.05 more."""
     lateness: Weight = 0.0
-    """Potential of a speed at which the goal is reached 30 s before the time limit instead of 30 s after it."""
+    """Potential of a speed that reaches the goal a tenth of the time limit early instead of a tenth too late."""
     turn_rate_cost: Weight = 0.0
-    """Cost of a time step (1 s) at the full turn rate; half of it costs a quarter."""
+    """Cost of a time step at the full turn rate; half of it costs a quarter."""
     heading_change_cost: Weight = 0.0
     """Cost of 90 degrees of turning, to either side and at any rate."""
     rejoin_turn_cost: Weight = 0.0
-    """Cost of 90 degrees of turning towards the goal at the full rate; slower turns cost less, and up to 0.35 degrees
-    a second nothing."""
+    """Cost of 90 degrees of turning towards the goal at the full rate; slower turns cost less, and up to a ninth of it
+    nothing."""
     path_excess_cost: Weight = 0.0
-    """Cost of 10 km flown that bring the goal no nearer."""
+    """Cost of ten separations flown that bring the goal no nearer."""
 
 
 class NearLimitConfig(Strict):
@@ -167,9 +166,9 @@ class NearLimitConfig(Strict):
     share: float = Field(default=0.0, ge=0.0, lt=1.0)
     """Share of all encounters that are taken from 20 000 such ones, drawn before training begins; the scenarios have
     the rest."""
-    margin: float = Field(default=50.0, gt=0.0, le=1e6)
-    """The best of twelve escape manoeuvres keeps up to this much more than `world.separation` in them, m. Courses are
-    within 60 degrees of each other, and intruders fly straight on."""
+    margin: float = Field(default=0.05, gt=0.0, le=10.0)
+    """The best of twelve escape manoeuvres keeps up to this much more than the aircraft's separation in them,
+    separations. Courses are within 60 degrees of each other, and intruders fly straight on."""
 
 
 class EvaluationConfig(Strict):
@@ -183,12 +182,6 @@ class EvaluationConfig(Strict):
     """Encounters of the evaluation after training."""
     seed: int = Field(default=1_000_003, ge=0, lt=2**63)
     """Of the encounters; the same whatever the seed of the training, so that runs are compared on equal terms."""
-    separation: float = Field(default=RULES.separation, gt=0.0, le=1e6)
-    """Distance to an intruder below which an encounter is lost, m, whatever the training requires."""
-
-    def rules(self, world: WorldConfig) -> Rules:
-        """Return the task by which policies are evaluated."""
-        return world.rules()._replace(separation=self.separation)
 
 
 class CheckpointConfig(Strict):
@@ -199,7 +192,7 @@ class CheckpointConfig(Strict):
 
 
 class TrainConfig(Strict):
-    """A training run; the defaults train the paper's circle encounters."""
+    """A training run; the defaults train the paper's circle encounters with its aircraft."""
 
     PHASE_KEYS: ClassVar = ("steps", "ppo", "world", "scenarios", "pool_rows", "near_limit", "shaping")
 
@@ -217,6 +210,11 @@ class TrainConfig(Strict):
     """Directory of an earlier run, or one of its checkpoints: training begins with its networks and the optimiser's
     state (a path as seen from the working directory). Or a policy file: training begins with its actor and a fresh
     critic (see `ppo.critic_warmup_steps`). null: with fresh networks."""
+    aircraft: AircraftConfig = Field(
+        default=AircraftConfig(), json_schema_extra={"expected": "the path of a YAML file, or a group of keys"}
+    )
+    """The ownship and its task. A path such as `configs/aircraft/uas.yaml` is looked for beside the configuration file,
+    then in the working directory. Scenarios, rewards and observations are scaled by it."""
     network: NetworkConfig = NetworkConfig()
     ppo: PpoConfig = PpoConfig()
     world: WorldConfig = WorldConfig()
@@ -232,8 +230,27 @@ class TrainConfig(Strict):
         default=(), max_length=16, json_schema_extra={"expected": "a list of groups of keys"}
     )
     """Parts of the training, one after the other in one run: each names what differs in it from the other keys (steps,
-    ppo, world, scenarios, pool_rows, near_limit and shaping; not world.vehicle), and goes on with the networks of the
-    one before. Empty: one phase."""
+    ppo, world, scenarios, pool_rows, near_limit and shaping), and goes on with the networks of the one before. Empty:
+    one phase."""
+
+    def rules(self) -> Rules:
+        """Return the task: the aircraft's, with the scores of `world`."""
+        scores = self.world.reward_violation, self.world.reward_goal, self.world.reward_timeout
+        return Rules(*self.aircraft.aircraft().rules()[:4], *scores)
+
+    def drawn(self) -> list[Scenario]:
+        """Return the scenarios that training draws from.
+
+        Raises:
+            ConfigError: one contradicts the aircraft.
+        """
+        aircraft, found = self.aircraft.aircraft(), []
+        for number, entry in enumerate(self.scenarios):
+            try:
+                found.append(entry.scenario(aircraft))
+            except ConfigError as problem:
+                raise ConfigError(f"scenarios.{number}.{problem}") from None
+        return found
 
     def in_phases(self) -> tuple["TrainConfig", ...]:
         """Return the configuration of each phase, itself without phases; of a training without any, its own.
@@ -248,9 +265,6 @@ class TrainConfig(Strict):
         for key in changes:
             if key not in self.PHASE_KEYS:
                 raise ConfigError(f"phases.{number}.{key}: expected one of {', '.join(self.PHASE_KEYS)}")
-        world = changes.get("world")
-        if isinstance(world, dict) and "vehicle" in world:
-            raise ConfigError(f"phases.{number}.world.vehicle: expected the same vehicle in all phases")
         try:
             return validated(TrainConfig, _merged(whole, changes))
         except ConfigError as problem:
@@ -258,15 +272,13 @@ class TrainConfig(Strict):
 
     @model_validator(mode="after")
     def _check(self) -> "TrainConfig":
-        self._check_vehicle()
+        self.drawn()
+        self._check_aircraft()
         self.in_phases() if self.phases else None
         return self
 
-    def _check_vehicle(self) -> None:
-        limits = self.world.limits()
-        for number, entry in enumerate(self.scenarios):
-            check_own_speed(entry.scenario(), limits, f"scenarios.{number}.own_speed")
-        if limits == SURROGATE:
+    def _check_aircraft(self) -> None:
+        if self.aircraft.aircraft() == PAPER:
             return
         for key, looks_ahead in (
             ("network.feature_set", begins(self.network.feature_set, "foresight")),
@@ -276,9 +288,9 @@ class TrainConfig(Strict):
         ):
             if looks_ahead:
                 raise ConfigError(
-                    f"{key} looks ahead with the surrogate's limits (configs/vehicle_surrogate.yaml); with another "
-                    "world.vehicle, expected network.feature_set none, cpa or mirror, and no escape_margin, near_limit "
-                    "or separation_headroom"
+                    f"{key} looks ahead with the limits of configs/aircraft/paper.yaml; with another aircraft, "
+                    "expected network.feature_set none, cpa or mirror, and no escape_margin, near_limit or "
+                    "separation_headroom"
                 )
 
 

@@ -14,7 +14,7 @@ from agents.learning.export import write
 from agents.policy import file as policy_file
 from agents.resolvability.classify import Verdict, classify
 from envs.edge.files import write_file
-from envs.encounters import SCENARIOS
+from envs.encounters import scenario
 from envs.starts import numbered
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.figures import training_figures
@@ -53,10 +53,11 @@ def evaluate(run: Run) -> dict[str, Any]:
     """
     began = time.monotonic()
     settings = run.config.evaluation
-    encounters = numbered(SCENARIOS["circle"], settings.seed, 0, settings.final_encounters)
+    aircraft = run.config.aircraft.aircraft()
+    encounters = numbered(scenario("circle", aircraft), settings.seed, 0, settings.final_encounters)
     outcome = outcomes(run.task, run.state, encounters)
     solved, rules = np.asarray(outcome.reached), run.task.rules
-    verdict = classify(encounters, rules, run.config.world.limits(), solved=solved).verdict
+    verdict = classify(encounters, rules, aircraft.limits, solved=solved).verdict
     resolvable = int(np.sum(verdict != Verdict.UNRESOLVABLE))
     found = rates(outcome, rules)
     return {
@@ -82,7 +83,7 @@ def export(run: Run, score: float | None) -> Path:
         jax.device_get(run.state.learner.actor),
         hidden=tuple(config.network.hidden),
         feature_set=config.network.feature_set,
-        limits=config.world.limits(),
+        limits=config.aircraft.limits(),
         config=config.model_dump(mode="json"),
         steps=run.steps,
         score=score,

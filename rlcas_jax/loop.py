@@ -16,7 +16,7 @@ from agents.learning.ppo import LearnerState
 from agents.policy.versions import versions
 from envs.draws import uniforms
 from envs.edge.files import write_file
-from envs.encounters import SCENARIOS, Encounter, sample
+from envs.encounters import Encounter, sample, scenario
 from envs.outcome import Outcome, Rules, reward
 from envs.starts import numbered
 from rlcas_jax import checkpoint, metrics, progress
@@ -122,7 +122,9 @@ class _Runner:
         self._began = self._last_saved = time.monotonic()
         self._writes = first()
         evaluation = training.config.evaluation
-        self._evaluated = numbered(SCENARIOS["circle"], evaluation.seed, 0, evaluation.encounters)
+        self._evaluated = numbered(
+            scenario("circle", training.config.aircraft.aircraft()), evaluation.seed, 0, evaluation.encounters
+        )
         self._log: metrics.Writer | None = None
 
     def run(self) -> Run:
@@ -255,11 +257,10 @@ def made_with() -> dict[str, str]:
 def _check_scenarios(config: TrainConfig) -> None:
     """Refuse a scenario whose conditions are met too rarely to fill a pool of starts with different ones."""
     tried = 4096
-    for number, entry in enumerate(config.scenarios):
-        family = entry.scenario()
+    for number, family in enumerate(config.drawn()):
         _, accepted = sample(family, uniforms(0, 0, tried, (1, family.dimensions)).swapaxes(0, 1), np)
         if accepted.mean() < LEAST_ACCEPTED:
             raise ConfigError(
-                f"scenarios.{number}: {int(accepted.sum())} of {tried} draws meet the conditions of {entry.name}; "
+                f"scenarios.{number}: {int(accepted.sum())} of {tried} draws meet the conditions of {family.name}; "
                 f"expected at least {LEAST_ACCEPTED:.0%} (see min_initial_separation and conflicts_closer_than)"
             )

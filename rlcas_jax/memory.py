@@ -27,7 +27,7 @@ def needed_bytes(config: TrainConfig) -> int:
 def _of_phase(config: TrainConfig) -> int:
     ppo = config.ppo
     inputs, hidden = size(config.network.feature_set), config.network.hidden
-    intruders = max(entry.scenario().intruders[1] for entry in config.scenarios)
+    intruders = max(family.intruders[1] for family in config.drawn())
     pool = 2 * ppo.environments * config.pool_rows * _START * (1 + intruders) // 2
     samples = 2 * ppo.samples * (inputs + SIZE)
     # The critic sees the whole rollout at once.

@@ -4,20 +4,18 @@ Potentials leave the optimal policy as it is (Ng, Harada, Russell 1999); costs m
 Scores contain neither.
 """
 
-import math
-
 import jax
 import jax.numpy as jnp
 
+from envs.aircraft import Aircraft
 from envs.kinematics import VehicleState
-from envs.outcome import Rules
 from envs.relative import bearing, distance
 from envs.surrogate import State
 from rlcas_jax.config import ShapingConfig, TrainConfig
 from rlcas_jax.escape_margin import best
 
 __all__ = [
-    "FREE_TURN_RATE",
+    "FREE_TURN",
     "escape_margin",
     "heading_change_cost",
     "lateness",
@@ -29,11 +27,11 @@ __all__ = [
     "turn_rate_cost",
 ]
 
-MARGIN_UNIT = 50.0
-"""Metres beyond the separation that count 1 in :func:`escape_margin`; what is beyond counts no more."""
+MARGIN_UNIT = 0.05
+"""Separations beyond the required one that count 1 in :func:`escape_margin`; what is beyond counts no more."""
 
-FREE_TURN_RATE = math.radians(0.35)
-"""Rate up to which a turn towards the goal costs nothing, rad/s; heading reversals are counted from a higher one."""
+FREE_TURN = 0.35 / 3.0
+"""Share of the greatest turn rate up to which a turn towards the goal costs nothing."""
 
 
 def learning_reward(
@@ -48,10 +46,10 @@ def learning_reward(
         yaw_rate: as commanded, 1 at the limit.
         config: scale, discount and shaping.
     """
-    weights, rules = config.shaping, config.world.rules()
-    potentials = potential(before, weights, rules), potential(after, weights, rules)
+    weights, aircraft = config.shaping, config.aircraft.aircraft()
+    potentials = potential(before, weights, aircraft), potential(after, weights, aircraft)
     total = config.ppo.reward_scale * reward + shaped(*potentials, after.ended, config.ppo.discount)
-    limit, dt = float(config.world.limits().yaw_rate_max), float(rules.dt)
+    limit, dt = aircraft.limits.yaw_rate_max, aircraft.dt
     if weights.turn_rate_cost:
         total = total - weights.turn_rate_cost * turn_rate_cost(yaw_rate)
     if weights.heading_change_cost:
@@ -60,7 +58,7 @@ def learning_reward(
         cost = rejoin_turn_cost(before.own, before.goal_x, before.goal_y, yaw_rate, limit, dt)
         total = total - weights.rejoin_turn_cost * cost
     if weights.path_excess_cost:
-        cost = path_excess_cost(before.own, after.own, before.goal_x, before.goal_y)
+        cost = path_excess_cost(before.own, after.own, (before.goal_x, before.goal_y), aircraft.separation)
         total = total - weights.path_excess_cost * cost
     return total
 
@@ -70,19 +68,20 @@ def shaped(before: jax.Array, after: jax.Array, terminated: jax.Array, discount:
     return discount * jnp.where(terminated, 0.0, after) - before
 
 
-def potential(state: State, weights: ShapingConfig, rules: Rules) -> jax.Array:
+def potential(state: State, weights: ShapingConfig, aircraft: Aircraft) -> jax.Array:
     """Return the potential of each encounter, ``[N]``, in units of the scaled reward.
 
     Args:
         state: encounters in progress.
         weights: of the distance to the goal, :func:`escape_margin` and :func:`lateness`.
-        rules: separation (``state.required_separation`` has precedence), time step and time limit.
+        aircraft: the ownship; ``state.required_separation`` has precedence over its separation.
     """
-    total = -weights.goal * distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp) * 1e-4
+    left = distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp)
+    total = -weights.goal * left * (0.1 / aircraft.separation)
     if weights.escape_margin:
-        total = total + weights.escape_margin * escape_margin(state, rules.separation)
+        total = total + weights.escape_margin * escape_margin(state, aircraft.separation)
     if weights.lateness:
-        total = total - weights.lateness * lateness(state, rules)
+        total = total - weights.lateness * lateness(state, aircraft)
     return total
 
 
@@ -98,21 +97,24 @@ def escape_margin(state: State, separation: float) -> jax.Array:
     """
     kept = best(state.own, state.goal_x, state.goal_y, state.intruders.vehicle, state.mask, jnp)
     spare = kept - (separation if state.required_separation is None else state.required_separation)
-    return jnp.clip(spare * (1.0 / MARGIN_UNIT), -1.0, 1.0)
+    return jnp.clip(spare * (1.0 / (MARGIN_UNIT * separation)), -1.0, 1.0)
 
 
-def lateness(state: State, rules: Rules) -> jax.Array:
-    """Return how late the goal is reached at the present speed, ``[N]``: 0 with 30 s to spare, 1 if 30 s too late.
+def lateness(state: State, aircraft: Aircraft) -> jax.Array:
+    """Return how late the goal is reached at the present speed, ``[N]``.
+
+    It is 0 with a tenth of the time limit to spare and 1 if a tenth too late.
 
     The observation does not contain the time, so that the time limit alone is learned slowly.
 
     Args:
         state: encounters in progress.
-        rules: time step and time limit.
+        aircraft: its time step, time limit and speed.
     """
     left = distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp)
-    spare = rules.t_max - state.steps * rules.dt - left / jnp.maximum(state.own.speed, 1.0)
-    return jnp.clip(0.5 - spare * (1.0 / 60.0), 0.0, 1.0)
+    speed = jnp.maximum(state.own.speed, 0.01 * aircraft.limits.speed_max)
+    spare = aircraft.t_max - state.steps * aircraft.dt - left / speed
+    return jnp.clip(0.5 - spare * (1.0 / (0.2 * aircraft.t_max)), 0.0, 1.0)
 
 
 def turn_rate_cost(yaw_rate: jax.Array) -> jax.Array:
@@ -137,8 +139,8 @@ def rejoin_turn_cost(
 ) -> jax.Array:
     """Return the cost of a step's turn towards the goal, ``[N]``, 1 for a quarter turn at the limit.
 
-    Turns up to :data:`FREE_TURN_RATE` and those away from the goal cost nothing: rejoining need not be brisk, avoiding
-    may have to be.
+    Turns up to :data:`FREE_TURN` of the limit and those away from the goal cost nothing: rejoining need not be brisk,
+    avoiding may have to be.
 
     Args:
         own: the ownship at the start of the step.
@@ -147,21 +149,26 @@ def rejoin_turn_cost(
         limit: of the turn rate, rad/s.
         dt: the step, s.
     """
-    towards = jnp.clip(yaw_rate, -1.0, 1.0) * limit * jnp.sign(bearing(own, goal_x, goal_y, jnp))
-    excess = jnp.maximum(towards - FREE_TURN_RATE, 0.0) / max(limit - FREE_TURN_RATE, 1e-9)  # the limit may be lower
+    towards = jnp.clip(yaw_rate, -1.0, 1.0) * jnp.sign(bearing(own, goal_x, goal_y, jnp))
+    excess = jnp.maximum(towards - FREE_TURN, 0.0) / (1.0 - FREE_TURN)
     return heading_change_cost(excess, limit, dt)
 
 
-def path_excess_cost(before: VehicleState, after: VehicleState, goal_x: jax.Array, goal_y: jax.Array) -> jax.Array:
-    """Return the path of a step less what it brought the goal nearer, 10 km, ``[N]``; its sum is the path excess.
+def path_excess_cost(
+    before: VehicleState, after: VehicleState, goal: tuple[jax.Array, jax.Array], separation: float
+) -> jax.Array:
+    """Return the path of a step less what it brought the goal nearer, in ten separations, ``[N]``.
+
+    Its sum is the path excess.
 
     The discount alone asks for short times, and so prefers a fast detour to a slow straight path.
 
     Args:
         before: the ownship at the start of the step.
         after: the same at its end.
-        goal_x, goal_y: m.
+        goal: x and y, m.
+        separation: m.
     """
     flown = distance(after.x - before.x, after.y - before.y, jnp)
-    left = [distance(goal_x - own.x, goal_y - own.y, jnp) for own in (before, after)]
-    return 1e-4 * (flown - (left[0] - left[1]))
+    left = [distance(goal[0] - own.x, goal[1] - own.y, jnp) for own in (before, after)]
+    return (0.1 / separation) * (flown - (left[0] - left[1]))

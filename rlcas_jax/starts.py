@@ -9,10 +9,11 @@ import numpy as np
 
 from agents.config.load import ConfigError
 from envs import surrogate
+from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario, choose, padded, sample, scenario
 from envs.starts import cast, joined
 from envs.trees import mapped
-from rlcas_jax.config import TrainConfig, WorldConfig
+from rlcas_jax.config import TrainConfig
 from rlcas_jax.escape_margin import best
 
 __all__ = ["NEAR_LIMIT", "draw", "late", "near_limit", "noisy", "required_separation"]
@@ -27,11 +28,8 @@ _RAREST, _ENOUGH = 1e-4, 5.0
 """The search for near-limit starts ends with an error when their share is below the first, and so many were to be
 expected by then."""
 
-_FAMILIES = (
-    scenario("same_course", attempts=1),
-    scenario("circle", attempts=1, course_difference=(-math.radians(60.0), math.radians(60.0))),
-)
-"""Where near-limit starts are not rare; drawn from in turn."""
+_COURSES = (-math.radians(60.0), math.radians(60.0))
+"""Converging courses, where near-limit starts are not rare."""
 
 
 def near_limit(config: TrainConfig) -> Encounter | None:
@@ -42,27 +40,32 @@ def near_limit(config: TrainConfig) -> Encounter | None:
     """
     if not config.near_limit.share:
         return None
-    return _near_limit(config.seed, config.near_limit.margin, config.world.separation)
+    return _near_limit(config.seed, config.near_limit.margin, config.aircraft.aircraft())
 
 
 @lru_cache(maxsize=2)
-def _near_limit(seed: int, margin: float, separation: float) -> Encounter:
+def _near_limit(seed: int, margin: float, aircraft: Aircraft) -> Encounter:
     """Return them; the phases of a training share them."""
+    separation = aircraft.separation
+    families = (
+        scenario("same_course", aircraft, attempts=1),
+        scenario("circle", aircraft, attempts=1, course_difference=_COURSES),
+    )
     random = np.random.default_rng(seed)
     found: list[Encounter] = []
     have = drawn = 0
     while have < NEAR_LIMIT:
-        family = _FAMILIES[len(found) % len(_FAMILIES)]
+        family = families[len(found) % len(families)]
         starts, accepted = sample(family, random.random((1, _BLOCK, family.dimensions)), np)
         spare = best(starts.own, starts.goal_x, starts.goal_y, starts.intruders, starts.mask, np) - separation
-        rows = np.flatnonzero(accepted & (spare > 0.0) & (spare <= margin))
+        rows = np.flatnonzero(accepted & (spare > 0.0) & (spare <= margin * separation))
         found.append(mapped(lambda field, rows=rows: field[rows], starts))
         have, drawn = have + rows.size, drawn + _BLOCK
         expected = _RAREST * drawn
         if expected >= _ENOUGH and have < expected:
             raise ConfigError(
-                f"near_limit.margin is {margin:g} m with world.separation {separation:g} m: {have} of {drawn} "
-                f"encounters are such, expected {expected:.0f} at least"
+                f"near_limit.margin is {margin:g} of the separation, {separation:g} m: {have} of {drawn} encounters "
+                f"are such, expected {expected:.0f} at least"
             )
     together = reduce(joined, found)
     return cast(mapped(lambda field: field[:NEAR_LIMIT], together), np.float32)
@@ -85,11 +88,10 @@ def draw(
     pool = surrogate.redraw_pool(key, scenarios, weights, rows, config.ppo.environments)
     if hard is not None:
         pool = _mixed(jax.random.fold_in(key, len(scenarios)), pool, hard, config.near_limit.share)
-    required = required_separation(pool, config.world)
+    aircraft = config.aircraft.aircraft()
+    required, history_dt = required_separation(pool, config), aircraft.dt if late(scenarios) else None
     # The axis of the rows is mapped over; None, where the rules' separation holds for all, has none.
-    return jax.vmap(lambda row, by: surrogate.reset(row, late_reports=late(scenarios), required_separation=by))(
-        pool, required
-    )
+    return jax.vmap(lambda row, by: surrogate.reset(row, history_dt=history_dt, required_separation=by))(pool, required)
 
 
 def _mixed(key: jax.Array, pool: Encounter, hard: Encounter, share: float) -> Encounter:
@@ -105,22 +107,23 @@ def _mixed(key: jax.Array, pool: Encounter, hard: Encounter, share: float) -> En
     return jax.tree.map(lambda field: field.reshape(rows, count, *field.shape[1:]), mixed)
 
 
-def required_separation(starts: Encounter, world: WorldConfig) -> jax.Array | None:
+def required_separation(starts: Encounter, config: TrainConfig) -> jax.Array | None:
     """Return the separation that encounters ``[rows, N]`` require, m; None where it is that of the rules.
 
     Args:
         starts: a column is flown by the same environment.
-        world: of the training.
+        config: of the training.
     """
+    world, separation = config.world, config.aircraft.separation_m
     if world.separation_spread == 0.0:
         return None
     rows, environments = starts.goal_x.shape
-    required = jnp.broadcast_to(jnp.asarray(world.required_separation(environments)), (rows, environments))
+    required = jnp.broadcast_to(jnp.asarray(world.required_separation(environments, separation)), (rows, environments))
     if world.separation_headroom is None:
         return required
     kept = best(starts.own, starts.goal_x, starts.goal_y, starts.intruders, starts.mask, jnp)
-    spare = jnp.maximum(kept - (world.separation + world.separation_headroom), 0.0)
-    return jnp.minimum(required, world.separation + spare)
+    spare = jnp.maximum(kept - (separation + world.separation_headroom * separation), 0.0)
+    return jnp.minimum(required, separation + spare)
 
 
 def noisy(scenarios: list[Scenario]) -> bool:

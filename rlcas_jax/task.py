@@ -72,8 +72,8 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
     hidden, feature_set = tuple(config.network.hidden), config.network.feature_set
     actor = Actor(hidden, feature_set, config.network.log_std_initial)
     parts = ppo.learner(actor, Critic(hidden, feature_set), settings)._replace(axis=devices.axis)
-    world = surrogate.World(config.world.rules(), config.world.limits())
-    scenarios = [entry.scenario() for entry in config.scenarios]
+    world = surrogate.World(config.rules(), config.aircraft.aircraft())
+    scenarios = config.drawn()
     hard = near_limit(config)
     count, steps, axis = config.ppo.environments, config.ppo.rollout, devices.axis
     updates = max(1, config.steps // (count * steps))
@@ -136,11 +136,8 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
         }
         return TrainState(learner, flown, jax.random.key_data(key), state.update + 1), figures
 
-    # Policies are evaluated by the task itself, whatever more the training requires.
-    task_world = world._replace(rules=config.evaluation.rules(config.world))
-
     def evaluate(actor_variables: Any, encounter: Encounter) -> Outcome:
-        return fly(lambda seen: actor.apply(actor_variables, seen)[0], encounter, task_world)
+        return fly(lambda seen: actor.apply(actor_variables, seen)[0], encounter, world)
 
     placed: Any = None
     if devices.mesh is not None:
@@ -152,7 +149,7 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
         jax.jit(evaluate),
         updates,
         count * steps,
-        task_world.rules,
+        world.rules,
         placed,
     )
 
@@ -206,7 +203,7 @@ def fly(policy: Callable[[jax.Array], jax.Array], encounter: Encounter, world: s
 
     def forward(carry: tuple[surrogate.State, jax.Array, Outcome], _: None) -> tuple[Any, None]:
         state, ended, outcome = carry
-        action = policy(surrogate.observe(state))
+        action = policy(surrogate.observe(state, world.aircraft))
         state, result = surrogate.step(state, (action[:, 0], action[:, 1]), world)
         outcome = Outcome(*(seen | (now & ~ended) for seen, now in zip(outcome, result.outcome, strict=True)))
         return (state, ended | result.outcome.ended(jnp), outcome), None
@@ -224,7 +221,7 @@ def _training_environment(
 
     def observe(state: surrogate.State, key: jax.Array) -> jax.Array:
         noise = jax.random.normal(key, (4, *state.mask.shape)) if noisy(scenarios) else None
-        return surrogate.observe(state, noise)
+        return surrogate.observe(state, world.aircraft, noise)
 
     def step(state: surrogate.State, action: jax.Array) -> tuple[surrogate.State, Step]:
         following, result = surrogate.step(state, (action[:, 0], action[:, 1]), world)

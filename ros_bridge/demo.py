@@ -19,6 +19,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
 from ros_bridge.transport.children import started, stopped
 from ros_bridge.transport.domains import free_domain
@@ -92,7 +93,7 @@ def _encounters(options: argparse.Namespace) -> Iterator[tuple[str, Any, int]]:
     if not wanted:
         raise ValueError("--scenarios is none and --random 0, expected something to fly")
     for name, count in wanted:
-        every = numbered(scenario(name), options.seed, 0, count)
+        every = numbered(scenario(name, PAPER), options.seed, 0, count)
         for number in range(count):
             yield f"{name} {number}", take(every, [number]), number
 

@@ -12,9 +12,9 @@ import pytest
 from pyproj import Geod
 
 from agents.baselines.baselines import Sight
-from envs.aircraft import Aircraft
+from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter
-from envs.observation import CRITICAL_RADIUS, most_critical, observe
+from envs.observation import most_critical, observe
 from envs.traffic.track_units import FOOT, KNOT
 from eval.flights.simulate import Flights, fly
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
@@ -30,8 +30,8 @@ class OnObservations:
         self.seen: list[np.ndarray] = []
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        chosen = most_critical(sight.own, sight.intruders, sight.mask, CRITICAL_RADIUS, np)
-        self.seen.append(observe(sight.own, chosen, sight.goal_x, sight.goal_y, np).astype(np.float32))
+        chosen = most_critical(sight.own, sight.intruders, sight.mask, PAPER, np)
+        self.seen.append(observe(sight.own, chosen, sight.goal_x, sight.goal_y, PAPER, np).astype(np.float32))
         return self._decide(self.seen[-1]).astype(float), memory
 
 

@@ -23,11 +23,12 @@ from typing import Any
 import numpy as np
 
 from agents.baselines.baselines import Sight, checked, course_to_goal, may_return, steered
+from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.edge.command import InputError
 from envs.edge.files import check_regular
 from envs.kinematics import SURROGATE, Limits
-from envs.observation import CRITICAL_RADIUS, most_critical
+from envs.observation import most_critical
 
 __all__ = ["ADVISORIES", "AdvisoryLogic", "Network", "NnetError", "load_logic", "read"]
 
@@ -144,7 +145,7 @@ class AdvisoryLogic:
     def _inputs(self, sight: Sight) -> np.ndarray:
         """Return what the networks take, ``[M, I]``."""
         own = sight.own
-        other = most_critical(own, sight.intruders, sight.mask, CRITICAL_RADIUS, np)
+        other = most_critical(own, sight.intruders, sight.mask, PAPER, np)
         east, north = (other.x - own.x) / _FOOT, (other.y - own.y) / _FOOT
         cosine, sine = np.cos(own.heading), np.sin(own.heading)
         ahead, left = east * cosine + north * sine, north * cosine - east * sine

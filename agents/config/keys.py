@@ -15,6 +15,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 __all__ = [
+    "MOVED",
     "RENAMED",
     "Key",
     "expected",
@@ -44,6 +45,17 @@ RENAMED = {
     "vehicle": "aircraft",
 }
 """New names of keys by their old ones, each the last part of a dotted key; a refusal names the new one."""
+
+MOVED = {
+    "world.vehicle": "aircraft",
+    "world.separation": "aircraft.separation_m",
+    "world.goal_radius": "aircraft.goal_radius_m",
+    "world.t_max": "aircraft.t_max_s",
+    "evaluation.separation": "aircraft.separation_m",
+    "vehicle": "aircraft",
+    "rules": "aircraft",
+}
+"""New keys, from the top, by the old ones that a configuration may no longer have; a refusal names the new one."""
 
 _KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", Path: "a path"}
 _BOUNDS = {

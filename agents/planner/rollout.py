@@ -14,10 +14,11 @@ import numpy as np
 from agents.manoeuvres.direct_to_goal import EVERY, Task, clear
 from agents.planner.traffic import Traffic, predicted
 from agents.policy.inference import Policy
+from envs.aircraft import PAPER
 from envs.angles import sincos, wrap
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState, advance, commands
-from envs.observation import CRITICAL_RADIUS, criticality, most_critical, observe
+from envs.observation import criticality, most_critical, observe
 from envs.relative import distance
 from envs.trees import take
 
@@ -106,8 +107,8 @@ def roll(
             break
         if lonely:
             seen = _or_absent(seen, traffic.mask, state)
-        chosen = most_critical(state, seen, traffic.mask, CRITICAL_RADIUS, np)
-        action = policy.rowwise(observe(state, chosen, goal_x, goal_y, np).astype(np.float32)).astype(float)
+        chosen = most_critical(state, seen, traffic.mask, PAPER, np)
+        action = policy.rowwise(observe(state, chosen, goal_x, goal_y, PAPER, np).astype(np.float32)).astype(float)
         acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
         moved = advance(state, acceleration, yaw_rate, STEP, limits, np)
         path += 0.5 * STEP * (state.speed + moved.speed)
@@ -156,7 +157,7 @@ def _roll_one(
         if step == steps:
             break
         other = alone[step] if alone is not None else _most_critical(state, [track[step] for track in flown])
-        action = decide(observe(state, other, goal_x, goal_y, FLOATS))
+        action = decide(observe(state, other, goal_x, goal_y, PAPER, FLOATS))
         acceleration, yaw_rate = commands(action, limits, FLOATS)
         moved = advance(state, acceleration, yaw_rate, STEP, limits, FLOATS)
         path += 0.5 * STEP * (state.speed + moved.speed)
@@ -217,4 +218,4 @@ def _most_critical(own: VehicleState, others: list[VehicleState]) -> VehicleStat
     """Return the most urgent of several intruders; one without effect if there are none."""
     if not others:
         return _absent(own, FLOATS)
-    return min(others, key=lambda other: criticality(own, other, CRITICAL_RADIUS, FLOATS))
+    return min(others, key=lambda other: criticality(own, other, PAPER, FLOATS))

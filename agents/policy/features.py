@@ -8,8 +8,9 @@ import math
 from typing import Any
 
 from agents.policy.escape_features import ADVICE, COUNT, PRESSED, advice, pressed, separations
+from envs.aircraft import PAPER
 from envs.kinematics import SURROGATE
-from envs.observation import DISTANCE_HALF, Decoded, decode
+from envs.observation import Decoded, decode
 
 __all__ = ["FEATURE_SETS", "KEPT_UNIT", "MIRRORED", "begins", "features", "mirror_sign", "size"]
 
@@ -23,6 +24,7 @@ MIRRORED = ("mirror", "foresight", "advised", "pressed")
 """The sets that see a scene and its mirror image alike, each beginning with the one before; the yaw rate then
 wants the factor of :func:`mirror_sign`."""
 
+_FAR = 10.0 * PAPER.separation
 KEPT_UNIT = 30.0
 """Of what manoeuvres keep beyond 1000 m, before it is squashed, m."""
 
@@ -86,14 +88,14 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
     if feature_set == "none":
         return list(observation)
     sign = mirror_sign(observation, feature_set, xp)
-    geometry = decode(observation, xp)
+    geometry = decode(observation, PAPER, xp)
     x, y = geometry.intruder_x, geometry.intruder_y
     far = observation[5] + 1.0
     goal_far = observation[7] + 1.0
     guard = 1e-3
-    goal_range = goal_far * DISTANCE_HALF + guard
+    goal_range = goal_far * _FAR + guard
     goal_cosine, goal_sine = geometry.goal_x / goal_range, geometry.goal_y / goal_range
-    intruder_range = far * DISTANCE_HALF + guard
+    intruder_range = far * _FAR + guard
 
     vx, vy = geometry.intruder_vx - geometry.own_speed, geometry.intruder_vy
     ahead = _passing(x, y, vx, vy, xp)

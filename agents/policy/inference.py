@@ -19,7 +19,7 @@ from envs.aircraft import PAPER, Aircraft
 from envs.angles import sincos, wrap
 from envs.backend import FLOATS
 from envs.kinematics import Limits, VehicleState
-from envs.observation import CRITICAL_RADIUS, NAMES, SIZE, criticality, most_critical, observe
+from envs.observation import NAMES, SIZE, criticality, most_critical, observe
 
 __all__ = ["PARITY_TOLERANCE", "TOLERANCE", "Policy"]
 
@@ -142,8 +142,8 @@ class Policy:
         seen = VehicleState(*(np.broadcast_to(np.asarray(field, float), present.shape) for field in intruders))
         if not present.any(axis=-1).all():
             seen, present = _never_alone(own, seen, present)
-        chosen = most_critical(own, seen, present, CRITICAL_RADIUS, np)
-        observation = observe(own, chosen, np.asarray(goal_x, float), np.asarray(goal_y, float), np)
+        chosen = most_critical(own, seen, present, PAPER, np)
+        observation = observe(own, chosen, np.asarray(goal_x, float), np.asarray(goal_y, float), PAPER, np)
         actions = self.rowwise(observation.reshape(-1, SIZE).astype(np.float32)).astype(float)
         return actions.reshape(*shape, 2)
 
@@ -163,10 +163,10 @@ class Policy:
         if len(intruders) == 1:
             other = intruders[0]
         elif intruders:
-            other = min(intruders, key=lambda one: criticality(own, one, CRITICAL_RADIUS, FLOATS))
+            other = min(intruders, key=lambda one: criticality(own, one, PAPER, FLOATS))
         else:
             other = _absent(own, FLOATS)
-        return self.decide(observe(own, other, goal_x, goal_y, FLOATS))
+        return self.decide(observe(own, other, goal_x, goal_y, PAPER, FLOATS))
 
     def decide(self, observation: list[float]) -> tuple[float, float]:
         """Return the action for one observation as plain floats: the fast path of a step-by-step rollout.

@@ -94,7 +94,7 @@ class _FirstScenario:
     def __init__(self, config: TrainConfig, count: int) -> None:
         self._config, self._feature_set = config, config.network.feature_set
         self._world = DeconflictionVectorEnv(
-            count, config.scenarios[0].scenario(), rules=config.world.rules(), limits=config.world.limits()
+            count, config.drawn()[0], aircraft=config.aircraft.aircraft(), rules=config.rules()
         )
         self._seen = np.zeros((count, SIZE), np.float32)
 

@@ -217,8 +217,8 @@ def _orthogonal(variables: Any, key: jax.Array, head_gain: float) -> Any:
 
 def check(config: TrainConfig) -> None:
     """Raise :class:`ConfigError` where the task has noisy or late reports."""
-    for number, entry in enumerate(config.scenarios):
-        if noisy([entry.scenario()]):
+    for number, entry in enumerate(config.drawn()):
+        if noisy([entry]):
             raise ConfigError(
                 f"scenarios.{number}: {entry.name} has noisy or late reports; "
                 "expected scenarios with perfect ones, as the comparison with peers flies no others"
@@ -287,12 +287,12 @@ class TrainingFlight:
 def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
     """Return the functions that draw a pool, begin from its first row, and fly a step."""
     feature_set = config.network.feature_set
-    world = surrogate.World(config.world.rules(), config.world.limits())
-    scenarios = [entry.scenario() for entry in config.scenarios]
+    world = surrogate.World(config.rules(), config.aircraft.aircraft())
+    scenarios = config.drawn()
     hard = near_limit(config)
 
     def seen(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
-        inputs, hand = derived(surrogate.observe(state), feature_set)
+        inputs, hand = derived(surrogate.observe(state, world.aircraft), feature_set)
         return hand, inputs
 
     def drawn(key: jax.Array) -> surrogate.State:

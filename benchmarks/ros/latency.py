@@ -167,7 +167,7 @@ def measured(caller: Caller, first: int, calls: int) -> dict[str, list[float]]:
     from rlcas_msgs.srv import GenerateTrajectory
     from std_srvs.srv import Trigger
 
-    request = request_of(numbered(scenario("circle"), 0, first, calls), PAPER)
+    request = request_of(numbered(scenario("circle", PAPER), 0, first, calls), PAPER)
     kinds = {Trajectory.SOURCE_POLICY: "policy", Trajectory.SOURCE_FALLBACK: "fallback"}
     times: dict[str, list[float]] = {"empty": []}
     for number in range(calls):
@@ -194,7 +194,7 @@ def restarted(caller: Caller, runner: "subprocess.Popen[bytes]", figures: dict[s
     from rlcas_msgs.srv import GenerateTrajectory
 
     answered, first, missed = [], [], Counter[str]()
-    request = take(request_of(numbered(scenario("circle"), 0, 0, 1), PAPER), 0)
+    request = take(request_of(numbered(scenario("circle", PAPER), 0, 0, 1), PAPER), 0)
     route = way(request.route_x.tolist(), request.route_y.tolist())
     for _ in range(RESTARTS):
         own = VehicleState(*(float(field) for field in request.own))

@@ -26,7 +26,7 @@ ENV_ID = "rlcas/C208-v0"
 class C208Env(DeconflictionEnv):
     """One encounter of the true aircraft, at 2500 m, under its autopilot.
 
-    The action's accelerations and turn rates are those of ``limits`` over the ground; the aircraft reaches them with
+    The action's accelerations and turn rates are those of ``aircraft`` over the ground; the aircraft reaches them with
     its lags, as far as its power and its wing allow. ``info`` holds ``altitude`` and ``airspeed`` besides. A flight
     that the aircraft does not survive raises :class:`envs.c208.vehicle.FlightError`.
 
@@ -49,9 +49,7 @@ class C208Env(DeconflictionEnv):
         self._variant, self._conditions = variant, conditions
         self._vehicle: C208Vehicle | None = None
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin the next encounter, or the one that the options ask for, as the surrogate's environment does.
 
         Raises:
@@ -65,25 +63,25 @@ class C208Env(DeconflictionEnv):
             self._vehicle = C208Vehicle(self._flight.own, self._variant, conditions)
         except FlightError as problem:
             raise EncounterError(f"encounter {self._number} cannot be flown by the aircraft: {problem}") from problem
-        return observation, info | self._aircraft()
+        return observation, info | self._measured()
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Fly on for one time step, as the surrogate's environment does, or raise a FlightError."""
         if self._vehicle is None:
             raise error.ResetNeeded("step was called before reset; call reset to begin an encounter")
         observation, reward, terminated, truncated, info = super().step(action)
-        return observation, reward, terminated, truncated, info | self._aircraft()
+        return observation, reward, terminated, truncated, info | self._measured()
 
     def _advance(self, before: State, action: tuple[float, float]) -> tuple[State, StepResult]:
         vehicle = self._vehicle
         assert vehicle is not None  # checked in step
-        acceleration, yaw_rate = commands(action, self.limits, EXACT_FLOATS)
-        vehicle.step(acceleration, yaw_rate, self.rules.dt)
+        acceleration, yaw_rate = commands(action, self.world.limits, EXACT_FLOATS)
+        vehicle.step(acceleration, yaw_rate, self.world.rules.dt)
         own = VehicleState(*(float(field) for field in vehicle.state))
-        traffic = world.move_intruders(before, self.rules.dt, EXACT_FLOATS)
-        return world.evaluate(before, own, traffic, self.rules, EXACT_FLOATS)
+        traffic = world.move_intruders(before, self.world.rules.dt, EXACT_FLOATS)
+        return world.evaluate(before, own, traffic, self.world.rules, EXACT_FLOATS)
 
-    def _aircraft(self) -> dict[str, float]:
+    def _measured(self) -> dict[str, float]:
         assert self._vehicle is not None
         return {"altitude": self._vehicle.measured.altitude, "airspeed": self._vehicle.measured.airspeed}
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 
 from envs import surrogate
 from envs.encounters import Encounter
+from envs.observation import ROW, SIZE
 from envs.relative import distance
 from envs.surrogate import State, World
 
@@ -21,6 +22,18 @@ class Setting(NamedTuple):
     noisy: bool
     """Whether reports are noisy or late."""
     late: bool
+    intruders: int
+    """That an observation shows: one by its eight numbers, more as a set."""
+
+    @property
+    def history_dt(self) -> float | None:
+        """Time step of the history that late reports need, s."""
+        return self.world.aircraft.dt if self.late else None
+
+    @property
+    def size(self) -> int:
+        """Numbers S of an observation, those of a set one after the other: own, traffic, mask."""
+        return SIZE if self.intruders == 1 else ROW + (ROW + 1) * self.intruders
 
 
 @partial(jax.jit, static_argnums=3)
@@ -34,11 +47,11 @@ def begin(encounter: Encounter, key: jax.Array, tick: int, setting: Setting) -> 
         setting: static.
 
     Returns:
-        The state and, packed as float32 ``[N, 10]``: observation (8), distance to the nearest intruder and to the
+        The state and, packed as float32 ``[N, S + 2]``: observation (S), distance to the nearest intruder and to the
         goal, m.
     """
-    state = surrogate.reset(encounter, late_reports=setting.late)
-    seen = _seen(state, jax.random.fold_in(key, tick), setting.noisy)
+    state = surrogate.reset(encounter, history_dt=setting.history_dt)
+    seen = _seen(state, jax.random.fold_in(key, tick), setting)
     return state, jnp.concatenate([seen, jnp.stack(_distances(state), axis=-1)], axis=-1)
 
 
@@ -64,27 +77,33 @@ def step(
         setting: static.
 
     Returns:
-        The state to go on with and, packed as float32 ``[N, 22]``, because a transfer costs more than what it
-        carries: observation (8), observation at the end of the step (8), reward, code of the outcome (0 flying,
+        The state to go on with and, packed as float32 ``[N, 2 S + 6]``, because a transfer costs more than what it
+        carries: observation (S), observation at the end of the step (S), reward, code of the outcome (0 flying,
         1 violation, 2 reached, 3 timeout), smallest separation in the step, goal distance, and of the fresh start the
         distance to the nearest intruder and to the goal, m.
     """
     final, result = surrogate.step(state, (actions[:, 0], actions[:, 1]), setting.world)
     # Encounters that go on point at some row too; what they get from there is not used.
     row = jnp.maximum(used + jnp.cumsum(final.ended) - 1, 0)
-    fresh = surrogate.reset(jax.tree.map(lambda field: field[row], pool), late_reports=setting.late)
+    fresh = surrogate.reset(jax.tree.map(lambda field: field[row], pool), history_dt=setting.history_dt)
     following = surrogate.restart(final, fresh)
     # Of an encounter's two observations only one is ever followed by an action, so they may share the noise.
     noise_key = jax.random.fold_in(key, tick)
     violation, reached, timeout = result.outcome
     code = 1.0 * violation + 2.0 * reached + 3.0 * timeout
     columns = jnp.stack([result.reward, code, result.separation, result.goal_distance, *_distances(fresh)], axis=-1)
-    packed = [_seen(following, noise_key, setting.noisy), _seen(final, noise_key, setting.noisy), columns]
+    packed = [_seen(following, noise_key, setting), _seen(final, noise_key, setting), columns]
     return following, jnp.concatenate(packed, axis=-1)
 
 
-def _seen(state: State, key: jax.Array, noisy: bool) -> jax.Array:
-    return surrogate.observe(state, jax.random.normal(key, (4, *state.mask.shape)) if noisy else None)
+def _seen(state: State, key: jax.Array, setting: Setting) -> jax.Array:
+    """Return the observations, ``[N, S]``."""
+    noise = jax.random.normal(key, (4, *state.mask.shape)) if setting.noisy else None
+    aircraft = setting.world.aircraft
+    if setting.intruders == 1:
+        return surrogate.observe(state, aircraft, noise)
+    parts = surrogate.observe_set(state, aircraft, noise, setting.intruders)
+    return jnp.concatenate([part.reshape(part.shape[0], -1).astype(jnp.float32) for part in parts], axis=-1)
 
 
 def _distances(state: State) -> tuple[jax.Array, jax.Array]:

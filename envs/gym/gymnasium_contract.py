@@ -8,16 +8,19 @@ from typing import Any
 import numpy as np
 from gymnasium import error, spaces
 
-from envs.encounters import Encounter, EncounterError, Scenario, scenario
-from envs.observation import SIZE
+from envs.aircraft import Aircraft
+from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario, scenario
+from envs.observation import ROW, SIZE
 from envs.outcome import Rules
+from envs.world import World
 
 __all__ = [
     "OUTCOMES",
     "action_space",
+    "as_dict",
     "checked_actions",
-    "checked_latency",
     "checked_options",
+    "checked_world",
     "family",
     "has_display",
     "observation_space",
@@ -34,9 +37,30 @@ def has_display() -> bool:
     return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
-def observation_space() -> spaces.Box:
-    """Return the space of one observation, float32 ``[8]``."""
-    return spaces.Box(-1.0, 1.0, (SIZE,), np.float32)
+def observation_space(intruders: int) -> spaces.Space[Any]:
+    """Return the space of an observation that shows so many intruders: float32 ``[8]`` for one, else a ``Dict``.
+
+    Raises:
+        EncounterError: the number is out of range.
+    """
+    if isinstance(intruders, bool) or not isinstance(intruders, int) or not 1 <= intruders <= MOST_INTRUDERS:
+        raise EncounterError(f"intruders is {intruders!r}; expected a whole number from 1 to {MOST_INTRUDERS}")
+    if intruders == 1:
+        return spaces.Box(-1.0, 1.0, (SIZE,), np.float32)
+    return spaces.Dict(
+        {
+            "own": spaces.Box(-1.0, 1.0, (ROW,), np.float32),
+            "traffic": spaces.Box(-1.0, 1.0, (intruders, ROW), np.float32),
+            "mask": spaces.MultiBinary(intruders),
+        }
+    )
+
+
+def as_dict(packed: np.ndarray, intruders: int) -> dict[str, np.ndarray]:
+    """Return observations as the ``Dict`` space has them, from own, traffic and mask in one array ``[..., S]``."""
+    own, traffic, mask = np.split(packed, [ROW, ROW + ROW * intruders], axis=-1)
+    rows = traffic.reshape(*packed.shape[:-1], intruders, ROW)
+    return {"own": own.astype(np.float32), "traffic": rows.astype(np.float32), "mask": mask.astype(np.int8)}
 
 
 def action_space() -> spaces.Box:
@@ -44,24 +68,31 @@ def action_space() -> spaces.Box:
     return spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 
-def family(wanted: str | Scenario, rules: Rules) -> Scenario:
+def family(wanted: str | Scenario, aircraft: Aircraft) -> Scenario:
     """Return the scenario meant by a name or given as such.
 
     Raises:
-        EncounterError: there is none of that name, or its reports are late where the time step is not 1 s.
+        EncounterError: there is none of that name, or it is another aircraft's.
     """
     if isinstance(wanted, str):
-        wanted = scenario(wanted)
-    elif not isinstance(wanted, Scenario):
+        return scenario(wanted, aircraft)
+    if not isinstance(wanted, Scenario):
         raise EncounterError(f"scenario is {wanted!r}; expected a name or an envs.encounters.Scenario")
-    checked_latency(wanted.latency[1], rules)
+    if wanted.aircraft != aircraft:
+        raise EncounterError(f"scenario {wanted.name!r} is another aircraft's; expected one of the aircraft that flies")
     return wanted
 
 
-def checked_latency(latency: float, rules: Rules) -> None:
-    """Raise an EncounterError if reports are late and the time step is not the 1 s that their history needs."""
-    if latency > 0.0 and rules.dt != 1.0:
-        raise EncounterError(f"reports are {latency:g} s late and rules.dt is {rules.dt:g} s; expected a dt of 1 s")
+def checked_world(aircraft: Aircraft, rules: Rules | None) -> World:
+    """Return the world of an aircraft, by its own rules or others with its time step.
+
+    Raises:
+        EncounterError: the rules have another time step.
+    """
+    chosen = aircraft.rules() if rules is None else rules
+    if chosen.dt != aircraft.dt:
+        raise EncounterError(f"rules.dt is {chosen.dt:g} s; expected {aircraft.dt:g} s, the aircraft's time step")
+    return World(Rules(*map(float, chosen)), aircraft)
 
 
 def checked_options(options: dict[str, Any] | None) -> dict[str, Any]:

@@ -11,20 +11,21 @@ from gymnasium import error
 from gymnasium.envs.registration import register, registry
 
 from envs import flight, starts
+from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter, Scenario
 from envs.gym.gymnasium_contract import (
     OUTCOMES,
     action_space,
+    as_dict,
     checked_actions,
-    checked_latency,
     checked_options,
+    checked_world,
     family,
     has_display,
     observation_space,
 )
-from envs.kinematics import SURROGATE, Limits
-from envs.outcome import RULES, Rules
-from envs.world import State, StepResult, World
+from envs.outcome import Rules
+from envs.world import State, StepResult
 
 if TYPE_CHECKING:
     from envs.gym.rendering import Drawing, Scene
@@ -35,13 +36,16 @@ __all__ = ["ENV_ID", "DeconflictionEnv"]
 ENV_ID = "rlcas/Deconfliction-v0"
 
 
-class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
     """One encounter of the surrogate: rejoin the route and keep the required separation from every intruder.
 
-    Observation: float32 ``[8]`` in [-1, 1], components in the order of :data:`envs.observation.NAMES`, of the most
-        critical intruder as the scenario's sensor reports it.
-    Action: float32 ``[2]`` in [-1, 1], acceleration / 0.5 m/s^2 and yaw rate / (3 deg/s), positive to the left;
-        values beyond are clipped.
+    Observation: with ``intruders=1`` float32 ``[8]`` in [-1, 1], components in the order of
+        :data:`envs.observation.NAMES`, of the most critical intruder as the scenario's sensor reports it; with K > 1
+        intruders a dict of ``own`` (float32 ``[4]``), ``traffic`` (float32 ``[K, 4]``, the K most critical, the most
+        critical first) and ``mask`` (int8 ``[K]``, 1 for a row that holds an intruder); see
+        :class:`envs.observation.SetObservation`.
+    Action: float32 ``[2]`` in [-1, 1], acceleration and yaw rate as parts of the aircraft's limits (the paper's:
+        0.5 m/s^2 and 3 deg/s), positive to the left; values beyond are clipped.
     Reward: sparse; -100 at a violation, +100 at the goal, -10 at ``t_max``, else 0.
     Termination: ``terminated`` at a violation (closest approach within a step, by continuous motion) and at the
         goal; ``truncated`` at ``t_max``, because the observation holds no clock.
@@ -56,8 +60,9 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     Args:
         scenario: name or Scenario.
-        rules: of the task.
-        limits: of the ownship.
+        aircraft: the ownship; all else is scaled by it.
+        intruders: K that an observation shows.
+        rules: of the task; None: the aircraft's.
         render_mode: None, ``"rgb_array"`` or ``"human"``, which needs a display; ``metadata`` names it only with one.
         render_size: side of the picture, pixels.
 
@@ -73,8 +78,9 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self,
         scenario: str | Scenario = "circle",
         *,
-        rules: Rules = RULES,
-        limits: Limits = SURROGATE,
+        aircraft: Aircraft = PAPER,
+        intruders: int = 1,
+        rules: Rules | None = None,
         render_mode: str | None = None,
         render_size: int = 600,
     ) -> None:
@@ -85,10 +91,10 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             self.metadata = self.metadata | {"render_modes": ["rgb_array"]}
         self.render_mode = render_mode
         self.render_size = render_size
-        self.observation_space = observation_space()
+        self.observation_space = observation_space(intruders)
         self.action_space = action_space()
-        self.scenario = family(scenario, rules)
-        self.rules, self.limits = rules, limits
+        self.scenario = family(scenario, aircraft)
+        self.world, self._rows = checked_world(aircraft, rules), intruders
         self._seed: int | None = None
         self._next = 0
         self._number = 0
@@ -104,9 +110,7 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._picture: Drawing | None = None
         self._window: Window | None = None
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin the next encounter, or the one that the options ask for.
 
         Raises:
@@ -119,16 +123,15 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         elif self._seed is None:
             self._seed = int(self.np_random.integers(2**63))
         if "scenario" in chosen:
-            self.scenario = family(chosen["scenario"], self.rules)
+            self.scenario = family(chosen["scenario"], self.world.aircraft)
         wanted = chosen.get("encounter", self._next)
         given = isinstance(wanted, Encounter)
         number = self._next if given else wanted
         drawn = wanted if given else starts.numbered(self.scenario, self._seed, number, 1)
-        encounter = starts.checked(drawn, self.limits)
-        checked_latency(float(encounter.sensor.latency[0]), self.rules)
+        encounter = starts.checked(drawn, self.world.aircraft)
 
         self._number, self._next, self._label = number, number + 1, -1 if given else number
-        self._flight, self._over, self._outcome = flight.begin(encounter), False, OUTCOMES[0]
+        self._flight, self._over, self._outcome = flight.begin(encounter, self.world.aircraft.dt), False, OUTCOMES[0]
         self._present, self._intruders = np.flatnonzero(encounter.mask), len(encounter.mask)
         self._noisy = any(np.any(field > 0.0) for field in encounter.sensor)
         separations = flight.separations(self._flight)
@@ -142,7 +145,7 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         goal_distance = float(np.hypot(encounter.goal_x - encounter.own.x, encounter.goal_y - encounter.own.y))
         return self._observe(), self._info(min(separations), goal_distance)
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Fly on for one time step.
 
         Raises:
@@ -211,30 +214,33 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             np.array([intruders for _, intruders, _ in self._frames]),
             np.array([separations for _, _, separations in self._frames]),
             (self._flight.goal_x, self._flight.goal_y),
-            self.rules.goal_radius,
-            self.rules.separation,
-            self._flight.steps * self.rules.dt,
+            self.world.rules.goal_radius,
+            self.world.rules.separation,
+            self._flight.steps * self.world.rules.dt,
             self._outcome,
             label,
         )
 
     def _advance(self, before: State, action: tuple[float, float]) -> tuple[State, StepResult]:
         """Return the state one step later; environments of another vehicle replace this."""
-        return flight.step(before, action, World(self.rules, self.limits))
+        return flight.step(before, action, self.world)
 
     def _record(self, separations: tuple[float, ...]) -> None:
         if self.render_mode is not None and self._flight is not None:
             intruders = [state.vehicle for state in self._flight.intruders]
             self._frames.append((self._flight.own, intruders, separations))
 
-    def _observe(self) -> np.ndarray:
+    def _observe(self) -> Any:
         assert self._flight is not None and self._seed is not None
         noise = None
         if self._noisy:
             # Absent intruders have draws too, as they have in the evaluator.
             drawn = starts.report_noise(self._seed, self._number, int(self._flight.steps), self._intruders)
             noise = drawn[:, self._present]
-        return flight.observe(self._flight, noise)
+        if self._rows == 1:
+            return flight.observe(self._flight, self.world.aircraft, noise)
+        seen = flight.observe_set(self._flight, self._rows, self.world.aircraft, noise)
+        return as_dict(np.concatenate([part.ravel() for part in seen]), self._rows)
 
     def _info(self, separation: float, goal_distance: float) -> dict[str, Any]:
         assert self._flight is not None
@@ -242,7 +248,7 @@ class DeconflictionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             "separation": separation,
             "min_separation": self._min_separation,
             "goal_distance": goal_distance,
-            "time": self._flight.steps * self.rules.dt,
+            "time": self._flight.steps * self.world.rules.dt,
             "outcome": self._outcome,
             "encounter": self._label,
         }

@@ -9,28 +9,28 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from envs import starts
+from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter, EncounterError, Scenario
 from envs.gym import batch_flight
 from envs.gym.batch_flight import Setting
 from envs.gym.gymnasium_contract import (
     OUTCOMES,
     action_space,
+    as_dict,
     checked_actions,
-    checked_latency,
     checked_options,
+    checked_world,
     family,
     observation_space,
 )
 from envs.gym.reserve import Reserve
-from envs.kinematics import SURROGATE, Limits
-from envs.observation import SIZE
-from envs.outcome import RULES, Rules
-from envs.surrogate import State, World
+from envs.outcome import Rules
+from envs.surrogate import State
 
 __all__ = ["DeconflictionVectorEnv"]
 
 
-class DeconflictionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
     """N encounters of :class:`envs.gym.gymnasium_env.DeconflictionEnv`, in single precision on jax's device.
 
     Spaces, reward, termination and the keys of ``infos`` are those of the single environment, batched; ``infos``
@@ -47,8 +47,9 @@ class DeconflictionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     Args:
         num_envs: N.
         scenario: name or Scenario.
-        rules: of the task.
-        limits: of the ownship.
+        aircraft: the ownship; all else is scaled by it.
+        intruders: K that an observation shows.
+        rules: of the task; None: the aircraft's.
         render_mode: None; pictures are the single environment's.
 
     Raises:
@@ -63,8 +64,9 @@ class DeconflictionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         num_envs: int = 1,
         scenario: str | Scenario = "circle",
         *,
-        rules: Rules = RULES,
-        limits: Limits = SURROGATE,
+        aircraft: Aircraft = PAPER,
+        intruders: int = 1,
+        rules: Rules | None = None,
         render_mode: str | None = None,
     ) -> None:
         if num_envs < 1:
@@ -76,21 +78,18 @@ class DeconflictionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
         self.num_envs = num_envs
-        self.single_observation_space = observation_space()
+        self.single_observation_space = observation_space(intruders)
         self.single_action_space = action_space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.scenario = family(scenario, rules)
-        self.rules, self.limits = rules, limits
+        self.scenario = family(scenario, aircraft)
         # Plain numbers, because the compiled step is chosen by their values.
-        self._world = World(Rules(*map(float, rules)), Limits(*map(float, limits)))
+        self.world, self._rows = checked_world(aircraft, rules), intruders
         self._seed: int | None = None
         self._next = self._ticks = 0
         self._state: State | None = None
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin all encounters anew.
 
         Raises:
@@ -105,20 +104,19 @@ class DeconflictionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._seed = int(self.np_random.integers(2**63)) if seed is None else int(seed)
             self._next = self._ticks = 0
         if "scenario" in chosen:
-            self.scenario = family(chosen["scenario"], self.rules)
+            self.scenario = family(chosen["scenario"], self.world.aircraft)
         wanted = chosen.get("encounter", self._next)
         if isinstance(wanted, Encounter):
-            encounter = starts.checked(wanted, self.limits, (self.num_envs,))
+            encounter = starts.checked(wanted, self.world.aircraft, (self.num_envs,))
             self._numbers = np.full(self.num_envs, -1)
         else:
             encounter = starts.numbered(self.scenario, self._seed, wanted, self.num_envs)
             self._numbers = wanted + np.arange(self.num_envs)
             self._next = wanted + self.num_envs
         oldest = max(float(encounter.sensor.latency.max()), self.scenario.latency[1])
-        checked_latency(oldest, self.rules)
         spread = (self.scenario.position_std, self.scenario.velocity_std, *encounter.sensor[:2])
         noisy = oldest > 0.0 or any(np.any(np.asarray(std) > 0.0) for std in spread)
-        self._setting = Setting(self._world, noisy, oldest > 0.0)
+        self._setting = Setting(self.world, noisy, oldest > 0.0, self._rows)
         self._reserve = Reserve(self.scenario, self._seed, self._next, self.num_envs, encounter.mask.shape[-1])
         self._pool = jax.device_put(self._reserve.rows)
 
@@ -129,18 +127,18 @@ class DeconflictionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         single = starts.cast(encounter, np.float32)
         self._state, packed = batch_flight.begin(single, self._key, self._ticks, self._setting)
         host = np.asarray(packed)
-        self._min_separation = host[:, SIZE].astype(np.float64)
-        return host[:, :SIZE].copy(), self._infos(self._min_separation, host[:, SIZE + 1])
+        size = self._setting.size
+        self._min_separation = host[:, size].astype(np.float64)
+        return self._shaped(host[:, :size]), self._infos(self._min_separation, host[:, size + 1])
 
-    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Fly on for one time step and begin anew what has ended.
 
         Args:
             actions: ``[N, 2]``.
 
         Returns:
-            Observations float32 ``[N, 8]``, rewards float64 ``[N]``, terminations and truncations bool ``[N]``, and
-            infos.
+            Observations ``[N, ...]``, rewards float64 ``[N]``, terminations and truncations bool ``[N]``, and infos.
 
         Raises:
             gymnasium.error.ResetNeeded: there was no reset.
@@ -155,8 +153,9 @@ class DeconflictionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._state, self._pool, self._reserve.used, checked, self._key, self._ticks, self._setting
         )
         host = np.asarray(packed)
-        seen, final_seen = host[:, :SIZE], host[:, SIZE : 2 * SIZE]
-        reward, code, separation, goal_distance, new_separation, new_goal_distance = host[:, 2 * SIZE :].T
+        size = self._setting.size
+        seen, final_seen = host[:, :size], host[:, size : 2 * size]
+        reward, code, separation, goal_distance, new_separation, new_goal_distance = host[:, 2 * size :].T
         ended = code > 0.0
         self._steps += 1
         self._min_separation = np.minimum(self._min_separation, separation)
@@ -168,11 +167,15 @@ class DeconflictionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         else:
             final = {}
         infos = final | self._infos(separation, goal_distance)
-        return seen.copy(), reward.astype(np.float64), (code == 1.0) | (code == 2.0), code == 3.0, infos
+        return self._shaped(seen), reward.astype(np.float64), (code == 1.0) | (code == 2.0), code == 3.0, infos
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free the device's memory."""
         self._state = None
+
+    def _shaped(self, packed: np.ndarray) -> Any:
+        """Return observations as the space has them, in memory of their own."""
+        return packed.copy() if self._rows == 1 else as_dict(packed, self._rows)
 
     def _check_open(self) -> None:
         if self.closed:
@@ -195,7 +198,7 @@ class DeconflictionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         final_obs = np.full(self.num_envs, None, dtype=object)
         outcomes = np.full(self.num_envs, None, dtype=object)
         for index in np.flatnonzero(ended):
-            final_obs[index] = seen[index].copy()
+            final_obs[index] = self._shaped(seen[index])
             outcomes[index] = OUTCOMES[int(code[index])]
         infos = self._infos(separation, goal)
         values = {key: np.where(ended, value, 0) for key, value in infos.items() if key[0] != "_"}
@@ -213,7 +216,7 @@ class DeconflictionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             "separation": separation.astype(np.float64),
             "min_separation": self._min_separation.copy(),
             "goal_distance": goal_distance.astype(np.float64),
-            "time": self._steps * float(self.rules.dt),
+            "time": self._steps * self.world.rules.dt,
             "outcome": np.full(self.num_envs, OUTCOMES[0], dtype=object),
             "encounter": self._numbers.copy(),
         }

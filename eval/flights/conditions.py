@@ -39,7 +39,7 @@ class Conditions(NamedTuple):
 def conditions(encounters: Encounter, aircraft: Aircraft) -> Conditions:
     """Return the initial conditions of encounters ``[N]`` of an aircraft."""
     own = encounters.own
-    other = most_critical(own, encounters.intruders, encounters.mask, 1.5 * aircraft.separation, np)
+    other = most_critical(own, encounters.intruders, encounters.mask, aircraft, np)
     cpa = straight_cpa(own, other, np)
     return Conditions(
         intruders=np.count_nonzero(encounters.mask, axis=-1).astype(np.int32),

@@ -143,12 +143,12 @@ def fly(
     kinds = {"outcome": np.int8, "reversals": np.int32}
     result = Flights(**{name: np.zeros(count, kinds.get(name, np.float64)) for name in Flights._fields})
     rules = rules._replace(separation=0.0) if endless else rules
-    dt, limits, world = rules.dt, aircraft.limits, World(rules, aircraft.limits)
-    air = _takeoff(encounters, late_reports=noise is not None)
+    dt, limits, world = rules.dt, aircraft.limits, World(rules, aircraft)
+    air = _takeoff(encounters, history_dt=None if noise is None else dt)
     step = 0
     while len(air.number):
         state = air.state
-        seen = perceived(state, None if noise is None else noise(step)[:, air.number], np)
+        seen = perceived(state, None if noise is None else noise(step)[:, air.number], dt, np)
         sight = Sight(state.own, seen, state.mask, state.goal_x, state.goal_y, rules.t_max - step * dt)
         action, memory = decider.decide(sight, air.memory)
         controls = action[:, 0], action[:, 1]
@@ -174,8 +174,8 @@ def fly(
     return result
 
 
-def _takeoff(encounters: Encounter, *, late_reports: bool) -> _Air:
-    state, count = begin(encounters, np, late_reports=late_reports), len(encounters.goal_x)
+def _takeoff(encounters: Encounter, *, history_dt: float | None) -> _Air:
+    state, count = begin(encounters, np, history_dt=history_dt), len(encounters.goal_x)
     own, vehicles = encounters.own, encounters.intruders
     apart = distance(vehicles.x - own.x[:, None], vehicles.y - own.y[:, None], np)
     return _Air(

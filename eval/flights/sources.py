@@ -7,7 +7,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from agents.config.world import check_own_speed
 from envs.aircraft import Aircraft
 from envs.edge.text import visible
 from envs.encounters import Encounter, EncounterError, Scenario
@@ -53,8 +52,7 @@ def read_source(config: MonteCarloConfig, aircraft: Aircraft) -> tuple[Source, t
     """
     limits = aircraft.limits
     if config.file is None:
-        sampled = config.sampled()
-        check_own_speed(sampled, limits, "changes.own_speed")
+        sampled = config.sampled(aircraft)
         return quasi(sampled) if config.draws == "sobol" else sampled, None
     if config.prefix == MODEL:
         return read_model_traffic(config.file, config.traffic(), limits), None

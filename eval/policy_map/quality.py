@@ -8,7 +8,7 @@ import numpy as np
 
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
-from envs.encounters import SCENARIOS
+from envs.encounters import scenario
 from envs.kinematics import VehicleState, commands
 from envs.relative import straight_cpa
 from envs.starts import numbered
@@ -114,7 +114,7 @@ def around_conflicts(count: int, seed: int, aircraft: Aircraft) -> Scenes:
 
 def record(policy: Policy, encounters: int, seed: int, aircraft: Aircraft) -> Recorded:
     """Fly a policy through ``circle`` encounters 0, 1, ... of a seed and return its decisions."""
-    starts = numbered(SCENARIOS["circle"], seed, 0, encounters)
+    starts = numbered(scenario("circle", aircraft), seed, 0, encounters)
     recorder = TrajectoryRecorder(starts)
     flights = fly(starts, ByPolicy(policy), aircraft, recorder=recorder)
     flown = recorder.stack()

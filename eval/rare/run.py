@@ -147,18 +147,16 @@ def _config(options: argparse.Namespace) -> "tuple[MonteCarloConfig, str]":
 def _problem(
     config: "MonteCarloConfig", mode: str, options: argparse.Namespace
 ) -> "tuple[FlightProblem, str, dict[str, Any]]":
-    from agents.config.world import check_own_speed
     from eval.flights.aircraft import described
     from eval.flights.chunks import Evaluation, Pilot
     from eval.rare.problem import FlightProblem
 
     policy = named_policy(config)
     aircraft = config.flown_aircraft(policy)
-    check_own_speed(config.sampled(), aircraft.limits, "changes.own_speed")
     setting = config.planner.setting(aircraft)
     flown = "policy" if mode == "none" else mode
     evaluation = Evaluation(
-        config.policy, config.sampled(), None, config.seed, aircraft, flown, setting, config.baseline
+        config.policy, config.sampled(aircraft), None, config.seed, aircraft, flown, setting, config.baseline
     )
     how = {"resolvable_only": options.resolvable_only, "closer_than": options.closer_than}
     problem = FlightProblem(Pilot(evaluation, policy), mode, **how)

@@ -12,7 +12,8 @@ import numpy as np
 
 from agents.config.keys import one_of
 from agents.config.load import ConfigError
-from envs.encounters import SCENARIOS
+from envs.aircraft import PAPER
+from envs.encounters import scenario
 from eval.monte_carlo import run as monte_carlo
 from eval.runner.options import real
 from eval.sensitivity.bins import rates, read_run, successes
@@ -30,7 +31,7 @@ class Parameter(NamedTuple):
     label: str
 
 
-_TURN_DEG = round(math.degrees(SCENARIOS["maneuvering"].heading_change))
+_TURN_DEG = round(math.degrees(scenario("maneuvering", PAPER).heading_change))
 
 PARAMETERS: dict[str, Parameter] = {
     "position_std": Parameter("m", (0, 10, 30, 60, 100), 1_000, "noise of reported positions, one sigma per axis"),

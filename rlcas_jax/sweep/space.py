@@ -22,7 +22,7 @@ __all__ = ["Objective", "Parameter", "check", "overrides", "parse"]
 Objective = Literal["success", "score"]
 
 _TRIED = 64  # combinations with the other keys that are tried for a value that is not valid by itself
-_FIXED = ("name", "seed", "evaluation", "checkpoint", "phases", "world.t_max", "world.goal_radius", "world.vehicle")
+_FIXED = ("name", "seed", "evaluation", "checkpoint", "phases", "aircraft")
 _SCORES = ("world.reward_violation", "world.reward_goal", "world.reward_timeout")
 
 

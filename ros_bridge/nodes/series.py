@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from envs.aircraft import PAPER
 from envs.encounters import EncounterError, scenario
 from envs.starts import numbered
 from envs.trees import take
@@ -25,7 +26,7 @@ class Series(Simulator):
             raise ValueError(f"encounters is {count}, expected 1 or more")
         self._name, self._first, self._seed = self._value("scenario"), first, seed
         try:
-            self._encounters = numbered(scenario(self._name), seed, first, count)
+            self._encounters = numbered(scenario(self._name, PAPER), seed, first, count)
         except EncounterError as error:
             raise ValueError(str(error)) from error
         self._left = list(range(count))

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from agents.config.load import ConfigError, Strict, dump, load
-from agents.config.world import AircraftConfig, ScenarioConfig, VehicleConfig, check_own_speed
+from agents.config.world import AircraftConfig, ScenarioConfig, VehicleConfig
 from envs.aircraft import PAPER, new_aircraft
-from envs.encounters import SCENARIOS, Scenario
+from envs.encounters import SCENARIOS, Scenario, scenario
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -80,13 +80,13 @@ def test_a_bad_vehicle_file_is_named(tmp_path: Path):
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_an_unchanged_scenario_is_exactly_the_scenario(name: str):
-    assert ScenarioConfig(name=name).scenario() == SCENARIOS[name]
+    assert ScenarioConfig(name=name).scenario(PAPER) == scenario(name, PAPER)
 
 
 def test_every_number_of_a_scenario_can_be_changed():
     degrees = {"course_difference": "_deg", "turn_rate": "_deg_s", "heading_change": "_deg"}
-    numbers = {field.name + degrees.get(field.name, "") for field in fields(Scenario)} - {"name"}
-    assert set(ScenarioConfig.model_fields) - {"name", "weight"} == numbers
+    numbers = {field.name + degrees.get(field.name, "") for field in fields(Scenario)} - {"name", "aircraft"}
+    assert set(ScenarioConfig.model_fields) - {"name", "weight", "units"} == numbers
 
 
 def test_changes_reach_the_scenario_in_radians():
@@ -100,7 +100,7 @@ def test_changes_reach_the_scenario_in_radians():
             "intruders=[2, 3]",
         ],
     )
-    scenario = config.scenario()
+    scenario = config.scenario(PAPER)
     assert scenario.course_difference == pytest.approx((-0.3 * math.pi, 0.3 * math.pi))
     assert scenario.turn_rate == pytest.approx(math.radians(2.0))
     assert scenario.heading_change == pytest.approx(math.pi / 2)
@@ -108,13 +108,24 @@ def test_changes_reach_the_scenario_in_radians():
     assert scenario.intruders == (2, 3)
 
 
-def test_own_speeds_outside_the_aircraft_are_refused():
-    slow = VehicleConfig(speed_min_mps=18.0, speed_max_mps=36.0).limits()
-    check_own_speed(SCENARIOS["circle"], SURROGATE, "own_speed")
-    check_own_speed(ScenarioConfig(own_speed=(18.0, 36.0)).scenario(), slow, "own_speed")
+def test_a_scenario_that_contradicts_the_aircraft_is_refused():
+    slow = AircraftConfig(speed_min_mps=18.0, speed_max_mps=36.0).aircraft()
+    assert ScenarioConfig(own_speed=(18.0, 36.0)).scenario(slow).own_speed == (18.0, 36.0)
     for low, high in ((50.0, 100.0), (18.0, 36.1), (17.9, 36.0)):
-        with pytest.raises(ConfigError, match=r"^own_speed is .* 18 to 36 m/s"):
-            check_own_speed(ScenarioConfig(own_speed=(low, high)).scenario(), slow, "own_speed")
+        with pytest.raises(ConfigError, match=r"^own_speed is .* 18 to 36, the speeds of the aircraft"):
+            ScenarioConfig(own_speed=(low, high)).scenario(slow)
+
+
+def test_numbers_in_units_of_the_aircraft_are_scaled():
+    small = AircraftConfig(speed_min_mps=18.0, speed_max_mps=36.0, separation_m=610.0).aircraft()
+    made = load(
+        ScenarioConfig,
+        overrides=["units=aircraft", "radius=[0.5, 4]", "own_speed=[0.5, 1]", "velocity_std=0.1", "latency=[0, 2]"],
+    ).scenario(small)
+    assert made.radius == (305.0, 2440.0)
+    assert made.own_speed == (18.0, 36.0)
+    assert made.velocity_std == pytest.approx(3.6)
+    assert made.latency == (0.0, 2.0 * small.dt)
 
 
 def test_a_dump_holds_only_what_differs_from_the_scenario():
@@ -131,16 +142,19 @@ def test_a_dump_holds_only_what_differs_from_the_scenario():
             f"--set: name: 'circl' is unknown; expected one of {', '.join(SCENARIOS)}; did you mean circle?",
         ),
         ("weight=0", "--set: weight is 0; expected a number above 0"),
-        ("own_speed=[100, 50]", "own_speed is [100.0, 50.0]; expected [low, high] within 1.0 to 400.0"),
-        ("intruders=[0, 1]", "intruders is [0, 1]; expected [low, high] within 1 to 8"),
-        ("latency=[0, 3]", "latency is [0.0, 3.0]; expected [low, high] within 0.0 to 2.0"),
+        (
+            "own_speed=[100, 50]",
+            "own_speed is [100, 50]; expected [low, high] within 50 to 100, the speeds of the aircraft",
+        ),
+        ("intruders=[0, 1]", "intruders is [0, 1]; expected [low, high] within 1 to 64, that an encounter can have"),
+        ("latency=[0, 3]", "latency is [0, 3]; expected [low, high] within 0 to 2, two time steps of the aircraft"),
         ("latency=[0]", "--set: latency.1 is missing; expected a list of 2 values (a number each) or null"),
         ("turn_rate_deg_s=60", "--set: turn_rate_deg_s is 60; expected a number at least 0 and at most 57 or null"),
     ],
 )
 def test_a_bad_scenario_is_refused(override: str, sentence: str):
     with pytest.raises(ConfigError) as caught:
-        load(ScenarioConfig, overrides=[override])
+        load(ScenarioConfig, overrides=[override]).scenario(PAPER)
     assert str(caught.value) == sentence
 
 

@@ -22,7 +22,7 @@ from agents.policy.schema import new_metadata
 from envs.aircraft import PAPER
 from envs.angles import atan2
 from envs.edge.command import run_cli
-from envs.encounters import SCENARIOS
+from envs.encounters import scenario
 from envs.kinematics import SURROGATE
 from envs.starts import numbered
 from tests.support import OnObservations, fly_recorded
@@ -87,7 +87,7 @@ def test_it_decides_as_the_shipped_policy_on_random_observations():
 
 def test_it_decides_as_the_shipped_policy_in_flight():
     policy = Policy.load()
-    starts = numbered(SCENARIOS["circle"], 7, 0, 60)
+    starts = numbered(scenario("circle", PAPER), 7, 0, 60)
     decider = OnObservations(policy.rowwise)
     fly_recorded(starts, decider, PAPER)
     seen = np.concatenate(decider.seen)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from agents.policy.escape_features import ADVICE, COUNT, HORIZON, PRESSED, advice, pressed, separations
 from agents.policy.features import FEATURE_SETS, MIRRORED, features, mirror_sign, size
+from envs.aircraft import PAPER
 from envs.backend import FLOATS
 from envs.kinematics import SURROGATE, VehicleState, advance
 from envs.observation import Decoded, observe
@@ -126,7 +127,7 @@ def test_a_turning_circle_around_the_goal_is_seen():
     """The last two inputs are the goal's distances outside the turning circles to the left and right."""
     own, far = VehicleState(0.0, 0.0, 0.0, 60.0), VehicleState(0.0, 9000.0, 0.0, 50.0)
     radius = 60.0 / np.radians(3.0)
-    values = inputs(observe(own, far, radius, radius + 300.0, np), "foresight")
+    values = inputs(observe(own, far, radius, radius + 300.0, PAPER, np), "foresight")
     outside = [np.hypot(radius, 300.0) - radius, np.hypot(radius, 2.0 * radius + 300.0) - radius]
     np.testing.assert_allclose(values[-2:] / (1.0 - np.abs(values[-2:])) * 500.0, outside, rtol=1e-3)
 
@@ -139,7 +140,7 @@ def test_closest_approach_is_that_of_the_world():
     own = VehicleState(0.0, 0.0, 0.3, 80.0)
     other = VehicleState(5000.0, 4000.0, -2.0, 70.0)
     cpa = straight_cpa(own, other, np)
-    values = inputs(observe(own, other, 9000.0, 3000.0, np))
+    values = inputs(observe(own, other, 9000.0, 3000.0, PAPER, np))
     time, miss = (values[i] / (1.0 - abs(values[i])) * scale for i, scale in ((14, 60.0), (15, 1000.0)))
     assert time == pytest.approx(cpa.time, rel=2e-3)
     assert abs(miss) == pytest.approx(cpa.distance, rel=2e-3)

@@ -21,6 +21,7 @@ from agents.policy import inference
 from agents.policy.file import PolicyFileError, write
 from agents.policy.inference import PARITY_TOLERANCE, Policy
 from envs import surrogate
+from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.kinematics import SURROGATE, VehicleState
 from envs.observation import NAMES
@@ -57,17 +58,17 @@ def random_observations():
 @cache
 def flown_observations():
     """Return what the actor sees while it flies 64 encounters of the surrogate for 80 s, ``[80 * 64, 8]``."""
-    world = surrogate.World(RULES, SURROGATE)
+    world = surrogate.World(RULES, PAPER)
 
     def step(state, _):
-        observation = surrogate.observe(state)
+        observation = surrogate.observe(state, PAPER)
         mean, _ = ACTOR.apply(variables(), observation)
         state, _ = surrogate.step(state, (mean[:, 0], mean[:, 1]), world)
         return state, observation
 
     @jax.jit
     def fly(key):
-        pool = surrogate.redraw_pool(key, [scenario("circle")], [1.0], 1, 64)
+        pool = surrogate.redraw_pool(key, [scenario("circle", PAPER)], [1.0], 1, 64)
         start = surrogate.reset(jax.tree.map(lambda field: field[0], pool))
         return jax.lax.scan(step, start, length=80)[1]
 

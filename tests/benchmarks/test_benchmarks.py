@@ -111,7 +111,7 @@ def test_bad_repeats_are_refused():
 @pytest.mark.parametrize("feature_set", ["cpa", "mirror"])
 def test_peer_sees_the_inputs_of_our_networks_and_our_scaled_rewards(feature_set: str):
     config = load(TrainConfig, None, [*TINY, f"network.feature_set={feature_set}"])
-    mine = DeconflictionVectorEnv(4, "circle", rules=config.world.rules(), limits=config.world.limits())
+    mine = DeconflictionVectorEnv(4, "circle", aircraft=config.aircraft.aircraft(), rules=config.rules())
     theirs = sb3_task.environment(config, 4)
 
     def inputs(seen: np.ndarray) -> np.ndarray:
@@ -160,7 +160,7 @@ def test_training_beside_the_peer_gives_both_ratios(monkeypatch: pytest.MonkeyPa
     json.dumps(figures)
 
 
-SHAPED = (*TINY, "shaping.goal=0.5", "world.t_max=40")
+SHAPED = (*TINY, "shaping.goal=0.5", "aircraft.t_max_s=40")
 peers = pytest.mark.parametrize(
     "peer",
     [
@@ -186,7 +186,7 @@ def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: st
     config = tiny(
         f"network.feature_set={feature_set}",
         "shaping.escape_margin=0.3",
-        "world.separation_spread=50.0",
+        "world.separation_spread=0.05",
         "scenarios=[{name: circle, weight: 0.7}, {name: head_on, weight: 0.3}]",
         "ppo.rollout=96",
         "pool_rows=3",
@@ -194,8 +194,8 @@ def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: st
     flight = TrainingFlight(config)
     inputs = flight.reset()
     state, pool = jax.tree.map(jnp.array, flight._state), flight._pool
-    world = surrogate.World(config.world.rules(), config.world.limits())
-    ours = task._training_environment(config, world, pool, [s.scenario() for s in config.scenarios])
+    world = surrogate.World(config.rules(), config.aircraft.aircraft())
+    ours = task._training_environment(config, world, pool, config.drawn())
 
     @jax.jit
     def seen_by_networks(state: surrogate.State) -> tuple[jax.Array, jax.Array]:

@@ -46,7 +46,7 @@ def policy() -> Policy:
 
 @pytest.fixture(scope="module")
 def plans(policy: Policy) -> Plans:
-    request = request_of(numbered(scenario("circle"), 11, 0, 40), PAPER)
+    request = request_of(numbered(scenario("circle", PAPER), 11, 0, 40), PAPER)
     best = plan_many(request, policy, OPTIONS).proposals
     near = np.flatnonzero(best.safe & (best.min_separation < 1_060.0))[:6]
     assert near.size >= 3

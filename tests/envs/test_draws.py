@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from envs import surrogate
+from envs.aircraft import PAPER
 from envs.draws import normals, uniforms
 from envs.encounters import SCENARIOS, Encounter, EncounterError, Scenario, sample, scenario
 from envs.relative import straight_cpa
@@ -73,7 +74,7 @@ def test_normals_are_normal() -> None:
 
 
 # Quasi-random draws: by number, evenly spread, of the scenario's distribution, and worth their name.
-CIRCLE = scenario("circle")
+CIRCLE = scenario("circle", PAPER)
 
 
 def of_replicate(draws: np.ndarray, replicate: int) -> np.ndarray:
@@ -125,7 +126,7 @@ def test_pairs_of_randomisations_are_uncorrelated() -> None:
 
 @pytest.mark.parametrize("name", ["circle", "multi", "head_on"])
 def test_encounters_by_number_meet_the_conditions(name: str) -> None:
-    family = scenario(name)
+    family = scenario(name, PAPER)
     whole = quasi_numbered(family, 3, 10, 90)
     parts = [quasi_numbered(family, 3, 10 + row, 1) for row in (0, 1, 17, 89)]
     for row, one in zip((0, 1, 17, 89), parts, strict=True):
@@ -137,7 +138,7 @@ def test_encounters_by_number_meet_the_conditions(name: str) -> None:
 
 
 def test_a_rejected_point_gives_the_pseudo_random_encounter_of_its_number() -> None:
-    family = scenario("same_course")
+    family = scenario("same_course", PAPER)
     _, accepted = sample(family, sobol(0, 0, 64, family.dimensions)[None], np)
     assert 0 < np.count_nonzero(accepted) < 64
     made, usual = quasi_numbered(family, 0, 0, 64), numbered(family, 0, 0, 64)
@@ -170,10 +171,11 @@ def test_a_mean_is_unbiased_and_varies_less_than_that_of_independent_draws() -> 
 
 
 def test_a_quasi_scenario_is_the_scenario() -> None:
-    for family in SCENARIOS.values():
+    for name in SCENARIOS:
+        family = scenario(name, PAPER)
         made = quasi(family)
         assert isinstance(made, QuasiScenario)
-        assert {name: getattr(made, name) for name in vars(family)} == vars(family)
+        assert {key: getattr(made, key) for key in vars(family)} == vars(family)
 
 
 @pytest.mark.parametrize(
@@ -183,7 +185,7 @@ def test_a_quasi_scenario_is_the_scenario() -> None:
         (CIRCLE, 2**64, 0, "seed is"),
         (CIRCLE, 0, -1, "encounter number is -1"),
         (CIRCLE, 0, 2**34, "out of range"),
-        (Scenario("never", conflicts_closer_than=0.0, attempts=2), 0, 0, "does not meet the conditions"),
+        (scenario("circle", PAPER, conflicts_closer_than=0.0, attempts=2), 0, 0, "does not meet the conditions"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(family: Scenario, seed: int, first: int, said: str) -> None:
@@ -194,7 +196,11 @@ def test_what_cannot_be_drawn_is_refused(family: Scenario, seed: int, first: int
 # The pool of starts.
 @jax.jit
 def drawn_pool(seed: int) -> Encounter:
-    mixture = [scenario("circle"), scenario("same_course", conflicts_closer_than=500.0), scenario("multi")]
+    mixture = [
+        scenario("circle", PAPER),
+        scenario("same_course", PAPER, conflicts_closer_than=500.0),
+        scenario("multi", PAPER),
+    ]
     return surrogate.redraw_pool(jax.random.key(seed), mixture, [0.5, 0.3, 0.2], 40, 100)
 
 

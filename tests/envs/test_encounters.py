@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from envs.aircraft import PAPER
 from envs.encounters import SCENARIOS, Encounter, EncounterError, Scenario, choose, padded, sample, scenario
 from envs.kinematics import VehicleState
 from tests.strategies import angle_between
@@ -64,12 +65,12 @@ def clockwise_difference(encounter: Encounter) -> np.ndarray:
 def test_the_scenarios_are_those_of_the_design() -> None:
     assert set(SCENARIOS) == {"circle", "crossing_left", "crossing_right", "head_on", "same_course", "maneuvering",
                               "noisy", "multi"}  # fmt: skip
-    assert all(SCENARIOS[name].name == name for name in SCENARIOS)
+    assert all(scenario(name, PAPER).name == name for name in SCENARIOS)
 
 
 @each_scenario
 def test_ranges(name: str) -> None:
-    chosen = SCENARIOS[name]
+    chosen = scenario(name, PAPER)
     encounter = drawn(chosen, 10_000)
     goal = np.hypot(encounter.goal_x, encounter.goal_y)
     slack = 1e-6
@@ -90,7 +91,7 @@ def test_ranges(name: str) -> None:
 
 @each_scenario
 def test_without_displacement_everybody_meets_in_the_centre_at_once(name: str) -> None:
-    chosen = replace(SCENARIOS[name], displacement=0.0, min_initial_separation=0.0)
+    chosen = replace(scenario(name, PAPER), displacement=0.0, min_initial_separation=0.0)
     encounter = drawn(chosen, 2_000)
     own, intruders = encounter.own, encounter.intruders
     arrival = np.hypot(own.x, own.y) / own.speed
@@ -107,7 +108,7 @@ def test_without_displacement_everybody_meets_in_the_centre_at_once(name: str) -
 
 @each_scenario
 def test_displacement_moves_starts_and_nothing_else(name: str) -> None:
-    chosen = SCENARIOS[name]
+    chosen = scenario(name, PAPER)
     draws = np.random.default_rng(1).random((1, 5_000, chosen.dimensions))
     there, _ = sample(chosen, draws, np)
     middle, _ = sample(replace(chosen, displacement=0.0), draws, np)
@@ -131,7 +132,7 @@ def test_displacement_moves_starts_and_nothing_else(name: str) -> None:
     [("crossing_left", 90, 45), ("crossing_right", -90, 45), ("head_on", 180, 20), ("same_course", 0, 20)],
 )
 def test_course_differences_of_the_four_conflicts(name: str, middle: float, half_width: float) -> None:
-    difference = clockwise_difference(drawn(SCENARIOS[name], 5_000))
+    difference = clockwise_difference(drawn(scenario(name, PAPER), 5_000))
     away = np.remainder(difference - middle + 180.0, 360.0) - 180.0
     assert np.max(np.abs(away)) <= half_width + 1e-6
     assert away.min() < -0.9 * half_width
@@ -141,7 +142,7 @@ def test_course_differences_of_the_four_conflicts(name: str, middle: float, half
 @pytest.mark.parametrize(("name", "side"), [("crossing_left", 1.0), ("crossing_right", -1.0)])
 def test_a_crossing_intruder_comes_from_the_side_of_its_name(name: str, side: float) -> None:
     """It starts on that side of the own course and its velocity leads to the other."""
-    encounter = drawn(replace(SCENARIOS[name], displacement=0.0), 5_000)
+    encounter = drawn(replace(scenario(name, PAPER), displacement=0.0), 5_000)
     own = encounter.own
     x, y = encounter.intruders.x[:, 0] - own.x, encounter.intruders.y[:, 0] - own.y
     to_the_left = y * np.cos(own.heading) - x * np.sin(own.heading)
@@ -151,7 +152,9 @@ def test_a_crossing_intruder_comes_from_the_side_of_its_name(name: str, side: fl
 
 
 def test_courses_of_the_circle_are_uniform() -> None:
-    counts, _ = np.histogram(clockwise_difference(drawn(scenario("circle", min_initial_separation=0.0), 36_000)), 36)
+    counts, _ = np.histogram(
+        clockwise_difference(drawn(scenario("circle", PAPER, min_initial_separation=0.0), 36_000)), 36
+    )
     # Chi-square with 35 degrees of freedom: 80 is exceeded with probability 2e-5.
     assert np.sum((counts - 1_000.0) ** 2 / 1_000.0) < 80.0
 
@@ -159,14 +162,14 @@ def test_courses_of_the_circle_are_uniform() -> None:
 @pytest.mark.parametrize("least", [1_000.0, 2_500.0])
 def test_accepted_starts_honour_the_initial_separation(least: float) -> None:
     for name in ("circle", "multi", "same_course"):
-        encounter = drawn(replace(SCENARIOS[name], min_initial_separation=least), 3_000)
+        encounter = drawn(replace(scenario(name, PAPER), min_initial_separation=least), 3_000)
         assert encounter.goal_x.size > 100
         assert gaps(encounter).min() >= least
 
 
 @pytest.mark.parametrize("name", CONFLICTS)
 def test_only_conflicts_are_accepted(name: str) -> None:
-    encounter = drawn(SCENARIOS[name], 10_000)
+    encounter = drawn(scenario(name, PAPER), 10_000)
     assert passing_distance(encounter).max() < 1_000.0
 
 
@@ -180,7 +183,7 @@ def test_unfiltered_circle_starts_in_violation_as_often_as_geometry_says() -> No
     expected = np.mean(np.abs(gap) < 1_000.0)
     assert expected == pytest.approx(0.0208, abs=0.0012)
 
-    unfiltered = scenario("circle", min_initial_separation=0.0)
+    unfiltered = scenario("circle", PAPER, min_initial_separation=0.0)
     encounter, accepted = sample(unfiltered, np.random.default_rng(3).random((1, count, unfiltered.dimensions)), np)
     assert accepted.all()
     found = np.mean(gaps(encounter) < 1_000.0)
@@ -190,7 +193,7 @@ def test_unfiltered_circle_starts_in_violation_as_often_as_geometry_says() -> No
 @each_scenario
 def test_the_attempts_are_never_exhausted(name: str) -> None:
     """Of 10^5 encounters every one is accepted within its attempts; only the still rejected are drawn again."""
-    chosen, generator, rejected = SCENARIOS[name], np.random.default_rng(4), 100_000
+    chosen, generator, rejected = scenario(name, PAPER), np.random.default_rng(4), 100_000
     for _ in range(chosen.attempts):
         _, accepted = sample(chosen, generator.random((1, rejected, chosen.dimensions)), np)
         rejected -= int(accepted.sum())
@@ -200,7 +203,7 @@ def test_the_attempts_are_never_exhausted(name: str) -> None:
 
 
 def test_the_first_attempt_that_meets_the_conditions_is_taken() -> None:
-    chosen = scenario("circle", min_initial_separation=6_000.0)
+    chosen = scenario("circle", PAPER, min_initial_separation=6_000.0)
     draws = np.random.default_rng(5).random((3, 500, chosen.dimensions))
     encounter, accepted = sample(chosen, draws, np)
     each = [sample(chosen, draws[attempt : attempt + 1], np) for attempt in range(3)]
@@ -215,7 +218,7 @@ def test_the_first_attempt_that_meets_the_conditions_is_taken() -> None:
 
 
 def test_circle_is_passive_and_perfectly_seen() -> None:
-    encounter = drawn(SCENARIOS["circle"], 1_000)
+    encounter = drawn(scenario("circle", PAPER), 1_000)
     assert encounter.mask.shape == (encounter.goal_x.size, 1)
     assert encounter.mask.all()
     assert not encounter.intent.heading_change.any()
@@ -223,7 +226,7 @@ def test_circle_is_passive_and_perfectly_seen() -> None:
 
 
 def test_maneuvering_turns_once_within_the_designs_ranges() -> None:
-    encounter = drawn(SCENARIOS["maneuvering"], 20_000)
+    encounter = drawn(scenario("maneuvering", PAPER), 20_000)
     rate, change = np.degrees(encounter.intent.turn_rate), np.degrees(encounter.intent.heading_change)
     assert rate.min() >= 0.0
     assert 2.95 < rate.max() <= 3.0 + 1e-9
@@ -241,7 +244,7 @@ def test_maneuvering_turns_once_within_the_designs_ranges() -> None:
 
 
 def test_noisy_reports_are_as_the_design_says() -> None:
-    sensor = drawn(SCENARIOS["noisy"], 5_000).sensor
+    sensor = drawn(scenario("noisy", PAPER), 5_000).sensor
     assert np.all(sensor.position_std == 30.0)
     assert np.all(sensor.velocity_std == 3.0)
     assert 1.0 <= sensor.latency.min() < 1.01
@@ -249,7 +252,7 @@ def test_noisy_reports_are_as_the_design_says() -> None:
 
 
 def test_multi_has_two_to_eight_intruders_equally_often() -> None:
-    unfiltered = scenario("multi", min_initial_separation=0.0)
+    unfiltered = scenario("multi", PAPER, min_initial_separation=0.0)
     encounter = drawn(unfiltered, 14_000)
     counts = np.bincount(encounter.mask.sum(axis=-1), minlength=9)
     assert not counts[:2].any()
@@ -263,7 +266,7 @@ def test_multi_has_two_to_eight_intruders_equally_often() -> None:
 @each_scenario
 def test_numpy_and_jax_give_the_same_encounters_of_the_same_draws(name: str) -> None:
     """From draws that float32 holds: starts within 0.1 m (float32's unit is 2 mm at 20 km), angles within 1e-6."""
-    chosen = SCENARIOS[name]
+    chosen = scenario(name, PAPER)
     draws = np.random.default_rng(6).random((1, 2_000, chosen.dimensions), np.float32)
     plain, plain_accepted = sample(chosen, draws.astype(np.float64), np)
     jitted, jitted_accepted = jax.jit(lambda given: sample(chosen, given, jnp))(draws)
@@ -289,7 +292,7 @@ def test_numpy_and_jax_give_the_same_encounters_of_the_same_draws(name: str) -> 
 
 @pytest.mark.parametrize("xp", [np, jnp], ids=["numpy", "jax"])
 def test_padding_adds_absent_intruders_only(xp) -> None:
-    chosen = SCENARIOS["maneuvering"]
+    chosen = scenario("maneuvering", PAPER)
     plain, _ = sample(chosen, np.random.default_rng(7).random((1, 50, chosen.dimensions)), np)
     encounter = jax.tree.map(xp.asarray, plain)
     wide = padded(encounter, 4, xp)
@@ -305,7 +308,7 @@ def test_padding_adds_absent_intruders_only(xp) -> None:
 
 @given(st.lists(st.booleans(), min_size=1, max_size=20), st.sampled_from(["multi", "noisy"]))
 def test_choose_takes_every_field_of_the_chosen_row(condition: list[bool], name: str) -> None:
-    chosen, count = SCENARIOS[name], len(condition)
+    chosen, count = scenario(name, PAPER), len(condition)
     draws = np.random.default_rng(8).random((2, 1, count, chosen.dimensions))
     (yes, _), (no, _) = (sample(chosen, part, np) for part in draws)
     mixed = choose(np.array(condition), yes, no, np)
@@ -315,6 +318,6 @@ def test_choose_takes_every_field_of_the_chosen_row(condition: list[bool], name:
 
 
 def test_scenario_changes_fields_and_refuses_unknown_names() -> None:
-    assert scenario("circle", radius=(1.0, 2.0)) == replace(SCENARIOS["circle"], radius=(1.0, 2.0))
+    assert scenario("circle", PAPER, radius=(200.0, 300.0)) == replace(scenario("circle", PAPER), radius=(200.0, 300.0))
     with pytest.raises(EncounterError, match=r"'cirle' is unknown; expected one of circle, crossing_left"):
-        scenario("cirle")
+        scenario("cirle", PAPER)

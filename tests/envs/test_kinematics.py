@@ -10,6 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from envs import flight, starts, world
+from envs.aircraft import PAPER
 from envs.backend import FLOATS
 from envs.encounters import scenario
 from envs.intruder import Recording, start, step
@@ -309,17 +310,18 @@ COUNT, STEPS = 3, 120
 @pytest.mark.parametrize("name", ["circle", "noisy", "multi"])
 @pytest.mark.parametrize("dt", [1.0, 0.3])
 def test_plain_floats_equal_numpy_to_the_last_bit(name: str, dt: float) -> None:
-    parameters = World(RULES._replace(dt=dt), SURROGATE)
-    encounters = starts.numbered(scenario(name), 4, 0, COUNT)
-    batch = world.begin(encounters, np, late_reports=True)
-    singles = [flight.begin(take(encounters, i)) for i in range(COUNT)]
+    aircraft = PAPER._replace(dt=dt)
+    parameters = World(RULES._replace(dt=dt), aircraft)
+    encounters = starts.numbered(scenario(name, aircraft), 4, 0, COUNT)
+    batch = world.begin(encounters, np, history_dt=dt)
+    singles = [flight.begin(take(encounters, i), dt) for i in range(COUNT)]
     rng = np.random.default_rng(1)
     for _ in range(STEPS):
         action, noise = rng.uniform(-1.2, 1.2, (COUNT, 2)), rng.normal(size=(4, *encounters.mask.shape))
-        seen = world.observe(batch, world.perceived(batch, noise, np), np).astype(np.float32)
+        seen = world.observe(batch, world.perceived(batch, noise, dt, np), aircraft, np).astype(np.float32)
         batch, result = world.step(batch, (action[:, 0], action[:, 1]), parameters, np)
         for i, mask in enumerate(encounters.mask):
-            np.testing.assert_array_equal(flight.observe(singles[i], noise[:, i, mask]), seen[i])
+            np.testing.assert_array_equal(flight.observe(singles[i], aircraft, noise[:, i, mask]), seen[i])
             singles[i], one = flight.step(singles[i], tuple(action[i].tolist()), parameters)
             assert singles[i].own == tuple(field[i] for field in batch.own)
             assert one.outcome == tuple(field[i] for field in result.outcome)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from envs.aircraft import PAPER
 from envs.kinematics import VehicleState
 from envs.observation import NAMES, SIZE, criticality, decode, most_critical, observe
 from tests.strategies import BACKENDS, Backend, mirrored, moved, one, random_states, stacked, states
@@ -14,11 +15,10 @@ from tests.strategies import BACKENDS, Backend, mirrored, moved, one, random_sta
 OWN_SPEED, OWN_HEADING, SPEED, HEADING, BEARING, DISTANCE, GOAL_BEARING, GOAL_DISTANCE = range(8)
 ANGLES = [OWN_HEADING, HEADING, BEARING, GOAL_BEARING]
 near = st.floats(-7_000.0, 7_000.0)
-RADIUS = 1_500.0
 
 
 def see(own: VehicleState, intruder: VehicleState, x: float, y: float) -> np.ndarray:
-    return observe(own, intruder, np.array([x]), np.array([y]), np)[0]
+    return observe(own, intruder, np.array([x]), np.array([y]), PAPER, np)[0]
 
 
 def turns_apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -78,7 +78,7 @@ def test_scales_and_clipping(
 
 @given(states(), states(), near, near)
 def test_every_component_lies_within_one(own: VehicleState, intruder: VehicleState, x: float, y: float) -> None:
-    seen = observe(own, intruder, np.float64(x), np.float64(y), np)
+    seen = observe(own, intruder, np.float64(x), np.float64(y), PAPER, np)
     assert seen.shape == (8,)
     assert np.all(np.abs(seen) <= 1.0)
 
@@ -89,8 +89,8 @@ def test_only_the_headings_notice_that_the_scene_was_moved_and_turned(
 ) -> None:
     goal = VehicleState(np.float64(x), np.float64(y), own.heading, own.speed)
     there = [moved(vehicle, angle, east, north) for vehicle in (own, intruder, goal)]
-    before = observe(own, intruder, goal.x, goal.y, np)
-    after = observe(there[0], there[1], there[2].x, there[2].y, np)
+    before = observe(own, intruder, goal.x, goal.y, PAPER, np)
+    after = observe(there[0], there[1], there[2].x, there[2].y, PAPER, np)
     lengths = [OWN_SPEED, SPEED, DISTANCE, GOAL_DISTANCE]
     np.testing.assert_allclose(after[lengths], before[lengths], atol=1e-9)
     turned = np.where(np.isin(np.arange(8), [OWN_HEADING, HEADING]), angle / math.pi, 0.0)
@@ -102,8 +102,8 @@ def test_only_the_headings_notice_that_the_scene_was_moved_and_turned(
 def test_a_mirrored_scene_flips_the_sign_of_every_angle(
     own: VehicleState, intruder: VehicleState, x: float, y: float
 ) -> None:
-    left = observe(own, intruder, np.float64(x), np.float64(y), np)
-    right = observe(mirrored(own), mirrored(intruder), np.float64(x), np.float64(-y), np)
+    left = observe(own, intruder, np.float64(x), np.float64(y), PAPER, np)
+    right = observe(mirrored(own), mirrored(intruder), np.float64(x), np.float64(-y), PAPER, np)
     sign = np.where(np.isin(np.arange(8), ANGLES), -1.0, 1.0)
     assert np.max(turns_apart((sign * left)[ANGLES], right[ANGLES])) < 1e-6
     np.testing.assert_allclose(np.delete(right, ANGLES), np.delete(left, ANGLES), atol=1e-9)
@@ -114,8 +114,8 @@ def test_decode_recovers_what_was_not_clipped(own: VehicleState, intruder: Vehic
     """In the ownship's frame, against rotation matrices; 5 mm at 20 km is what the angles' 1e-7 rad allow."""
     goal_x, goal_y = own.x + x, own.y + y
     intruder = intruder._replace(x=own.x + 0.7 * intruder.x, y=own.y + 0.7 * intruder.y)
-    seen = observe(own, intruder, goal_x, goal_y, np)
-    found = decode(list(seen), np)
+    seen = observe(own, intruder, goal_x, goal_y, PAPER, np)
+    found = decode(list(seen), PAPER, np)
     ahead = np.array([[np.cos(own.heading), np.sin(own.heading)], [-np.sin(own.heading), np.cos(own.heading)]])
     course = np.array([np.cos(intruder.heading), np.sin(intruder.heading)])
     expected = [
@@ -132,7 +132,7 @@ def test_decode_takes_any_pair_of_courses() -> None:
     courses = np.concatenate([np.linspace(-1.0, 1.0, 41), [-0.999999, 0.999999]])
     own, other = (grid.ravel() for grid in np.meshgrid(courses, courses))
     zero = np.zeros_like(own)
-    found = decode([zero, own, zero, other, zero, zero, zero, zero], np)
+    found = decode([zero, own, zero, other, zero, zero, zero, zero], PAPER, np)
     np.testing.assert_allclose(found.intruder_vx, 75.0 * np.cos(math.pi * (other - own)), atol=1e-6)
     np.testing.assert_allclose(found.intruder_vy, 75.0 * np.sin(math.pi * (other - own)), atol=1e-6)
 
@@ -143,10 +143,10 @@ def test_backends_observe_alike(backend: Backend) -> None:
     own, intruder = random_states(generator, 1_000), random_states(generator, 1_000)
     goal = generator.uniform(-1e4, 1e4, (2, 1_000))
     inputs = [backend.rounded(column) for column in (*own, *intruder, *goal)]
-    expected = observe(VehicleState(*inputs[:4]), VehicleState(*inputs[4:8]), inputs[8], inputs[9], np)
+    expected = observe(VehicleState(*inputs[:4]), VehicleState(*inputs[4:8]), inputs[8], inputs[9], PAPER, np)
 
     def components(*fields):
-        seen = observe(VehicleState(*fields[:4]), VehicleState(*fields[4:8]), fields[8], fields[9], backend.xp)
+        seen = observe(VehicleState(*fields[:4]), VehicleState(*fields[4:8]), fields[8], fields[9], PAPER, backend.xp)
         return seen if isinstance(seen, list) else tuple(seen[..., i] for i in range(SIZE))
 
     found = np.stack(backend.apply(components, *inputs), axis=-1)
@@ -178,7 +178,7 @@ INSIDE_BUT_LEAVING = one(-900.0, 0.0, -math.pi, 90.0)
 def chosen_of(*intruders: VehicleState, mask: tuple[bool, ...] | None = None) -> int:
     group = stacked(*intruders)
     present = np.array([mask if mask is not None else (True,) * len(intruders)])
-    found = most_critical(CRUISE, group, present, RADIUS, np)
+    found = most_critical(CRUISE, group, present, PAPER, np)
     same = [all(np.array_equal(a, b) for a, b in zip(found, intruder, strict=True)) for intruder in intruders]
     assert sum(same) == 1
     return same.index(True)
@@ -186,7 +186,7 @@ def chosen_of(*intruders: VehicleState, mask: tuple[bool, ...] | None = None) ->
 
 def test_criticality_is_the_time_to_the_conflict() -> None:
     own = VehicleState(*(field[:, None] for field in CRUISE))
-    found = criticality(own, stacked(SOON, LATER, INSIDE, INSIDE_BUT_LEAVING, PASSING_WIDE), RADIUS, np)[0]
+    found = criticality(own, stacked(SOON, LATER, INSIDE, INSIDE_BUT_LEAVING, PASSING_WIDE), PAPER, np)[0]
     soon = (4_000.0 - math.sqrt(1_500.0**2 - 200.0**2)) / 200.0
     later = (12_000.0 - math.sqrt(1_500.0**2 - 500.0**2)) / 200.0
     np.testing.assert_allclose(found, [soon, later, -1_500.0, -600.0, 11_600.0], rtol=1e-6, atol=1e-3)
@@ -224,8 +224,8 @@ def crowd(count: int, most: int, seed: int) -> tuple[VehicleState, VehicleState,
 def test_of_many_a_present_one_of_the_least_criticality_is_chosen() -> None:
     """Against a plain loop."""
     own, intruders, mask = crowd(500, 5, seed=1)
-    found = most_critical(own, intruders, mask, RADIUS, np)
-    rank = criticality(VehicleState(*(field[:, None] for field in own)), intruders, RADIUS, np)
+    found = most_critical(own, intruders, mask, PAPER, np)
+    rank = criticality(VehicleState(*(field[:, None] for field in own)), intruders, PAPER, np)
     for row in range(500):
         best = min(np.flatnonzero(mask[row]), key=lambda k, row=row: rank[row, k])
         assert found.x[row] == intruders.x[row, best]
@@ -235,14 +235,14 @@ def test_of_many_a_present_one_of_the_least_criticality_is_chosen() -> None:
 def test_the_order_of_the_intruders_does_not_matter() -> None:
     own, intruders, mask = crowd(500, 5, seed=2)
     order = np.random.default_rng(3).permutation(5)
-    before = most_critical(own, intruders, mask, RADIUS, np)
-    after = most_critical(own, VehicleState(*(field[:, order] for field in intruders)), mask[:, order], RADIUS, np)
+    before = most_critical(own, intruders, mask, PAPER, np)
+    after = most_critical(own, VehicleState(*(field[:, order] for field in intruders)), mask[:, order], PAPER, np)
     np.testing.assert_array_equal(np.stack(after), np.stack(before))
 
 
 def test_a_single_intruder_takes_a_short_way_to_the_same_answer() -> None:
     own, intruders, _ = crowd(200, 1, seed=4)
     padded = VehicleState(*(np.concatenate([field, CRUISE.x + 0.0 * field], axis=-1) for field in intruders))
-    general = most_critical(own, padded, np.tile([True, False], (200, 1)), RADIUS, np)
-    short = most_critical(own, intruders, np.ones((200, 1), bool), RADIUS, np)
+    general = most_critical(own, padded, np.tile([True, False], (200, 1)), PAPER, np)
+    short = most_critical(own, intruders, np.ones((200, 1), bool), PAPER, np)
     np.testing.assert_array_equal(np.stack(short), np.stack(general))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from envs import intruder, observation, outcome, surrogate
+from envs.aircraft import PAPER
 from envs.encounters import Encounter, padded, sample, scenario
 from envs.intruder import Intent
 from envs.kinematics import SURROGATE, VehicleState, advance, commands
@@ -19,13 +20,13 @@ from envs.relative import leg_separation
 from envs.surrogate import State, StepResult, World
 from tests.strategies import angle_between, mirrored
 
-WORLD = World(RULES, SURROGATE)
+WORLD = World(RULES, PAPER)
 COUNT, FEW, STEPS = 64, 4, 300
 
 # One compilation a shape, shared by all tests; most use FEW encounters.
 step = jax.jit(surrogate.step)
-observe = jax.jit(surrogate.observe)
-reset = jax.jit(surrogate.reset, static_argnames="late_reports")
+observe = jax.jit(lambda state, noise=None: surrogate.observe(state, PAPER, noise))
+reset = jax.jit(surrogate.reset, static_argnames="history_dt")
 restart = jax.jit(surrogate.restart)
 STILL = (np.zeros(FEW, np.float32), np.zeros(FEW, np.float32))
 
@@ -46,7 +47,7 @@ def fly(state: State, actions: jax.Array) -> Record:
 
     def forward(now: State, action: jax.Array) -> tuple[State, Record]:
         after, result = surrogate.step(now, (action[:, 0], action[:, 1]), WORLD)
-        seen = surrogate.observe(after)
+        seen = surrogate.observe(after, PAPER)
         return after, Record(after.own, after.intruders.vehicle, after.steps, seen, result)
 
     return jax.lax.scan(forward, state, actions)[1]
@@ -54,7 +55,7 @@ def fly(state: State, actions: jax.Array) -> Record:
 
 def encounters(name: str, most: int = 1, count: int = COUNT, seed: int = 0) -> Encounter:
     """Return encounters in float32 that both numpy and jax represent exactly."""
-    chosen = scenario(name)
+    chosen = scenario(name, PAPER)
     draws = np.random.default_rng(seed).random((chosen.attempts, count, chosen.dimensions))
     starts = padded(sample(chosen, draws, np)[0], most, np)
     return jax.tree.map(lambda field: field if field.dtype == bool else field.astype(np.float32), starts)
@@ -178,7 +179,7 @@ def test_the_observation_shows_both_aircraft_after_they_moved(flights: dict[str,
     for index in (0, 1, 150):
         own = VehicleState(*(np.asarray(field[index], np.float64) for field in flown.own))
         other = VehicleState(*(np.asarray(field[index, :, 0], np.float64) for field in flown.intruders))
-        expected = observation.observe(own, other, starts.goal_x, starts.goal_y, np)
+        expected = observation.observe(own, other, starts.goal_x, starts.goal_y, PAPER, np)
         np.testing.assert_allclose(np.cos(np.pi * flown.observation[index]), np.cos(np.pi * expected), atol=1e-4)
         assert flown.observation.dtype == jnp.float32
         assert np.max(np.abs(flown.observation[index])) <= 1.0
@@ -247,8 +248,8 @@ def test_restart_begins_afresh_only_where_an_encounter_ended() -> None:
 
 def test_restart_also_replaces_the_reports_history() -> None:
     starts, others = encounters("noisy", count=FEW), encounters("noisy", count=FEW, seed=9)
-    state = reset(starts, late_reports=True)._replace(steps=np.float32([299.0, 20.0, 20.0, 20.0]))
-    fresh = reset(others, late_reports=True)
+    state = reset(starts, history_dt=1.0)._replace(steps=np.float32([299.0, 20.0, 20.0, 20.0]))
+    fresh = reset(others, history_dt=1.0)
     final, _ = step(state, STILL, WORLD)
     following = restart(final, fresh)
     for after, end, begin in zip(*(jax.tree.leaves(s.previous) for s in (following, final, fresh)), strict=True):
@@ -344,7 +345,7 @@ def test_a_late_report_shows_the_intruder_where_it_would_be_had_it_not_turned(la
         intent=Intent(*(np.full((FEW, 1), value, np.float32) for value in (0.0, 1.5, math.radians(3.0)))),
         sensor=Sensor(*(np.full((FEW, 1), value, np.float32) for value in (0.0, 0.0, latency))),
     )
-    state = reset(starts, late_reports=True)
+    state = reset(starts, history_dt=1.0)
     history = [state.intruders.vehicle]
     for _ in range(5):
         state, _ = step(state, (np.zeros(FEW, np.float32), np.ones(FEW, np.float32)), WORLD)
@@ -354,7 +355,7 @@ def test_a_late_report_shows_the_intruder_where_it_would_be_had_it_not_turned(la
         x=old.x + latency * old.speed * np.cos(old.heading), y=old.y + latency * old.speed * np.sin(old.heading)
     )
     own = VehicleState(*(np.asarray(field, np.float64) for field in state.own))
-    expected = observation.observe(own, carried, starts.goal_x, starts.goal_y, np)
+    expected = observation.observe(own, carried, starts.goal_x, starts.goal_y, PAPER, np)
     found = np.asarray(observe(state, SILENCE))
     difference = np.abs(found - expected)
     assert np.max(np.minimum(difference, 2.0 - difference)) < 2e-5
@@ -362,12 +363,12 @@ def test_a_late_report_shows_the_intruder_where_it_would_be_had_it_not_turned(la
 
 
 def test_before_the_first_step_a_late_report_is_that_of_straight_flight() -> None:
-    state = reset(encounters("noisy", count=FEW), late_reports=True)
+    state = reset(encounters("noisy", count=FEW), history_dt=1.0)
     np.testing.assert_allclose(observe(state, SILENCE), observe(state), atol=1e-5)
 
 
 def test_noise_moves_the_intruder_and_leaves_the_rest_alone() -> None:
-    state = reset(encounters("noisy"), late_reports=True)
+    state = reset(encounters("noisy"), history_dt=1.0)
     noisy = np.asarray(observe(state, jax.random.normal(jax.random.key(0), (4, COUNT, 1))))
     exact = np.asarray(observe(state))
     np.testing.assert_array_equal(noisy[:, [0, 1, 6, 7]], exact[:, [0, 1, 6, 7]])

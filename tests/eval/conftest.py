@@ -11,7 +11,8 @@ from agents.policy import file as policy_file
 from agents.policy.file import PolicyFile
 from agents.policy.inference import Policy
 from agents.policy.schema import new_metadata
-from envs.encounters import SCENARIOS
+from envs.aircraft import PAPER
+from envs.encounters import scenario
 from envs.formats import encounter_file
 from envs.kinematics import SURROGATE
 from envs.starts import numbered
@@ -92,7 +93,7 @@ def report_run(policy_path: Path, tmp_path_factory: pytest.TempPathFactory) -> P
     place = tmp_path_factory.mktemp("report")
     file, out = place / "encounters.csv", place / "run"
     names = [f"{number} {HOSTILE}" for number in range(COUNT)]
-    encounter_file.write(file, numbered(SCENARIOS["circle"], 0, 0, COUNT), names)
+    encounter_file.write(file, numbered(scenario("circle", PAPER), 0, 0, COUNT), names)
     arguments = ["--policy", str(policy_path), "--scenario", f"file:{file}", "--workers", "1"]
     assert monte_carlo.main([*arguments, "--set", "figures=false", "--out", str(out)]) == 0
     return out

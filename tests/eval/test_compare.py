@@ -39,7 +39,7 @@ from tests.support import fly_recorded, recorded
 def make(policy_path: Path, name: str, baselines: tuple[str, ...] = ("none", "mvp")) -> Comparison:
     entries = policy_entries(policy_path, "ours", PAPER)
     entries += tuple(baseline_entry(each, PAPER) for each in baselines)
-    return Comparison(entries, Evaluation(policy_path, scenario(name), None, 4, PAPER))
+    return Comparison(entries, Evaluation(policy_path, scenario(name, PAPER), None, 4, PAPER))
 
 
 @pytest.mark.parametrize("name", ["circle", "noisy"])
@@ -61,7 +61,7 @@ def test_a_policy_flies_here_as_in_the_evaluation(policy_path: Path, name: str) 
 
 def test_a_row_does_not_depend_on_its_company(policy_path: Path) -> None:
     made = make(policy_path, "multi", tuple(BASELINES))
-    few = scenario("multi", intruders=(2, 3), radius=(3_000.0, 4_000.0))
+    few = scenario("multi", PAPER, intruders=(2, 3), radius=(3_000.0, 4_000.0))
     made = made._replace(evaluation=made.evaluation._replace(source=few))
     together, apart = comparison.columns(made, 0, 12), comparison.columns(made, 8, 2)
     for name, values in apart.items():
@@ -69,7 +69,7 @@ def test_a_row_does_not_depend_on_its_company(policy_path: Path) -> None:
 
 
 def test_the_resolver_none_is_the_evaluation_s_direct_flight() -> None:
-    starts = numbered(scenario("circle"), 9, 0, 80)
+    starts = numbered(scenario("circle", PAPER), 9, 0, 80)
     ours = simulate.fly(starts, BASELINES["none"](SURROGATE, 500.0, 1_000.0), PAPER)
     theirs = simulate.fly(starts, simulate.Direct(PAPER), PAPER)
     np.testing.assert_array_equal(ours.outcome, theirs.outcome)
@@ -78,7 +78,7 @@ def test_the_resolver_none_is_the_evaluation_s_direct_flight() -> None:
 
 @pytest.mark.parametrize("name", ["rules", "mvp", "mvp_speed"])
 def test_resolvers_resolve(name: str) -> None:
-    starts = numbered(scenario("circle"), 9, 0, 150)
+    starts = numbered(scenario("circle", PAPER), 9, 0, 150)
     flown = simulate.fly(starts, BASELINES[name](SURROGATE, 500.0, 1_000.0), PAPER)
     share = np.bincount(flown.outcome, minlength=3) / 150
     # Without a resolver nearly all are lost; published resolvers save nine of ten such conflicts.
@@ -88,7 +88,7 @@ def test_resolvers_resolve(name: str) -> None:
 
 def test_a_held_speed_is_held(policy_path: Path) -> None:
     _, held = policy_entries(policy_path, "ours", PAPER)
-    starts = numbered(scenario("circle"), 9, 0, 5)
+    starts = numbered(scenario("circle", PAPER), 9, 0, 5)
     assert not isinstance(held.decider, (comparison.Plans, WitnessSearch))
     _, paths = fly_recorded(starts, held.decider, PAPER)
     assert np.nanmax(np.abs(paths.own.speed - starts.own.speed)) == 0.0
@@ -96,7 +96,7 @@ def test_a_held_speed_is_held(policy_path: Path) -> None:
 
 
 def test_replayed_intruders_fly_their_recording() -> None:
-    starts = numbered(scenario("maneuvering"), 2, 0, 6)
+    starts = numbered(scenario("maneuvering", PAPER), 2, 0, 6)
     plain, paths = fly_recorded(starts, simulate.Direct(PAPER), PAPER)
     # What was flown, flown again as a recording, up to where an encounter ended.
     known = [np.where(np.isnan(field), 0.0, field) for field in paths.intruders]
@@ -147,7 +147,7 @@ def test_the_command_and_its_files(policy_path: Path, tmp_path: Path, capsys: py
 
 
 def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:
-    encounter_file.write(tmp_path / "own.csv", numbered(scenario("multi"), 1, 0, 3))
+    encounter_file.write(tmp_path / "own.csv", numbered(scenario("multi", PAPER), 1, 0, 3))
     out = tmp_path / "run"
     assert compare.main(["--scenario", f"file:{tmp_path / 'own.csv'}", "--baseline", "rules", "--out", str(out)]) == 0
     summary = json.loads((out / "summary.json").read_text())
@@ -159,7 +159,7 @@ def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["circle", "noisy"])
 def test_plans_and_the_assured_loop_fly_as_in_the_evaluation(name: str) -> None:
     entries = policy_entries(None, "ours", PAPER, ("plan", "assured"))
-    evaluation = Evaluation(None, scenario(name), None, 4, PAPER, "assured", comparison.SETTING)
+    evaluation = Evaluation(None, scenario(name, PAPER), None, 4, PAPER, "assured", comparison.SETTING)
     ours = comparison.columns(Comparison((*entries, baseline_entry("none", PAPER)), evaluation), 20, 25)
     theirs = chunks.columns(Pilot.load(evaluation), 20, 25)
     for mode, columns in (("assured", ""), ("plan", "plan_")):
@@ -181,7 +181,7 @@ def test_a_request_without_any_trajectory_is_a_time_out(monkeypatch: pytest.Monk
     made = recorded_flights.plan_at_start
     monkeypatch.setattr(recorded_flights, "plan_at_start", hopeless)
     entries = policy_entries(None, "ours", PAPER, ("plan",))
-    evaluation = Evaluation(None, scenario("circle"), None, 4, PAPER)
+    evaluation = Evaluation(None, scenario("circle", PAPER), None, 4, PAPER)
     table = comparison.columns(Comparison((*entries, baseline_entry("none", PAPER)), evaluation), 0, 3)
     assert set(table["ours, plan.outcome"]) == {"timeout"}
     assert np.isnan(table["ours, plan.min_separation_m"]).all()

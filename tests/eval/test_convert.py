@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from agents.config.keys import keys
 from agents.config.load import ConfigError
+from envs.aircraft import PAPER
 from envs.encounters import EncounterError, scenario
 from envs.formats import encounter_file
 from envs.formats.lincoln_file import read_lincoln, tracks_of
@@ -30,7 +31,7 @@ from tests.support import recorded
 @pytest.fixture
 def own(tmp_path: Path) -> Path:
     path = tmp_path / "own.csv"
-    encounter_file.write(path, numbered(scenario("circle"), 5, 0, 3))
+    encounter_file.write(path, numbered(scenario("circle", PAPER), 5, 0, 3))
     return path
 
 
@@ -56,7 +57,7 @@ def test_there_and_back_by_daidalus_form(own: Path, tmp_path: Path, end: str) ->
 
 
 def test_a_turn_becomes_events_and_rows(tmp_path: Path) -> None:
-    turning = take(numbered(scenario("maneuvering"), 5, 0, 40), slice(0, 40))
+    turning = take(numbered(scenario("maneuvering", PAPER), 5, 0, 40), slice(0, 40))
     path = tmp_path / "turning.csv"
     encounter_file.write(path, turning)
     assert convert.main([str(path), str(tmp_path / "turning.json"), "--altitude-ft", "5000", "--lossy"]) == 0
@@ -112,7 +113,7 @@ def test_bad_input_is_one_sentence(own: Path, tmp_path: Path, arguments: list[st
 
 
 def test_several_intruders_do_not_fit_into_a_pair(tmp_path: Path) -> None:
-    encounter_file.write(tmp_path / "multi.csv", numbered(scenario("multi", intruders=(2, 3)), 1, 0, 2))
+    encounter_file.write(tmp_path / "multi.csv", numbered(scenario("multi", PAPER, intruders=(2, 3)), 1, 0, 2))
     with pytest.raises(EncounterError, match=r"intruders, expected one, because a \.json file"):
         convert.main([str(tmp_path / "multi.csv"), str(tmp_path / "a.json"), "--lossy", "--altitude-ft", "1"])
     one = ["--encounter", "0", "--lossy", "--altitude-ft", "1"]

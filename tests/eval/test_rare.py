@@ -23,7 +23,7 @@ from eval.rare import run as rare
 from eval.rare.problem import FlightProblem
 from eval.rare.splitting import Draws, Plan, SplittingError, pilot, repetition
 
-CIRCLE = scenario("circle")
+CIRCLE = scenario("circle", PAPER)
 SMALL = ["--particles", "60", "--repetitions", "3", "--moves", "1", "--share", "0.3"]
 
 
@@ -135,7 +135,7 @@ def test_a_plateau_is_said_and_not_climbed_for_ever() -> None:
 
 
 def problem_of(policy, mode: str, name: str = "circle", **settings) -> FlightProblem:
-    evaluation = Evaluation(None, scenario(name), None, 0, PAPER)
+    evaluation = Evaluation(None, scenario(name, PAPER), None, 0, PAPER)
     return FlightProblem(Pilot(evaluation, policy), mode, **settings)
 
 

@@ -285,7 +285,7 @@ def policy(earlier: Run) -> Path:
         earlier.state.learner.actor,
         config.network.hidden,
         config.network.feature_set,
-        config.world.limits(),
+        config.aircraft.limits(),
         {},
         steps=1,
     )

@@ -15,10 +15,10 @@ from pydantic import BaseModel
 from agents.config.keys import keys
 from agents.config.load import ConfigError, dump, load
 from agents.policy.features import FEATURE_SETS
-from envs.encounters import SCENARIOS
-from envs.kinematics import C208_PUBLISHED, SURROGATE
+from envs.aircraft import PAPER
+from envs.encounters import SCENARIOS, scenario
 from envs.outcome import RULES
-from rlcas_jax.config import EvaluationConfig, NetworkConfig, PpoConfig, TrainConfig, WorldConfig
+from rlcas_jax.config import NetworkConfig, PpoConfig, TrainConfig
 from rlcas_jax.metrics import METRICS
 from rlcas_jax.reference import main, pages
 from rlcas_jax.task import build
@@ -26,18 +26,45 @@ from rlcas_jax.task import build
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_own_speeds_that_the_vehicle_does_not_fly_are_refused():
-    vehicle = "world.vehicle={speed_min_mps: 18, speed_max_mps: 36}"
-    with pytest.raises(ConfigError, match=r"scenarios.0.own_speed is \[50, 100\] m/s"):
-        load(TrainConfig, None, [vehicle])
-    load(TrainConfig, None, [vehicle, "scenarios.0.own_speed=[18, 36]"])
+def test_own_speeds_that_the_aircraft_does_not_fly_are_refused():
+    aircraft = "aircraft={speed_min_mps: 18, speed_max_mps: 36}"
+    load(TrainConfig, None, [aircraft])
+    with pytest.raises(ConfigError, match=r"scenarios.0.own_speed is \[50, 100\]; .* 18 to 36"):
+        load(TrainConfig, None, [aircraft, "scenarios.0.own_speed=[50, 100]"])
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "configs" / "aircraft").glob("*.yaml")), ids=lambda path: path.stem)
+def test_quick_trains_any_aircraft_by_one_option(path: Path):
+    config = load(TrainConfig, ROOT / "configs" / "quick.yaml", [f"aircraft={path}"])
+    aircraft = config.aircraft.aircraft()
+    near = config.drawn()[2]
+    assert near.radius == (0.5 * aircraft.separation, 4.0 * aircraft.separation)
+    assert near.own_speed == (aircraft.limits.speed_min, aircraft.limits.speed_max)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("world.vehicle=x.yaml", "world.vehicle is now called aircraft"),
+        ("world.separation=1100", "world.separation is now called aircraft.separation_m"),
+        ("evaluation.separation=1100", "evaluation.separation is now called aircraft.separation_m"),
+    ],
+)
+def test_an_old_key_names_the_new_one(old: str, new: str):
+    with pytest.raises(ConfigError, match=f"{new}$"):
+        load(TrainConfig, None, [old])
+
+
+def test_metres_are_refused_where_separations_are_expected():
+    with pytest.raises(ConfigError, match=r"world.separation_spread is 80.* at most 10"):
+        load(TrainConfig, None, ["world.separation_spread=80"])
 
 
 def test_the_defaults_are_the_papers_task():
     config = TrainConfig()
-    assert config.world.rules() == RULES
-    assert config.world.limits() == SURROGATE
-    assert [choice.scenario() for choice in config.scenarios] == [SCENARIOS["circle"]]
+    assert config.rules() == RULES
+    assert config.aircraft.aircraft() == PAPER
+    assert config.drawn() == [scenario("circle", PAPER)]
     assert config.network.hidden == (256, 256)
 
 
@@ -47,30 +74,25 @@ def test_quick_is_valid_and_says_only_what_differs_from_the_defaults():
     assert quick.network.hidden == (256, 256)
 
 
-def test_an_evaluation_judges_by_its_own_separation():
-    world = WorldConfig(separation=1_050.0, t_max=200.0)
-    assert EvaluationConfig().rules(world) == RULES._replace(t_max=200.0)
-
-
-def test_the_vehicle_is_resolved_into_the_dump(tmp_path: Path):
-    config = load(TrainConfig, overrides=[f"world.vehicle={ROOT / 'configs' / 'vehicle_c208_published.yaml'}"])
-    assert config.world.limits() == C208_PUBLISHED
+def test_the_aircraft_is_resolved_into_the_dump(tmp_path: Path):
+    config = load(TrainConfig, overrides=[f"aircraft={ROOT / 'configs' / 'aircraft' / 'uas.yaml'}"])
+    assert config.aircraft.aircraft().separation == 610.0
     written = tmp_path / "config.yaml"
     written.write_text(dump(config))
-    assert "vehicle_c208" not in written.read_text()
+    assert "uas" not in written.read_text()
     assert load(TrainConfig, written) == config
 
 
 @given(
     st.sampled_from(list(SCENARIOS)),
     st.integers(0, 2**31 - 1),
-    st.integers(1, 2**40),
+    st.integers(1, 10**12),
     st.floats(1e-30, 1.0),
     st.sampled_from([(1024, 32, 2048, 16), (6, 10, 12, 2), (1, 2, 2, 1)]),
 )
 def test_a_dump_repeats_the_run(
     tmp_path_factory: pytest.TempPathFactory,
-    scenario: str,
+    chosen: str,
     seed: int,
     steps: int,
     rate: float,
@@ -78,7 +100,7 @@ def test_a_dump_repeats_the_run(
 ):
     environments, rollout, minibatch, segment = sizes
     overrides = [
-        f"scenarios.0.name={scenario}",
+        f"scenarios.0.name={chosen}",
         f"seed={seed}",
         f"steps={steps}",
         f"ppo.learning_rate={rate}",
@@ -116,8 +138,8 @@ def test_a_dump_repeats_the_run(
         ),
         ("ppo.discount=1.5", "--set: ppo.discount is 1.5; expected a number above 0 and at most 1"),
         (
-            "world.t_max=0.5",
-            "--set: world.t_max is 0.5; expected a number at least 1 and at most 3600 and a multiple of 1",
+            "aircraft.t_max_s=0.5",
+            "--set: aircraft: t_max is 0.5 s; expected a whole number of time steps of 1 s",
         ),
         (
             "network.feature_set=cap",
@@ -153,8 +175,8 @@ def test_every_key_is_read_by_the_program():
     unused = [
         key.name
         for key in keys(TrainConfig)
-        # A scenario's numbers are taken over as a whole and tested with it; the vehicle's likewise.
-        if not key.name.startswith(("scenarios[].", "world."))
+        # A scenario's numbers are taken over as a whole and tested with it; the aircraft's likewise.
+        if not key.name.startswith(("scenarios[].", "aircraft."))
         and not re.search(rf"\.{key.name.rpartition('.')[2]}\b", program)
     ]
     assert not unused
@@ -193,16 +215,17 @@ CHANGED: dict[str, str] = {
     "ppo.reward_scale": "0.1",
     "ppo.smoothness": "[0.1, 0.0]",
     "ppo.critic_warmup_steps": "64",
-    "world.vehicle.speed_min_mps": "40.0",
-    "world.vehicle.speed_max_mps": "120.0",
-    "world.vehicle.acceleration_min_mps2": "-1.0",
-    "world.vehicle.acceleration_max_mps2": "1.0",
-    "world.vehicle.yaw_rate_max_deg_s": "5.0",
-    "world.t_max": "200.0",
-    "world.separation": "900.0",
-    "world.separation_spread": "100.0",
-    "world.separation_headroom": "100.0",
-    "world.goal_radius": "400.0",
+    "aircraft.speed_min_mps": "40.0",
+    "aircraft.speed_max_mps": "120.0",
+    "aircraft.acceleration_min_mps2": "-1.0",
+    "aircraft.acceleration_max_mps2": "1.0",
+    "aircraft.yaw_rate_max_deg_s": "5.0",
+    "aircraft.separation_m": "900.0",
+    "aircraft.goal_radius_m": "400.0",
+    "aircraft.traffic_speed_max_mps": "200.0",
+    "aircraft.dt_s": "0.5",
+    "world.separation_spread": "0.1",
+    "world.separation_headroom": "0.1",
     "world.reward_violation": "-50.0",
     "world.reward_goal": "50.0",
     "world.reward_timeout": "-5.0",
@@ -241,7 +264,8 @@ ELSEWHERE = {
     "evaluation.encounters": "the metrics (test_loop)",
     "evaluation.final_encounters": "the summary (test_loop)",
     "evaluation.seed": "the encounters that are judged (below)",
-    "evaluation.separation": "the rules that are judged by (below)",
+    "aircraft.t_max_s": "the rules that are judged by (below)",
+    "scenarios.0.units": "the scenario (test_configuration_world)",
     "checkpoint.every_seconds": "the checkpoints (test_loop)",
     "scenarios.0.attempts": "evaluation only: training fills a pool without attempts",
 }
@@ -283,19 +307,18 @@ def test_the_program_does_not_change_by_itself(base: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("key", CHANGED)
 def test_a_key_changes_the_program(key: str, base: str) -> None:
-    more = {"scenarios.0.intruders": "ppo.minibatch=16", "world.separation_headroom": "world.separation_spread=80"}.get(
-        key
-    )
+    more = {
+        "scenarios.0.intruders": "ppo.minibatch=16",
+        "world.separation_headroom": "world.separation_spread=0.08",
+    }.get(key)
     if more is None:
         assert program(f"{key}={CHANGED[key]}") != base
     else:
         assert program(f"{key}={CHANGED[key]}", more) != program(more)
 
 
-def test_the_evaluation_has_its_own_separation() -> None:
-    given = [*BASE, "evaluation.separation=950.0", "world.separation=1100.0", "world.t_max=40.0"]
-    rules = build(load(TrainConfig, None, given)).rules
-    assert (rules.separation, rules.t_max) == (950.0, 40.0)
+def test_the_time_limit_is_judged_by() -> None:
+    assert build(load(TrainConfig, None, [*BASE, "aircraft.t_max_s=40.0"])).rules.t_max == 40.0
 
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"

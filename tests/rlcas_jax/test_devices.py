@@ -24,7 +24,7 @@ name: whole
 steps: 6144
 network: {hidden: [16, 16], feature_set: mirror}
 ppo: {environments: 32, rollout: 32, minibatch: 1024, segment: 8, epochs: 1}
-world: {separation_spread: 80.0}
+world: {separation_spread: 0.08}
 scenarios: [{name: circle}, {name: multi, intruders: [2, 3]}]
 pool_rows: 4
 evaluation: {every_steps: 2048, encounters: 64, final_encounters: 64}

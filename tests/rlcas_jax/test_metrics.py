@@ -215,7 +215,7 @@ phases:
   - steps: 10240
     ppo: {environments: 32, discount: 0.9}
     scenarios: [{name: multi}]
-    world: {separation_spread: 50}
+    world: {separation_spread: 0.05}
 """
 UPDATES = 20 + 20
 

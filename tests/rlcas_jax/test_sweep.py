@@ -110,7 +110,7 @@ def trials(out: Path) -> list[optuna.trial.FrozenTrial]:
         ("scenarios.0.name: {choices: [circle, cirkle]}", "did you mean circle?"),
         ("scenarios.5.weight: {low: 1, high: 2}", "'5' is no item of a list of 2"),
         ("seed: {low: 1, high: 2}", "seed cannot be searched"),
-        ("evaluation.separation: {low: 900, high: 1000}", "cannot be searched"),
+        ("aircraft.separation_m: {low: 900, high: 1000}", "cannot be searched"),
         ("ppo: {choices: [1, 2]}", "ppo is 1; expected"),
         ("", "it names no key"),
         ("a: {low: 1, low: 2}", "key low stands twice"),

@@ -9,8 +9,8 @@ import pytest
 
 from agents.config.load import ConfigError, load
 from envs import encounters, surrogate
+from envs.aircraft import PAPER
 from envs.encounters import Encounter, scenario
-from envs.kinematics import SURROGATE
 from envs.outcome import RULES, Outcome
 from rlcas_jax import starts
 from rlcas_jax.config import TrainConfig
@@ -130,14 +130,14 @@ def test_the_state_holds_what_the_mixture_needs() -> None:
     assert mixed.environment.previous is not None
 
 
-def test_evaluation_has_its_own_separation() -> None:
-    task = task_of("world.separation=1200.0", "world.reward_timeout=-20.0")
-    assert task.rules == RULES._replace(reward_timeout=-20.0)
+def test_policies_are_judged_by_the_aircrafts_separation() -> None:
+    task = task_of("world.separation_spread=0.2", "world.reward_timeout=-20.0", "aircraft.separation_m=1200")
+    assert task.rules == RULES._replace(separation=1200.0, reward_timeout=-20.0, goal_radius=600.0, dt=1.2, t_max=360.0)
 
 
 def test_required_separations_are_spread_over_the_range() -> None:
-    world = load(TrainConfig, None, ["world.separation=1000", "world.separation_spread=80"]).world
-    required = world.required_separation(1024)
+    world = load(TrainConfig, None, ["world.separation_spread=0.08"]).world
+    required = world.required_separation(1024, 1_000.0)
     assert required.min() == 1_000.0
     assert required.max() < 1_080.0
     # Any 64 neighbours are as good as all of them.
@@ -148,13 +148,12 @@ def test_required_separations_are_spread_over_the_range() -> None:
 def test_no_start_requires_more_than_a_manoeuvre_keeps() -> None:
     pool = jax.tree.map(lambda field: field.reshape(16, 16, *field.shape[1:]), drawn_starts(256))
     kept = np.asarray(best(pool.own, pool.goal_x, pool.goal_y, pool.intruders, pool.mask, jnp))
-    world = load(TrainConfig, None, ["world.separation_spread=4000", "world.separation_headroom=500"]).world
-    required = np.asarray(required_separation(pool, world))
-    alike = np.broadcast_to(world.required_separation(16), (16, 16))
-    np.testing.assert_array_equal(
-        required_separation(pool, world.model_copy(update={"separation_headroom": None})), alike
-    )
-    assert required_separation(pool, world.model_copy(update={"separation_spread": 0.0})) is None
+    given = ["world.separation_spread=4", "world.separation_headroom=0.5"]
+    config = load(TrainConfig, None, given)
+    required = np.asarray(required_separation(pool, config))
+    alike = np.broadcast_to(config.world.required_separation(16, 1_000.0), (16, 16))
+    np.testing.assert_array_equal(required_separation(pool, load(TrainConfig, None, given[:1])), alike)
+    assert required_separation(pool, load(TrainConfig, None, given[1:])) is None
     assert np.all(required >= 1_000.0)
     assert np.all((required <= kept - 500.0 + 1e-2) | (required == 1_000.0))
     # Where there is room the spread alone decides.
@@ -166,8 +165,8 @@ def test_no_start_requires_more_than_a_manoeuvre_keeps() -> None:
 
 def test_each_encounter_is_lost_by_its_required_separation() -> None:
     drawn = drawn_starts(64)
-    required = load(TrainConfig, None, ["world.separation_spread=4000"]).world.required_separation(64)
-    world = surrogate.World(RULES, SURROGATE)
+    required = load(TrainConfig, None, ["world.separation_spread=4"]).world.required_separation(64, 1_000.0)
+    world = surrogate.World(RULES, PAPER)
     begun = surrogate.reset(drawn, required_separation=jnp.asarray(required))
     state, result = surrogate.step(begun, (jnp.zeros(64), jnp.zeros(64)), world)
     assert result.outcome.violation.sum() not in (0, 64)
@@ -177,7 +176,7 @@ def test_each_encounter_is_lost_by_its_required_separation() -> None:
 
 @pytest.mark.slow
 def test_a_spread_changes_the_training_and_not_the_judgement(plain: Task) -> None:
-    spread = task_of("world.separation_spread=2000.0")
+    spread = task_of("world.separation_spread=2.0")
     assert spread.rules == plain.rules
     # So early all that end are violations, and the more is asked for the more there are.
     assert run(spread, 1)[1][0]["episodes"] > run(plain, 1)[1][0]["episodes"]
@@ -185,7 +184,7 @@ def test_a_spread_changes_the_training_and_not_the_judgement(plain: Task) -> Non
 
 # Flying to the end.
 def drawn_starts(count: int = 32) -> Encounter:
-    circle = scenario("circle")
+    circle = scenario("circle", PAPER)
     draws = np.random.default_rng(0).random((circle.attempts, count, circle.dimensions))
     drawn, _ = encounters.sample(circle, draws, np)
     return jax.tree.map(lambda a: jnp.asarray(a, bool if a.dtype == bool else jnp.float32), drawn)
@@ -200,7 +199,7 @@ def to_the_goal(observation: jax.Array) -> jax.Array:
 
 
 def flown(encounter: Encounter, policy: Any, **rules: Any) -> Outcome:
-    world = surrogate.World(RULES._replace(**rules), SURROGATE)
+    world = surrogate.World(RULES._replace(**rules), PAPER)
     return jax.tree.map(np.asarray, jax.jit(lambda start: fly(policy, start, world))(encounter))
 
 
@@ -216,11 +215,11 @@ def test_every_encounter_ends_in_exactly_one_way_and_it_is_the_first() -> None:
     encounter = drawn_starts()
     found = flown(encounter, to_the_goal)
     state, first = jax.jit(surrogate.reset)(encounter), np.full(32, -1)
-    world = surrogate.World(RULES, SURROGATE)
+    world = surrogate.World(RULES, PAPER)
 
     @jax.jit
     def one(now: surrogate.State) -> tuple[surrogate.State, Outcome]:
-        action = to_the_goal(surrogate.observe(now))
+        action = to_the_goal(surrogate.observe(now, PAPER))
         after, result = surrogate.step(now, (action[:, 0], action[:, 1]), world)
         return after, result.outcome
 
@@ -289,7 +288,7 @@ def test_near_limit_starts_have_the_margin_and_the_share() -> None:
         TrainConfig,
         None,
         [
-            "near_limit.margin=30",
+            "near_limit.margin=0.03",
             "near_limit.share=0.4",
             "ppo.environments=64",
             "scenarios=[{name: multi}]",
@@ -305,7 +304,7 @@ def test_near_limit_starts_have_the_margin_and_the_share() -> None:
     again = near_limit(config)
     assert again is not None
     np.testing.assert_array_equal(found.own.x, again.own.x)
-    drawn = draw(jax.random.key(1), config, [entry.scenario() for entry in config.scenarios], 50, found)
+    drawn = draw(jax.random.key(1), config, config.drawn(), 50, found)
     chosen = np.isin(np.asarray(drawn.own.heading), found.own.heading)
     assert chosen.mean() == pytest.approx(0.4, abs=0.05)
     # The whole encounter is taken, and intruders that it does not have are absent.
@@ -320,6 +319,6 @@ def test_no_near_limit_starts_by_default() -> None:
 
 @pytest.mark.usefixtures("few")
 def test_near_limit_starts_that_hardly_exist_are_refused() -> None:
-    config = load(TrainConfig, None, ["near_limit.share=0.1", "near_limit.margin=1e-4"])
+    config = load(TrainConfig, None, ["near_limit.share=0.1", "near_limit.margin=1e-7"])
     with pytest.raises(ConfigError, match=r"near_limit\.margin"):
         near_limit(config)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from agents.planner.planner import plan
 from agents.policy.inference import Policy
+from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
 from envs.relative import straight_cpa
@@ -25,7 +26,7 @@ NEEDS_JSBSIM = pytest.mark.skipif(importlib.util.find_spec("jsbsim") is None, re
 
 
 def met(name: str = "crossing_left", number: int = 0):
-    return numbered(scenario(name), 0, number, 1)
+    return numbered(scenario(name, PAPER), 0, number, 1)
 
 
 def test_straight_flights_come_as_close_as_their_cpa():
@@ -63,7 +64,7 @@ def test_flown_plan_keeps_its_separation(kind: str, bound: float):
 
 
 def test_only_intruders_that_exist_fly():
-    encounter = numbered(scenario("multi"), 0, 0, 1)
+    encounter = numbered(scenario("multi", PAPER), 0, 0, 1)
     flight = EncounterFlight(encounter)
     assert len(flight.traffic) == int(encounter.mask.sum()) < encounter.mask.size
     flight.step()

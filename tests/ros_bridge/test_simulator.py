@@ -25,6 +25,7 @@ from rlcas_msgs.msg import AssuranceStatus, Trajectory, Waypoint
 
 from agents.planner.request import Altitude
 from agents.policy.inference import Policy
+from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.starts import numbered
 from envs.waypoints import Waypoint as LocalWaypoint
@@ -60,7 +61,7 @@ def test_reports_come_back_from_their_messages_as_they_were(
 
 
 def test_route_passes_the_goal_and_is_long_enough_for_every_plan():
-    flight = EncounterFlight(numbered(scenario("circle"), 0, 3, 1))
+    flight = EncounterFlight(numbered(scenario("circle", PAPER), 0, 3, 1))
     route = conversions.published_route(route_of(flight, FRAME))
     at = FRAME.place([one.latitude for one in route.points], [one.longitude for one in route.points])
     assert (float(at.x[0]), float(at.y[0])) == pytest.approx(flight.goal, abs=1e-3)
@@ -71,7 +72,7 @@ def test_route_passes_the_goal_and_is_long_enough_for_every_plan():
 
 @pytest.mark.skipif(importlib.util.find_spec("jsbsim") is None, reason="JSBSim is not installed")
 def test_encounter_that_cannot_be_flown_is_a_logged_failure():
-    encounter = numbered(scenario("circle"), 0, 0, 1)
+    encounter = numbered(scenario("circle", PAPER), 0, 0, 1)
     fast = encounter._replace(own=encounter.own._replace(speed=encounter.own.speed * 0.0 + 300.0))
     with beside(Simulator, vehicle="c208") as (node, _):
         node.begin(fast, "too fast")

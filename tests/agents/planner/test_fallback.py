@@ -36,7 +36,7 @@ manoeuvres = st.builds(
 
 
 def requests(kind: str = "circle", count: int = 12) -> Request:
-    return request_of(numbered(scenario(kind), 5, 0, count), PAPER)
+    return request_of(numbered(scenario(kind, PAPER), 5, 0, count), PAPER)
 
 
 def flown(

@@ -34,7 +34,7 @@ def policy() -> Policy:
 
 @pytest.fixture(scope="module")
 def encounters() -> Encounter:
-    return numbered(scenario("circle"), 7, 0, 120)
+    return numbered(scenario("circle", PAPER), 7, 0, 120)
 
 
 def ask(request: Request, number: int) -> tuple[VehicleState, list[VehicleState], list[RoutePoint]]:
@@ -120,7 +120,7 @@ def test_plans_do_not_depend_on_the_batch(policy: Policy, encounters: Encounter)
 
 def test_the_two_rollouts_agree(policy: Policy) -> None:
     exact = Policy.load(dtype=np.float64)
-    request = request_of(numbered(scenario("multi"), 3, 0, 5), PAPER)
+    request = request_of(numbered(scenario("multi", PAPER), 3, 0, 5), PAPER)
     goal = (request.route_x[:, 1], request.route_y[:, 1])
     for direct in (True, False):
         task = task_of(Options(direct=direct))
@@ -145,7 +145,7 @@ def test_a_pure_rollout_flies_to_the_goal(policy: Policy) -> None:
 
 def test_the_fallback_finds_a_plan_where_the_policy_has_none(policy: Policy) -> None:
     # Several intruders are more than a policy can see at once.
-    request = request_of(numbered(scenario("multi"), 7, 0, 24), PAPER)
+    request = request_of(numbered(scenario("multi", PAPER), 7, 0, 24), PAPER)
     # One point alone: to the next but one the policy may know a way that it does not know to the next.
     plans = plan_many(request, policy, Options(exhaustive=False, goals=1))
     saved = plans.proposals.safe & ~plans.policy_safe

@@ -7,6 +7,7 @@ import numpy as np
 
 from agents.resolvability.classify import Replay
 from agents.resolvability.proof import STEP, STRIDE
+from envs.aircraft import PAPER
 from envs.encounters import Encounter, scenario
 from envs.intruder import Intent
 from envs.kinematics import SURROGATE, Limits, VehicleState
@@ -14,10 +15,10 @@ from envs.outcome import RULES
 from envs.perception import Sensor
 from tests.strategies import mirrored
 
-CLOSE = scenario("circle", radius=(1_000.0, 4_000.0), min_initial_separation=0.0)
+CLOSE = scenario("circle", PAPER, radius=(1_000.0, 4_000.0), min_initial_separation=0.0)
 """Half of these starts are in trouble, a quarter beyond help."""
 
-CROWDED = scenario("multi", intruders=(2, 4), radius=(1_500.0, 4_000.0), min_initial_separation=1_000.0)
+CROWDED = scenario("multi", PAPER, intruders=(2, 4), radius=(1_500.0, 4_000.0), min_initial_separation=1_000.0)
 """A fifth of these starts are beyond help, most of them because the ways past one intruder lead into another."""
 
 INTERVAL = STRIDE * STEP

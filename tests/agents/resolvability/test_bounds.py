@@ -23,6 +23,7 @@ from agents.resolvability.reachable_bound import (
     support,
 )
 from agents.resolvability.reachable_set import Cells, States, last_time
+from envs.aircraft import PAPER
 from envs.encounters import Encounter, scenario
 from envs.kinematics import SURROGATE, VehicleState, advance
 from envs.outcome import RULES
@@ -110,7 +111,7 @@ def flown_clear(ahead: Ahead, count: int) -> tuple[tuple[np.ndarray, ...], np.nd
 def test_gaps_between_intruders_that_close_are_proven_closed():
     # Searches through piecewise controls keep no more than 685 and 958 m.
     for number in (126, 204):
-        ahead = look_ahead(numbered(scenario("multi", intruders=(2, 4)), 0, number, 1), RULES, SURROGATE)
+        ahead = look_ahead(numbered(scenario("multi", PAPER, intruders=(2, 4)), 0, number, 1), RULES, SURROGATE)
         assert np.isnan(contained(ahead, RULES, SURROGATE)[0])
         proven = split(ahead, RULES, SURROGATE, nodes=0)[0]
         assert 10.0 < proven < 46.5
@@ -199,8 +200,8 @@ QUICK = RULES._replace(t_max=150.0)
 
 @pytest.fixture(scope="module")
 def encounters() -> Encounter:
-    straight = numbered(scenario("circle", radius=SHORT, conflicts_closer_than=1_000.0), 2, 0, 3)
-    return joined(straight, numbered(scenario("maneuvering", radius=SHORT), 2, 0, 3))
+    straight = numbered(scenario("circle", PAPER, radius=SHORT, conflicts_closer_than=1_000.0), 2, 0, 3)
+    return joined(straight, numbered(scenario("maneuvering", PAPER, radius=SHORT), 2, 0, 3))
 
 
 @pytest.fixture(scope="module")

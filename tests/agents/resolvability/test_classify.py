@@ -15,6 +15,7 @@ from agents.resolvability.reachable_bound import (
     relaxed,
 )
 from agents.resolvability.witness import SECOND
+from envs.aircraft import PAPER
 from envs.encounters import Encounter, Scenario, scenario
 from envs.intruder import Intent
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState
@@ -27,10 +28,10 @@ from tests.agents.resolvability.scenes import CLOSE, CROWDED, check_witness, due
 @pytest.mark.parametrize(
     ("family", "count"),
     [
-        (scenario("circle"), 120),
+        (scenario("circle", PAPER), 120),
         (CLOSE, 60),
-        (scenario("maneuvering"), 60),
-        pytest.param(scenario("multi"), 20, marks=pytest.mark.slow),
+        (scenario("maneuvering", PAPER), 60),
+        pytest.param(scenario("multi", PAPER), 20, marks=pytest.mark.slow),
     ],
 )
 def test_witnesses_succeed_in_an_independent_simulation(family: Scenario, count: int):
@@ -50,7 +51,7 @@ def test_witnesses_succeed_in_an_independent_simulation(family: Scenario, count:
 
 
 def test_nearly_every_circle_encounter_is_decided():
-    judged = classify(numbered(scenario("circle"), 11, 0, 800), RULES, SURROGATE)
+    judged = classify(numbered(scenario("circle", PAPER), 11, 0, 800), RULES, SURROGATE)
     assert np.mean(judged.verdict == Verdict.UNDECIDED) <= 0.005
     assert np.mean(judged.verdict == Verdict.RESOLVABLE) > 0.99
 
@@ -104,7 +105,11 @@ def test_a_goal_beside_the_ownship_lies_inside_its_turning_circle():
 
 @pytest.mark.slow
 def test_no_proof_touches_a_solved_encounter():
-    for family, count in ((CLOSE, 300), (scenario("maneuvering", radius=(1_500.0, 5_000.0)), 200), (CROWDED, 60)):
+    for family, count in (
+        (CLOSE, 300),
+        (scenario("maneuvering", PAPER, radius=(1_500.0, 5_000.0)), 200),
+        (CROWDED, 60),
+    ):
         encounters = numbered(family, 5, 0, count)
         ahead = look_ahead(encounters, RULES, SURROGATE)
         unproven = np.flatnonzero(np.isnan(contained(ahead, RULES, SURROGATE)))
@@ -143,7 +148,7 @@ def test_a_proof_survives_what_makes_the_task_harder():
         assert not np.any((here == Verdict.RESOLVABLE) & (there == Verdict.UNRESOLVABLE))
 
 
-@pytest.mark.parametrize("family", [scenario("circle"), scenario("maneuvering"), CLOSE])
+@pytest.mark.parametrize("family", [scenario("circle", PAPER), scenario("maneuvering", PAPER), CLOSE])
 def test_verdicts_do_not_know_left_from_right(family: Scenario):
     encounters = numbered(family, 9, 0, 80)
     here = classify(encounters, RULES, SURROGATE)
@@ -217,8 +222,8 @@ FEW = 4
 @pytest.fixture(scope="module")
 def encounters() -> Encounter:
     """Conflicts, manoeuvring intruders, and close starts, some of them beyond help: 11."""
-    conflicts = numbered(scenario("circle", radius=(3_000.0, 3_200.0), conflicts_closer_than=1_000.0), 1, 0, 4)
-    turning = numbered(scenario("maneuvering", radius=(3_000.0, 3_200.0)), 1, 0, 4)
+    conflicts = numbered(scenario("circle", PAPER, radius=(3_000.0, 3_200.0), conflicts_closer_than=1_000.0), 1, 0, 4)
+    turning = numbered(scenario("maneuvering", PAPER, radius=(3_000.0, 3_200.0)), 1, 0, 4)
     return joined(joined(conflicts, turning), numbered(CLOSE, 1, 0, 3))
 
 

@@ -13,8 +13,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from envs.aircraft import PAPER
 from envs.draws import uniforms
-from envs.encounters import SCENARIOS, Encounter, EncounterError, sample
+from envs.encounters import SCENARIOS, Encounter, EncounterError, sample, scenario
 from envs.formats import encounter_file
 from envs.formats.adsb_pairs import adsb_pairs
 from envs.formats.encounter_file import COLUMNS, MOST_INTRUDERS, read, write
@@ -95,9 +96,9 @@ def test_round_trip(values, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_sampled_encounters_round_trip(name: str, tmp_path: Path) -> None:
-    scenario = SCENARIOS[name]
-    draws = uniforms(3, 0, 20, (scenario.attempts, scenario.dimensions)).swapaxes(0, 1)
-    before, _ = sample(scenario, draws, np)
+    family = scenario(name, PAPER)
+    draws = uniforms(3, 0, 20, (family.attempts, family.dimensions)).swapaxes(0, 1)
+    before, _ = sample(family, draws, np)
     write(tmp_path / "e.csv", before)
     after, _ = read(tmp_path / "e.csv")
     most = after.mask.shape[1]
@@ -192,8 +193,8 @@ def test_unreadable_files_are_named(tmp_path: Path) -> None:
 
 
 def test_writing_refuses_what_would_not_come_back(tmp_path: Path) -> None:
-    draws = uniforms(3, 0, 2, (8, SCENARIOS["circle"].dimensions)).swapaxes(0, 1)
-    encounters, _ = sample(SCENARIOS["circle"], draws, np)
+    draws = uniforms(3, 0, 2, (8, scenario("circle", PAPER).dimensions)).swapaxes(0, 1)
+    encounters, _ = sample(scenario("circle", PAPER), draws, np)
     target = tmp_path / "e.csv"
     for names in (["a"], ["a", "a"], ["a", ""], ["a", " b"], ["a", "#b"]):
         with pytest.raises(EncounterError, match=r"e\.csv"):

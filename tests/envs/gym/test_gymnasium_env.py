@@ -20,7 +20,7 @@ from envs.encounters import SCENARIOS, Encounter, EncounterError
 from envs.gym.gymnasium_env import ENV_ID, DeconflictionEnv
 from envs.gym.gymnasium_vector import DeconflictionVectorEnv
 from envs.intruder import Intent
-from envs.kinematics import SURROGATE, VehicleState
+from envs.kinematics import VehicleState
 from envs.outcome import RULES
 from envs.perception import Sensor
 from envs.trees import take
@@ -44,7 +44,7 @@ def encounter(own=(-5000.0, 0.0, 0.0, 75.0), intruder=(0.0, 8000.0, 0.0, 75.0), 
 
 
 def batch(row: Encounter, count: int) -> Encounter:
-    one = starts.checked(row, SURROGATE)
+    one = starts.checked(row, PAPER)
     return jax.tree.map(lambda field: np.repeat(field[None], count, axis=0), one)
 
 
@@ -99,17 +99,17 @@ def surrogate_flight(drawn, commands, noise, late):
 
     def step(state, now):
         action, draws = now
-        seen = surrogate.observe(state, draws if late else None)
-        state, result = surrogate.step(state, (action[:, 0], action[:, 1]), surrogate.World(RULES, SURROGATE))
+        seen = surrogate.observe(state, PAPER, draws if late else None)
+        state, result = surrogate.step(state, (action[:, 0], action[:, 1]), surrogate.World(RULES, PAPER))
         return state, (seen, state.own, state.intruders.vehicle, result)
 
-    return jax.lax.scan(step, surrogate.reset(drawn, late_reports=late), (commands, noise))[1]
+    return jax.lax.scan(step, surrogate.reset(drawn, history_dt=1.0 if late else None), (commands, noise))[1]
 
 
 @pytest.mark.parametrize("scenario", list(SCENARIOS))
 def test_flight_in_floats_is_the_surrogate_within_a_micrometre(scenario):
     count, steps, late = 4, 300, scenario == "noisy"
-    drawn = starts.numbered(encounters.scenario(scenario), 11, 0, count)
+    drawn = starts.numbered(encounters.scenario(scenario, PAPER), 11, 0, count)
     commands = actions(steps, count)
     noise = np.zeros((steps, 4, count, drawn.mask.shape[1]))
     if late:
@@ -118,12 +118,12 @@ def test_flight_in_floats_is_the_surrogate_within_a_micrometre(scenario):
     with jax.enable_x64(True):
         history = jax.device_get(surrogate_flight(drawn, commands.astype(float), noise, late))
     for i in range(count):
-        flown = flight.begin(take(drawn, i))
+        flown = flight.begin(take(drawn, i), 1.0)
         for step in range(steps):
             seen, own, traffic, result = jax.tree.map(lambda field, at=(step, i): field[at], history)
-            mine = flight.observe(flown, noise[step, :, i] if late else None)
+            mine = flight.observe(flown, PAPER, noise[step, :, i] if late else None)
             np.testing.assert_allclose(mine, seen, atol=1e-7)
-            flown, one = flight.step(flown, tuple(commands[step, i].tolist()), surrogate.World(RULES, SURROGATE))
+            flown, one = flight.step(flown, tuple(commands[step, i].tolist()), surrogate.World(RULES, PAPER))
             assert abs(one.separation - result.separation) < 1e-6
             assert one.reward == result.reward
             assert math.hypot(flown.own.x - own.x, flown.own.y - own.y) < 1e-6
@@ -139,7 +139,7 @@ def test_the_environment_flies_what_the_evaluator_flies(scenario):
         # Reacts to the intruder as seen, so that the noise has its part in it.
         return np.stack([observation[:, 5], np.clip(3.0 * observation[:, 6] - 0.3 * observation[:, 4], -1, 1)], -1)
 
-    family = encounters.scenario(scenario)
+    family = encounters.scenario(scenario, PAPER)
     noise = simulate.sensor_noise(seed, 0, count, family.intruders[1]) if scenario == "noisy" else None
     drawn = starts.numbered(family, seed, 0, count)
     flown = simulate.fly(drawn, OnObservations(decide), PAPER, noise=noise)
@@ -238,7 +238,7 @@ def test_an_encounter_that_ends_begins_anew_in_the_same_step():
 
 def test_only_what_has_ended_begins_anew():
     close = encounter(intruder=(-3000.0, 0.0, -math.pi, 75.0))
-    rows = jax.tree.map(lambda a, b: np.stack([a, b]), *(starts.checked(e, SURROGATE) for e in (close, encounter())))
+    rows = jax.tree.map(lambda a, b: np.stack([a, b]), *(starts.checked(e, PAPER) for e in (close, encounter())))
     many = vector(2)
     many.reset(seed=0, options={"encounter": rows})
     for _ in range(7):
@@ -326,7 +326,7 @@ def test_a_violation_within_a_step_counts():
 def test_scenario_and_number_can_be_chosen_at_reset():
     for env in (DeconflictionEnv(), vector(2)):
         seen, info = env.reset(seed=4, options={"scenario": "head_on", "encounter": np.int64(9)})
-        expected = starts.numbered(encounters.scenario("head_on"), 4, 9, 1)
+        expected = starts.numbered(encounters.scenario("head_on", PAPER), 4, 9, 1)
         own = np.ravel(seen)[1] * math.pi
         assert own == pytest.approx(expected.own.heading[0], abs=1e-5)
         assert np.ravel(info["encounter"])[0] == 9
@@ -335,7 +335,7 @@ def test_scenario_and_number_can_be_chosen_at_reset():
 
 
 def test_one_row_of_drawn_encounters_can_be_given():
-    drawn = starts.numbered(encounters.scenario("multi"), 2, 0, 4)
+    drawn = starts.numbered(encounters.scenario("multi", PAPER), 2, 0, 4)
     env = DeconflictionEnv("multi")
     given, _ = env.reset(seed=1, options={"encounter": take(drawn, 3)})
     again, _ = env.reset(options={"encounter": take(drawn, slice(3, 4))})
@@ -391,7 +391,7 @@ class TestBadInput:
     def test_constructor(self, make):
         with pytest.raises(EncounterError, match="scenario 'spiral' is unknown"):
             make(scenario="spiral")
-        with pytest.raises(EncounterError, match=r"reports are 2 s late and rules.dt is 0.5 s; expected a dt of 1 s"):
+        with pytest.raises(EncounterError, match=r"rules.dt is 0.5 s; expected 1 s, the aircraft's time step"):
             make(scenario="noisy", rules=RULES._replace(dt=0.5))
         with pytest.raises(error.UnsupportedMode, match="render_mode is 'ansi'"):
             make(render_mode="ansi")

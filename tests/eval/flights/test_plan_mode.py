@@ -31,7 +31,7 @@ SMALL = ("--set", "resamples=200", "--set", "figures=false")
 
 @pytest.fixture(scope="module")
 def encounters() -> Encounter:
-    return numbered(scenario("circle"), 11, 0, 16)
+    return numbered(scenario("circle", PAPER), 11, 0, 16)
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +136,7 @@ def policy() -> Policy:
 
 @pytest.fixture(scope="module")
 def turning() -> Encounter:
-    return numbered(scenario("maneuvering"), 3, 0, 24)
+    return numbered(scenario("maneuvering", PAPER), 3, 0, 24)
 
 
 @pytest.fixture(scope="module")

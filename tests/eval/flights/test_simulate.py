@@ -10,7 +10,7 @@ import pytest
 from agents.policy.inference import Policy
 from envs import surrogate
 from envs.aircraft import PAPER
-from envs.encounters import SCENARIOS, Encounter
+from envs.encounters import Encounter, scenario
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
@@ -122,7 +122,7 @@ def test_initial_conditions_by_hand() -> None:
 
 
 def flown(name: str, policy: Policy, first: int, count: int):
-    starts = numbered(SCENARIOS[name], 11, first, count)
+    starts = numbered(scenario(name, PAPER), 11, first, count)
     noise = sensor_noise(11, first, *starts.mask.shape) if name == "noisy" else None
     return fly_recorded(starts, ByPolicy(policy), PAPER, noise=noise)
 
@@ -152,7 +152,7 @@ def test_trajectories_end_with_the_flight(policy: Policy) -> None:
 
 
 def test_noise_changes_what_is_seen_and_nothing_else(policy: Policy) -> None:
-    starts = numbered(SCENARIOS["noisy"], 3, 0, 40)
+    starts = numbered(scenario("noisy", PAPER), 3, 0, 40)
     sees_clear, sees_noisy = OnObservations(policy.rowwise), OnObservations(policy.rowwise)
     clear, clear_paths = fly_recorded(starts, sees_clear, PAPER)
     noisy, noisy_paths = fly_recorded(starts, sees_noisy, PAPER, noise=sensor_noise(3, 0, *starts.mask.shape))
@@ -168,7 +168,7 @@ def test_noise_changes_what_is_seen_and_nothing_else(policy: Policy) -> None:
 
 
 def test_seeds_differ_and_repeat() -> None:
-    first, again, other = (numbered(SCENARIOS["circle"], seed, 0, 10) for seed in (1, 1, 2))
+    first, again, other = (numbered(scenario("circle", PAPER), seed, 0, 10) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first.own.x, again.own.x)
     assert not np.array_equal(first.own.x, other.own.x)
 
@@ -181,16 +181,16 @@ def test_parity_with_the_jax_surrogate_step_by_step(name: str, double: bool, pol
     Single precision rounds positions of 10 km to 1 mm and headings to 2e-7 rad, 300 times.
     """
     tolerance_m, tolerance_rad = (1e-4, 1e-9) if double else (0.5, 2e-5)
-    starts = numbered(SCENARIOS[name], 5, 0, 64)
+    starts = numbered(scenario(name, PAPER), 5, 0, 64)
     decider = OnObservations(policy.rowwise)
     flights, paths = fly_recorded(starts, decider, PAPER)
     with jax.enable_x64(double):
         kind = jnp.float64 if double else jnp.float32
         cast = jax.tree.map(lambda a: jnp.asarray(a) if a.dtype == bool else jnp.asarray(a, kind), starts)
         state = surrogate.reset(cast)
-        world = surrogate.World(PAPER.rules(), PAPER.limits)
+        world = surrogate.World(PAPER.rules(), PAPER)
         step = jax.jit(lambda state, action: surrogate.step(state, (action[:, 0], action[:, 1]), world))
-        see = jax.jit(surrogate.observe)
+        see = jax.jit(lambda state: surrogate.observe(state, PAPER))
         flying = np.ones(64, bool)
         for t, action in enumerate(paths.action):
             seen = np.asarray(see(state))

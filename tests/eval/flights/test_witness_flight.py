@@ -35,7 +35,7 @@ FEW = WitnessSearch(rounds=1)
 @pytest.fixture(scope="module")
 def starts() -> Encounter:
     """Straight and turning intruders, and two starts that nothing can save, 0.9 km apart: 10."""
-    plain, turning = (numbered(scenario(name, **SHORT), 3, 0, 4) for name in ("circle", "maneuvering"))
+    plain, turning = (numbered(scenario(name, PAPER, **SHORT), 3, 0, 4) for name in ("circle", "maneuvering"))
     lost = take(plain, [1, 2])
     beside = lost.own.x[:, None] + 900.0
     lost = lost._replace(intruders=lost.intruders._replace(x=beside, y=lost.own.y[:, None]))
@@ -98,7 +98,7 @@ def test_a_batch_without_any_witness_flies_too(starts: Encounter, flown: Any) ->
 
 @pytest.mark.parametrize("name", ["circle", "multi"])
 def test_ended_counts_as_the_simulation_does(name: str) -> None:
-    starts = numbered(scenario(name, **SHORT), 5, 0, 40)
+    starts = numbered(scenario(name, PAPER, **SHORT), 5, 0, 40)
     aircraft = PAPER._replace(t_max=100.0)
     decider = BASELINES["mvp_speed"](SURROGATE, 500.0, 1_000.0)
     counted, paths = fly_recorded(starts, decider, aircraft, endless=True)
@@ -111,15 +111,15 @@ def test_ended_counts_as_the_simulation_does(name: str) -> None:
 
 
 def test_a_row_does_not_depend_on_its_company() -> None:
-    made = comparison_of(scenario("multi", intruders=(2, 3), radius=(3_000.0, 4_000.0)), REFERENCE)
+    made = comparison_of(scenario("multi", PAPER, intruders=(2, 3), radius=(3_000.0, 4_000.0)), REFERENCE)
     together, apart = comparison.columns(made, 0, 6), comparison.columns(made, 4, 1)
     for name, values in apart.items():
         np.testing.assert_array_equal(values, together[name][4:5], err_msg=name)
 
 
 def test_the_witness_hears_no_noise() -> None:
-    loud = scenario("noisy", **SHORT)
-    still = scenario("noisy", **SHORT, position_std=0.0, velocity_std=0.0)
+    loud = scenario("noisy", PAPER, **SHORT)
+    still = scenario("noisy", PAPER, **SHORT, position_std=0.0, velocity_std=0.0)
     table, quiet = (comparison.columns(comparison_of(source, "mvp", REFERENCE), 0, 5) for source in (loud, still))
     assert (table["mvp.path_excess"] != quiet["mvp.path_excess"]).any()
     for name in (name for name in table if name.startswith("witness.")):

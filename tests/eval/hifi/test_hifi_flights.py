@@ -20,7 +20,7 @@ from envs.c208.air_mass import NO_WIND, over_ground, through_air
 from envs.c208.conditions import Conditions
 from envs.c208.guidance import Path as Track
 from envs.c208.vehicle import FlightError
-from envs.encounters import SCENARIOS
+from envs.encounters import scenario
 from envs.follower import PERIOD
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.outcome import RULES
@@ -122,7 +122,7 @@ def test_plans_beyond_the_aircrafts_power_are_flown_late(gain: float, top: float
     plan = legs(Knots(x, 0.0 * x, 0.0 * x, speed, time))
     rough = Drawn(Conditions(turbulence="moderate", seed=2), 2500.0, NO_WIND, 0.0)
     vehicle = begin("c208_ex", VehicleState(0.0, 0.0, 0.0, 80.0), rough, C208_PUBLISHED)
-    nobody = Traffic(numbered(SCENARIOS["circle"], 0, 0, 1), NO_WIND)
+    nobody = Traffic(numbered(scenario("circle", PAPER), 0, 0, 1), NO_WIND)
     guided = Guided(vehicle, Follower(Track(plan), lookahead_of("c208_ex")), Navigation(0.0, 0, 0))
     found = against(follow(guided, nobody, (1e6, 0.0), RULES, 140), plan, NO_WIND)
     assert bool(found.position.max() > 60.0) is beyond

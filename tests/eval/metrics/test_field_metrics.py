@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from agents.config.load import ConfigError, load
 from envs.aircraft import PAPER
-from envs.encounters import SCENARIOS, scenario
+from envs.encounters import scenario
 from envs.sobol import REPLICATES, quasi_numbered
 from envs.starts import numbered
 from envs.traffic.track_units import FOOT, NAUTICAL_MILE
@@ -218,7 +218,7 @@ def test_a_sample_that_cannot_carry_the_claim_says_so() -> None:
 
 
 def test_costs_and_losses_of_flights() -> None:
-    starts = numbered(SCENARIOS["circle"], 3, 0, 60)
+    starts = numbered(scenario("circle", PAPER), 3, 0, 60)
     flights, paths = fly_recorded(starts, Direct(PAPER), PAPER, endless=True)
     found = costs(starts, flights, paths)
     # Without a resolver the route is flown: nothing is lost but the turn onto it.
@@ -253,15 +253,15 @@ def test_a_ratio_by_hand() -> None:
 
 def test_random_draws_are_what_they_were() -> None:
     source, _ = read_source(MonteCarloConfig(), PAPER)
-    made, usual = drawn(source, 7, 5, 20)[0], numbered(scenario("circle"), 7, 5, 20)
+    made, usual = drawn(source, 7, 5, 20)[0], numbered(scenario("circle", PAPER), 7, 5, 20)
     np.testing.assert_array_equal(made.own.x, usual.own.x)
 
 
 def test_sobol_draws_are_quasi_random() -> None:
     source, _ = read_source(load(MonteCarloConfig, None, ["draws=sobol", "encounters=64"]), PAPER)
-    made, wanted = drawn(source, 7, 5, 20)[0], quasi_numbered(scenario("circle"), 7, 5, 20)
+    made, wanted = drawn(source, 7, 5, 20)[0], quasi_numbered(scenario("circle", PAPER), 7, 5, 20)
     np.testing.assert_array_equal(made.own.x, wanted.own.x)
-    assert not np.array_equal(made.own.x, numbered(scenario("circle"), 7, 5, 20).own.x)
+    assert not np.array_equal(made.own.x, numbered(scenario("circle", PAPER), 7, 5, 20).own.x)
 
 
 def test_a_quasi_random_run_takes_its_intervals_from_the_randomisations(tmp_path: Path, policy_path: Path) -> None:

@@ -19,7 +19,7 @@ from agents.config.folder_lock import locked
 from agents.config.load import ConfigError
 from envs.aircraft import PAPER
 from envs.edge.command import run_cli
-from envs.encounters import SCENARIOS
+from envs.encounters import scenario
 from envs.formats import encounter_file
 from envs.kinematics import SURROGATE
 from envs.starts import numbered
@@ -152,7 +152,7 @@ def test_every_baseline_flies_in_the_policy_s_place(name: str, tmp_path: Path, p
     summary = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
     assert summary["baseline"] == name
     table = pq.read_table(tmp_path / "run" / "encounters.parquet").to_pydict()
-    starts = numbered(SCENARIOS["circle"], 0, 0, 24)
+    starts = numbered(scenario("circle", PAPER), 0, 0, 24)
     expected = simulate.fly(starts, BASELINES[name](SURROGATE, 500.0, 1000.0), PAPER)
     assert table["outcome"] == [OUTCOMES[code] for code in expected.outcome]
     np.testing.assert_allclose(table["min_separation_m"], expected.min_separation)
@@ -254,7 +254,7 @@ def test_a_finished_run_is_resumed_without_flying(finished: Path, tmp_path: Path
 
 def test_own_file_of_encounters(tmp_path: Path, policy_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     mine = tmp_path / "mine.csv"
-    starts = numbered(SCENARIOS["multi"], 9, 0, 30)
+    starts = numbered(scenario("multi", PAPER), 9, 0, 30)
     encounter_file.write(mine, starts, [f"flight {i}" for i in range(30)])
     common = ("--policy", str(policy_path), *QUICK)
     fly(tmp_path / "mine", *common, "--scenario", f"file:{mine}")

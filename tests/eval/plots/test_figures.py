@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from agents.config.figures import save_figure
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
-from envs.encounters import SCENARIOS
+from envs.encounters import scenario
 from envs.outcome import RULES
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.flights.recorded import fly_recorded
@@ -82,7 +82,7 @@ def test_histogram_counts_every_flight_and_splits_at_the_requirement() -> None:
 
 @pytest.mark.parametrize("name", [pytest.param("multi", marks=pytest.mark.slow), "noisy"])
 def test_the_sheet_flies_what_the_table_says(name: str, policy: Policy, policy_path: Path) -> None:
-    evaluation = Evaluation(policy_path, SCENARIOS[name], None, 3, PAPER)
+    evaluation = Evaluation(policy_path, scenario(name, PAPER), None, 3, PAPER)
     pilot = Pilot(evaluation, policy)
     table = columns(pilot, 0, 40)
     numbers = [39, 4, 17]
@@ -100,7 +100,7 @@ def test_figures_repeat_byte_for_byte(tmp_path: Path, policy: Policy, policy_pat
     from eval.config import MonteCarloConfig
     from eval.runner.outputs import RunFolder
 
-    evaluation = Evaluation(policy_path, SCENARIOS["circle"], None, 3, PAPER)
+    evaluation = Evaluation(policy_path, scenario("circle", PAPER), None, 3, PAPER)
     table = columns(Pilot(evaluation, policy), 0, 4)
     paths = draw_all(RunFolder(tmp_path, MonteCarloConfig()), table, evaluation)
     assert len(paths) == 6

@@ -19,7 +19,8 @@ import pytest
 from agents.config.load import ConfigError
 from agents.policy.file import PolicyFileError
 from agents.policy.versions import versions
-from envs.encounters import SCENARIOS
+from envs.aircraft import PAPER
+from envs.encounters import scenario
 from eval.hifi import run as hifi
 from eval.monte_carlo import run as monte_carlo
 
@@ -233,7 +234,7 @@ def test_a_worker_that_joins_later_is_held_to_the_run_too(policy_path: Path) -> 
     from eval.runner.workers import Task, WorkerError
 
     policy = Policy.load(policy_path)
-    evaluation = Evaluation(policy_path, SCENARIOS["circle"], None, 0, policy.aircraft)
+    evaluation = Evaluation(policy_path, scenario("circle", PAPER), None, 0, policy.aircraft)
     payload = unpacked(packed("run", Task(Pilot, columns), evaluation, policy.sha256))
     assert payload.work.policy is None
     assert payload.versions == {name: versions(name)[name] for name in ("rlcas-toolkit", "numpy")}

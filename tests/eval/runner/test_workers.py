@@ -6,15 +6,15 @@ import shutil
 import signal
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from agents.config.load import ConfigError
+from envs import encounters
 from envs.aircraft import PAPER
-from envs.encounters import SCENARIOS, EncounterError
+from envs.encounters import EncounterError
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.monte_carlo import run as monte_carlo
 from eval.runner.workers import Chunk, Task, WorkerError, fly_chunks
@@ -25,7 +25,7 @@ CHUNKS = [Chunk(0, 4), Chunk(4, 4), Chunk(8, 4), Chunk(12, 4)]
 
 
 def evaluation(policy_path: Path, scenario: str = "circle", **changes: float) -> Evaluation:
-    return Evaluation(policy_path, replace(SCENARIOS[scenario], **changes), None, 0, PAPER)
+    return Evaluation(policy_path, encounters.scenario(scenario, PAPER, **changes), None, 0, PAPER)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
