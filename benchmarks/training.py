@@ -90,7 +90,7 @@ def learner_alone(config: TrainConfig) -> Work:
 
     @jax.jit
     def start() -> tuple[ppo.LearnerState, ppo.Batch]:
-        fresh = ppo.initial_state(parts, start_key, observation.SIZE)
+        fresh = ppo.initial_state(parts, start_key, jnp.zeros((1, observation.SIZE)))
         seen = jax.random.uniform(seen_key, (*shape, observation.SIZE), minval=-1.0, maxval=1.0)
         mean, log_std = parts.policy(fresh.actor, seen)
         action = mean + jnp.exp(log_std) * jax.random.normal(noise_key, mean.shape)

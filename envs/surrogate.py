@@ -12,15 +12,32 @@ import jax.numpy as jnp
 from envs import encounters, world
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
+from envs.kinematics import VehicleState
 from envs.observation import SetObservation
 from envs.world import State, StepResult, World
 
-__all__ = ["State", "StepResult", "World", "observe", "observe_set", "redraw_pool", "reset", "restart", "step"]
+__all__ = [
+    "State",
+    "StepResult",
+    "World",
+    "observe",
+    "observe_set",
+    "perceived",
+    "redraw_pool",
+    "reset",
+    "restart",
+    "step",
+]
 
 
 def reset(encounter: Encounter, *, history_dt: Any = None, required_separation: jax.Array | None = None) -> State:
     """Begin encounters ``[N]``; arguments as of :func:`envs.world.begin`."""
     return world.begin(encounter, jnp, history_dt=history_dt, required_separation=required_separation)
+
+
+def perceived(state: State, aircraft: Aircraft, noise: jax.Array | None = None) -> VehicleState:
+    """Return the intruders as the ownship believes them to be, ``[N, K]``; arguments as of :func:`observe`."""
+    return world.perceived(state, noise, aircraft.dt, jnp)
 
 
 def observe(state: State, aircraft: Aircraft, noise: jax.Array | None = None) -> jax.Array:

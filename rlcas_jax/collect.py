@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from agents.learning.networks import Derived, derived
+from agents.learning.networks import Seen
 from agents.learning.ppo import Batch, Learner, LearnerState, advantages, explained_variance, gaussian_log_prob
 
 __all__ = ["Environment", "Step", "collect"]
@@ -25,8 +25,8 @@ class Step(NamedTuple):
 class Environment(NamedTuple):
     """A batch of environments as pure functions."""
 
-    observe: Callable[[Any, jax.Array], jax.Array]
-    """(state, key) -> observations ``[N, O]``."""
+    observe: Callable[[Any, jax.Array], Seen]
+    """(state, key) -> what the networks take, ``[N, ...]``: derived once, instead of anew in every epoch."""
     step: Callable[[Any, jax.Array], tuple[Any, Step]]
     """(state, action ``[N, 2]``) -> (state, Step)."""
     restart: Callable[[Any, jax.Array], Any]
@@ -61,9 +61,8 @@ def collect(
     """
     steps = noise.shape[0]
 
-    def seen(world: Any, index: jax.Array | int) -> Derived:
-        # Once, instead of anew in the critic and in every epoch.
-        return derived(environment.observe(world, jax.random.fold_in(key, index)), parts.actor.feature_set)
+    def seen(world: Any, index: jax.Array | int) -> Seen:
+        return environment.observe(world, jax.random.fold_in(key, index))
 
     def forward(world: Any, now: tuple[jax.Array, jax.Array]) -> tuple[Any, Any]:
         index, epsilon = now

@@ -18,6 +18,7 @@ __all__ = [
     "SEED_END",
     "CheckpointConfig",
     "EvaluationConfig",
+    "FamilyConfig",
     "NearLimitConfig",
     "NetworkConfig",
     "PpoConfig",
@@ -37,12 +38,16 @@ class NetworkConfig(Strict):
 
     hidden: tuple[Annotated[int, Field(ge=1, le=4096)], ...] = Field(default=(256, 256), min_length=1, max_length=8)
     """Widths of the hidden layers of actor and of critic (paper: two of 256)."""
-    feature_set: Literal["advised", "cpa", "foresight", "mirror", "none", "pressed"] = "cpa"
-    """Inputs of the first layer: the bare observation (none), geometry and closest point of approach derived from it
-    inside the network (cpa), those with the intruder always left of the line to the goal, so that the policy is
-    exactly symmetric (mirror), these and the separations that twelve escape manoeuvres would keep (foresight), these
-    and the mean command of the best ones (advised), or these and the command of the single best one where its margin
-    is a few metres (pressed)."""
+    feature_set: Literal["advised", "cpa", "foresight", "mirror", "none", "pressed", "set"] = "cpa"
+    """Inputs of the first layer: any number of intruders, how each will pass, and the least separation from any of them
+    that 22 simple manoeuvres keep, for any aircraft and exactly symmetric (set); or, of the most critical intruder
+    alone, the bare observation (none), geometry and closest point of approach derived from it inside the network
+    (cpa), those with the intruder always left of the line to the goal, so that the policy is exactly symmetric
+    (mirror), these and the separations that twelve escape manoeuvres would keep (foresight), these and the mean command
+    of the best ones (advised), or these and the command of the single best one where its margin is a few metres
+    (pressed)."""
+    encoder: tuple[Annotated[int, Field(ge=1, le=1024)], ...] = Field(default=(64, 64), min_length=1, max_length=4)
+    """Widths of the layers that every intruder of a set passes, before the greatest of each number is taken."""
     log_std_initial: float = Field(default=-0.5, ge=-5.0, le=2.0)
     """Natural logarithm of the initial standard deviation of both actions (full deflection is 1)."""
 
@@ -171,6 +176,36 @@ class NearLimitConfig(Strict):
     separations. Courses are within 60 degrees of each other, and intruders fly straight on."""
 
 
+class FamilyConfig(Strict):
+    """Other aircraft that the training flies besides the configured one, so that one policy serves them all.
+
+    Sizes do not count, only ratios: lengths are in separations D, speeds in the ownship's greatest speed V.
+    """
+
+    share: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Share of the environments whose ownship is drawn from the family."""
+    speed_min: tuple[float, float] = (0.4, 0.75)
+    """Lowest speed, V."""
+    acceleration: tuple[float, float] = (0.03, 0.4)
+    """Greatest acceleration and, drawn apart, deceleration, V^2/D."""
+    turn_radius: tuple[float, float] = (0.3, 2.5)
+    """Radius of the circle at V and the greatest turn rate, D."""
+    traffic_speed: tuple[float, float] = (0.4, 1.3)
+    """Speed of the intruders, V."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "FamilyConfig":
+        for key, (low, high), most in (
+            ("speed_min", self.speed_min, 0.99),
+            ("acceleration", self.acceleration, 10.0),
+            ("turn_radius", self.turn_radius, 10.0),
+            ("traffic_speed", self.traffic_speed, 1.5),
+        ):
+            if not 0.01 <= low <= high <= most:
+                raise ConfigError(f"{key} is [{low:g}, {high:g}]; expected [low, high] within 0.01 to {most:g}")
+        return self
+
+
 class EvaluationConfig(Strict):
     """Evaluations of the deterministic policy on encounters that training never sees."""
 
@@ -223,6 +258,7 @@ class TrainConfig(Strict):
     pool_rows: int = Field(default=16, ge=1, le=10_000)
     """Encounters that are drawn per environment and update; an encounter that ends goes on with the next of them."""
     near_limit: NearLimitConfig = NearLimitConfig()
+    family: FamilyConfig = FamilyConfig()
     shaping: ShapingConfig = ShapingConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
     checkpoint: CheckpointConfig = CheckpointConfig()
@@ -289,7 +325,7 @@ class TrainConfig(Strict):
             if looks_ahead:
                 raise ConfigError(
                     f"{key} looks ahead with the limits of configs/aircraft/paper.yaml; with another aircraft, "
-                    "expected network.feature_set none, cpa or mirror, and no escape_margin, near_limit or "
+                    "expected network.feature_set set, none, cpa or mirror, and no escape_margin, near_limit or "
                     "separation_headroom"
                 )
 

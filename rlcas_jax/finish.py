@@ -10,9 +10,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from agents.learning.export import write
+from agents.learning.export import SetOf, write
 from agents.policy import file as policy_file
 from agents.resolvability.classify import Verdict, classify
+from envs.aircraft import Ratios, ratios
 from envs.edge.files import write_file
 from envs.encounters import scenario
 from envs.starts import numbered
@@ -20,7 +21,7 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.figures import training_figures
 from rlcas_jax.loop import Run, outcomes, rates
 
-__all__ = ["POLICY", "evaluate", "export", "finish", "table"]
+__all__ = ["POLICY", "evaluate", "export", "finish", "set_of", "table"]
 
 POLICY = "policy.safetensors"
 
@@ -84,11 +85,25 @@ def export(run: Run, score: float | None) -> Path:
         hidden=tuple(config.network.hidden),
         feature_set=config.network.feature_set,
         limits=config.aircraft.limits(),
+        of_set=set_of(config) if config.network.feature_set == "set" else None,
         config=config.model_dump(mode="json"),
         steps=run.steps,
         score=score,
     )
     return path
+
+
+def set_of(config: TrainConfig) -> SetOf:
+    """Return what the policy file says of a policy for any number of intruders, of all phases together."""
+    aircraft, encoder = config.aircraft.aircraft(), tuple(config.network.encoder)
+    most = max(family.intruders[1] for phase in config.in_phases() for family in phase.drawn())
+    ends = {name: (value, value) for name, value in ratios(aircraft.limits, aircraft.separation)._asdict().items()}
+    if config.family.share:
+        slow, (least, most_acceleration) = config.family.speed_min, config.family.acceleration
+        bounds = slow, (-most_acceleration, -least), (least, most_acceleration), config.family.turn_radius
+        for name, (low, high) in zip(Ratios._fields, bounds, strict=True):
+            ends[name] = (min(low, ends[name][0]), max(high, ends[name][1]))
+    return SetOf(encoder, most, aircraft, ends)
 
 
 def table(directory: Path, summaries: Sequence[dict[str, Any]]) -> str:

@@ -35,7 +35,7 @@ FREE_TURN = 0.35 / 3.0
 
 
 def learning_reward(
-    reward: jax.Array, before: State, after: State, yaw_rate: jax.Array, config: TrainConfig
+    reward: jax.Array, before: State, after: State, yaw_rate: jax.Array, config: TrainConfig, aircraft: Aircraft
 ) -> jax.Array:
     """Return the reward that is learned from, ``[N]``: the scaled one of the task, shaping and costs.
 
@@ -45,8 +45,9 @@ def learning_reward(
         after: the same after it, ended or not.
         yaw_rate: as commanded, 1 at the limit.
         config: scale, discount and shaping.
+        aircraft: the ownship; floats, or limits ``[N]``.
     """
-    weights, aircraft = config.shaping, config.aircraft.aircraft()
+    weights = config.shaping
     potentials = potential(before, weights, aircraft), potential(after, weights, aircraft)
     total = config.ppo.reward_scale * reward + shaped(*potentials, after.ended, config.ppo.discount)
     limit, dt = aircraft.limits.yaw_rate_max, aircraft.dt

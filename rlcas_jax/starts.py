@@ -15,6 +15,7 @@ from envs.starts import cast, joined
 from envs.trees import mapped
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.escape_margin import best
+from rlcas_jax.fleet import fleet, of_fleet
 
 __all__ = ["NEAR_LIMIT", "draw", "late", "near_limit", "noisy", "required_separation"]
 
@@ -72,7 +73,11 @@ def _near_limit(seed: int, margin: float, aircraft: Aircraft) -> Encounter:
 
 
 def draw(
-    key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: int, hard: Encounter | None = None
+    key: jax.Array,
+    config: TrainConfig,
+    scenarios: list[Scenario],
+    rows: int,
+    hard: Encounter | None = None,
 ) -> surrogate.State:
     """Return encounters at their start, ``[rows, environments]``.
 
@@ -85,7 +90,14 @@ def draw(
     """
     total = sum(entry.weight for entry in config.scenarios)
     weights = [entry.weight / total for entry in config.scenarios]
-    pool = surrogate.redraw_pool(key, scenarios, weights, rows, config.ppo.environments)
+    flown_by = fleet(config)
+    families = of_fleet(scenarios, flown_by, config, rows)
+    pool = surrogate.redraw_pool(key, families, weights, rows, config.ppo.environments)
+    if flown_by.other.any():
+        # A start that took another's place may be of another aircraft.
+        limits = flown_by.limits
+        flyable = jnp.clip(pool.own.speed, limits.speed_min, limits.speed_max)
+        pool = pool._replace(own=pool.own._replace(speed=flyable))
     if hard is not None:
         pool = _mixed(jax.random.fold_in(key, len(scenarios)), pool, hard, config.near_limit.share)
     aircraft = config.aircraft.aircraft()

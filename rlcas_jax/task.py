@@ -9,17 +9,21 @@ from jax.sharding import PartitionSpec
 
 from agents.config.load import ConfigError
 from agents.learning import ppo
-from agents.learning.networks import Actor, Critic
-from envs import observation, surrogate
+from agents.learning.networks import Actor, Critic, Seen, derived
+from agents.policy.scene import scene
+from agents.policy.set_features import set_inputs
+from envs import surrogate
+from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
 from envs.outcome import Outcome, Rules
 from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import AXIS, Devices
+from rlcas_jax.fleet import fleet
 from rlcas_jax.shaping import learning_reward
 from rlcas_jax.starts import draw, near_limit, noisy
 
-__all__ = ["Task", "TrainState", "build", "fly", "ppo_settings"]
+__all__ = ["Task", "TrainState", "build", "fly", "ppo_settings", "seen"]
 
 
 class TrainState(NamedTuple):
@@ -69,11 +73,12 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
     devices = Devices(None) if devices is None else devices
     _check_split(config, devices.count)
     settings = ppo_settings(config)
-    hidden, feature_set = tuple(config.network.hidden), config.network.feature_set
-    actor = Actor(hidden, feature_set, config.network.log_std_initial)
-    parts = ppo.learner(actor, Critic(hidden, feature_set), settings)._replace(axis=devices.axis)
+    network = config.network
+    hidden, feature_set, encoder = tuple(network.hidden), network.feature_set, tuple(network.encoder)
+    actor = Actor(hidden, feature_set, network.log_std_initial, encoder)
+    parts = ppo.learner(actor, Critic(hidden, feature_set, encoder), settings)._replace(axis=devices.axis)
     world = surrogate.World(config.rules(), config.aircraft.aircraft())
-    scenarios = config.drawn()
+    scenarios, flown_by = config.drawn(), fleet(config)
     hard = near_limit(config)
     count, steps, axis = config.ppo.environments, config.ppo.rollout, devices.axis
     updates = max(1, config.steps // (count * steps))
@@ -82,14 +87,18 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
         seeded = jax.random.key(config.seed)
         seeded = jax.random.fold_in(seeded, phase) if phase else seeded
         learner_key, start_key, key = jax.random.split(seeded, 3)
-        learner = ppo.initial_state(parts, learner_key, observation.SIZE)
         environment = jax.tree.map(lambda a: a[0], draw(start_key, config, scenarios, 1, hard))
+        first = jax.tree.map(lambda a: a[:1], environment)
+        learner = ppo.initial_state(parts, learner_key, seen(first, world.aircraft, feature_set))
         return TrainState(learner, environment, jax.random.key_data(key), jnp.zeros((), jnp.int32))
 
     def iterate(state: Any, drawn: _Drawn, rate: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
         """Roll out and learn; on several devices with the encounters of one of them."""
         learner, flying = state
-        environment = _training_environment(config, world, drawn.pool, scenarios)
+        flying_in = world
+        if flown_by.other.any():
+            flying_in = world._replace(aircraft=world.aircraft._replace(limits=drawn.fleet.limits))
+        environment = _training_environment(config, flying_in, drawn.pool, scenarios)
         key = drawn.observe_key if axis is None else jax.random.fold_in(drawn.observe_key, jax.lax.axis_index(axis))
         flown, samples, statistics, figures = collect(
             learner, flying, drawn.noise, key, environment, parts, config.ppo.discount, config.ppo.gae_lambda
@@ -99,7 +108,7 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
 
     if devices.mesh is not None:
         whole, split, second = PartitionSpec(), PartitionSpec(AXIS), PartitionSpec(None, AXIS)
-        drawn_specs = _Drawn(second, second, whole, whole, whole)
+        drawn_specs = _Drawn(second, second, whole, whole, whole, split)
         # Without the check of what varies: it would add up the gradients before they can be averaged by name.
         iterate = jax.shard_map(
             iterate,
@@ -124,6 +133,7 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
             observe_key,
             shuffle_key,
             jnp.where(actor_waits, 0.0, rate) if warmup else rate,
+            jax.tree.map(jnp.asarray, flown_by),
         )
         (learner, flown), figures = iterate((state.learner, state.environment), drawn, rate)
         finite = jax.tree.reduce(jnp.logical_and, jax.tree.map(lambda p: jnp.all(jnp.isfinite(p)), learner))
@@ -137,7 +147,10 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
         return TrainState(learner, flown, jax.random.key_data(key), state.update + 1), figures
 
     def evaluate(actor_variables: Any, encounter: Encounter) -> Outcome:
-        return fly(lambda seen: actor.apply(actor_variables, seen)[0], encounter, world)
+        def policy(state: surrogate.State) -> jax.Array:
+            return actor.apply(actor_variables, seen(state, world.aircraft, feature_set))[0]
+
+        return fly(policy, encounter, world)
 
     placed: Any = None
     if devices.mesh is not None:
@@ -164,6 +177,8 @@ class _Drawn(NamedTuple):
     observe_key: Any
     shuffle_key: Any
     actor_rate: Any
+    fleet: Any
+    """The ownships, :class:`rlcas_jax.fleet.Fleet`."""
 
 
 def ppo_settings(config: TrainConfig) -> ppo.PpoSettings:
@@ -191,11 +206,27 @@ def _check_split(config: TrainConfig, devices: int) -> None:
             raise ConfigError(f"ppo.{name} is {value}; expected a multiple of {what}")
 
 
-def fly(policy: Callable[[jax.Array], jax.Array], encounter: Encounter, world: surrogate.World) -> Outcome:
+def seen(state: surrogate.State, aircraft: Aircraft, feature_set: str, noise: jax.Array | None = None) -> Seen:
+    """Return what networks with a feature set take of encounters ``[N]``.
+
+    Args:
+        state: of the encounters.
+        aircraft: the ownship; floats, or limits ``[N]``.
+        feature_set: of the networks.
+        noise: standard normal draws ``[4, N, K]`` of the reports; None for perfect knowledge.
+    """
+    if feature_set != "set":
+        return derived(surrogate.observe(state, aircraft, noise), feature_set)
+    intruders = surrogate.perceived(state, aircraft, noise)
+    where = (state.goal_x, state.goal_y, aircraft.limits, aircraft.separation)
+    return set_inputs(scene(state.own, intruders, state.mask, *where, jnp), jnp)
+
+
+def fly(policy: Callable[[surrogate.State], jax.Array], encounter: Encounter, world: surrogate.World) -> Outcome:
     """Fly encounters ``[N]`` to their end with a deterministic policy that sees them perfectly.
 
     Args:
-        policy: observations ``[N, 8]`` -> actions ``[N, 2]``.
+        policy: states -> actions ``[N, 2]``.
         encounter: the starts.
         world: parameters; the time limit must be a whole number of steps, known when this is compiled.
     """
@@ -203,7 +234,7 @@ def fly(policy: Callable[[jax.Array], jax.Array], encounter: Encounter, world: s
 
     def forward(carry: tuple[surrogate.State, jax.Array, Outcome], _: None) -> tuple[Any, None]:
         state, ended, outcome = carry
-        action = policy(surrogate.observe(state, world.aircraft))
+        action = policy(state)
         state, result = surrogate.step(state, (action[:, 0], action[:, 1]), world)
         outcome = Outcome(*(seen | (now & ~ended) for seen, now in zip(outcome, result.outcome, strict=True)))
         return (state, ended | result.outcome.ended(jnp), outcome), None
@@ -219,13 +250,13 @@ def _training_environment(
 ) -> Environment:
     """Return the surrogate with scaled reward and shaping; an encounter that ends restarts from the pool's row."""
 
-    def observe(state: surrogate.State, key: jax.Array) -> jax.Array:
+    def observe(state: surrogate.State, key: jax.Array) -> Seen:
         noise = jax.random.normal(key, (4, *state.mask.shape)) if noisy(scenarios) else None
-        return surrogate.observe(state, world.aircraft, noise)
+        return seen(state, world.aircraft, config.network.feature_set, noise)
 
     def step(state: surrogate.State, action: jax.Array) -> tuple[surrogate.State, Step]:
         following, result = surrogate.step(state, (action[:, 0], action[:, 1]), world)
-        reward = learning_reward(result.reward, state, following, action[:, 1], config)
+        reward = learning_reward(result.reward, state, following, action[:, 1], config, world.aircraft)
         return following, Step(reward, following.ended, (result.reward, result.outcome))
 
     def restart(state: surrogate.State, index: jax.Array) -> surrogate.State:

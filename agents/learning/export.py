@@ -4,7 +4,7 @@ import os
 from collections.abc import Mapping
 from functools import partial
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,18 +14,33 @@ from agents.learning.networks import Actor
 from agents.policy import file as policy_file
 from agents.policy.file import PolicyFile, PolicyFileError
 from agents.policy.inference import Policy
-from agents.policy.schema import new_metadata
+from agents.policy.scene import unpacked
+from agents.policy.schema import new_metadata, new_set_metadata
+from agents.policy.set_features import set_inputs
 from agents.policy.versions import versions
+from envs.aircraft import Aircraft, Ratios
 from envs.kinematics import Limits
 from envs.observation import SIZE
 
-__all__ = ["parity_observations", "to_policy_file", "variables", "write"]
+__all__ = ["SetOf", "parity_observations", "parity_scenes", "to_policy_file", "variables", "write"]
 
 _RANDOM_VECTORS = 64
 _SEED = 20
 
 
-def to_policy_file(
+class SetOf(NamedTuple):
+    """What a policy for any number of intruders needs besides."""
+
+    encoder: tuple[int, ...]
+    """Widths of the layers that each intruder passes."""
+    intruders: int
+    """Most of them in training."""
+    aircraft: Aircraft
+    family: Mapping[str, tuple[float, float]]
+    """Bounds of each of :class:`envs.aircraft.Ratios` in training."""
+
+
+def to_policy_file(  # noqa: PLR0913 - it describes a file
     actor_variables: Mapping[str, Any],
     hidden: tuple[int, ...],
     feature_set: str,
@@ -35,6 +50,7 @@ def to_policy_file(
     steps: int,
     score: float | None = None,
     notes: str = "",
+    of_set: SetOf | None = None,
 ) -> PolicyFile:
     """Return the policy file of an actor.
 
@@ -47,31 +63,29 @@ def to_policy_file(
         steps: environment steps of training.
         score: mean sparse reward per encounter, None if it was not evaluated.
         notes: free text.
+        of_set: for the feature set ``set``.
 
     Raises:
         PolicyFileError: parameters are not finite or not those of the architecture, the metadata cannot be written
             as JSON, or the numpy network disagrees with flax.
     """
     made_with = versions("jax", "flax", "optax", "numpy", "safetensors")
-    metadata = new_metadata(
-        hidden,
-        feature_set,
-        limits,
-        config,
-        steps=steps,
-        score=score,
-        versions=made_with,
-        notes=notes,
-    )
+    described: dict[str, Any] = {"steps": steps, "score": score, "versions": made_with, "notes": notes}
+    if of_set is None:
+        metadata = new_metadata(hidden, feature_set, limits, config, **described)
+        encoder, observations = (), parity_observations()
+    else:
+        encoder, most, aircraft, family = of_set
+        metadata = new_set_metadata(encoder, hidden, most, aircraft, family, config, **described)
+        observations = parity_scenes(most, family)
     actor = _tensors(actor_variables)
     for name, tensor in actor.items():
         if not np.isfinite(tensor).all():
             raise PolicyFileError(f"new policy: parameter {name} is not finite: the training has diverged")
-    observations = parity_observations()
     # Shapes are checked before flax sees them: its messages do not say which file or field.
     content = PolicyFile(actor, observations, np.zeros((len(observations), 2), np.float32), metadata)
     policy_file.serialise(content)
-    actions = _flax_actions(actor, hidden, feature_set, observations)
+    actions = _flax_actions(actor, Actor(hidden, feature_set, encoder=encoder), observations)
     content = PolicyFile(actor, observations, actions.astype(np.float32), metadata)
     Policy(content, source="new policy")
     return content
@@ -98,6 +112,27 @@ def parity_observations() -> np.ndarray:
     # Each pair of neighbouring components shares a sign: 16 of the 256 corners, and every component at both ends.
     corners = np.array([np.repeat(signs, 2) for signs in product((-1.0, 1.0), repeat=SIZE // 2)])
     return np.concatenate([random, corners]).astype(np.float32)
+
+
+def parity_scenes(most: int, family: Mapping[str, tuple[float, float]]) -> np.ndarray:
+    """Return the scenes of the parity vectors, float32 ``[P, 7 + 5 most]`` (:func:`agents.policy.scene.unpacked`).
+
+    They are random over the family, with none to all of the intruders, whose velocities differ from the ownship's.
+    """
+    random = np.random.default_rng(_SEED)
+    count = 2 * _RANDOM_VECTORS
+    of_family = [random.uniform(*family[name], count) for name in Ratios._fields]
+    speed = of_family[0] + (1.0 - of_family[0]) * random.random(count)
+    goal, course = random.uniform(0.3, 18.0, count), random.uniform(-np.pi, np.pi, count)
+    away = random.uniform(0.5, 12.0, (count, most))
+    bearing, heading = random.uniform(-np.pi, np.pi, (2, count, most))
+    pace = random.uniform(0.3, 1.4, (count, most))
+    present = random.random((count, most)) < random.random((count, 1))
+    each = [away * np.cos(bearing), away * np.sin(bearing), pace * np.cos(heading), pace * np.sin(heading)]
+    traffic = np.where(present, each, [[[1e3]], [[0.0]], [[0.0]], [[0.0]]])
+    rows = np.concatenate([traffic, present[None]]).transpose(1, 2, 0).reshape(count, -1)
+    own = np.stack([speed, goal * np.cos(course), goal * np.sin(course), *of_family], axis=-1)
+    return np.concatenate([own, rows], axis=-1).astype(np.float32)
 
 
 def variables(tensors: Mapping[str, Any]) -> dict[str, Any]:
@@ -127,20 +162,19 @@ def _tensors(actor_variables: Mapping[str, Any]) -> dict[str, np.ndarray]:
     return tensors
 
 
-def _flax_actions(
-    tensors: Mapping[str, np.ndarray], hidden: tuple[int, ...], feature_set: str, observations: np.ndarray
-) -> np.ndarray:
+def _flax_actions(tensors: Mapping[str, np.ndarray], actor: Actor, observations: np.ndarray) -> np.ndarray:
     """Return flax's clipped actions ``[P, 2]`` for the tensors as they will be read back.
 
     In double precision: an accelerator's single-precision products may keep only ten bits.
     """
     with jax.enable_x64(True):
         exact = variables({name: jnp.asarray(tensor, jnp.float64) for name, tensor in tensors.items()})
-        mean = _mean(exact, jnp.asarray(observations, jnp.float64), tuple(hidden), feature_set)
+        mean = _mean(exact, jnp.asarray(observations, jnp.float64), actor)
         return np.clip(np.asarray(mean), -1.0, 1.0)
 
 
-@partial(jax.jit, static_argnames=("hidden", "feature_set"))
-def _mean(variables: Any, observation: jax.Array, hidden: tuple[int, ...], feature_set: str) -> jax.Array:
+@partial(jax.jit, static_argnames="actor")
+def _mean(variables: Any, observation: jax.Array, actor: Actor) -> jax.Array:
     """Return the actor's mean actions; compiled once, because a training run exports many times."""
-    return Actor(hidden, feature_set).apply(variables, observation)[0]
+    seen = set_inputs(unpacked(observation), jnp) if actor.encoder else observation
+    return actor.apply(variables, seen)[0]

@@ -8,8 +8,9 @@ import jax.numpy as jnp
 from flax import linen as nn
 
 from agents.policy.features import MIRRORED, features, mirror_sign
+from agents.policy.set_features import SetInputs
 
-__all__ = ["Actor", "Critic", "Derived", "derived"]
+__all__ = ["Actor", "Critic", "Derived", "Seen", "derived"]
 
 
 class Derived(NamedTuple):
@@ -28,23 +29,43 @@ def derived(observation: jax.Array, feature_set: str) -> Derived:
     return Derived(inputs, jnp.broadcast_to(mirror_sign(components, feature_set, jnp), inputs.shape[:-1]))
 
 
-def _derived(seen: jax.Array | Derived, feature_set: str) -> Derived:
-    return seen if isinstance(seen, Derived) else derived(seen, feature_set)
+Seen = jax.Array | Derived | SetInputs
+"""What a network takes: observations ``[..., 8]``, or what it derives from them or from scenes of several intruders."""
+
+
+def _derived(seen: Seen, feature_set: str) -> Derived | SetInputs:
+    return seen if isinstance(seen, Derived | SetInputs) else derived(seen, feature_set)
 
 
 class Trunk(nn.Module):
-    """Hidden layers with tanh, orthogonal initialisation of gain sqrt(2), and a linear head."""
+    """Hidden layers with tanh, orthogonal initialisation of gain sqrt(2), and a linear head.
+
+    Of a set, each intruder passes the layers of the encoder first, and the greatest of each of their numbers joins
+    what describes the ownship: whatever the intruders' order, and blind to absent ones.
+    """
 
     hidden: tuple[int, ...]
     outputs: int
     head_gain: float
+    encoder: tuple[int, ...] = ()
 
     @nn.compact
-    def __call__(self, inputs: jax.Array) -> jax.Array:
-        """Map inputs ``[..., F]`` to ``[..., outputs]``."""
-        x = inputs
+    def __call__(self, seen: Derived | SetInputs) -> jax.Array:
+        """Map inputs ``[..., F]``, and those of intruders ``[..., K, E]``, to ``[..., outputs]``."""
+
+        def layer(x: jax.Array, width: int, name: str) -> jax.Array:
+            return jnp.tanh(nn.Dense(width, kernel_init=nn.initializers.orthogonal(math.sqrt(2.0)), name=name)(x))
+
+        if isinstance(seen, SetInputs):
+            each = seen.each
+            for i, width in enumerate(self.encoder):
+                each = layer(each, width, f"each_{i}")
+            pooled = jnp.max(jnp.where(seen.present[..., None], each, -1.0), axis=-2)
+            x = jnp.concatenate([seen.own, pooled], axis=-1)
+        else:
+            x = seen.inputs
         for i, width in enumerate(self.hidden):
-            x = jnp.tanh(nn.Dense(width, kernel_init=nn.initializers.orthogonal(math.sqrt(2.0)), name=f"hidden_{i}")(x))
+            x = layer(x, width, f"hidden_{i}")
         return nn.Dense(self.outputs, kernel_init=nn.initializers.orthogonal(self.head_gain), name="head")(x)
 
 
@@ -57,14 +78,17 @@ class Actor(nn.Module):
     hidden: tuple[int, ...] = (256, 256)
     feature_set: str = "cpa"
     log_std_initial: float = -0.5
+    encoder: tuple[int, ...] = ()
 
     @nn.compact
-    def __call__(self, observation: jax.Array | Derived) -> tuple[jax.Array, jax.Array]:
+    def __call__(self, observation: Seen) -> tuple[jax.Array, jax.Array]:
         """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
-        inputs, sign = _derived(observation, self.feature_set)
-        mean = Trunk(self.hidden, 2, 0.01, name="trunk")(inputs)
-        if self.feature_set in MIRRORED:
-            mean = mean * jnp.stack([jnp.ones_like(sign), sign], axis=-1)
+        seen = _derived(observation, self.feature_set)
+        mean = Trunk(self.hidden, 2, 0.01, self.encoder, name="trunk")(seen)
+        if isinstance(seen, SetInputs):
+            mean = mean * jnp.stack([jnp.ones_like(seen.sign), seen.sign], axis=-1)
+        elif self.feature_set in MIRRORED:
+            mean = mean * jnp.stack([jnp.ones_like(seen.mirror_sign), seen.mirror_sign], axis=-1)
         log_std = self.param("log_std", nn.initializers.constant(self.log_std_initial), (2,))
         return mean, log_std
 
@@ -74,9 +98,9 @@ class Critic(nn.Module):
 
     hidden: tuple[int, ...] = (256, 256)
     feature_set: str = "cpa"
+    encoder: tuple[int, ...] = ()
 
     @nn.compact
-    def __call__(self, observation: jax.Array | Derived) -> jax.Array:
+    def __call__(self, observation: Seen) -> jax.Array:
         """Return the value of observations ``[..., 8]``, ``[...]``."""
-        inputs, _ = _derived(observation, self.feature_set)
-        return Trunk(self.hidden, 1, 1.0, name="trunk")(inputs)[..., 0]
+        return Trunk(self.hidden, 1, 1.0, self.encoder, name="trunk")(_derived(observation, self.feature_set))[..., 0]

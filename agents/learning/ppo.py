@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import optax
 from jax.flatten_util import ravel_pytree
 
-from agents.learning.networks import Actor, Critic, Derived
+from agents.learning.networks import Actor, Critic, Seen
 
 __all__ = [
     "Batch",
@@ -60,12 +60,12 @@ class Learner(NamedTuple):
     axis: str | None = None
     """Name of the devices' axis inside ``shard_map``; None on one device."""
 
-    def policy(self, variables: Any, observation: jax.Array | Derived) -> tuple[jax.Array, jax.Array]:
+    def policy(self, variables: Any, observation: Seen) -> tuple[jax.Array, jax.Array]:
         """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
         applied: Any = self.actor.apply(variables, observation)
         return applied
 
-    def value(self, variables: Any, observation: jax.Array | Derived) -> jax.Array:
+    def value(self, variables: Any, observation: Seen) -> jax.Array:
         """Return the value of observations ``[..., 8]``, ``[...]``."""
         applied: Any = self.critic.apply(variables, observation)
         return applied
@@ -82,7 +82,7 @@ class LearnerState(NamedTuple):
 class Batch(NamedTuple):
     """Samples for the losses; leading axes are free."""
 
-    observation: jax.Array | Derived
+    observation: Seen
     """``[..., 8]``, or what the networks derive from it."""
     action: jax.Array
     """As drawn, before it is clipped to the limits, ``[..., 2]``."""
@@ -118,10 +118,9 @@ def _clip_apart(norm: float) -> optax.GradientTransformation:
     return optax.GradientTransformation(clip.init, apart)
 
 
-def initial_state(parts: Learner, key: jax.Array, observation_size: int) -> LearnerState:
-    """Initialise parameters and optimiser from a key."""
+def initial_state(parts: Learner, key: jax.Array, blank: Seen) -> LearnerState:
+    """Initialise parameters and optimiser from a key; ``blank`` has the shapes of what the networks take."""
     actor_key, critic_key = jax.random.split(key)
-    blank = jnp.zeros((1, observation_size))
     actor, critic = parts.actor.init(actor_key, blank), parts.critic.init(critic_key, blank)
     return LearnerState(actor, critic, parts.optimizer.init((actor, critic)))
 

@@ -20,6 +20,7 @@ from safetensors.numpy import load, save
 from agents.policy.schema import (
     PARITY_ACTION,
     PARITY_OBSERVATION,
+    SET_SCHEMA,
     PolicyFileError,
     canonical,
     check_metadata,
@@ -27,6 +28,7 @@ from agents.policy.schema import (
     digest,
     tensor_shapes,
 )
+from envs.aircraft import PAPER, Aircraft
 from envs.edge.files import check_regular, write_file
 from envs.kinematics import Limits
 
@@ -62,7 +64,7 @@ class PolicyFile:
     """Float32 tensors by name without ``actor/``: ``hidden_0/kernel`` [in, out], ``hidden_0/bias`` [out], ...,
     ``head/kernel``, ``head/bias``, and ``log_std`` [2] (exploration noise of training; flying ignores it)."""
     parity_observation: np.ndarray
-    """Observations, float32 ``[P, 8]``, and"""
+    """Observations, float32 ``[P, 8]``, or rows of scenes (:func:`agents.policy.scene.unpacked`), and"""
     parity_action: np.ndarray
     """the actions ``[P, 2]`` that the training framework computes for them."""
     metadata: Mapping[str, Any]
@@ -85,9 +87,21 @@ class PolicyFile:
         return tuple(self.metadata["architecture"]["hidden"])
 
     @property
+    def of_set(self) -> bool:
+        """Whether the network takes any number of intruders (schema 2)."""
+        return self.metadata["schema"] == SET_SCHEMA
+
+    @property
     def feature_set(self) -> str:
-        """The inputs that the network derives, one of :data:`agents.policy.features.FEATURE_SETS`."""
-        return self.metadata["architecture"]["feature_set"]
+        """The inputs that the network derives: ``set``, or one of :data:`agents.policy.features.FEATURE_SETS`."""
+        return "set" if self.of_set else self.metadata["architecture"]["feature_set"]
+
+    @property
+    def aircraft(self) -> Aircraft:
+        """The aircraft that the policy was trained for; of schema 1 with the paper's separation and traffic."""
+        if not self.of_set:
+            return PAPER._replace(limits=self.limits)
+        return Aircraft(self.limits, **self.metadata["task"])
 
     @property
     def limits(self) -> Limits:

@@ -6,6 +6,7 @@ array overhead would cost ten times its arithmetic (the planner rolls hundreds o
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from importlib import resources
 from math import isfinite
 from typing import Any, NoReturn
@@ -13,15 +14,20 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
+from agents.policy.domain import OutsideDomainError, check_domain
 from agents.policy.features import features, mirror_sign
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read
+from agents.policy.scene import Scene, scene, unpacked
+from agents.policy.set_network import SetNetwork
 from envs.aircraft import PAPER, Aircraft
-from envs.angles import sincos, wrap
+from envs.angles import atan2, sincos, wrap
 from envs.backend import FLOATS
 from envs.kinematics import Limits, VehicleState
-from envs.observation import NAMES, SIZE, criticality, most_critical, observe
+from envs.observation import NAMES, SIZE, criticality, decode, most_critical, observe
+from envs.relative import distance
+from envs.trees import mapped
 
-__all__ = ["PARITY_TOLERANCE", "TOLERANCE", "Policy"]
+__all__ = ["PARITY_TOLERANCE", "TOLERANCE", "OutsideDomainError", "Policy"]
 
 PARITY_TOLERANCE = 2e-5
 """Largest difference of an action from the training framework's, both evaluated in double precision."""
@@ -75,8 +81,13 @@ class Policy:
             raise ValueError(f"dtype is {self.dtype}, expected float32 or float64")
         self.sha256 = content.sha256
         self.metadata = content.metadata
-        self.limits = content.limits
-        self.aircraft = PAPER._replace(limits=content.limits)
+        self.limits, self.aircraft = content.limits, content.aircraft
+        self._content, self._source = content, source
+        self.most = content.metadata["architecture"]["intruders"] if content.of_set else 1
+        self._set: SetNetwork | None = None
+        if content.of_set:
+            self._take_set(content, source)
+            return
         self._feature_set = content.feature_set
         self._layers = _layers(content, self.dtype)
         # In float64 so that a difference is one of meaning, never of rounding.
@@ -85,6 +96,35 @@ class Policy:
         _check_parity(self(content.parity_observation), content, _ROUNDING_TOLERANCE, f"in {self.dtype}", source)
         single = np.array([self.decide(row) for row in content.parity_observation.tolist()])
         _check_parity(single, content, _ROUNDING_TOLERANCE, f"in {self.dtype}, one by one", source)
+
+    def _take_set(self, content: PolicyFile, source: str) -> None:
+        """Build a network for any number of intruders and compare it with the file's parity vectors."""
+        architecture = content.metadata["architecture"]
+        sizes = len(architecture["encoder"]), len(architecture["hidden"])
+        seen = unpacked(content.parity_observation)
+        exact = SetNetwork(content.actor, *sizes, np.float64)(mapped(_double, seen))
+        _check_parity(np.clip(exact, -1.0, 1.0), content, PARITY_TOLERANCE, "in float64", source)
+        self._set = SetNetwork(content.actor, *sizes, self.dtype)
+        flown = np.clip(self._set(seen), -1.0, 1.0)
+        _check_parity(flown, content, _ROUNDING_TOLERANCE, f"in {self.dtype}", source)
+
+    def for_aircraft(self, aircraft: Aircraft, *, outside: str = "refuse") -> "Policy":
+        """Return this policy for another aircraft, whose states it then takes and whose limits its actions mean.
+
+        Args:
+            aircraft: of the family that the policy was trained for.
+            outside: ``allow`` takes an aircraft outside that family, too.
+
+        Raises:
+            OutsideDomainError: the aircraft is outside the family.
+        """
+        if outside not in ("refuse", "allow"):
+            raise ValueError(f"outside is {outside!r}, expected 'refuse' or 'allow'")
+        if outside == "refuse":
+            check_domain(self._content, aircraft)
+        other = copy(self)
+        other.aircraft, other.limits = aircraft, aircraft.limits
+        return other
 
     @classmethod
     def load(cls, path: str | os.PathLike[str] | None = None, dtype: DTypeLike = np.float32) -> "Policy":
@@ -117,6 +157,8 @@ class Policy:
         array = self._checked(array)
         if array.size == 0:
             return np.empty((*array.shape[:-1], 2), self.dtype)
+        if self._set is not None:
+            return self._of_observations(array.reshape(-1, SIZE)).reshape(*array.shape[:-1], 2)
         actions = _forward(array.reshape(-1, SIZE), self._layers, self._feature_set)
         return actions.reshape(*array.shape[:-1], 2)
 
@@ -135,15 +177,21 @@ class Policy:
             ValueError: a shape is wrong, or a number is not finite.
         """
         own = VehicleState(*(np.asarray(field, float) for field in own))
+        goal_x, goal_y = np.asarray(goal_x, float), np.asarray(goal_y, float)
         shape = own.x.shape
         present = np.asarray(present, bool)
         if present.shape[:-1] != shape or present.ndim != len(shape) + 1:
             raise ValueError(f"present has shape {present.shape}, expected [*{shape}, K]")
         seen = VehicleState(*(np.broadcast_to(np.asarray(field, float), present.shape) for field in intruders))
+        if self._set is not None:
+            one = VehicleState(*(field.reshape(-1) for field in own))
+            wide = own.x.size, present.shape[-1]
+            each, places = VehicleState(*(field.reshape(wide) for field in seen)), present.reshape(wide)
+            return self._of_states(one, each, places, goal_x.reshape(-1), goal_y.reshape(-1)).reshape(*shape, 2)
         if not present.any(axis=-1).all():
             seen, present = _never_alone(own, seen, present)
         chosen = most_critical(own, seen, present, PAPER, np)
-        observation = observe(own, chosen, np.asarray(goal_x, float), np.asarray(goal_y, float), PAPER, np)
+        observation = observe(own, chosen, goal_x, goal_y, PAPER, np)
         actions = self.rowwise(observation.reshape(-1, SIZE).astype(np.float32)).astype(float)
         return actions.reshape(*shape, 2)
 
@@ -160,6 +208,12 @@ class Policy:
         Raises:
             ValueError: a number is not finite.
         """
+        if self._set is not None:
+            one = VehicleState(*(np.array([field]) for field in own))
+            each = np.array([intruders]).transpose(2, 0, 1) if intruders else np.zeros((4, 1, 0))
+            present = np.ones(each.shape[1:], bool)
+            actions = self._of_states(one, VehicleState(*each), present, np.array([goal_x]), np.array([goal_y]))
+            return actions[0, 0].item(), actions[0, 1].item()
         if len(intruders) == 1:
             other = intruders[0]
         elif intruders:
@@ -167,6 +221,35 @@ class Policy:
         else:
             other = _absent(own, FLOATS)
         return self.decide(observe(own, other, goal_x, goal_y, PAPER, FLOATS))
+
+    def _of_states(
+        self, own: VehicleState, seen: VehicleState, present: np.ndarray, goal_x: np.ndarray, goal_y: np.ndarray
+    ) -> np.ndarray:
+        """Return the actions ``[N, 2]`` of a network for sets, float64, for states ``[N]`` and ``[N, K]``."""
+        if present.shape[-1] == 0:
+            seen = VehicleState(*(np.zeros((len(present), 1)) for _ in seen))
+            present = np.zeros((len(present), 1), bool)
+        return self._of_scenes(
+            scene(own, seen, present, goal_x, goal_y, self.aircraft.limits, self.aircraft.separation, np)
+        ).astype(float)
+
+    def _of_scenes(self, seen: Scene) -> np.ndarray:
+        assert self._set is not None
+        actions = self._set(seen)
+        if not np.isfinite(actions).all():
+            raise ValueError(_NOT_FINITE)
+        return np.clip(actions, -1.0, 1.0)
+
+    def _of_observations(self, observation: np.ndarray) -> np.ndarray:
+        """Return the actions ``[N, 2]`` of a network for sets for checked observations ``[N, 8]`` of one intruder."""
+        found = decode(list(observation.T.astype(float)), self.aircraft, np)
+        zeros = np.zeros(len(observation))
+        own = VehicleState(zeros, zeros, zeros, found.own_speed)
+        vx, vy = found.intruder_vx, found.intruder_vy
+        fields = found.intruder_x, found.intruder_y, atan2(vy, vx, np), distance(vx, vy, np)
+        seen = VehicleState(*(field[:, None] for field in fields))
+        present = np.ones((len(observation), 1), bool)
+        return self._of_states(own, seen, present, found.goal_x, found.goal_y).astype(self.dtype)
 
     def decide(self, observation: list[float]) -> tuple[float, float]:
         """Return the action for one observation as plain floats: the fast path of a step-by-step rollout.
@@ -206,6 +289,8 @@ class Policy:
         array = self._checked(observation)
         if array.ndim != 2:
             raise ValueError(f"observations have shape {array.shape}, expected [N, {SIZE}]")
+        if self._set is not None:
+            return self._of_observations(array)
         actions = np.empty((len(array), 2), self.dtype)
         for first in range(0, len(array), _BLOCK):
             block = slice(first, first + _BLOCK)
@@ -231,6 +316,9 @@ class Policy:
 
     def _single(self, values: list[float]) -> tuple[float, float]:
         """Evaluate eight floats in [-1, 1]: features in double precision, then products with a vector."""
+        if self._set is not None:
+            throttle, steering = self._of_observations(np.array([values], self.dtype))[0].tolist()
+            return throttle, steering
         x = np.array(features(values, self._feature_set, FLOATS), self.dtype)
         *hidden, (kernel, bias) = self._layers
         for hidden_kernel, hidden_bias in hidden:
@@ -259,6 +347,10 @@ def _never_alone(own: VehicleState, seen: VehicleState, present: np.ndarray) -> 
     alone = ~present.any(axis=-1, keepdims=True)
     fields = (np.where(alone, other[..., None], field) for field, other in zip(seen, behind, strict=True))
     return VehicleState(*fields), present | alone
+
+
+def _double(field: Any) -> Any:
+    return field if field.dtype == bool else field.astype(float)
 
 
 _Layers = list[tuple[np.ndarray, np.ndarray]]

@@ -13,6 +13,9 @@ from typing import Any
 import numpy as np
 
 from agents.policy.features import FEATURE_SETS, size
+from agents.policy.scene import width
+from agents.policy.set_network import layer_shapes
+from envs.aircraft import Aircraft, AircraftError, Ratios, new_aircraft
 from envs.edge.command import InputError
 from envs.kinematics import FASTEST, Limits
 from envs.observation import NAMES, SIZE
@@ -22,13 +25,16 @@ __all__ = [
     "OBSERVATION",
     "PARITY_ACTION",
     "PARITY_OBSERVATION",
+    "SCENE",
     "SCHEMA",
+    "SET_SCHEMA",
     "PolicyFileError",
     "canonical",
     "check_metadata",
     "check_values",
     "digest",
     "new_metadata",
+    "new_set_metadata",
     "tensor_shapes",
 ]
 
@@ -38,6 +44,18 @@ class PolicyFileError(InputError):
 
 
 SCHEMA = {"name": "rlcas-policy", "version": 1}
+"""Of policies that see one intruder, the paper's aircraft and its eight numbers."""
+
+SET_SCHEMA = {"name": "rlcas-policy", "version": 2}
+"""Of policies that see any number of intruders, for a family of aircraft."""
+
+SCENE = {
+    "units": "lengths in required separations D, speeds in the ownship's greatest speed V, accelerations in V^2/D",
+    "frame": "origin at the ownship, x ahead, y left; velocities over the ground",
+    "own": ["speed", "goal_x", "goal_y", *Ratios._fields],
+    "intruder": ["x", "y", "vx", "vy", "present"],
+}
+"""What a policy of schema 2 sees (:mod:`agents.policy.scene`)."""
 
 OBSERVATION = {
     "names": list(NAMES),
@@ -57,16 +75,26 @@ PARITY_OBSERVATION, PARITY_ACTION = "parity/observation", "parity/action"
 _LEAST_YAW_RATE = 1e-4  # rad/s; less leaves the arithmetic of doubles
 _MAX_LAYERS, _MAX_WIDTH = 8, 4096
 _MAX_WEIGHT = 1e4  # sums of so large weights stay finite whatever the widths
+_MAX_INTRUDERS = 64
+_OF_AIRCRAFT = ("separation", "goal_radius", "traffic_speed_max", "dt", "t_max")
 # Every field of the metadata and its type; a nested dict is an object with exactly these fields.
-_FIELDS: dict[str, Any] = {
+_COMMON: dict[str, Any] = {
     "schema": {"name": str, "version": int},
-    "observation": dict,
     "action": dict,
     "limits": dict.fromkeys(Limits._fields, float),
-    "architecture": {"hidden": list, "activation": str, "feature_set": str, "output": str},
     "training": {"config": dict, "config_sha256": str, "steps": int, "score": (float, type(None))},
     "versions": dict,
     "notes": str,
+}
+_FIELDS: dict[str, Any] = _COMMON | {
+    "observation": dict,
+    "architecture": {"hidden": list, "activation": str, "feature_set": str, "output": str},
+}
+_SET_FIELDS: dict[str, Any] = _COMMON | {
+    "scene": dict,
+    "task": dict.fromkeys(_OF_AIRCRAFT, float),
+    "family": dict.fromkeys(Ratios._fields, list),
+    "architecture": {"hidden": list, "encoder": list, "intruders": int, "activation": str, "output": str},
 }
 
 
@@ -77,6 +105,54 @@ def canonical(document: Any) -> str:
         ValueError, TypeError: the document holds something that JSON has no word for.
     """
     return json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+
+
+def new_set_metadata(  # noqa: PLR0913 - it describes a file
+    encoder: tuple[int, ...],
+    hidden: tuple[int, ...],
+    intruders: int,
+    aircraft: Aircraft,
+    family: Mapping[str, tuple[float, float]],
+    config: Mapping[str, Any],
+    *,
+    steps: int,
+    score: float | None,
+    versions: Mapping[str, str],
+    notes: str = "",
+) -> dict[str, Any]:
+    """Return the metadata of a policy for any number of intruders.
+
+    Args:
+        encoder, hidden: widths of the layers of either kind.
+        intruders: most of them that it was trained with.
+        aircraft: that it was trained for first, SI.
+        family: lowest and highest of each of :class:`envs.aircraft.Ratios` that it was trained for.
+        config, steps, score, versions, notes: as for :func:`new_metadata`.
+
+    Raises:
+        PolicyFileError: something of it is of a type, or a value, that a policy file cannot hold.
+    """
+    return _written(
+        {
+            "schema": dict(SET_SCHEMA),
+            "scene": SCENE,
+            "limits": {name: float(value) for name, value in aircraft.limits._asdict().items()},
+            "task": {name: float(getattr(aircraft, name)) for name in _OF_AIRCRAFT},
+            "family": {name: [float(bound) for bound in family[name]] for name in Ratios._fields},
+            "architecture": {
+                "hidden": [int(width) for width in hidden],
+                "encoder": [int(width) for width in encoder],
+                "intruders": int(intruders),
+                "activation": "tanh",
+                "output": "clip",
+            },
+        },
+        config,
+        steps,
+        score,
+        versions,
+        notes,
+    )
 
 
 def new_metadata(
@@ -105,12 +181,10 @@ def new_metadata(
     Raises:
         PolicyFileError: something of it is of a type, or a value, that a policy file cannot hold.
     """
-    try:
-        config = json.loads(canonical(config))
-        document = {
+    return _written(
+        {
             "schema": dict(SCHEMA),
             "observation": OBSERVATION,
-            "action": ACTION,
             "limits": {name: float(value) for name, value in limits._asdict().items()},
             "architecture": {
                 "hidden": [int(width) for width in hidden],
@@ -118,6 +192,28 @@ def new_metadata(
                 "feature_set": feature_set,
                 "output": "clip",
             },
+        },
+        config,
+        steps,
+        score,
+        versions,
+        notes,
+    )
+
+
+def _written(
+    own: dict[str, Any],
+    config: Mapping[str, Any],
+    steps: int,
+    score: float | None,
+    versions: Mapping[str, str],
+    notes: str,
+) -> dict[str, Any]:
+    """Return a document with what every policy says, checked."""
+    try:
+        config = json.loads(canonical(config))
+        document = own | {
+            "action": ACTION,
             "training": {
                 "config": config,
                 "config_sha256": _sha256(canonical(config)),
@@ -137,21 +233,26 @@ def new_metadata(
 def check_metadata(document: Any, source: str) -> None:
     """Raise :class:`PolicyFileError` unless the metadata has the schema's fields, types and values."""
     schema = document.get("schema") if isinstance(document, dict) else None
-    if schema != SCHEMA:
-        raise PolicyFileError(f"{source}: metadata.schema is {_brief(schema)}, expected {SCHEMA}")
-    _check_fields(document, _FIELDS, "metadata", source)
-    for name, contract in (("observation", OBSERVATION), ("action", ACTION)):
+    if schema not in (SCHEMA, SET_SCHEMA):
+        raise PolicyFileError(f"{source}: metadata.schema is {_brief(schema)}, expected {SCHEMA} or {SET_SCHEMA}")
+    of_set = schema == SET_SCHEMA
+    _check_fields(document, _SET_FIELDS if of_set else _FIELDS, "metadata", source)
+    for name, contract in (("scene", SCENE) if of_set else ("observation", OBSERVATION), ("action", ACTION)):
         for key in sorted(contract.keys() | document[name].keys()):
             _expect(document[name].get(key), contract.get(key), f"metadata.{name}.{key}", source)
 
     architecture = document["architecture"]
     _expect(architecture["activation"], "tanh", "metadata.architecture.activation", source)
     _expect(architecture["output"], "clip", "metadata.architecture.output", source)
-    hidden, where = architecture["hidden"], f"{source}: metadata.architecture"
-    if not 1 <= len(hidden) <= _MAX_LAYERS or not all(_is(w, int) and 1 <= w <= _MAX_WIDTH for w in hidden):
-        limits = f"1 to {_MAX_LAYERS} widths of 1 to {_MAX_WIDTH}"
-        raise PolicyFileError(f"{where}.hidden is {_brief(hidden)}, expected {limits}")
-    if architecture["feature_set"] not in FEATURE_SETS:
+    where = f"{source}: metadata.architecture"
+    for name in ("hidden", "encoder") if of_set else ("hidden",):
+        widths = architecture[name]
+        if not 1 <= len(widths) <= _MAX_LAYERS or not all(_is(w, int) and 1 <= w <= _MAX_WIDTH for w in widths):
+            limits = f"1 to {_MAX_LAYERS} widths of 1 to {_MAX_WIDTH}"
+            raise PolicyFileError(f"{where}.{name} is {_brief(widths)}, expected {limits}")
+    if of_set:
+        _check_family(document, source)
+    elif architecture["feature_set"] not in FEATURE_SETS:
         known = ", ".join(FEATURE_SETS)
         raise PolicyFileError(f"{where}.feature_set is {_brief(architecture['feature_set'])}, expected one of {known}")
 
@@ -177,17 +278,42 @@ def check_metadata(document: Any, source: str) -> None:
             raise PolicyFileError(f"{source}: metadata.versions.{name} is {_brief(version)}, expected a string")
 
 
+def _check_family(document: Mapping[str, Any], source: str) -> None:
+    """Raise unless aircraft, family and number of intruders of schema 2 can be."""
+    intruders = document["architecture"]["intruders"]
+    if not 1 <= intruders <= _MAX_INTRUDERS:
+        raise PolicyFileError(
+            f"{source}: metadata.architecture.intruders is {intruders}, expected 1 to {_MAX_INTRUDERS}"
+        )
+    try:
+        task = dict(document["task"])
+        new_aircraft(Limits(**document["limits"]), task.pop("separation"), **task)
+    except AircraftError as error:
+        raise PolicyFileError(f"{source}: metadata.task: {error}") from None
+    for name, bounds in document["family"].items():
+        if len(bounds) != 2 or not all(_is(b, float) for b in bounds) or not bounds[0] <= bounds[1]:
+            raise PolicyFileError(f"{source}: metadata.family.{name} is {_brief(bounds)}, expected [lowest, highest]")
+
+
 def tensor_shapes(document: Mapping[str, Any]) -> dict[str, tuple[int | None, ...]]:
     """Return the shape of every tensor that belongs to (checked) metadata; None is the number of parity vectors."""
     architecture = document["architecture"]
     shapes: dict[str, tuple[int | None, ...]] = {}
-    inputs = size(architecture["feature_set"])
     outputs = len(ACTION["names"])
+    if document["schema"] == SET_SCHEMA:
+        for name, (inputs, units) in layer_shapes(architecture["encoder"], architecture["hidden"]).items():
+            shapes |= {f"actor/{name}/kernel": (inputs, units), f"actor/{name}/bias": (units,)}
+        return shapes | {
+            "actor/log_std": (outputs,),
+            PARITY_OBSERVATION: (None, width(architecture["intruders"])),
+            PARITY_ACTION: (None, outputs),
+        }
+    inputs = size(architecture["feature_set"])
     names = [f"hidden_{i}" for i in range(len(architecture["hidden"]))]
-    for name, width in zip([*names, "head"], [*architecture["hidden"], outputs], strict=True):
-        shapes[f"actor/{name}/kernel"] = (inputs, width)
-        shapes[f"actor/{name}/bias"] = (width,)
-        inputs = width
+    for name, units in zip([*names, "head"], [*architecture["hidden"], outputs], strict=True):
+        shapes[f"actor/{name}/kernel"] = (inputs, units)
+        shapes[f"actor/{name}/bias"] = (units,)
+        inputs = units
     return shapes | {
         "actor/log_std": (outputs,),
         PARITY_OBSERVATION: (None, SIZE),
@@ -197,11 +323,13 @@ def tensor_shapes(document: Mapping[str, Any]) -> dict[str, tuple[int | None, ..
 
 def check_values(tensors: Mapping[str, np.ndarray], source: str) -> None:
     """Raise :class:`PolicyFileError` unless all tensors are finite and bounded, the parity vectors by 1."""
+    of_set = any(name.startswith("actor/each_") for name in tensors)
+    # Parity vectors of schema 2 hold lengths in separations, within twenty of them.
     for name, tensor in tensors.items():
         if not np.isfinite(tensor).all():
             index = np.argwhere(~np.isfinite(tensor))[0].tolist()
             raise PolicyFileError(f"{source}: tensor {name} is not finite at {index}")
-        most = 1.0 if name in (PARITY_OBSERVATION, PARITY_ACTION) else _MAX_WEIGHT
+        most = 1.0 if name == PARITY_ACTION or (name == PARITY_OBSERVATION and not of_set) else _MAX_WEIGHT
         if np.abs(tensor).max() > most:
             raise PolicyFileError(f"{source}: tensor {name} leaves [{-most:g}, {most:g}]")
 

@@ -306,7 +306,7 @@ def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
         state: surrogate.State, hand: jax.Array, action: jax.Array, pool: surrogate.State, row: int
     ) -> tuple[surrogate.State, jax.Array, jax.Array, jax.Array]:
         moved, result = surrogate.step(state, (action[:, 0], action[:, 1] * hand), world)
-        reward = learning_reward(result.reward, state, moved, action[:, 1], config)
+        reward = learning_reward(result.reward, state, moved, action[:, 1], config, config.aircraft.aircraft())
         # The barrier keeps the compiler from flying the step again for every field that the restart chooses.
         moved, reward = jax.lax.optimization_barrier((moved, reward))
         following = surrogate.restart(moved, jax.tree.map(lambda rows: rows[row], pool))

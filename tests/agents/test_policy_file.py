@@ -218,7 +218,7 @@ def at(path, value):
     ("path", "value", "message"),
     [
         ("schema.name", "other", "metadata.schema is .*'other'.*, expected .*'rlcas-policy'"),
-        ("schema.version", 2, "metadata.schema is"),
+        ("schema.version", 3, "metadata.schema is"),
         ("schema", KeyError, "metadata.schema is None"),
         ("observation.names", list(reversed(OBSERVATION["names"])), r"metadata\.observation\.names is"),
         ("observation.half_range", [1.0] * 8, r"metadata\.observation\.half_range is"),

@@ -213,7 +213,7 @@ ENCOUNTERS, STEPS = 6, 8
 @pytest.fixture(scope="module")
 def small() -> tuple[Learner, LearnerState, Batch]:
     parts = ppo.learner(Actor((8,), "none"), Critic((8,), "none"), SETTINGS)
-    state = ppo.initial_state(parts, jax.random.key(0), 3)
+    state = ppo.initial_state(parts, jax.random.key(0), jnp.zeros((1, 3)))
     generator = np.random.default_rng(2)
     shape = (ENCOUNTERS, STEPS)
     observation, action = generator.normal(size=(*shape, 3)), generator.normal(size=(*shape, 2))
@@ -330,7 +330,7 @@ def test_every_epoch_uses_every_sample_once(segment: int) -> None:
 def test_initial_networks_are_those_of_the_recipe() -> None:
     """Orthogonal hidden layers of gain sqrt(2), a head of 0.01 for the policy and 1 for the value, zero biases."""
     parts = ppo.learner(Actor((16, 16), "none", -0.7), Critic((16, 16), "none"), PpoSettings())
-    state = ppo.initial_state(parts, jax.random.key(4), 8)
+    state = ppo.initial_state(parts, jax.random.key(4), jnp.zeros((1, 8)))
     actor, critic = state.actor["params"], state.critic["params"]
     np.testing.assert_allclose(actor["log_std"], -0.7)
     for network, gain in ((actor["trunk"], 0.01), (critic["trunk"], 1.0)):

@@ -82,7 +82,7 @@ def trained(probe: Probe, cost: jax.Array) -> ppo.LearnerState:
         rate = 2e-2 * (1.0 - index / UPDATES)
         return (ppo.update(state, samples, shuffle_key, rate, PARTS, SETTINGS)[0], world), None
 
-    begin = ppo.initial_state(PARTS, jax.random.key(2), 2), world
+    begin = ppo.initial_state(PARTS, jax.random.key(2), jnp.zeros((1, 2))), world
     return jax.lax.scan(one, begin, jnp.arange(UPDATES))[0][0]
 
 

@@ -87,7 +87,7 @@ def rolled(state: ppo.LearnerState, world: World, seed: int) -> Any:
 
 @pytest.fixture(scope="module")
 def state() -> ppo.LearnerState:
-    return ppo.initial_state(PARTS, jax.random.key(0), 4)
+    return ppo.initial_state(PARTS, jax.random.key(0), jnp.zeros((1, 4)))
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +97,7 @@ def rollout(state: ppo.LearnerState) -> tuple[World, ppo.Batch, Seen, dict]:
 
 def test_samples_have_encounters_first_and_statistics_time_first(rollout) -> None:
     world, samples, statistics, figures = rollout
-    assert samples.observation.inputs.shape == (COUNT, STEPS, 4)
+    assert samples.observation.shape == (COUNT, STEPS, 4)
     assert samples.action.shape == (COUNT, STEPS, 2)
     assert {field.shape for field in (samples.log_prob, samples.advantage, samples.target)} == {(COUNT, STEPS)}
     assert statistics.action.shape == (STEPS, COUNT, 2)
@@ -109,10 +109,10 @@ def test_episodes_run_through_and_begin_again_in_the_step_after_their_end(rollou
     """By hand: episodes last 4, 5 and 6 steps; the first observation after an end is that of the new start."""
     world, samples, _, _ = rollout
     clocks = [[t % (4 + n) for t in range(STEPS)] for n in range(COUNT)]
-    np.testing.assert_array_equal(samples.observation.inputs[..., 1], clocks)
-    np.testing.assert_array_equal(samples.observation.inputs[..., 0], np.tile(np.arange(COUNT)[:, None], (1, STEPS)))
+    np.testing.assert_array_equal(samples.observation[..., 1], clocks)
+    np.testing.assert_array_equal(samples.observation[..., 0], np.tile(np.arange(COUNT)[:, None], (1, STEPS)))
     # A start knows the step of the rollout at which it was needed.
-    assert [float(samples.observation.inputs[n, 4 + n, 2]) for n in range(COUNT)] == [104.0, 105.0, 106.0]
+    assert [float(samples.observation[n, 4 + n, 2]) for n in range(COUNT)] == [104.0, 105.0, 106.0]
     # The rollout ends after an episode's last step only for the second: its end is kept for the next rollout.
     np.testing.assert_array_equal(world.ended, [False, True, False])
 
@@ -120,10 +120,10 @@ def test_episodes_run_through_and_begin_again_in_the_step_after_their_end(rollou
 def test_the_environment_gets_the_action_that_is_stored(rollout) -> None:
     _, samples, statistics, _ = rollout
     np.testing.assert_allclose(np.swapaxes(statistics.action, 0, 1), samples.action, rtol=1e-5, atol=1e-6)
-    np.testing.assert_array_equal(np.swapaxes(statistics.clock, 0, 1), samples.observation.inputs[..., 1])
+    np.testing.assert_array_equal(np.swapaxes(statistics.clock, 0, 1), samples.observation[..., 1])
     # And what it did shows in the next observation of the same encounter.
-    same = np.asarray(samples.observation.inputs[:, 1:, 1]) > 0.0
-    moved = np.diff(np.asarray(samples.observation.inputs[..., 2]), axis=1)
+    same = np.asarray(samples.observation[:, 1:, 1]) > 0.0
+    moved = np.diff(np.asarray(samples.observation[..., 2]), axis=1)
     np.testing.assert_allclose(moved[same], np.asarray(samples.action[:, :-1, 0])[same], atol=2e-5)
 
 
@@ -158,12 +158,12 @@ def test_rollouts_go_on_where_the_last_one_stopped(rollout, state) -> None:
     world, _, _, _ = rollout
     _, samples, _, _ = rolled(state, world, 2)
     clocks = [[(STEPS + t) % (4 + n) for t in range(STEPS)] for n in range(COUNT)]
-    np.testing.assert_array_equal(samples.observation.inputs[..., 1], clocks)
+    np.testing.assert_array_equal(samples.observation[..., 1], clocks)
 
 
 def test_every_observation_and_action_has_a_draw_of_its_own(rollout, state) -> None:
     _, samples, _, _ = rollout
-    noise = np.asarray(samples.observation.inputs[..., 3])
+    noise = np.asarray(samples.observation[..., 3])
     assert np.unique(noise).size == noise.size
     _, again, _, _ = rolled(state, BEGIN, 1)
     np.testing.assert_array_equal(again.action, samples.action)

@@ -143,7 +143,7 @@ def test_a_dump_repeats_the_run(
         ),
         (
             "network.feature_set=cap",
-            "--set: network.feature_set is 'cap'; expected one of advised, cpa, foresight, mirror, none, pressed; "
+            "--set: network.feature_set is 'cap'; expected one of advised, cpa, foresight, mirror, none, pressed, set; "
             "did you mean cpa?",
         ),
     ],
@@ -155,7 +155,7 @@ def test_a_bad_value_is_refused_in_one_sentence(override: str, sentence: str):
 
 
 def test_feature_sets_are_those_of_the_network():
-    assert set(get_args(NetworkConfig.model_fields["feature_set"].annotation)) == set(FEATURE_SETS)
+    assert set(get_args(NetworkConfig.model_fields["feature_set"].annotation)) == {*FEATURE_SETS, "set"}
 
 
 def test_sizes_of_an_update():
@@ -200,6 +200,7 @@ CHANGED: dict[str, str] = {
     "network.hidden": "[5]",
     "network.feature_set": "none",
     "network.log_std_initial": "-1.0",
+    "family.share": "0.5",
     "ppo.environments": "16",
     "ppo.rollout": "16",
     "ppo.epochs": "2",
@@ -255,6 +256,11 @@ CHANGED: dict[str, str] = {
 }
 ELSEWHERE = {
     "phases": "the configuration of each phase (test_metrics)",
+    **dict.fromkeys(
+        ("family.speed_min", "family.acceleration", "family.turn_radius", "family.traffic_speed"),
+        "the aircraft that are flown (test_fleet)",
+    ),
+    "network.encoder": "the network for sets (test_fleet)",
     "near_limit.share": "the starts (test_starts)",
     "near_limit.margin": "the starts (test_starts)",
     "name": "the default name of the run's directory (test_cli)",

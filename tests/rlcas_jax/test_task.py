@@ -200,7 +200,11 @@ def to_the_goal(observation: jax.Array) -> jax.Array:
 
 def flown(encounter: Encounter, policy: Any, **rules: Any) -> Outcome:
     world = surrogate.World(RULES._replace(**rules), PAPER)
-    return jax.tree.map(np.asarray, jax.jit(lambda start: fly(policy, start, world))(encounter))
+
+    def decided(state: surrogate.State) -> jax.Array:
+        return policy(surrogate.observe(state, PAPER))
+
+    return jax.tree.map(np.asarray, jax.jit(lambda start: fly(decided, start, world))(encounter))
 
 
 @pytest.fixture(scope="module")

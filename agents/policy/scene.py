@@ -1,0 +1,126 @@
+"""What a policy sees: the traffic and the goal in the ownship's frame, in the units in which all aircraft are alike.
+
+Lengths are in required separations D, speeds in the ownship's greatest speed, times in their quotient
+(:mod:`envs.aircraft`); x points ahead and y to the left. Beyond 20 D only the direction counts.
+"""
+
+from typing import Any, NamedTuple
+
+from envs.aircraft import Ratios, ratios
+from envs.angles import sincos
+from envs.kinematics import Limits, VehicleState
+from envs.relative import distance
+
+__all__ = ["FARTHEST", "Scene", "mirrored", "scene", "unpacked", "width"]
+
+FARTHEST = 20.0
+"""Greatest distance that is seen, D; what is farther is seen there, in its direction."""
+
+_NOWHERE = 1e3  # D; where absent intruders are put, so that they are the nearest to nothing
+
+
+class Scene(NamedTuple):
+    """The scene without dimension; fields ``[...]``, those of intruders ``[..., K]``."""
+
+    own_speed: Any
+    goal_x: Any
+    goal_y: Any
+    x: Any
+    y: Any
+    vx: Any
+    """Velocity over the ground, not relative to the ownship."""
+    vy: Any
+    present: Any
+    """bool."""
+    ratios: Ratios
+    """Of the ownship; floats or ``[...]``."""
+
+
+def scene(
+    own: VehicleState,
+    intruders: VehicleState,
+    present: Any,
+    goal_x: Any,
+    goal_y: Any,
+    limits: Limits,
+    separation: Any,
+    xp: Any,
+) -> Scene:
+    """Return the scene of states in SI units.
+
+    Args:
+        own: ``[...]``.
+        intruders: ``[..., K]``; of absent ones anything finite.
+        present: which of them exist, bool ``[..., K]``.
+        goal_x, goal_y: m, ``[...]``.
+        limits: of the ownship, floats or ``[...]``.
+        separation: required, m, float or ``[...]``.
+        xp: array namespace, numpy or jax.numpy.
+    """
+    length, speed = 1.0 / separation, 1.0 / limits.speed_max
+    sine, cosine = sincos(own.heading, xp)
+    ahead, left = _turned((goal_x - own.x) * length, (goal_y - own.y) * length, cosine, sine)
+    pulled = xp.minimum(1.0, FARTHEST / xp.maximum(distance(ahead, left, xp), 1e-6))
+    sine, cosine, length, speed = (xp.asarray(value)[..., None] for value in (sine, cosine, length, speed))
+    x, y = _turned((intruders.x - own.x[..., None]) * length, (intruders.y - own.y[..., None]) * length, cosine, sine)
+    nearer = xp.minimum(1.0, FARTHEST / xp.maximum(distance(x, y, xp), 1e-6))
+    course_sine, course_cosine = sincos(intruders.heading, xp)
+    pace = intruders.speed * speed
+    vx, vy = _turned(pace * course_cosine, pace * course_sine, cosine, sine)
+    return Scene(
+        own.speed * speed[..., 0],
+        ahead * pulled,
+        left * pulled,
+        xp.where(present, x * nearer, _NOWHERE),
+        xp.where(present, y * nearer, 0.0),
+        xp.where(present, vx, 0.0),
+        xp.where(present, vy, 0.0),
+        present,
+        ratios(limits, separation),
+    )
+
+
+def width(most: int) -> int:
+    """Return the length of a row that :func:`unpacked` takes, with so many places for intruders."""
+    return 7 + 5 * most
+
+
+def unpacked(rows: Any) -> Scene:
+    """Return the scenes of rows ``[..., 7 + 5 K]``: a policy file's parity vectors.
+
+    A row holds own speed, the goal's x and y, the four ratios, and of each place for an intruder x, y, vx, vy and
+    whether there is one, 1 or 0.
+    """
+    speed, goal_x, goal_y = (rows[..., i] for i in range(3))
+    limits = Ratios(rows[..., 3], rows[..., 4], rows[..., 5], rows[..., 6])
+    each = rows[..., 7:].reshape(*rows.shape[:-1], -1, 5)
+    x, y, vx, vy, present = (each[..., i] for i in range(5))
+    return Scene(speed, goal_x, goal_y, x, y, vx, vy, present > 0.5, limits)
+
+
+def mirrored(seen: Scene, xp: Any) -> tuple[Scene, Any]:
+    """Return the scene as seen with most of the traffic left of the line to the goal, and the sign of its y axis.
+
+    A policy that decides on this scene, and turns by that sign, is exactly symmetric. Each intruder counts by how soon
+    and how close it passes on straight courses; the line to the goal moves with positions alone, so that no turn
+    changes the sign at once. Without traffic the goal is seen to the left.
+
+    Returns:
+        The scene, and 1 or -1 ``[...]``.
+    """
+    away = xp.maximum(distance(seen.x, seen.y, xp), 1e-3)
+    relative_x, relative_y = seen.vx - seen.own_speed[..., None], seen.vy
+    square = relative_x * relative_x + relative_y * relative_y + 0.0025
+    time = xp.clip(-(seen.x * relative_x + seen.y * relative_y) / square, 0.0, 30.0)
+    closest_x, closest_y = seen.x + relative_x * time, seen.y + relative_y * time
+    weight = 1.0 / ((1.0 + 0.1 * time * time) * (1.0 + closest_x * closest_x + closest_y * closest_y))
+    side = (seen.goal_x[..., None] * seen.y - seen.goal_y[..., None] * seen.x) / away
+    total = xp.sum(xp.where(seen.present, weight * side, 0.0), axis=-1)
+    sign = xp.copysign(xp.ones_like(total), total + 1e-20 * seen.goal_y)
+    each = sign[..., None]
+    return seen._replace(goal_y=seen.goal_y * sign, y=seen.y * each, vy=seen.vy * each), sign
+
+
+def _turned(x: Any, y: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
+    """Return a vector in the frame whose x axis has this direction."""
+    return x * cosine + y * sine, y * cosine - x * sine
