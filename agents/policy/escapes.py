@@ -7,15 +7,17 @@ ten chords between points of its path, and the separation along a chord is that 
 hundredths of a separation of that of the exact path.
 """
 
+import math
 import sys
 from typing import Any
 
 import numpy as np
 
 from agents.policy.scene import Scene
+from envs.aircraft import Ratios
 from envs.angles import atan2, sincos
 
-__all__ = ["COUNT", "HORIZON", "THROTTLES", "TURNS", "kept", "steering"]
+__all__ = ["COUNT", "HORIZON", "THROTTLES", "TURNS", "KeptByOne", "kept", "steering"]
 
 HORIZON = 10.0
 """How far ahead is looked, D / ``speed_max`` (paper: 100 s)."""
@@ -82,13 +84,60 @@ def kept(seen: Scene, xp: Any) -> Any:
     times, spans, step_x, step_y, own_x, own_y = (
         field[:, :, None] for field in _together((times, spans, step_x, step_y, own_x, own_y), xp)
     )
-    start_x, start_y, vx, vy = (xp.moveaxis(field, -1, 0) for field in (seen.x, seen.y, seen.vx, seen.vy))
+    start_x, start_y, vx, vy = (_first(field, xp) for field in (seen.x, seen.y, seen.vx, seen.vy))
     x, y = start_x + vx * times - own_x, start_y + vy * times - own_y
     step_x, step_y = vx * spans - step_x, vy * spans - step_y
     # How much of the chord lies behind its closest point.
     back = xp.clip((x * step_x + y * step_y) / (step_x * step_x + step_y * step_y + 1e-8), 0.0, 1.0)
     x, y = x - back * step_x, y - back * step_y
     return xp.sqrt(xp.min(x * x + y * y, axis=(1, 2)))
+
+
+class KeptByOne:
+    """:func:`kept` for one scene of plain floats after the other: what hangs on the limits alone is computed once."""
+
+    def __init__(self, ratios: Ratios) -> None:
+        """Prepare the manoeuvres of an aircraft; ratios are floats."""
+        self._ratios = ratios
+        fixed = TURNS[:, None] * _MIDDLE
+        turning = np.minimum(np.abs(np.append(TURNS, [0.0] * 3)) * ratios.turn_radius, _LONGEST)[:, None]
+        self._times = turning * _OF_TURN + (HORIZON - turning) * _OF_REST  # [22, P]
+        self._ahead, self._aside = (np.append(of(fixed), np.zeros((3, _PIECES)), axis=0) for of in (np.cos, np.sin))
+        bent = np.append(TURNS, [0.0] * 3)[:, None] * _BENT
+        self._short = 0.5 * (1.0 - bent * bent * (1.0 / 6.0))
+        rate = np.where(THROTTLES < 0.0, ratios.acceleration_min, ratios.acceleration_max) * np.abs(THROTTLES)
+        self._rate = rate[:, None]
+
+    def __call__(self, seen: Scene) -> np.ndarray:
+        """Return the least separation of each manoeuvre, D, ``[22]``; without intruders far away."""
+        speed, ratios = seen.own_speed, self._ratios
+        bearing = math.atan2(seen.goal_y, seen.goal_x)
+        turning = min(abs(bearing) * ratios.turn_radius, _LONGEST)
+        times, ahead, aside, short = self._times.copy(), self._ahead.copy(), self._aside.copy(), self._short.copy()
+        times[-3:] = turning * _OF_TURN + (HORIZON - turning) * _OF_REST
+        middle, bent = bearing * _MIDDLE, bearing * _BENT
+        ahead[-3:], aside[-3:], short[-3:] = np.cos(middle), np.sin(middle), 0.5 * (1.0 - bent * bent * (1.0 / 6.0))
+        whole = np.empty((COUNT, _PIECES + 1))
+        whole[:, 0] = 0.0
+        whole[:, 1:] = times
+        spans = whole[:, 1:] - whole[:, :-1]
+        speeds = speed + self._rate * whole
+        np.maximum(speeds, min(ratios.speed_min, speed), out=speeds)
+        np.minimum(speeds, max(speed, 1.0), out=speeds)
+        way = (speeds[:, 1:] + speeds[:, :-1]) * spans * short
+        step_x, step_y = way * ahead, way * aside
+        own_x, own_y = step_x.cumsum(axis=1), step_y.cumsum(axis=1)
+        least = np.full(COUNT, 1e6)
+        for x0, y0, vx, vy in zip(seen.x, seen.y, seen.vx, seen.vy, strict=True):
+            x, y = (x0 + vx * times) - own_x, (y0 + vy * times) - own_y
+            over_x, over_y = vx * spans - step_x, vy * spans - step_y
+            back = (x * over_x + y * over_y) / (over_x * over_x + over_y * over_y + 1e-8)
+            np.maximum(back, 0.0, out=back)
+            np.minimum(back, 1.0, out=back)
+            x -= back * over_x
+            y -= back * over_y
+            np.minimum(least, (x * x + y * y).min(axis=1), out=least)
+        return np.sqrt(least)
 
 
 def steering(seen: Scene, xp: Any) -> Any:
@@ -103,9 +152,15 @@ def steering(seen: Scene, xp: Any) -> Any:
     return xp.concatenate(parts, axis=-1)
 
 
+def _first(field: Any, xp: Any) -> Any:
+    """Return the intruders' axis first; in numpy in memory too, so that inner loops run along many rows."""
+    moved = xp.moveaxis(field, -1, 0)
+    return np.ascontiguousarray(moved) if xp is np else moved
+
+
 def _together(fields: tuple[Any, ...], xp: Any) -> tuple[Any, ...]:
     """Return fields that are computed once, before what follows is computed for every intruder."""
-    if xp.__name__ == "numpy":
+    if xp is np:
         return fields
     # Arrays of jax come with jax; where numpy flies it is not imported.
     return sys.modules["jax"].lax.optimization_barrier(fields)

@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from agents.policy.domain import OutsideDomainError, check_domain
+from agents.policy.escapes import KeptByOne
 from agents.policy.features import features, mirror_sign
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read
-from agents.policy.scene import Scene, scene, unpacked
+from agents.policy.scene import Scene, mirrored_one, scene, scene_of_one, unpacked
+from agents.policy.set_features import set_inputs_of_one
 from agents.policy.set_network import SetNetwork
-from envs.aircraft import PAPER, Aircraft
+from envs.aircraft import PAPER, Aircraft, ratios
 from envs.angles import atan2, sincos, wrap
 from envs.backend import FLOATS
 from envs.kinematics import Limits, VehicleState
@@ -105,6 +107,7 @@ class Policy:
         exact = SetNetwork(content.actor, *sizes, np.float64)(mapped(_double, seen))
         _check_parity(np.clip(exact, -1.0, 1.0), content, PARITY_TOLERANCE, "in float64", source)
         self._set = SetNetwork(content.actor, *sizes, self.dtype)
+        self._kept = KeptByOne(ratios(self.limits, self.aircraft.separation))
         flown = np.clip(self._set(seen), -1.0, 1.0)
         _check_parity(flown, content, _ROUNDING_TOLERANCE, f"in {self.dtype}", source)
 
@@ -124,6 +127,7 @@ class Policy:
             check_domain(self._content, aircraft)
         other = copy(self)
         other.aircraft, other.limits = aircraft, aircraft.limits
+        other._kept = KeptByOne(ratios(aircraft.limits, aircraft.separation))
         return other
 
     @classmethod
@@ -209,11 +213,7 @@ class Policy:
             ValueError: a number is not finite.
         """
         if self._set is not None:
-            one = VehicleState(*(np.array([field]) for field in own))
-            each = np.array([intruders]).transpose(2, 0, 1) if intruders else np.zeros((4, 1, 0))
-            present = np.ones(each.shape[1:], bool)
-            actions = self._of_states(one, VehicleState(*each), present, np.array([goal_x]), np.array([goal_y]))
-            return actions[0, 0].item(), actions[0, 1].item()
+            return self._one_of_set(own, intruders, goal_x, goal_y)
         if len(intruders) == 1:
             other = intruders[0]
         elif intruders:
@@ -221,6 +221,17 @@ class Policy:
         else:
             other = _absent(own, FLOATS)
         return self.decide(observe(own, other, goal_x, goal_y, PAPER, FLOATS))
+
+    def _one_of_set(
+        self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
+    ) -> tuple[float, float]:
+        assert self._set is not None
+        limits, separation = self.aircraft.limits, self.aircraft.separation
+        seen, sign = mirrored_one(scene_of_one(own, intruders, goal_x, goal_y, limits, separation))
+        throttle, steering = self._set.one(*set_inputs_of_one(seen, self._kept(seen)), sign)
+        if not (isfinite(throttle) and isfinite(steering)):
+            raise ValueError(_NOT_FINITE)
+        return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
 
     def _of_states(
         self, own: VehicleState, seen: VehicleState, present: np.ndarray, goal_x: np.ndarray, goal_y: np.ndarray

@@ -4,14 +4,17 @@ Lengths are in required separations D, speeds in the ownship's greatest speed, t
 (:mod:`envs.aircraft`); x points ahead and y to the left. Beyond 20 D only the direction counts.
 """
 
+import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from envs.aircraft import Ratios, ratios
 from envs.angles import sincos
+from envs.backend import FLOATS
 from envs.kinematics import Limits, VehicleState
 from envs.relative import distance
 
-__all__ = ["FARTHEST", "Scene", "mirrored", "scene", "unpacked", "width"]
+__all__ = ["FARTHEST", "Scene", "mirrored", "mirrored_one", "scene", "scene_of_one", "unpacked", "width"]
 
 FARTHEST = 20.0
 """Greatest distance that is seen, D; what is farther is seen there, in its direction."""
@@ -80,6 +83,42 @@ def scene(
     )
 
 
+def scene_of_one(
+    own: VehicleState,
+    intruders: Sequence[VehicleState],
+    goal_x: float,
+    goal_y: float,
+    limits: Limits,
+    separation: float,
+) -> Scene:
+    """Return the scene of plain floats in SI units, of intruders lists of those that exist."""
+    length, speed = 1.0 / separation, 1.0 / limits.speed_max
+    sine, cosine = math.sin(own.heading), math.cos(own.heading)
+
+    def seen(x: float, y: float) -> tuple[float, float]:
+        ahead, left = _turned((x - own.x) * length, (y - own.y) * length, cosine, sine)
+        pulled = min(1.0, FARTHEST / max(math.hypot(ahead, left), 1e-6))
+        return ahead * pulled, left * pulled
+
+    places = [seen(one.x, one.y) for one in intruders]
+    velocities = [
+        _turned(one.speed * speed * math.cos(one.heading), one.speed * speed * math.sin(one.heading), cosine, sine)
+        for one in intruders
+    ]
+    goal = seen(goal_x, goal_y)
+    return Scene(
+        own.speed * speed,
+        goal[0],
+        goal[1],
+        [x for x, _ in places],
+        [y for _, y in places],
+        [vx for vx, _ in velocities],
+        [vy for _, vy in velocities],
+        [True] * len(intruders),
+        ratios(limits, separation),
+    )
+
+
 def width(most: int) -> int:
     """Return the length of a row that :func:`unpacked` takes, with so many places for intruders."""
     return 7 + 5 * most
@@ -108,17 +147,34 @@ def mirrored(seen: Scene, xp: Any) -> tuple[Scene, Any]:
     Returns:
         The scene, and 1 or -1 ``[...]``.
     """
-    away = xp.maximum(distance(seen.x, seen.y, xp), 1e-3)
-    relative_x, relative_y = seen.vx - seen.own_speed[..., None], seen.vy
-    square = relative_x * relative_x + relative_y * relative_y + 0.0025
-    time = xp.clip(-(seen.x * relative_x + seen.y * relative_y) / square, 0.0, 30.0)
-    closest_x, closest_y = seen.x + relative_x * time, seen.y + relative_y * time
-    weight = 1.0 / ((1.0 + 0.1 * time * time) * (1.0 + closest_x * closest_x + closest_y * closest_y))
-    side = (seen.goal_x[..., None] * seen.y - seen.goal_y[..., None] * seen.x) / away
-    total = xp.sum(xp.where(seen.present, weight * side, 0.0), axis=-1)
+    towards = _towards(
+        seen.x, seen.y, seen.vx, seen.vy, seen.own_speed[..., None], seen.goal_x[..., None], seen.goal_y[..., None], xp
+    )
+    total = xp.sum(xp.where(seen.present, towards, 0.0), axis=-1)
     sign = xp.copysign(xp.ones_like(total), total + 1e-20 * seen.goal_y)
     each = sign[..., None]
     return seen._replace(goal_y=seen.goal_y * sign, y=seen.y * each, vy=seen.vy * each), sign
+
+
+def mirrored_one(seen: Scene) -> tuple[Scene, float]:
+    """Return :func:`mirrored` of a scene of plain floats."""
+    intruders = zip(seen.x, seen.y, seen.vx, seen.vy, strict=True)
+    total = sum(_towards(*one, seen.own_speed, seen.goal_x, seen.goal_y, FLOATS) for one in intruders)
+    sign = math.copysign(1.0, total + 1e-20 * seen.goal_y)
+    if sign > 0.0:
+        return seen, sign
+    return seen._replace(goal_y=-seen.goal_y, y=[-y for y in seen.y], vy=[-vy for vy in seen.vy]), sign
+
+
+def _towards(x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_x: Any, goal_y: Any, xp: Any) -> Any:
+    """Return how much an intruder counts, positive to the left of the line to the goal, ``[..., K]``."""
+    away = xp.maximum(distance(x, y, xp), 1e-3)
+    relative_x, relative_y = vx - pace, vy
+    square = relative_x * relative_x + relative_y * relative_y + 0.0025
+    time = xp.clip(-(x * relative_x + y * relative_y) / square, 0.0, 30.0)
+    closest_x, closest_y = x + relative_x * time, y + relative_y * time
+    weight = 1.0 / ((1.0 + 0.1 * time * time) * (1.0 + closest_x * closest_x + closest_y * closest_y))
+    return weight * ((goal_x * y - goal_y * x) / away)
 
 
 def _turned(x: Any, y: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:

@@ -6,11 +6,14 @@ the order of the intruders, nor with absent ones.
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from agents.policy import escapes
 from agents.policy.scene import Scene, mirrored
+from envs.backend import FLOATS
 from envs.relative import distance
 
-__all__ = ["EACH", "OWN", "SetInputs", "set_inputs"]
+__all__ = ["EACH", "OWN", "SetInputs", "set_inputs", "set_inputs_of_one"]
 
 OWN = 15 + escapes.COUNT
 """Numbers that describe the ownship, its goal and what simple manoeuvres keep."""
@@ -43,53 +46,80 @@ def set_inputs(seen: Scene, xp: Any) -> SetInputs:
         xp: array namespace, numpy or jax.numpy.
     """
     seen, sign = mirrored(seen, xp)
-    to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
-    goal_cosine, goal_sine = seen.goal_x / to_goal, seen.goal_y / to_goal
-    speed, ratios = seen.own_speed, seen.ratios
-    blank = xp.zeros_like(speed)
-    radius = speed * ratios.turn_radius
-    outside = [
-        distance(seen.goal_x, seen.goal_y - side * radius, xp) - radius for side in (1.0, -1.0)
-    ]  # of the turning circles
     # Manoeuvres along the last axis: there numpy adds up a row in the same order whatever the number of rows.
     kept = xp.stack(list(escapes.kept(seen, xp)), axis=-1)
     spare = _soft((kept - 1.0) * (1.0 / _KEPT_UNIT), xp)  # [..., 22]
-    own = [
-        (2.0 * speed - 1.0 - ratios.speed_min) / (1.0 - ratios.speed_min),
-        speed,
-        goal_cosine,
-        goal_sine,
-        to_goal * 0.1 - 1.0,
-        _soft(to_goal, xp),
-        *(_soft(2.0 * each, xp) for each in outside),
-        blank + 4.0 * (ratios.speed_min - 0.5),
-        blank + _soft(10.0 * ratios.acceleration_min, xp),
-        blank + _soft(10.0 * ratios.acceleration_max, xp),
-        blank + _soft(ratios.turn_radius, xp),
-        *_advice(spare, escapes.steering(seen, xp), xp),
-    ]
-    goal_cosine, goal_sine, pace = goal_cosine[..., None], goal_sine[..., None], speed[..., None]
-    away = distance(seen.x, seen.y, xp) + 1e-6
-    vx = seen.vx - pace
-    each = [
-        seen.x / away,
-        seen.y / away,
-        xp.minimum(away * 0.1 - 1.0, 1.0),
-        _soft(away - 1.0, xp),
-        seen.vx,
-        seen.vy,
-        vx,
-        (seen.x * vx + seen.y * seen.vy) / away,
-        *_passing(seen.x, seen.y, vx, seen.vy, xp),
-        # The same for the course that leads straight to the goal: is it time to turn back?
-        *_passing(seen.x, seen.y, seen.vx - pace * goal_cosine, seen.vy - pace * goal_sine, xp),
-    ]
+    own = _own_part(seen, xp.zeros_like(seen.own_speed), xp)
+    advice = _advice(spare, escapes.steering(seen, xp), xp)
+    to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
+    cosine, sine = seen.goal_x / to_goal, seen.goal_y / to_goal
+    each = _each_part(
+        seen.x, seen.y, seen.vx, seen.vy, seen.own_speed[..., None], cosine[..., None], sine[..., None], xp
+    )
     return SetInputs(
-        xp.concatenate([xp.stack(own, axis=-1), spare], axis=-1),
+        xp.concatenate([xp.stack([*own, *advice], axis=-1), spare], axis=-1),
         xp.stack(each, axis=-1),
         seen.present,
         sign,
     )
+
+
+def set_inputs_of_one(seen: Scene, kept: np.ndarray) -> tuple[list[float], list[list[float]]]:
+    """Return the inputs for one mirrored scene of plain floats: for the ownship, and a list for each intruder.
+
+    Args:
+        seen: intruder fields are lists of those present.
+        kept: what :func:`agents.policy.escapes.kept` gives of it, ``[22]``.
+    """
+    spare = _soft((kept - 1.0) * (1.0 / _KEPT_UNIT), np)
+    steering = escapes.steering(seen._replace(goal_x=np.float64(seen.goal_x), goal_y=np.float64(seen.goal_y)), np)
+    own = [*_own_part(seen, 0.0, FLOATS), *map(float, _advice(spare, steering, np)), *spare.tolist()]
+    to_goal = distance(seen.goal_x, seen.goal_y, FLOATS) + 1e-6
+    cosine, sine = seen.goal_x / to_goal, seen.goal_y / to_goal
+    intruders = zip(seen.x, seen.y, seen.vx, seen.vy, strict=True)
+    return own, [_each_part(*one, seen.own_speed, cosine, sine, FLOATS) for one in intruders]
+
+
+def _own_part(seen: Scene, zero: Any, xp: Any) -> list[Any]:
+    """Return what describes the ownship, its goal and its limits, 12 times ``[...]``; ``zero`` has that shape."""
+    to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
+    speed, ratios = seen.own_speed, seen.ratios
+    radius = speed * ratios.turn_radius
+    outside = [
+        distance(seen.goal_x, seen.goal_y - side * radius, xp) - radius for side in (1.0, -1.0)
+    ]  # of the turning circles
+    return [
+        (2.0 * speed - 1.0 - ratios.speed_min) / (1.0 - ratios.speed_min),
+        speed,
+        seen.goal_x / to_goal,
+        seen.goal_y / to_goal,
+        to_goal * 0.1 - 1.0,
+        _soft(to_goal, xp),
+        *(_soft(2.0 * each, xp) for each in outside),
+        zero + 4.0 * (ratios.speed_min - 0.5),
+        zero + _soft(10.0 * ratios.acceleration_min, xp),
+        zero + _soft(10.0 * ratios.acceleration_max, xp),
+        zero + _soft(ratios.turn_radius, xp),
+    ]
+
+
+def _each_part(x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_cosine: Any, goal_sine: Any, xp: Any) -> list[Any]:
+    """Return what describes an intruder, 16 times ``[..., K]``, beside own speed and the goal's direction."""
+    away = distance(x, y, xp) + 1e-6
+    relative = vx - pace
+    return [
+        x / away,
+        y / away,
+        xp.minimum(away * 0.1 - 1.0, 1.0),
+        _soft(away - 1.0, xp),
+        vx,
+        vy,
+        relative,
+        (x * relative + y * vy) / away,
+        *_passing(x, y, relative, vy, xp),
+        # The same for the course that leads straight to the goal: is it time to turn back?
+        *_passing(x, y, vx - pace * goal_cosine, vy - pace * goal_sine, xp),
+    ]
 
 
 def _advice(spare: Any, steering: Any, xp: Any) -> tuple[Any, Any, Any]:

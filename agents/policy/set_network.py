@@ -17,7 +17,7 @@ from envs.trees import mapped
 
 __all__ = ["SetNetwork", "layer_shapes"]
 
-_PLACES = 256  # for intruders at a time, whose numbers stay in cache; changes no bit
+_PLACES = 128  # for intruders at a time, whose numbers stay in cache; changes no bit
 
 
 def layer_shapes(encoder: list[int], hidden: list[int]) -> dict[str, tuple[int, int]]:
@@ -53,6 +53,8 @@ class SetNetwork:
         self._encoder, self._hidden = layers("each", encoder), layers("hidden", hidden)
         self._head = tensors["head/kernel"].astype(dtype), tensors["head/bias"].astype(dtype)
 
+        self._widest = len(self._hidden[0][0])
+
     def __call__(self, seen: Scene) -> np.ndarray:
         """Return the actions ``[N, 2]`` for scenes ``[N]`` with K >= 1 places for intruders, not clipped."""
         seen = mapped(lambda field: field if np.asarray(field).dtype == bool else np.asarray(field, self._dtype), seen)
@@ -61,6 +63,30 @@ class SetNetwork:
         if count <= block:
             return self._actions(seen)
         return np.concatenate([self._actions(_rows(seen, first, block)) for first in range(0, count, block)])
+
+    def one(self, own: list[float], each: list[list[float]], sign: float) -> tuple[float, float]:
+        """Return the action of one scene, not clipped.
+
+        Args:
+            own, each: as :func:`agents.policy.set_features.set_inputs_of_one` gives them.
+            sign: factor of the yaw rate.
+        """
+        inputs = np.empty(self._widest, self._dtype)
+        inputs[:OWN] = own
+        if each:
+            flat = np.array(each, self._dtype)
+            for kernel, bias in self._encoder:
+                flat = np.tanh(flat @ kernel + bias)
+            inputs[OWN:] = flat.max(axis=0)
+        else:
+            inputs[OWN:] = -1.0
+        x = inputs
+        for kernel, bias in self._hidden:
+            x = x.dot(kernel)
+            x += bias
+            np.tanh(x, x)
+        acceleration, yaw_rate = (x.dot(self._head[0]) + self._head[1]).tolist()
+        return acceleration, yaw_rate * sign
 
     def _actions(self, seen: Scene) -> np.ndarray:
         own, each, present, sign = set_inputs(seen, np)
