@@ -187,7 +187,8 @@ def bound(first: Ball, last: Ball, bow: int) -> int:
 def separated(number: int, row: list[Ball], start: Ball, arcs: Any, sizes: list[Ball], claim: Ball, parts: int) -> None:
     """Check that an intruder (place, heading, speed, age, turn rate and time, sigmas) stays as far as it has to."""
     least, margin, sigmas = sizes
-    std, away = (row[6] + J * row[7] * row[3]).size(), (other(row, ZERO) - start).size()
+    old = Ball(max(row[3].x, -row[3].x), 0, row[3].r)  # one error of the velocity lasts from the report on
+    std, away = (row[6] + J * row[7] * old).size(), (other(row, ZERO) - start).size()
     keep = max(least.hi, min((least + margin + sigmas * std).hi, away.hi))
     swerve = (row[2] * row[4]).size() if row[5].hi > row[3].lo else ZERO
     near = away.lo  # the distance at the beginning of an arc is this at least
@@ -196,7 +197,7 @@ def separated(number: int, row: list[Ball], start: Ball, arcs: Any, sizes: list[
         while todo:
             i, n = todo.pop()
             later, known = begin + h * ball(i + 1) / ball(n), {0: place, n: end}
-            need = keep + (sigmas * ((std + J * row[7] * later).size() - std)).hi
+            need = keep + (sigmas * ((row[6] + J * row[7] * (old + later)).size() - std)).hi
             owed = max(need - CLOSE.lo, least.hi - ROUNDING.lo, claim.hi)
             bow = max((pull * h * h / ball(8 * n * n)).hi, TINY.hi)
             if n == 1 and near - bow >= owed:

@@ -70,7 +70,7 @@ class Flown(NamedTuple):
 def plans_of(count: int, name: str, seed: int) -> list[Plan]:
     """Return the SAFE ones of so many plans of the shipped policy."""
     encounters = numbered(scenario(name, PAPER), seed, 0, count)
-    proposals = plan_many(request_of(encounters, PAPER), Policy.load(), Options()).proposals
+    proposals = plan_many(request_of(encounters, PAPER), Policy.load(), Options.for_aircraft(PAPER)).proposals
     found = []
     for number in np.flatnonzero(proposals.safe):
         knots = Knots(*(np.asarray(field[number], dtype=float) for field in proposals.knots))

@@ -10,12 +10,12 @@ from agents.baselines.baselines import BASELINES
 from agents.config.keys import nearest
 from agents.config.load import ConfigError, Strict
 from agents.config.world import AircraftConfig, ScenarioConfig, VehicleConfig
-from agents.planner.options import MARGIN, Options, comfort_limits
+from agents.planner.options import Options, default_margin
 from agents.planner.traffic import Requirement
 from agents.policy.inference import Policy
-from envs.aircraft import Aircraft
+from envs.aircraft import PAPER, Aircraft
 from envs.encounters import SCENARIOS, Scenario
-from envs.kinematics import C208_PUBLISHED, Limits, within
+from envs.kinematics import Limits
 from envs.sobol import REPLICATES
 from envs.traffic.replay import AHEAD
 
@@ -53,7 +53,7 @@ class Setting(NamedTuple):
 class PlannerConfig(Strict):
     """How plans are made and flown in the modes that plan."""
 
-    margin: float = Field(default=MARGIN, ge=0.0, le=5_000.0)
+    margin: float = Field(default=default_margin(PAPER), ge=0.0, le=5_000.0)
     """Added to the required separation, m: what the follower may leave of the plan."""
     goal_radius: float = Field(default=500.0, gt=100.0, le=5_000.0)
     """Within which a point of the route counts as rejoined, m."""
@@ -79,23 +79,21 @@ class PlannerConfig(Strict):
         Raises:
             ConfigError: there is no speed that both have.
         """
-        limits = C208_PUBLISHED if self.vehicle is None else self.vehicle.limits()
+        costly = math.inf if self.fallback_cost_threshold is None else self.fallback_cost_threshold
         try:
-            manoeuvre = comfort_limits(within(aircraft.limits, limits))
+            options = Options.for_aircraft(
+                aircraft._replace(goal_radius=self.goal_radius),
+                None if self.vehicle is None else self.vehicle.limits(),
+                requirement=Requirement(aircraft.separation, self.margin),
+                rejoin_by=self.rejoin_by,
+                direct=self.direct,
+                goals=self.goals,
+                fallback_cost_threshold=costly,
+                exhaustive=self.exhaustive,
+            )
         except ValueError as problem:
             raise ConfigError(f"planner.vehicle: {problem}") from None
-        options = Options(
-            requirement=Requirement(margin=self.margin),
-            limits=limits,
-            manoeuvre=manoeuvre,
-            goal_radius=self.goal_radius,
-            rejoin_by=self.rejoin_by,
-            direct=self.direct,
-            goals=self.goals,
-            fallback_cost_threshold=math.inf if self.fallback_cost_threshold is None else self.fallback_cost_threshold,
-            exhaustive=self.exhaustive,
-        )
-        return Setting(options, limits)
+        return Setting(options, options.limits)
 
 
 class TracksConfig(Strict):

@@ -7,7 +7,7 @@ Import ListNotations.
 Open Scope R_scope.
 
 Definition A : arc := Arc 0 10 0 0 0 80 0 0.
-Definition i : intruder := Intruder 0 3000 0 80 0 0 0 0.
+Definition i : intruder := Intruder 0 3000 0 80 0 0 0 0 0.
 Definition r : requirement := Requirement 1000 0 0.
 Definition L : limits := Limits 30 100 (-1) 1 (1 / 10).
 Definition T : tolerance := Tolerance 0 0 0.

@@ -17,7 +17,8 @@ Record arc := Arc {
 Record intruder := Intruder {  (* at the request *)
   ix : R; iy : R; ipsi : R; ispeed : R;
   irate : R; ilasts : R;  (* its turn *)
-  istd : R; ivstd : R  (* one sigma of position and velocity *)
+  istd : R; ivstd : R;  (* one sigma of position and velocity in its report *)
+  iage : R  (* of the report *)
 }.
 
 Record requirement := Requirement { separation : R; margin : R; sigmas : R }.
@@ -43,25 +44,33 @@ Definition during (A : arc) (t : R) : Prop := begin A <= t <= begin A + duration
 Definition required (separation margin sigmas std away : R) : R :=
   Rmax separation (Rmin (separation + margin + sigmas * std) away).
 
-Definition growth (sigmas std vstd t : R) : R := sigmas * (norm std (vstd * t) - std).
+(* One error of the velocity lasts from the report on: before the request and after it. *)
+Definition growth (sigmas std vstd age t : R) : R :=
+  sigmas * (norm std (vstd * (age + t)) - norm std (vstd * age)).
 
 Definition need (r : requirement) (i : intruder) (away t : R) : R :=
-  required (separation r) (margin r) (sigmas r) (istd i) away + growth (sigmas r) (istd i) (ivstd i) t.
+  required (separation r) (margin r) (sigmas r) (norm (istd i) (ivstd i * Rabs (iage i))) away
+    + growth (sigmas r) (istd i) (ivstd i) (Rabs (iage i)) t.
 
 Definition owed (need separation : R) : R := Rmax (need - CLOSE) (separation - ROUNDING).
 
 Definition owes (r : requirement) (i : intruder) (away t : R) : R := owed (need r i away t) (separation r).
 
-Lemma growth_monotone s std vstd t u :
-  0 <= s -> 0 <= t <= u -> growth s std vstd t <= growth s std vstd u.
+Lemma spread_monotone std vstd t u : 0 <= t <= u -> norm std (vstd * t) <= norm std (vstd * u).
 Proof.
-  intros pos order; unfold growth.
-  apply Rmult_le_compat_l; [assumption|].
-  enough (norm std (vstd * t) <= norm std (vstd * u)) by lra.
-  unfold norm; apply sqrt_le_1_alt.
+  intros order; unfold norm; apply sqrt_le_1_alt.
   assert (0 <= vstd * vstd) by nra.
   assert (t * t <= u * u) by nra.
   nra.
+Qed.
+
+Lemma growth_monotone s std vstd age t u :
+  0 <= s -> 0 <= age -> 0 <= t <= u -> growth s std vstd age t <= growth s std vstd age u.
+Proof.
+  intros pos old order; unfold growth.
+  apply Rmult_le_compat_l; [assumption|].
+  assert (0 <= age + t <= age + u) as later by lra.
+  generalize (spread_monotone std vstd _ _ later); lra.
 Qed.
 
 Lemma owes_monotone r i away t u :
@@ -69,17 +78,17 @@ Lemma owes_monotone r i away t u :
 Proof.
   intros pos order; unfold owes, owed, need.
   apply Rle_max_compat_r.
-  generalize (growth_monotone (sigmas r) (istd i) (ivstd i) t u pos order); lra.
+  generalize (growth_monotone (sigmas r) (istd i) (ivstd i) _ t u pos (Rabs_pos (iage i)) order); lra.
 Qed.
 
 Lemma required_separation s m k std away : s <= required s m k std away.
 Proof. apply Rmax_l. Qed.
 
-Lemma growth_pos s std vstd t : 0 <= s -> 0 <= std -> 0 <= growth s std vstd t.
+Lemma growth_pos s std vstd age t : 0 <= s -> 0 <= age -> 0 <= t -> 0 <= growth s std vstd age t.
 Proof.
   intros; unfold growth; apply Rmult_le_pos; [assumption|].
-  enough (std <= norm std (vstd * t)) by lra.
-  apply le_norm; nra.
+  assert (0 <= age <= age + t) as later by lra.
+  generalize (spread_monotone std vstd _ _ later); lra.
 Qed.
 
 (* What is kept is never below the separation less ROUNDING, nor below what is needed less CLOSE. *)
@@ -91,12 +100,13 @@ Proof. apply Rmax_l. Qed.
 
 (* A part that is clear of the whole need, as the validator's first look finds, owes no more. *)
 Lemma owed_below_need r i away t :
-  0 <= sigmas r -> 0 <= istd i -> owes r i away t <= need r i away t.
+  0 <= sigmas r -> 0 <= t -> owes r i away t <= need r i away t.
 Proof.
   intros; unfold owes, owed; apply Rmax_lub; unfold CLOSE, ROUNDING; [lra|].
   unfold need.
-  generalize (growth_pos (sigmas r) (istd i) (ivstd i) t H H0).
-  generalize (required_separation (separation r) (margin r) (sigmas r) (istd i) away); lra.
+  generalize (growth_pos (sigmas r) (istd i) (ivstd i) _ t H (Rabs_pos (iage i)) H0).
+  generalize (required_separation (separation r) (margin r) (sigmas r) (norm (istd i) (ivstd i * Rabs (iage i))) away).
+  lra.
 Qed.
 
 (* ---- one part ---- *)

@@ -1,17 +1,17 @@
 """The backup: a manoeuvre that is ready when no plan is.
 
-A backup is a course and a speed: the aircraft turns onto the course at the surrogate's rate, accelerates or
+A backup is a course and a speed: the aircraft turns onto the course at the greatest rate of decisions, accelerates or
 decelerates to the speed, and holds both. It is published as knots like any plan, every leg of constant controls, and
-judged by :mod:`agents.planner.validator` over :data:`HORIZON`. The one of the second before stays if it
-passes from the present state; only otherwise is the family searched.
+judged by :mod:`agents.planner.validator` over the sum of :data:`STEPS`. The one of the step before stays if it passes
+from the present state; only otherwise is the family searched.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.traffic import Requirement, Traffic, predicted, required, uncertainty
+from agents.assurance.thresholds import Thresholds
+from agents.planner.traffic import Traffic, predicted, required, uncertainty
 from agents.planner.validator import Findings, validate
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState, advance
@@ -19,26 +19,20 @@ from envs.relative import distance
 from envs.trees import column, mapped, scatter, take
 from envs.waypoints import Knots, Legs, legs
 
-__all__ = ["HORIZON", "KNOTS", "Backup", "flown", "refreshed", "search"]
+__all__ = ["STEPS", "Backup", "flown", "refreshed", "resting", "search", "straight_east"]
 
-_DURATIONS = (5.0, 5.0, 5.0, 5.0, 10.0, 10.0, 10.0, 10.0, 20.0, 20.0, 20.0)
-
-HORIZON = sum(_DURATIONS)
-"""Over which a backup is judged, s."""
-
-KNOTS = len(_DURATIONS) + 1
-"""Of a backup."""
+STEPS = (5.0, 5.0, 5.0, 5.0, 10.0, 10.0, 10.0, 10.0, 20.0, 20.0, 20.0)
+"""Durations of a backup's legs, in time steps; their sum is the horizon over which it is judged."""
 
 _TURNS = np.radians(
     [0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0, 60.0, -60.0, 90.0, -90.0, 120.0, -120.0, 150.0, -150.0]
 )
 _FAMILY_TURN = np.repeat(_TURNS, 3)
 _FAMILY_SPEED = np.tile([0.0, -1.0, 1.0], _TURNS.size)  # hold, decelerate, accelerate
-_STEP = 2.5  # s between samples when the family is ranked; 4 m of uncertainty at most
-_ENOUGH = 300.0  # m of clearance beyond which more is worth nothing
-_TURN_COST = 30.0  # m of clearance that a radian of turn must yield
+_STEP = 2.5  # time steps between samples when the family is ranked
+_ENOUGH = 0.3  # separations of clearance beyond which more is worth nothing
+_TURN_COST = 0.03  # separations of clearance that a radian of turn must yield
 _TRIED = 3  # of the family that are validated
-_SLACK = 0.006  # m by which the validator's lower bound may lie below the truth
 _BLOCK = 256  # aircraft searched for at once
 
 
@@ -50,29 +44,30 @@ class Backup(NamedTuple):
     speed: Any
     """To reach, m/s."""
     knots: Knots
-    """``[N, KNOTS]``, their times from when the backup was refreshed."""
+    """``[N, B]``, their times from when the backup was refreshed."""
     started: Any
     """When that was, on the monitor's clock, s; nan where there has never been one."""
     clearance: Any
     """Smallest distance less the required one over the horizon, m."""
     safe: Any
-    """Whether the validator found nothing wrong but its own resolution (6 mm), bool."""
+    """Whether the validator found nothing wrong but its own resolution, bool."""
     searched: Any
-    """Whether it is the result of a search in this second, bool."""
+    """Whether it is the result of a search in this step, bool."""
 
 
-def flown(own: VehicleState, course: Any, speed: Any, limits: Limits) -> Knots:
-    """Return backups from the present states as knots, ``[M, KNOTS]``; every leg has constant controls."""
-    state, time = own, 0.0
+def flown(own: VehicleState, course: Any, speed: Any, thresholds: Thresholds) -> Knots:
+    """Return backups from the present states as knots, ``[M, B]``; every leg has constant controls."""
+    limits = thresholds.manoeuvre
+    state = own
     states = [own]
     to_turn = wrap(course - own.heading, np)
-    for duration in _DURATIONS:
+    for duration in _durations(thresholds):
         turn, gain = _controls(to_turn, speed - state.speed, duration, limits)
         state = advance(state, gain / duration, turn / duration, duration, _unbound(limits), np)
         to_turn = to_turn - turn
         states.append(state)
-        time += duration
-    times = np.broadcast_to(np.cumsum((0.0, *_DURATIONS)), (own.x.size, KNOTS))
+    times = np.cumsum((0.0, *_durations(thresholds)))
+    times = np.broadcast_to(times, (own.x.size, times.size))
     x, y, heading, velocity = (np.stack(field, axis=-1) for field in zip(*states, strict=True))
     return Knots(x, y, wrap(heading, np), velocity, times.copy())
 
@@ -82,34 +77,31 @@ def refreshed(
     own: VehicleState,
     traffic: Traffic,
     time: Any,
-    requirement: Requirement,
-    limits: tuple[Limits, Limits],
-    gain: float,
+    thresholds: Thresholds,
 ) -> tuple[Backup, Legs]:
-    """Return the backups for the present second and their legs, ``[N]``.
+    """Return the backups for the present step and their legs, ``[N]``.
 
     Args:
-        previous: those of the second before.
+        previous: those of the step before.
         own: present states, ``[N]``.
         traffic: the intruders now, ``[N, K]``.
         time: on the monitor's clock, s, ``[N]``.
-        requirement: on the separation.
-        limits: what legs must obey, and what backups are made with.
-        gain: by how much more clearance, m, an unsafe backup is exchanged for another.
+        thresholds: of the monitor.
     """
-    vehicle, manoeuvre = limits
     had = np.isfinite(previous.started)
-    knots = flown(own, np.where(had, previous.course, own.heading), np.where(had, previous.speed, own.speed), manoeuvre)
+    knots = flown(
+        own, np.where(had, previous.course, own.heading), np.where(had, previous.speed, own.speed), thresholds
+    )
     curves = legs(knots)
-    found = validate(knots, traffic, requirement, vehicle, curves)
-    safe = _safe(found) & had
+    found = validate(knots, traffic, thresholds.requirement, thresholds.limits, curves)
+    safe = _safe(found, thresholds) & had
     result = Backup(previous.course, previous.speed, knots, time, found.clearance, safe, np.zeros(had.size, dtype=bool))
     result = mapped(np.array, result)
     rows = np.flatnonzero(~safe)
     for first in range(0, rows.size, _BLOCK):
         part = rows[first : first + _BLOCK]
-        other = search(take(own, part), take(traffic, part), time[part], requirement, limits)
-        better = ~had[part] | other.safe | (other.clearance > result.clearance[part] + gain)
+        other = search(take(own, part), take(traffic, part), time[part], thresholds)
+        better = ~had[part] | other.safe | (other.clearance > result.clearance[part] + thresholds.backup_gain)
         scatter(result, part[better], take(other, better))
     changed = np.flatnonzero(result.searched)
     if changed.size:
@@ -117,19 +109,17 @@ def refreshed(
     return result, curves
 
 
-def search(
-    own: VehicleState, traffic: Traffic, time: Any, requirement: Requirement, limits: tuple[Limits, Limits]
-) -> Backup:
+def search(own: VehicleState, traffic: Traffic, time: Any, thresholds: Thresholds) -> Backup:
     """Return the best backup of the family, ``[N]``: a safe one, or that of greatest clearance.
 
     Args:
         own: present states, ``[N]``.
         traffic: the intruders now, ``[N, K]``.
         time: on the monitor's clock, s, ``[N]``.
-        requirement: on the separation.
-        limits: what legs must obey, and what backups are made with.
+        thresholds: of the monitor.
     """
-    vehicle, manoeuvre = limits
+    requirement, manoeuvre = thresholds.requirement, thresholds.manoeuvre
+    unit = thresholds.options.aircraft.separation
     count, each = own.x.size, _FAMILY_TURN.size
     which = np.repeat(np.arange(count), each)
     turn = np.tile(_FAMILY_TURN, count)
@@ -139,14 +129,14 @@ def search(
     speed = np.where(np.tile(_FAMILY_SPEED, count) == 0.0, held, extreme)
     away = distance(traffic.state.x - own.x[:, None], traffic.state.y - own.y[:, None], np)
     base = required(traffic, away, requirement)
-    clearance = _estimate(take(own, which), course, speed, manoeuvre, traffic, base, requirement.sigmas)
-    merit = (np.minimum(clearance, _ENOUGH) - _TURN_COST * np.abs(turn)).reshape(count, each)
+    clearance = _estimate(take(own, which), course, speed, traffic, base, thresholds)
+    merit = (np.minimum(clearance, _ENOUGH * unit) - _TURN_COST * unit * np.abs(turn)).reshape(count, each)
     pick = np.argsort(-merit, axis=-1, kind="stable")[:, :_TRIED] + np.arange(count)[:, None] * each
     pick = pick.ravel()
     owners = which[pick]
-    knots = flown(take(own, owners), course[pick], speed[pick], manoeuvre)
-    found = validate(knots, take(traffic, owners), requirement, vehicle)
-    safe, spare = _safe(found), np.where(np.isnan(found.clearance), -np.inf, found.clearance)
+    knots = flown(take(own, owners), course[pick], speed[pick], thresholds)
+    found = validate(knots, take(traffic, owners), requirement, thresholds.limits)
+    safe, spare = _safe(found, thresholds), np.where(np.isnan(found.clearance), -np.inf, found.clearance)
     order = np.lexsort((np.arange(pick.size), np.where(safe, 0.0, -spare), ~safe, owners))
     best = order[::_TRIED] if _TRIED > 1 else order
     knots = take(knots, best)
@@ -161,22 +151,21 @@ def search(
     )
 
 
-def _safe(found: Findings) -> Any:
+def _safe(found: Findings, thresholds: Thresholds) -> Any:
     """Return whether nothing is wrong; a start inside the margin must keep its present distance, to the last digit."""
-    return found.legal & (found.clearance >= -_SLACK)
+    return found.legal & (found.clearance >= -thresholds.resolution)
 
 
-def _estimate(
-    own: VehicleState, course: Any, speed: Any, limits: Limits, traffic: Traffic, base: Any, sigmas: float
-) -> Any:
+def _estimate(own: VehicleState, course: Any, speed: Any, traffic: Traffic, base: Any, thresholds: Thresholds) -> Any:
     """Return the smallest distance less the required one of backups of a family, m, ``[N * F]``; an estimate."""
     count = base.shape[0]
-    steps = round(HORIZON / _STEP)
-    tracks = predicted(column(traffic), (np.arange(steps + 1) * _STEP)[:, None])
+    limits, sigmas = thresholds.manoeuvre, thresholds.requirement.sigmas
+    stride, steps = _STEP * thresholds.options.aircraft.dt, round(sum(STEPS) / _STEP)
+    tracks = predicted(column(traffic), (np.arange(steps + 1) * stride)[:, None])
     least_required = np.where(traffic.mask, base, -np.inf)[:, None]
     if sigmas and traffic.velocity_std.any():
-        spread = uncertainty(column(traffic), (np.arange(1, steps + 1) * _STEP)[:, None])
-        least_required = least_required + sigmas * (spread - traffic.position_std[:, None])
+        spread = uncertainty(column(traffic), (np.arange(1, steps + 1) * stride)[:, None])
+        least_required = least_required + sigmas * (spread - uncertainty(traffic, 0.0)[:, None])
     least = np.full(own.x.size, np.inf)
     state, to_turn, step = own, wrap(course - own.heading, np), 0
 
@@ -185,10 +174,10 @@ def _estimate(
         return tracks.x[:, step, None] - x, tracks.y[:, step, None] - y
 
     x0, y0 = relative(state, 0)
-    for duration in _DURATIONS:
+    for duration in _durations(thresholds):
         turn, gain = _controls(to_turn, speed - state.speed, duration, limits)
-        for _ in range(round(duration / _STEP)):
-            state = advance(state, gain / duration, turn / duration, _STEP, _unbound(limits), np)
+        for _ in range(round(duration / stride)):
+            state = advance(state, gain / duration, turn / duration, stride, _unbound(limits), np)
             step += 1
             x1, y1 = relative(state, step)
             dx, dy = x1 - x0, y1 - y0
@@ -201,6 +190,25 @@ def _estimate(
     return least
 
 
+def resting(count: int, thresholds: Thresholds) -> Backup:
+    """Return that there has never been a backup, ``[count]``."""
+    zero, no = np.zeros(count), np.zeros(count, dtype=bool)
+    knots = straight_east(count, np.arange(len(STEPS) + 1) * 10.0, thresholds.options.aircraft.limits)
+    return Backup(zero, knots.speed[:, 0].copy(), knots, zero + np.nan, zero - np.inf, no, no.copy())
+
+
+def straight_east(count: int, times: Any, limits: Limits) -> Knots:
+    """Return knots of a straight flight at a middle speed, ``[count, W]``."""
+    time = np.broadcast_to(times, (count, times.size)).copy()
+    zero, speed = np.zeros_like(time), 0.5 * (limits.speed_min + limits.speed_max)
+    return Knots(speed * time, zero, zero.copy(), zero + speed, time)
+
+
+def _durations(thresholds: Thresholds) -> list[float]:
+    """Return the durations of a backup's legs, s."""
+    return [steps * thresholds.options.aircraft.dt for steps in STEPS]
+
+
 def _controls(to_turn: Any, to_gain: Any, duration: float, limits: Limits) -> tuple[Any, Any]:
     """Return the turn (rad) and the change of speed (m/s) of one leg."""
     most = limits.yaw_rate_max * duration
@@ -210,4 +218,4 @@ def _controls(to_turn: Any, to_gain: Any, duration: float, limits: Limits) -> tu
 
 def _unbound(limits: Limits) -> Limits:
     """Return limits without a stop of the speed, which the legs' controls already respect."""
-    return limits._replace(speed_min=-math.inf, speed_max=math.inf)
+    return limits._replace(speed_min=-np.inf, speed_max=np.inf)

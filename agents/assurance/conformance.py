@@ -13,10 +13,7 @@ from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
 from envs.tracking import deviation
 
-__all__ = ["RESOLUTION", "Measured", "floor", "has", "judged", "watched"]
-
-RESOLUTION = 0.006
-"""By how much the outlook's lower bound may lie below the truth, m."""
+__all__ = ["Measured", "floor", "has", "judged", "watched"]
 
 _NOISE = 3.0
 """Standard deviations of what the plan expected and of what is believed now by which an intruder may be off besides."""
@@ -121,8 +118,8 @@ def _outlook(
     least = floor(np.minimum(planned, required(traffic, away, requirement)), thresholds)
     off = offset[:, None]
     had = has(monitor.causes, Cause.SEPARATION)[:, None]
-    edge = np.where(had, least + thresholds.separation_band, least - RESOLUTION)
-    edge = np.maximum(edge, requirement.separation - RESOLUTION + off)
+    edge = np.where(had, least + thresholds.separation_band, least - thresholds.resolution)
+    edge = np.maximum(edge, requirement.separation - thresholds.resolution + off)
     # A plan that is not flown needs no closer look.
     level = np.where(watched(monitor)[:, None], edge, -np.inf)
     ahead = outlook(monitor.plan, since, traffic, level, requirement.sigmas)

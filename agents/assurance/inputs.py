@@ -1,4 +1,4 @@
-"""What the monitor is given each second, what of it is valid, and what it remembers.
+"""What the monitor is given at each time step, what of it is valid, and what it remembers.
 
 A report that is not finite, out of range, too old, out of order or from the future changes nothing but the causes;
 the last good one stays and ages.
@@ -12,14 +12,14 @@ import numpy as np
 from agents.assurance.thresholds import Cause, Thresholds
 from agents.planner.traffic import Traffic, advanced
 from envs.angles import wrap
-from envs.kinematics import VehicleState, velocity
+from envs.kinematics import FASTEST, VehicleState, velocity
 
 __all__ = ["Inputs", "Memory", "blank", "inputs", "present", "updated"]
 
 _AHEAD = 0.5  # s by which a report may seem to come from the future
 _SAME = 1e-6  # s by which the time of one report differs between two steps: rounding of now less age
-_FASTEST, _FARTHEST, _LONGEST = 400.0, 1e6, 1e12  # m/s, m, s
-_BASELINE = (0.2, 5.0)  # s between two reports that a turn rate may be read from
+_FARTHEST, _LONGEST = 1e6, 1e12  # m, s
+_BASELINE = (0.2, 5.0)  # time steps between two reports that a turn rate may be read from
 _SIGNIFICANT = 3.0  # sigmas that an estimated turn must differ from straight flight
 
 
@@ -83,12 +83,12 @@ def inputs(time: Any, own: VehicleState, intruders: VehicleState, mask: Any = No
     return Inputs(np.broadcast_to(np.asarray(time, float), each), own, intruders=intruders, mask=exists, **given)
 
 
-def blank(count: int, intruders: int) -> Memory:
-    """Return the memory before the first step, ``[count]``."""
+def blank(count: int, intruders: int, speed: Any) -> Memory:
+    """Return the memory before the first step, ``[count]``, with an own speed, m/s."""
     never, pairs = np.full(count, -np.inf), (count, intruders)
     return Memory(
         never,
-        VehicleState(np.zeros(count), np.zeros(count), np.zeros(count), np.full(count, 75.0)),
+        VehicleState(np.zeros(count), np.zeros(count), np.zeros(count), np.array(speed)),
         never.copy(),
         VehicleState(*(np.zeros(pairs) for _ in range(4))),
         np.full(pairs, -np.inf),
@@ -140,14 +140,15 @@ def present(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleS
     age = np.where(known, memory.time[:, None] - memory.seen, 0.0)
     turn_time = np.where(memory.turn_rate == 0.0, 0.0, thresholds.turn_time)
     reports = Traffic(
-        memory.intruders, mask & known, memory.turn_rate, turn_time, memory.position_std, memory.velocity_std
+        memory.intruders, mask & known, memory.turn_rate, turn_time, memory.position_std, memory.velocity_std, 0.0 * age
     )
     return _carried(memory.own, own_age), advanced(reports, age)
 
 
 def _turn_rate(memory: Memory, given: Inputs, elapsed: Any, good: Any, thresholds: Thresholds) -> Any:
     """Return the turn rates that the last two reports show, rad/s, ``[N, K]``; 0 where noise could be all of it."""
-    comparable = good & (elapsed >= _BASELINE[0]) & (elapsed <= _BASELINE[1])
+    shortest, longest = (steps * thresholds.options.aircraft.dt for steps in _BASELINE)
+    comparable = good & (elapsed >= shortest) & (elapsed <= longest)
     seconds = np.where(comparable, elapsed, 1.0)
     rate = wrap(np.where(comparable, given.intruders.heading - memory.intruders.heading, 0.0), np) / seconds
     speed = np.maximum(np.where(comparable, given.intruders.speed, 1.0), 1.0)
@@ -157,14 +158,14 @@ def _turn_rate(memory: Memory, given: Inputs, elapsed: Any, good: Any, threshold
     turning = (size >= np.maximum(thresholds.turn_rate_min, _SIGNIFICANT * std)) & (size <= thresholds.turn_rate_max)
     rate = np.where(turning, rate, 0.0)
     # The same report heard again says nothing new; one after a gap begins anew.
-    again = ~good | (elapsed < _BASELINE[0])
+    again = ~good | (elapsed < shortest)
     return np.where(given.mask, np.where(comparable, rate, np.where(again, memory.turn_rate, 0.0)), 0.0)
 
 
 def _sane(state: VehicleState, age: Any) -> Any:
     """Return whether states are finite and in range; nan fails every comparison."""
     place = (np.abs(state.x) <= _FARTHEST) & (np.abs(state.y) <= _FARTHEST)
-    motion = (np.abs(state.heading) <= 2.0 * math.pi) & (state.speed >= 0.0) & (state.speed <= _FASTEST)
+    motion = (np.abs(state.heading) <= 2.0 * math.pi) & (state.speed >= 0.0) & (state.speed <= FASTEST.speed_max)
     return place & motion & (np.abs(age) <= _LONGEST)
 
 

@@ -174,4 +174,4 @@ def _pull(speed: Any, acceleration: Any, yaw_rate: Any, step: Any) -> Any:
 def _growth(traffic: Traffic, shaped: Traffic, time: Any, sigmas: float) -> Any:
     if not (traffic.velocity_std.any() and sigmas):
         return 0.0
-    return sigmas * (uncertainty(shaped, np.maximum(time, 0.0)) - shaped.position_std)
+    return sigmas * (uncertainty(shaped, np.maximum(time, 0.0)) - uncertainty(shaped, 0.0))

@@ -1,8 +1,8 @@
 """The run-time monitor: a pure state machine that watches plans being flown, one or many at once.
 
-Each second :func:`step` takes the time, the own states and the intruders', with their ages. It judges what is left
-of the active plan, asks for a new one where it must, and falls back to a backup that is always at hand where no plan
-can be had. It never plans itself, never draws, never reads a clock: the caller plans where a decision says so and
+At every time step :func:`step` takes the time, the own states and the intruders', with their ages. It judges what is
+left of the active plan, asks for a new one where it must, and falls back to a backup that is always at hand where no
+plan can be had. It never plans itself, never draws, never reads a clock: the caller plans where a decision says so and
 hands the answers to :func:`answer`. States, thresholds and guarantees: docs/explanation/assurance.md.
 """
 
@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from agents.assurance.backup import Backup, refreshed
-from agents.assurance.conformance import RESOLUTION, floor, has, judged
+from agents.assurance.conformance import floor, has, judged
 from agents.assurance.inputs import Inputs, inputs, present, updated
 from agents.assurance.lookahead import Course, course, outlook
-from agents.assurance.state import PLAN_KNOTS, Decision, Flown, Monitor, State, placeholder, start
+from agents.assurance.state import Decision, Flown, Monitor, State, placeholder, start
 from agents.assurance.thresholds import BLIND, LOST, WANTING, Cause, Thresholds
 from agents.planner.traffic import Traffic, required
 from agents.planner.validator import validate
@@ -24,7 +24,6 @@ from envs.trees import mapped, scatter, take
 from envs.waypoints import Knots, Legs, at, legs
 
 __all__ = [
-    "PLAN_KNOTS",
     "Cause",
     "Decision",
     "Flown",
@@ -52,7 +51,7 @@ def activate(
     Args:
         monitor: ``[N]``.
         rows: which of them, numbers ``[M]``.
-        knots: state at the request and the waypoints, ``[M, 21]``; nan where there is no plan.
+        knots: state at the request and the waypoints, ``[M, W + 1]``; nan where there is no plan.
         safe: whether the planner called them safe, ``[M]``.
         time: of the request on the monitor's clock, s, ``[M]`` or a scalar.
         traffic: the intruders that the plans were made with, ``[M, K]``.
@@ -84,7 +83,7 @@ def deactivate(monitor: Monitor, rows: Any) -> Monitor:
 
 
 def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monitor, Decision]:
-    """Judge one second.
+    """Judge one time step.
 
     Args:
         monitor: ``[N]``.
@@ -142,7 +141,7 @@ def answer(
 ) -> tuple[Monitor, Any]:
     """Hand in what the planner answered.
 
-    A plan is updated up only if it is SAFE, answers the last request (so that it is not older than the active one),
+    A plan is taken up only if it is SAFE, answers the last request (so that it is not older than the active one),
     and is still safe against the intruders as they are now. An answer to another request changes nothing; one that
     cannot be flown leads to BACKUP if the rest of the active plan is not safe, else to DENIED.
 
@@ -150,7 +149,7 @@ def answer(
         monitor: ``[N]``.
         rows: which of them, numbers ``[M]``, each once.
         number: of the requests that are answered (:class:`Decision`), ``[M]``.
-        knots: state at the request and the waypoints, ``[M, 21]``; nan where there is no plan.
+        knots: state at the request and the waypoints, ``[M, W + 1]``; nan where there is no plan.
         safe: whether the planner called them safe, ``[M]``.
         thresholds: of the monitor.
 
@@ -167,7 +166,7 @@ def answer(
     when, known = monitor.requested_at[rows], take(monitor.request_traffic, rows)
     required_separation = monitor.request_separation[rows]
     _own, traffic = present(memory, known.mask, thresholds)
-    least = floor(required_separation, thresholds) - RESOLUTION
+    least = floor(required_separation, thresholds) - thresholds.resolution
     since = np.where(usable, memory.time - when, 0.0)
     near = outlook(plan, since, traffic, least, thresholds.requirement.sigmas).separation
     usable &= (near >= least).all(axis=-1)
@@ -218,9 +217,7 @@ def _backup(
     rows = np.flatnonzero(~skip)
     if rows.size == 0:
         return monitor.backup, monitor.backup_legs
-    limits = (thresholds.limits, thresholds.manoeuvre)
-    part = take((monitor.backup, own, traffic, now), rows)
-    fresh = refreshed(*part, thresholds.requirement, limits, thresholds.backup_gain)
+    fresh = refreshed(*take((monitor.backup, own, traffic, now), rows), thresholds)
     if rows.size == skip.size:
         return fresh
     return _written((monitor.backup, monitor.backup_legs), rows, fresh)
@@ -243,8 +240,8 @@ def _usable(knots: Knots, wanted: Any, thresholds: Thresholds) -> tuple[Any, Cou
     """Return which plans are wanted and can be flown, ``[M]``, and all as courses, placeholders where they cannot."""
     fields = np.stack([np.asarray(field, dtype=float) for field in knots])
     whole = np.isfinite(fields).all(axis=(0, 2)) & wanted
-    whole &= (np.diff(np.where(whole[:, None], fields[4], np.arange(PLAN_KNOTS)), axis=-1) > 0.0).all(axis=-1)
-    filler = placeholder(whole.size, PLAN_KNOTS, 20.0)
+    filler = placeholder(whole.size, thresholds)
+    whole &= (np.diff(np.where(whole[:, None], fields[4], filler.time), axis=-1) > 0.0).all(axis=-1)
     points = Knots(*(np.where(whole[:, None], a, b) for a, b in zip(fields, filler, strict=True)))
     curves = legs(points)
     no_traffic = Traffic.straight(VehicleState(*(np.zeros((whole.size, 0)) for _ in range(4))))

@@ -94,9 +94,9 @@ class Watch:
     """The last request."""
 
 
-def begin(thresholds: Thresholds | None = None) -> Watch:
+def begin(thresholds: Thresholds) -> Watch:
     """Return a monitor that watches nothing."""
-    return Watch(assurance.start(1, 0), (), thresholds or Thresholds())
+    return Watch(assurance.start(1, 0, thresholds), (), thresholds)
 
 
 def activate(watch: Watch, plan: Plan, own: VehicleState, intruders: Mapping[str, Intruder], time: float) -> Watch:
@@ -113,7 +113,13 @@ def activate(watch: Watch, plan: Plan, own: VehicleState, intruders: Mapping[str
     reports = [intruders.get(name) for name in watch.names]
     traffic = _traffic(reports)
     monitor = assurance.activate(
-        watch.monitor, np.array([0]), _knots(own, plan), np.array([plan.safe]), time, traffic, watch.thresholds
+        watch.monitor,
+        np.array([0]),
+        _knots(own, plan, watch.thresholds),
+        np.array([plan.safe]),
+        time,
+        traffic,
+        watch.thresholds,
     )
     return replace(watch, monitor=monitor)
 
@@ -159,7 +165,7 @@ def step(
         np.array([[spread[1] for spread in spreads]], dtype=float),
     )
     monitor, decision = assurance.step(watch.monitor, given, watch.thresholds)
-    asked = _ask(decision) if decision.replan[0] else None
+    asked = _ask(monitor, decision, watch.thresholds) if decision.replan[0] else None
     backup = _waypoints(monitor) if np.isfinite(monitor.backup.started[0]) else ()
     watch = replace(watch, monitor=monitor, ask=asked or watch.ask)
     fly, state = Flown(int(decision.fly[0])), State(int(decision.state[0]))
@@ -170,7 +176,7 @@ def answer(watch: Watch, number: int, plan: Plan) -> tuple[Watch, bool]:
     """Hand in what the planner answered to a request; return also whether the plan is flown now."""
     if watch.ask is None or number != watch.ask.number:
         return watch, False
-    given = _knots(watch.ask.own, plan)
+    given = _knots(watch.ask.own, plan, watch.thresholds)
     monitor, taken_up = assurance.answer(
         watch.monitor, np.array([0]), np.array([number]), given, np.array([plan.safe]), watch.thresholds
     )
@@ -182,7 +188,7 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
     if names == watch.names:
         return watch
     order = [watch.names.index(name) if name in watch.names else -1 for name in names]
-    old, new = watch.monitor, assurance.start(1, len(names))
+    old, new = watch.monitor, assurance.start(1, len(names), watch.thresholds)
     places, known = np.array(order, dtype=int), np.array(order, dtype=int) >= 0
 
     def moved(fresh: np.ndarray, had: np.ndarray) -> np.ndarray:
@@ -201,17 +207,19 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
     return replace(watch, monitor=old._replace(memory=old.memory._replace(**given), **rest), names=names)
 
 
-def _ask(decision: Decision) -> Ask:
-    traffic, own = take(decision.traffic, 0), VehicleState(*(float(field[0]) for field in decision.own))
+def _ask(monitor: Monitor, decision: Decision, thresholds: Thresholds) -> Ask:
+    """Return the request of one second: the last good reports with their ages, as the planner takes them."""
+    memory, own = take(monitor.memory, 0), VehicleState(*(float(field[0]) for field in decision.own))
     known = tuple(
         Intruder(
-            VehicleState(*(float(field[k]) for field in traffic.state)),
-            turn_rate=float(traffic.turn_rate[k]),
-            turn_time=float(traffic.turn_time[k]),
-            position_std=float(traffic.position_std[k]),
-            velocity_std=float(traffic.velocity_std[k]),
+            VehicleState(*(float(field[k]) for field in memory.intruders)),
+            age=float(memory.time - memory.seen[k]),
+            turn_rate=float(memory.turn_rate[k]),
+            turn_time=thresholds.turn_time if memory.turn_rate[k] else 0.0,
+            position_std=float(memory.position_std[k]),
+            velocity_std=float(memory.velocity_std[k]),
         )
-        for k in np.flatnonzero(traffic.mask)
+        for k in np.flatnonzero(decision.traffic.mask[0])
     )
     return Ask(int(decision.number[0]), own, known)
 
@@ -226,10 +234,11 @@ def reasons(decision: Decision, thresholds: Thresholds) -> tuple[Why, ...]:
     )
 
 
-def _knots(own: VehicleState, plan: Plan) -> Knots:
-    """Return a plan's knots, ``[1, 21]``; nan where it has no trajectory."""
-    if not plan.waypoints:
-        return Knots(*(np.full((1, assurance.PLAN_KNOTS), np.nan) for _ in range(5)))
+def _knots(own: VehicleState, plan: Plan, thresholds: Thresholds) -> Knots:
+    """Return a plan's knots, ``[1, W + 1]``; nan where it has no trajectory, or not as many waypoints as expected."""
+    count = thresholds.options.waypoints
+    if len(plan.waypoints) != count:
+        return Knots(*(np.full((1, count + 1), np.nan) for _ in range(5)))
     return Knots(*(field[None] for field in knots(own, plan.waypoints)))
 
 

@@ -5,17 +5,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.assurance.backup import KNOTS, Backup
+from agents.assurance.backup import Backup, resting, straight_east
 from agents.assurance.inputs import Memory, blank
 from agents.assurance.lookahead import Course, course
+from agents.assurance.thresholds import Thresholds
 from agents.planner.traffic import Traffic
 from envs.kinematics import VehicleState
 from envs.waypoints import Knots, Legs, legs
 
-__all__ = ["PLAN_KNOTS", "Decision", "Flown", "Monitor", "State", "placeholder", "start"]
-
-PLAN_KNOTS = 21
-"""Of a plan: the request and 20 waypoints."""
+__all__ = ["Decision", "Flown", "Monitor", "State", "placeholder", "start"]
 
 
 class State(IntEnum):
@@ -75,7 +73,7 @@ class Monitor(NamedTuple):
     """Separations that its answer must keep, m, ``[N, K]``."""
     backup: Backup
     backup_legs: Legs
-    """``[N, KNOTS - 1]``."""
+    """``[N, L]``."""
 
 
 class Decision(NamedTuple):
@@ -110,19 +108,17 @@ class Decision(NamedTuple):
     """When that rest falls below what is required, s from now; inf where it does not."""
 
 
-def start(count: int, intruders: int) -> Monitor:
+def start(count: int, intruders: int, thresholds: Thresholds) -> Monitor:
     """Return monitors that watch nothing, ``[count]`` with room for so many intruders each."""
     no, zero, none = np.zeros(count, dtype=bool), np.zeros(count), np.full(count, -1)
     absent = np.zeros((count, intruders), dtype=bool)
     no_traffic = Traffic.straight(VehicleState(*(np.zeros(absent.shape) for _ in range(4))), absent)
-    straight = placeholder(count, PLAN_KNOTS, 20.0)
-    short = placeholder(count, KNOTS, 10.0)
-    backup = Backup(zero, zero + 75.0, short, zero + np.nan, zero - np.inf, no, no.copy())
+    straight, backup = placeholder(count, thresholds), resting(count, thresholds)
     return Monitor(
         state=np.zeros(count, dtype=np.int8),
         on_backup=no.copy(),
         causes=np.zeros(count, dtype=np.int32),
-        memory=blank(count, intruders),
+        memory=blank(count, intruders, straight.speed[:, 0]),
         plan=course(straight, legs(straight)),
         started=zero.copy(),
         revision=none,
@@ -135,12 +131,11 @@ def start(count: int, intruders: int) -> Monitor:
         request_traffic=no_traffic,
         request_separation=np.full((count, intruders), np.inf),
         backup=backup,
-        backup_legs=legs(short),
+        backup_legs=legs(backup.knots),
     )
 
 
-def placeholder(count: int, points: int, spacing: float) -> Knots:
-    """Return knots that keep arrays whole where there is no plan: straight east, ``[count, points]``."""
-    time = np.broadcast_to(np.arange(points) * spacing, (count, points)).copy()
-    zero = np.zeros_like(time)
-    return Knots(75.0 * time, zero, zero.copy(), zero + 75.0, time)
+def placeholder(count: int, thresholds: Thresholds) -> Knots:
+    """Return knots that keep arrays whole where there is no plan: straight east, ``[count, W + 1]``."""
+    options, limits = thresholds.options, thresholds.options.aircraft.limits
+    return straight_east(count, np.arange(options.waypoints + 1) * options.interval, limits)

@@ -1,11 +1,12 @@
 """When the run-time monitor acts: thresholds and named causes. Derivations: docs/explanation/assurance.md."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntFlag
+from typing import Any
 
-from agents.planner.options import MARGIN
+from agents.planner.options import Options, agility
 from agents.planner.traffic import Requirement
-from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits
+from envs.kinematics import Limits, within
 
 __all__ = ["BLIND", "LOST", "WANTING", "Cause", "Thresholds"]
 
@@ -68,52 +69,102 @@ WANTING = (
 
 @dataclass(frozen=True)
 class Thresholds:
-    """When the monitor acts."""
+    """When the monitor acts; made by :meth:`for_plans`."""
 
-    requirement: Requirement = field(default_factory=lambda: Requirement(margin=MARGIN))
+    options: Options
     """What plans are made with; the monitor holds them to it."""
-    separation_band: float = 0.05
+    manoeuvre: Limits
+    """That backups are made with."""
+    separation_band: float
     """By how much the predicted separation may fall below what the plan was required to keep, m; never below the
     separation itself."""
-    cross_track: float = 25.0
+    resolution: float
+    """By how much bounds of the separation may lie below the truth, m."""
+    cross_track: float
     """Largest distance from the path, m."""
-    along_track: float = 50.0
+    along_track: float
     """Largest distance ahead of or behind the plan, m."""
-    time_error: float = 1.0
+    time_error: float
     """Largest delay or lead at a place, s."""
+    memory: float
+    """Time constant of the leaky sums of errors, s."""
+    intruder_position: float
+    """Largest deviation of an intruder from its prediction, m."""
+    intruder_velocity: float
+    """Largest deviation of its velocity, m/s."""
+    concern: float
+    """Predicted separation beyond which an intruder's deviation asks for nothing, m."""
+    turn_time: float
+    """For how long an intruder is expected to go on with the turn that its last two reports show, s."""
+    turn_rate_min: float
+    """Estimated turn rate below which it counts as straight, rad/s."""
+    turn_rate_max: float
+    """Largest turn rate that is believed, rad/s."""
+    replan_interval: float
+    """Least time between two requests for a plan, s."""
+    answer_time: float
+    """In which the planner must answer, s."""
+    urgent: float
+    """A loss of separation nearer than this, s, does not wait for an answer."""
+    plan_ending: float
+    """Least rest of a plan, s."""
+    own_age: float
+    """Oldest own state, s."""
+    intruder_age: float
+    """Oldest report of an intruder that is planned with, s."""
+    backup_gain: float
+    """By how much more clearance, m, an unsafe backup is exchanged for another."""
     leave: float = 0.7
     """A cause ends when its error is below this share of its threshold."""
-    memory: float = 30.0
-    """Time constant of the leaky sums of errors, s."""
     sustained: float = 0.5
     """Share of a threshold that may last for ever."""
-    intruder_position: float = 50.0
-    """Largest deviation of an intruder from its prediction, m."""
-    intruder_velocity: float = 5.0
-    """Largest deviation of its velocity, m/s."""
-    concern: float = 3000.0
-    """Predicted separation beyond which an intruder's deviation asks for nothing, m."""
-    turn_time: float = 15.0
-    """For how long an intruder is expected to go on with the turn that its last two reports show, s."""
-    turn_rate_min: float = 0.0044
-    """Estimated turn rate below which it counts as straight, rad/s."""
-    turn_rate_max: float = 0.105
-    """Largest turn rate that is believed, rad/s."""
-    replan_interval: float = 2.0
-    """Least time between two requests for a plan, s."""
-    answer_time: float = 3.0
-    """In which the planner must answer, s."""
-    urgent: float = 20.0
-    """A loss of separation nearer than this, s, does not wait for an answer."""
-    plan_ending: float = 60.0
-    """Least rest of a plan, s."""
-    own_age: float = 1.5
-    """Oldest own state, s."""
-    intruder_age: float = 5.0
-    """Oldest report of an intruder that is planned with, s."""
-    backup_gain: float = 10.0
-    """By how much more clearance, m, an unsafe backup is exchanged for another."""
-    limits: Limits = C208_PUBLISHED
-    """That every leg must obey: the true vehicle's."""
-    manoeuvre: Limits = SURROGATE
-    """That backups are made with."""
+
+    @classmethod
+    def for_plans(cls, options: Options, **changes: Any) -> "Thresholds":
+        """Return the usual thresholds for plans made with some options.
+
+        Args:
+            options: of the plans.
+            **changes: other fields.
+        """
+        aircraft = options.aircraft
+        far, step, limits = aircraft.separation, aircraft.dt, aircraft.limits
+        usual: dict[str, Any] = {
+            "manoeuvre": backup_limits(options),
+            "separation_band": 5e-5 * far * agility(aircraft),
+            "resolution": 6e-6 * far * agility(aircraft),
+            "cross_track": 0.025 * far,
+            "along_track": 0.05 * far,
+            "time_error": step,
+            "memory": 30.0 * step,
+            "intruder_position": 0.05 * far,
+            "intruder_velocity": 0.05 * limits.speed_max,
+            "concern": 3.0 * far,
+            "turn_time": 15.0 * step,
+            "turn_rate_min": 0.0044 / step,
+            "turn_rate_max": max(0.105 / step, 2.0 * limits.yaw_rate_max),
+            "replan_interval": 2.0 * step,
+            "answer_time": 3.0 * step,
+            "urgent": 20.0 * step,
+            "plan_ending": 60.0 * step,
+            "own_age": 1.5 * step,
+            "intruder_age": 5.0 * step,
+            "backup_gain": 0.01 * far,
+        }
+        return cls(options, **(usual | changes))
+
+    @property
+    def requirement(self) -> Requirement:
+        """Of the plans."""
+        return self.options.requirement
+
+    @property
+    def limits(self) -> Limits:
+        """That every leg must obey: the vehicle's own."""
+        return self.options.limits
+
+
+def backup_limits(options: Options) -> Limits:
+    """Return what backups are made with: inside the limits of decisions and of the vehicle; each leg is constant."""
+    both = within(options.aircraft.limits, options.limits)
+    return both._replace(speed_min=max(both.speed_min, options.manoeuvre.speed_min))

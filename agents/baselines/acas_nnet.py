@@ -23,11 +23,10 @@ from typing import Any
 import numpy as np
 
 from agents.baselines.baselines import Sight, checked, course_to_goal, may_return, steered
-from envs.aircraft import PAPER
+from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.edge.command import InputError
 from envs.edge.files import check_regular
-from envs.kinematics import SURROGATE, Limits
 from envs.observation import most_critical
 
 __all__ = ["ADVISORIES", "AdvisoryLogic", "Network", "NnetError", "load_logic", "read"]
@@ -113,14 +112,13 @@ class AdvisoryLogic:
     """A logic flown as a decider: its advisory for the most critical intruder, else to the goal when that is clear.
 
     The networks see the scene as it is. They were made to keep 500 ft between aircraft of about 200 ft/s, but advise
-    long before; whatever they keep beyond is theirs. The way back to the goal is free where ``separation`` is kept.
+    long before; whatever they keep beyond is theirs. The way back to the goal is free where the aircraft's
+    separation is kept.
     """
 
     networks: tuple[Network, ...]
     """One for each previous advisory, or a single one."""
-    limits: Limits = SURROGATE
-    goal_radius: float = 500.0
-    separation: float = 1_000.0
+    aircraft: Aircraft
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` that hold the speed, and the advisories to remember.
@@ -136,16 +134,16 @@ class AdvisoryLogic:
                 scores[rows] = self.networks[previous % len(self.networks)](inputs[rows])
         best = np.argmin if inputs.shape[1] == _ACAS_XU else np.argmax
         advisory = best(scores, axis=-1)
-        advised = np.clip(_RATES[advisory] / self.limits.yaw_rate_max, -1.0, 1.0)
-        free = may_return(sight, self.limits, self.goal_radius, self.separation)
-        home = steered(sight.own, course_to_goal(sight, self.limits, self.goal_radius), self.limits)
+        advised = np.clip(_RATES[advisory] / self.aircraft.limits.yaw_rate_max, -1.0, 1.0)
+        free = may_return(sight, self.aircraft, self.aircraft.separation)
+        home = steered(sight.own, course_to_goal(sight, self.aircraft), self.aircraft)
         steering = np.where(advisory == 0, np.where(free, home, 0.0), advised)
         return np.stack([np.zeros_like(steering), steering], axis=-1), advisory.astype(np.int8)
 
     def _inputs(self, sight: Sight) -> np.ndarray:
         """Return what the networks take, ``[M, I]``."""
         own = sight.own
-        other = most_critical(own, sight.intruders, sight.mask, PAPER, np)
+        other = most_critical(own, sight.intruders, sight.mask, self.aircraft, np)
         east, north = (other.x - own.x) / _FOOT, (other.y - own.y) / _FOOT
         cosine, sine = np.cos(own.heading), np.sin(own.heading)
         ahead, left = east * cosine + north * sine, north * cosine - east * sine
@@ -156,10 +154,8 @@ class AdvisoryLogic:
         return np.stack([np.hypot(ahead, left), np.arctan2(left, ahead), course, *speeds], axis=-1)
 
 
-def load_logic(
-    path: str | os.PathLike[str], limits: Limits = SURROGATE, goal_radius: float = 500.0, separation: float = 1_000.0
-) -> AdvisoryLogic:
-    """Load a logic by one of its networks.
+def load_logic(path: str | os.PathLike[str], aircraft: Aircraft) -> AdvisoryLogic:
+    """Load a logic for an aircraft by one of its networks.
 
     A name that holds ``pra0_`` to ``pra4_`` (HorizontalCAS), ``run2a_1_`` or ``v2a_1_`` to 5 (ACAS Xu; the number after
     it is the vertical tau's, of which 1 is co-altitude) stands for the networks of all five previous advisories, which
@@ -180,7 +176,7 @@ def load_logic(
         networks.append(network)
     if len({len(network.low) for network in networks}) != 1:
         raise NnetError(f"{os.fspath(path)}: the networks of the previous advisories have different inputs")
-    return AdvisoryLogic(tuple(networks), limits, goal_radius, separation)
+    return AdvisoryLogic(tuple(networks), aircraft)
 
 
 def _family(path: Path) -> Sequence[Path]:

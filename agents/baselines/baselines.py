@@ -1,8 +1,8 @@
 """Deciders to compare with: what an aircraft does without a resolver, by the rules of the air, or by geometry.
 
-All see the same as a policy does, all intruders at once instead of the most critical one, decide once a second and
-return actions of the same contract. They steer to the goal while nothing is in the way; what they do otherwise makes
-the difference. ``speed`` of the two that resolve says whether they may change it: most published resolvers hold it.
+All see the same as a policy does, all intruders at once, decide at every time step and return actions of the same
+contract. They steer to the goal while nothing is in the way; what they do otherwise makes the difference. ``speed`` of
+the two that resolve says whether they may change it: most published resolvers hold it.
 """
 
 import math
@@ -13,8 +13,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import Task, clear
+from envs.aircraft import Aircraft
 from envs.angles import wrap
-from envs.kinematics import SURROGATE, Limits, VehicleState, velocity
+from envs.kinematics import VehicleState, velocity
 
 __all__ = [
     "BASELINES",
@@ -29,10 +30,11 @@ __all__ = [
     "steered",
 ]
 
-_GAIN = 0.5  # 1/s, from the error of the heading to the turn rate
+_GAIN = 0.5  # of the error of the heading that is turned in a time step
 _EVER, _PAST = 1e5, 1.05
-_MARGIN = 100.0
-"""Metres beyond the required separation that the resolvers aim at: they decide once a second, for straight flight."""
+_MARGIN = 1.1
+"""Separations that the resolvers aim at: they decide at every time step, for straight flight."""
+_LOOKAHEAD, _PATIENCE = 120.0, 60.0  # time steps
 
 
 class Sight(NamedTuple):
@@ -78,7 +80,7 @@ def checked(sight: Sight) -> Sight:
     return sight
 
 
-def course_to_goal(sight: Sight, limits: Limits, goal_radius: float) -> np.ndarray:
+def course_to_goal(sight: Sight, aircraft: Aircraft) -> np.ndarray:
     """Return the course to be steered to the goal, rad in [-pi, pi), ``[M]``.
 
     A goal inside the turning circle can never be met by turning to it: the ownship flies straight on until it is
@@ -87,15 +89,15 @@ def course_to_goal(sight: Sight, limits: Limits, goal_radius: float) -> np.ndarr
     own = sight.own
     dx, dy = sight.goal_x - own.x, sight.goal_y - own.y
     bearing = wrap(np.arctan2(dy, dx) - own.heading, np)
-    radius = own.speed / limits.yaw_rate_max
+    radius = own.speed / aircraft.limits.yaw_rate_max
     side = np.where(bearing >= 0.0, 1.0, -1.0)
     # Distance of the goal from the centre of the circle to its side.
     apart = np.hypot(dx + side * radius * np.sin(own.heading), dy - side * radius * np.cos(own.heading))
-    unreachable = apart < radius - 0.9 * goal_radius
+    unreachable = apart < radius - 0.9 * aircraft.goal_radius
     return wrap(own.heading + np.where(unreachable, 0.0, bearing), np)
 
 
-def may_return(sight: Sight, limits: Limits, goal_radius: float, required: float) -> np.ndarray:
+def may_return(sight: Sight, aircraft: Aircraft, required: float) -> np.ndarray:
     """Return whether the ownship may go back to its route, bool ``[M]``.
 
     It may where one turn onto the goal and straight flight to it keep clear of all intruders, and, as is usual among
@@ -103,37 +105,36 @@ def may_return(sight: Sight, limits: Limits, goal_radius: float, required: float
 
     Args:
         sight: of the encounters.
-        limits: of the ownship.
-        goal_radius: m.
+        aircraft: the ownship.
         required: separation from the intruders, m.
     """
     own = VehicleState(*(field[:, None] for field in sight.own))
     goal = sight.goal_x[:, None], sight.goal_y[:, None]
     # Late or not: whether there is time is no question of being clear.
-    task = Task(limits, goal_radius, _EVER, 0.95 * limits.yaw_rate_max)
+    limits = aircraft.limits
+    task = Task(limits, aircraft.goal_radius, _EVER, 0.95 * limits.yaw_rate_max, True, aircraft.dt, 1)
     free = np.all(clear(own, goal, sight.intruders, required, 0.0, task, np) | ~sight.mask, axis=-1)
     past = _conflicts(sight, sight.own.heading, required, math.inf)
     opening = (past.time == 0.0) & (past.distance > _PAST * required)
     return free | np.all(opening | ~sight.mask, axis=-1)
 
 
-def steered(own: VehicleState, course: Any, limits: Limits) -> np.ndarray:
+def steered(own: VehicleState, course: Any, aircraft: Aircraft) -> np.ndarray:
     """Return the steering, a share of the largest turn rate in [-1, 1], that brings the heading to a course."""
-    return np.clip(_GAIN * wrap(course - own.heading, np) / limits.yaw_rate_max, -1.0, 1.0)
+    gain = _GAIN / aircraft.dt
+    return np.clip(gain * wrap(course - own.heading, np) / aircraft.limits.yaw_rate_max, -1.0, 1.0)
 
 
 @dataclass(frozen=True)
 class Direct:
     """Resolve nothing: along the route to the goal at constant speed."""
 
-    limits: Limits = SURROGATE
-    goal_radius: float = 500.0
+    aircraft: Aircraft
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        return _actions(
-            steered(checked(sight).own, course_to_goal(sight, self.limits, self.goal_radius), self.limits)
-        ), memory
+        course = course_to_goal(checked(sight), self.aircraft)
+        return _actions(steered(sight.own, course, self.aircraft)), memory
 
 
 class _Conflict(NamedTuple):
@@ -179,24 +180,23 @@ class RightHand:
     course nor the one to the goal is in conflict, it goes there.
     """
 
-    limits: Limits = SURROGATE
-    goal_radius: float = 500.0
-    separation: float = 1_000.0
-    lookahead: float = 120.0
-    patience: float = 60.0
+    aircraft: Aircraft
+    patience: float = _PATIENCE
+    """Time steps."""
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        own, protected = checked(sight).own, self.separation + _MARGIN
-        straight = _conflicts(sight, own.heading, protected, self.lookahead)
+        own, protected = checked(sight).own, _MARGIN * self.aircraft.separation
+        lookahead = _LOOKAHEAD * self.aircraft.dt
+        straight = _conflicts(sight, own.heading, protected, lookahead)
         bearing = _bearing(sight)
         # Head-on, from the right or overtaken is ours to avoid; 110 degrees from ahead is where overtaking begins.
         from_left = (bearing > math.radians(15.0)) & (bearing < math.radians(110.0))
-        last = _conflicts(sight, own.heading, protected, self.patience)
+        last = _conflicts(sight, own.heading, protected, self.patience * self.aircraft.dt)
         ours = np.any(straight.there & ~from_left | last.there & from_left, axis=-1)
-        home = course_to_goal(sight, self.limits, self.goal_radius)
-        free = may_return(sight, self.limits, self.goal_radius, protected)
-        steering = np.where(free, steered(own, home, self.limits), np.where(ours, -1.0, 0.0))
+        home = course_to_goal(sight, self.aircraft)
+        free = may_return(sight, self.aircraft, protected)
+        steering = np.where(free, steered(own, home, self.aircraft), np.where(ours, -1.0, 0.0))
         return _actions(steering), memory
 
 
@@ -212,58 +212,57 @@ class PotentialField:
     good, and it goes right. When the course to the goal is free of conflicts, it goes there.
     """
 
-    limits: Limits = SURROGATE
-    goal_radius: float = 500.0
-    separation: float = 1_000.0
-    lookahead: float = 120.0
+    aircraft: Aircraft
     speed: bool = False
     """Whether the speed is changed too; otherwise only the course of the new velocity is taken."""
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        own, protected = checked(sight).own, self.separation + _MARGIN
-        conflict = _conflicts(sight, own.heading, protected, self.lookahead)
+        own, protected = checked(sight).own, _MARGIN * self.aircraft.separation
+        lookahead = _LOOKAHEAD * self.aircraft.dt
+        conflict = _conflicts(sight, own.heading, protected, lookahead)
         push_x, push_y = self._push(sight, conflict, protected)
         own_vx, own_vy = velocity(own, np)
         wanted_x, wanted_y = own_vx - push_x, own_vy - push_y
         resolving = conflict.there.any(axis=-1)
 
-        free = may_return(sight, self.limits, self.goal_radius, protected)
+        free = may_return(sight, self.aircraft, protected)
         course = np.where(resolving, np.arctan2(wanted_y, wanted_x), own.heading)
-        course = np.where(free, course_to_goal(sight, self.limits, self.goal_radius), course)
+        course = np.where(free, course_to_goal(sight, self.aircraft), course)
         throttle = np.zeros(len(course))
         if self.speed:
-            needed = np.hypot(sight.goal_x - own.x, sight.goal_y - own.y) / max(sight.left, 1.0)
+            needed = np.hypot(sight.goal_x - own.x, sight.goal_y - own.y) / max(sight.left, self.aircraft.dt)
             hurry = np.maximum(1.05 * needed - own.speed, 0.0)
             change = np.where(resolving & ~free, np.hypot(wanted_x, wanted_y) - own.speed, hurry)
-            most = np.where(change >= 0.0, self.limits.acceleration_max, -self.limits.acceleration_min)
+            limits = self.aircraft.limits
+            most = np.where(change >= 0.0, limits.acceleration_max, -limits.acceleration_min) * self.aircraft.dt
             throttle = np.clip(change / most, -1.0, 1.0)
-        return np.stack([throttle, steered(own, course, self.limits)], axis=-1), memory
+        return np.stack([throttle, steered(own, course, self.aircraft)], axis=-1), memory
 
     def _push(self, sight: Sight, conflict: _Conflict, protected: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the sum over all intruders of the push towards them, to be taken off the velocity, m/s, ``[M]``."""
         miss = np.maximum(conflict.miss, 1e-9)
-        # Within 10 m of a hit the shortest way out is noise: to the right of the line of sight, the zone to the left.
+        # Near a hit the shortest way out is noise: to the right of the line of sight, the zone to the left.
         x, y = sight.intruders.x - sight.own.x[:, None], sight.intruders.y - sight.own.y[:, None]
         apart = np.maximum(conflict.distance, 1e-9)
-        hit = conflict.miss < 10.0
+        hit = conflict.miss < 0.01 * self.aircraft.separation
         unit_x, unit_y = np.where(hit, -y / apart, conflict.x / miss), np.where(hit, x / apart, conflict.y / miss)
         # Pushed straight out of the circle the course would still cut it: the tangent lies a little farther out.
         outside = conflict.distance > protected
         ratio = np.clip(protected / apart, 0.0, 1.0), np.clip(conflict.miss / apart, 0.0, 1.0)
         tangent = np.where(outside, np.cos(np.arcsin(ratio[0]) - np.arcsin(ratio[1])), 1.0)
-        size = (protected / np.maximum(tangent, 0.1) - conflict.miss) / np.maximum(conflict.time, 1.0)
+        size = (protected / np.maximum(tangent, 0.1) - conflict.miss) / np.maximum(conflict.time, self.aircraft.dt)
         size = np.where(conflict.there, size, 0.0)
         return np.sum(size * unit_x, axis=-1), np.sum(size * unit_y, axis=-1)
 
 
-BASELINES: dict[str, Callable[[Limits, float, float], Baseline]] = {
-    "none": lambda limits, radius, separation: Direct(limits, radius),
+BASELINES: dict[str, Callable[[Aircraft], Baseline]] = {
+    "none": Direct,
     "rules": RightHand,
     "mvp": PotentialField,
-    "mvp_speed": lambda limits, radius, separation: PotentialField(limits, radius, separation, speed=True),
+    "mvp_speed": lambda aircraft: PotentialField(aircraft, speed=True),
 }
-"""The baselines by name: limits of the ownship, radius of the goal (m) and required separation (m) make one."""
+"""The baselines by name, for an aircraft."""
 
 
 def _bearing(sight: Sight) -> np.ndarray:

@@ -5,13 +5,10 @@ from typing import Any, NamedTuple
 from envs.angles import atan2, sincos, wrap
 from envs.kinematics import Limits, VehicleState, velocity
 
-__all__ = ["EVERY", "SLACK", "Task", "clear", "end_speed"]
+__all__ = ["EVERY", "Task", "clear", "end_speed"]
 
 EVERY = 5
-"""Seconds between the moments at which a manoeuvre asks whether the way back is clear."""
-
-SLACK = 30.0
-"""Distance beyond the required one that makes a way clear, m: the smoothing of the turn takes up to that."""
+"""Time steps between the moments at which a manoeuvre asks whether the way back is clear."""
 
 _PARTS = 4  # of the turn, each judged on its chord
 
@@ -27,8 +24,12 @@ class Task(NamedTuple):
     """Latest time at the goal, s."""
     turn_rate: float
     """Of turns on the way back, rad/s."""
-    direct: bool = True
+    direct: bool
     """Whether the manoeuvre ends as soon as the direct way is clear; otherwise only at the goal."""
+    dt: float
+    """Between decisions, s."""
+    spacing: int
+    """Decisions from waypoint to waypoint."""
 
 
 def end_speed(length: Any, speed: Any, seconds: Any, limits: Limits, xp: Any) -> tuple[Any, Any]:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import REGARDLESS, Manoeuvre, fly, steps, takeoff, tracks
+from envs.aircraft import Aircraft
 from envs.draws import normals, uniforms
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
@@ -28,6 +29,7 @@ __all__ = [
     "fly_out",
     "parts",
     "refine",
+    "scaled",
     "search",
     "within_range",
 ]
@@ -41,8 +43,8 @@ MOST = 512
 ELITES, CHILDREN, ROUNDS = 8, 64, 16
 """Of the refinement: escapes kept, offspring a round, rounds."""
 
-SPREAD = Manoeuvre(np.radians(12.0), 0.7, 6.0, np.radians(25.0), 0.7, 12.0, 60.0, 0.5)
-"""One sigma of a first-round offspring's change."""
+SPREAD = Manoeuvre(np.radians(12.0), 0.7, 6.0, np.radians(25.0), 0.7, 12.0, 0.06, 0.5)
+"""One sigma of a first-round offspring's change; like all families here in time steps and separations."""
 
 
 class Flown(NamedTuple):
@@ -68,13 +70,20 @@ class Found(NamedTuple):
     """Length flown, m."""
 
 
-def _grid(turns_deg: Any, throttles: Any = (0.0,), delays: Any = (0.0,), slacks: Any = (30.0,)) -> Manoeuvre:
-    """Return all combinations of turns, throttles, delayed starts (s) and slacks (m), ``[M]``."""
+def _grid(turns_deg: Any, throttles: Any = (0.0,), delays: Any = (0.0,), slacks: Any = (0.03,)) -> Manoeuvre:
+    """Return all combinations of turns, throttles, delayed starts and slacks, ``[M]``."""
     mesh = np.meshgrid(np.radians(turns_deg), throttles, delays, slacks, indexing="ij")
     turn, throttle, delay, slack = (axis.ravel().astype(float) for axis in mesh)
     zero = np.zeros_like(turn)
     # A delayed start is an empty first part.
     return Manoeuvre(zero, zero, delay, turn, throttle, zero, slack, zero)
+
+
+def scaled(manoeuvre: Manoeuvre, task: Aircraft | Rules) -> Manoeuvre:
+    """Return manoeuvres in seconds and metres from such in time steps and separations."""
+    return manoeuvre._replace(
+        switch=manoeuvre.switch * task.dt, resume=manoeuvre.resume * task.dt, slack=manoeuvre.slack * task.separation
+    )
 
 
 def concatenated(*parts: Manoeuvre) -> Manoeuvre:
@@ -92,7 +101,7 @@ COARSE = _grid(np.arange(-180.0, 180.1, 15.0), _THROTTLES)
 
 
 def _staying_away(turns_deg: Any, resumes: Any) -> Manoeuvre:
-    """Return turns that do not come back before a time, s: with one throttle, or slow and then fast, ``[M]``."""
+    """Return turns that do not come back before a time: with one throttle, or slow and then fast, ``[M]``."""
     slow_then_fast = (-1.0, 1.0)
     throttles = ((-1.0, -1.0), (0.0, 0.0), (1.0, 1.0), slow_then_fast)
     mesh = np.meshgrid(np.radians(turns_deg), np.arange(len(throttles)), resumes, indexing="ij")
@@ -106,7 +115,7 @@ STAGES: tuple[Manoeuvre, ...] = (
     concatenated(_PLAIN, _grid(_both_sides([20.0, 45.0, 75.0, 110.0]))),
     COARSE,
     _grid(np.arange(-172.5, 172.6, 15.0), _THROTTLES),
-    _grid(np.arange(-150.0, 150.1, 15.0), _THROTTLES, delays=[5.0, 10.0, 20.0, 40.0], slacks=[0.0, 200.0]),
+    _grid(np.arange(-150.0, 150.1, 15.0), _THROTTLES, delays=[5.0, 10.0, 20.0, 40.0], slacks=[0.0, 0.2]),
     _staying_away(np.arange(-180.0, 180.1, 15.0), [20.0, 30.0]),
 )
 """What is flown, coarse to fine: each stage only for the encounters that those before it left unsolved."""
@@ -155,7 +164,7 @@ def fly_out(
         closest[rows] = np.minimum(closest[rows], separation)
         judged = judge(np.inf if scoring else separation, to_goal, time, rules, np)
         arrival[rows[judged.reached]] = time
-        # Of the last step only what lies outside the goal's circle counts, or the length would come in steps of 75 m.
+        # Of the last step only what lies outside the goal's circle counts, or the length would come in whole steps.
         outside = np.clip((was_off - rules.goal_radius) / np.maximum(was_off - to_goal, 1e-9), 0.0, 1.0)
         path[rows[judged.reached]] = (length + outside * flown)[judged.reached]
         length, was_off = length + flown, to_goal
@@ -181,7 +190,7 @@ def search(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
         for part in parts(left, stage.turn.size, encounter):
             chosen = take(encounter, part)
             which = np.repeat(np.arange(part.size), stage.turn.size)
-            family = Manoeuvre(*(np.tile(field, part.size) for field in stage))
+            family = Manoeuvre(*(np.tile(field, part.size) for field in scaled(stage, rules)))
             flown = fly_out(chosen, tracks(chosen, steps(rules), rules), which, family, rules, limits)
             _keep_best(found, part, which, family, flown)
     left = np.flatnonzero(np.isnan(found.arrival))
@@ -204,10 +213,10 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
         if left.size == 0:
             break
         if elites is None:
-            tried = np.broadcast_to(np.stack(COARSE)[:, None], (len(SPREAD), count, COARSE.turn.size))
+            tried = np.broadcast_to(np.stack(scaled(COARSE, rules))[:, None], (len(SPREAD), count, COARSE.turn.size))
             elites = np.zeros((len(SPREAD), count, 0)), np.zeros((count, 0))
         else:
-            spread = np.array(SPREAD)[:, None] * changes[index - 1] * 0.8 ** (index - 1)
+            spread = np.array(scaled(SPREAD, rules))[:, None] * changes[index - 1] * 0.8 ** (index - 1)
             tried = within_range(elites[0][:, left][..., parents[index - 1]] + spread[:, None])
         family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
         which = np.repeat(left, tried.shape[-1])

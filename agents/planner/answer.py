@@ -9,7 +9,7 @@ from envs.waypoints import Waypoint
 __all__ = ["WAYPOINTS", "Excluded", "Kind", "Plan", "Reason", "RequestError", "Source", "Status"]
 
 WAYPOINTS = 20
-"""Of a plan: 19, one every 20 s, and a point of the route."""
+"""Of a plan as the paper has it: 19, one every 20 time steps, and a point of the route."""
 
 
 class Status(Enum):
@@ -34,11 +34,11 @@ class Kind(Enum):
     NOT_FINITE = "not_finite"
     """A waypoint is not a number."""
     COUNT = "count"
-    """There are not 20 waypoints."""
+    """There are not as many waypoints as asked for."""
     TIMES = "times"
     """Times do not increase."""
     INDICES = "indices"
-    """Indices are not unique, or one of the 19 is the route's."""
+    """Indices are not unique, or one before the last is the route's."""
     OFF_ROUTE = "off_route"
     """The last waypoint is not a point of the route."""
     LEG = "leg"
@@ -118,7 +118,7 @@ class Plan:
     """When that is, s after the request; nan without a trajectory."""
     excluded: tuple[Excluded, ...]
     waypoints: tuple[Waypoint, ...]
-    """20, the last of them a point of the route; none where no trajectory could be made."""
+    """As many as asked for, the last of them a point of the route; none where no trajectory could be made."""
     cost: float = float("nan")
     """Extra path, time and reversals as metres (:mod:`agents.planner.fallback`)."""
     advisory: str | None = None

@@ -1,4 +1,4 @@
-"""What is published, checked once more: 20 waypoints under indices of their own, the last one a point of the route.
+"""What is published, checked once more: the waypoints under indices of their own, the last one a point of the route.
 
 The validator judges knots; this looks at the waypoints as published, and at the route of the request. It
 shares nothing with the modules that write them.
@@ -8,7 +8,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
-from agents.planner.answer import WAYPOINTS, Kind, Reason
+from agents.planner.answer import Kind, Reason
 from envs.waypoints import RoutePoint, Waypoint
 
 __all__ = ["ON_ROUTE", "audit"]
@@ -17,17 +17,20 @@ ON_ROUTE = 1e-3
 """By how much the last waypoint may stand beside its point of the route, m."""
 
 
-def audit(waypoints: Sequence[Waypoint], route: Sequence[RoutePoint], *, extended: bool = False) -> list[Reason]:
+def audit(
+    waypoints: Sequence[Waypoint], route: Sequence[RoutePoint], *, count: int, extended: bool = False
+) -> list[Reason]:
     """Return what is wrong with waypoints as they are published.
 
     Args:
         waypoints: in the order in which they are flown.
         route: of the request.
+        count: how many waypoints there have to be.
         extended: whether the plan may end beyond the route, on the straight line of its last leg.
     """
     found = []
-    if len(waypoints) != WAYPOINTS:
-        found.append(_reason(Kind.COUNT, "waypoints", f"are {len(waypoints)}, expected {WAYPOINTS}"))
+    if len(waypoints) != count:
+        found.append(_reason(Kind.COUNT, "waypoints", f"are {len(waypoints)}, expected {count}"))
     for number, point in enumerate(waypoints):
         if not all(map(math.isfinite, (point.x, point.y, point.heading, point.speed, point.time))):
             found.append(_reason(Kind.NOT_FINITE, f"waypoints[{number}]", "is not finite"))

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.planner.completion import complete
-from agents.planner.options import Options, task_of
+from agents.planner.options import Options
 from agents.planner.request import Request
 from agents.planner.rollout import Rollout
 from agents.planner.validator import Findings, validate
@@ -17,15 +17,15 @@ __all__ = ["REVERSAL_WEIGHT", "TIME_WEIGHT", "Proposals", "empty", "evaluate", "
 TIME_WEIGHT = 0.25
 """Cost of a metre that the time beyond the straight line would have covered."""
 
-REVERSAL_WEIGHT = 100.0
-"""Cost of a change of the turn's side, m."""
+REVERSAL_WEIGHT = 0.1
+"""Cost of a change of the turn's side, separations."""
 
 
 class Proposals(NamedTuple):
     """Plans with what is known of them; fields ``[N]``."""
 
     knots: Knots
-    """The request, 19 waypoints and a point of the route, ``[N, 21]``; nan where there is no whole plan."""
+    """The request and the waypoints, ``[N, W + 1]``; nan where there is no whole plan."""
     goal: Any
     """Number of the route's point at which it is rejoined; -1 without a plan."""
     last: Any
@@ -40,7 +40,8 @@ class Proposals(NamedTuple):
     """Length until the rejoining, m; nan without a plan."""
     cost: Any
     """m; inf without a plan. Length until the rejoining beyond the straight line, a quarter of what the time beyond
-    the straight line at the present speed would cover, and 100 m for each change of the turn's side."""
+    the straight line at the present speed would cover, and a tenth of the separation for each change of the turn's
+    side."""
 
     @property
     def safe(self) -> Any:
@@ -53,10 +54,10 @@ class Proposals(NamedTuple):
         return self.findings.min_separation
 
 
-def empty(count: int) -> Proposals:
-    """Return that there is no plan, ``[count]``."""
+def empty(count: int, waypoints: int) -> Proposals:
+    """Return that there is no plan of so many waypoints, ``[count]``."""
     nan, none = np.full(count, np.nan), np.full(count, -1)
-    knots = Knots(*(np.full((count, 21), np.nan) for _ in range(5)))
+    knots = Knots(*(np.full((count, waypoints + 1), np.nan) for _ in range(5)))
     no, never = np.zeros(count, dtype=bool), np.full(count, np.inf)
     return Proposals(knots, none, none.copy(), Findings.empty(count), no, nan, nan.copy(), never)
 
@@ -72,22 +73,22 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     """
     count = goal.size
     route = (request.route_x, request.route_y)
-    whole = complete(rollout, route, request.points, goal, task_of(options), extend=options.extend_route)
+    whole = complete(rollout, route, request.points, goal, options)
     rows = np.flatnonzero(whole.last >= 0)
     if rows.size == 0:
-        return empty(count)._replace(too_short=whole.too_short)
+        return empty(count, options.waypoints)._replace(too_short=whole.too_short)
     knots = take(whole.knots, rows)
     findings = validate(knots, take(request.traffic, rows), options.requirement, options.limits)
     goal_x, goal_y = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
-    straight = np.hypot(goal_x - request.own.x[rows], goal_y - request.own.y[rows]) - options.goal_radius
+    straight = np.hypot(goal_x - request.own.x[rows], goal_y - request.own.y[rows]) - options.aircraft.goal_radius
     time, path = whole.rejoin_time[rows], whole.path[rows]
     excess = np.maximum(path - np.maximum(straight, 0.0), 0.0)
     late = np.maximum(time * request.own.speed[rows] - np.maximum(straight, 0.0), 0.0)
-    cost = excess + TIME_WEIGHT * late + REVERSAL_WEIGHT * whole.reversals[rows]
+    cost = excess + TIME_WEIGHT * late + REVERSAL_WEIGHT * options.aircraft.separation * whole.reversals[rows]
     made = Proposals(knots, goal[rows], whole.last[rows], findings, whole.too_short[rows], time, path, cost)
     if rows.size == count:
         return made
-    proposals = empty(count)._replace(too_short=whole.too_short)
+    proposals = empty(count, options.waypoints)._replace(too_short=whole.too_short)
     scatter(proposals, rows, made)
     return proposals
 

@@ -1,8 +1,8 @@
 """From the end of a manoeuvre on: along the rest of the route at constant speed, over one point after the other.
 
 Each point is reached by a turn and a straight line onto it, in closed form; a point inside the turning circle is
-passed by. The plan's knots are read off manoeuvre and tail at every 20 s, and the last one is the first point of
-the route that is reached after 380 s.
+passed by. The plan's knots are read off manoeuvre and tail at the waypoints' times, and the last one is the first
+point of the route that is reached after the last of those.
 """
 
 import math
@@ -11,27 +11,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import Task, end_speed
-from agents.planner.rollout import SPACING, STEP, Rollout
+from agents.planner.options import Options, task_of
+from agents.planner.rollout import Rollout
 from envs.angles import wrap
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import Knots
 
-__all__ = ["LAST_FREE", "Completed", "complete"]
+__all__ = ["Completed", "complete"]
 
-INTERVAL = SPACING * STEP
-LAST_FREE = 19 * INTERVAL
-"""Time of the last waypoint that is not a point of the route, s."""
-
-_SPARE = 0.1  # least duration of the last leg, s
-_EXTENSION = 5_000.0  # distance between points beyond the end of a route, m
+_SPARE = 0.1  # least duration of the last leg, time steps
+_EXTENSION = 5.0  # distance between points beyond the end of a route, separations
 
 
 class Completed(NamedTuple):
     """Whole plans; fields ``[N]``."""
 
     knots: Knots
-    """The request, 19 knots and the last point, ``[N, 21]``; nan where the plan could not be completed."""
+    """The request, the waypoints in between and the last point, ``[N, W + 1]``; nan where there is no whole plan."""
     last: Any
     """Number of the route's point that ends the plan; -1 where there is none; beyond the route's own points where
     it was extended."""
@@ -45,9 +42,7 @@ class Completed(NamedTuple):
     """Changes of the turn's side until then."""
 
 
-def complete(
-    rollout: Rollout, route: tuple[Any, Any], points: Any, goal: Any, task: Task, *, extend: bool = False
-) -> Completed:
+def complete(rollout: Rollout, route: tuple[Any, Any], points: Any, goal: Any, options: Options) -> Completed:
     """Complete manoeuvres to plans.
 
     Args:
@@ -55,16 +50,17 @@ def complete(
         route: its points, m, ``[N, R]`` each.
         points: how many of the R there are, ``[N]``.
         goal: number of the point to rejoin at, ``[N]``.
-        task: what the manoeuvres were flown for; its turn rate is that of the turns between the points.
-        extend: go on in the route's last direction beyond its end.
+        options: how plans shall be; turns between the points have the turn rate of :func:`task_of`.
     """
+    task, extend, extension = task_of(options), options.extend_route, _EXTENSION * options.aircraft.separation
+    finished_by = options.last_free + _SPARE * options.aircraft.dt
     count, most = np.shape(route[0])
     rows = np.flatnonzero(np.isfinite(rollout.time))
     now = take(rollout.end, rows)
     time, ahead = rollout.time[rows], rollout.direct[rows]
     target = goal[rows] + np.where(ahead, 0, 1)
     whole = Completed(
-        Knots(*(np.full((count, 21), np.nan) for _ in range(5))),
+        Knots(*(np.full((count, options.waypoints + 1), np.nan) for _ in range(5))),
         np.full(count, -1),
         np.zeros(count, dtype=bool),
         np.where(rollout.direct, np.nan, rollout.time),
@@ -72,7 +68,7 @@ def complete(
         rollout.reversals.copy(),
     )
     left = np.arange(rows.size)
-    steps = most + 1 + (math.ceil(LAST_FREE * 150.0 / _EXTENSION) if extend else 0)
+    steps = most + 1 + (math.ceil(options.last_free * 1.5 * options.limits.speed_max / extension) if extend else 0)
     pieces = _Pieces(2 * steps + 1, rows.size)
     for step in range(steps):
         number, have = target[left], points[rows[left]]
@@ -82,7 +78,7 @@ def complete(
             left, number, have = left[~ended], number[~ended], have[~ended]
         if left.size == 0:
             break
-        x, y = _point(route, rows[left], number, have)
+        x, y = _point(route, rows[left], number, have, extension)
         state, at = take(now, left), time[left]
         arc, length, course, reached = _onto(state, x, y, task.turn_rate)
         turned = at + np.abs(arc) / task.turn_rate
@@ -120,16 +116,17 @@ def complete(
             field[left] = np.where(reached, value, field[left])
         time[left] = np.where(reached, arrived, at)
         target[left] += 1
-        done = reached & (arrived >= LAST_FREE + _SPARE)
+        done = reached & (arrived >= finished_by)
         whole.last[rows[left[done]]] = number[done]
         left = left[~done]
     whole.too_short[rows[left]] = True
     finished = np.flatnonzero(whole.last[rows] >= 0)
-    _read_off(whole.knots, rollout, rows, finished, pieces, take(now, finished), time[finished])
+    times = np.arange(options.waypoints) * options.interval
+    _read_off(whole.knots, times, rollout, rows, finished, pieces, take(now, finished), time[finished])
     return whole
 
 
-def _point(route: tuple[Any, Any], rows: Any, number: Any, have: Any) -> tuple[Any, Any]:
+def _point(route: tuple[Any, Any], rows: Any, number: Any, have: Any, extension: float) -> tuple[Any, Any]:
     """Return a point of the route, or one beyond its end in its last direction, m, ``[M]`` each."""
     inside = np.minimum(number, have - 1)
     x, y = route[0][rows, inside], route[1][rows, inside]
@@ -138,7 +135,7 @@ def _point(route: tuple[Any, Any], rows: Any, number: Any, have: Any) -> tuple[A
         return x, y
     before = np.maximum(have - 2, 0)
     dx, dy = x - route[0][rows, before], y - route[1][rows, before]
-    step = over * _EXTENSION / np.maximum(np.hypot(dx, dy), 1e-9)
+    step = over * extension / np.maximum(np.hypot(dx, dy), 1e-9)
     return x + np.where(over > 0, dx * step, 0.0), y + np.where(over > 0, dy * step, 0.0)
 
 
@@ -197,13 +194,12 @@ class _Pieces:
 
 
 def _read_off(
-    knots: Knots, rollout: Rollout, rows: Any, whole: Any, pieces: _Pieces, end: VehicleState, end_time: Any
+    knots: Knots, times: Any, rollout: Rollout, rows: Any, whole: Any, pieces: _Pieces, end: VehicleState, end_time: Any
 ) -> None:
     """Write the knots of completed plans."""
     if whole.size == 0:
         return
     out = rows[whole]
-    times = np.arange(20) * INTERVAL
     parts = pieces.of(whole)
     # The last part begun by each time; parts that are not flown begin never.
     begun = parts[0][:, None] <= times[:, None]
@@ -215,11 +211,11 @@ def _read_off(
     middle = heading + 0.5 * arc
     tail = (x + chord * np.cos(middle), y + chord * np.sin(middle), heading + arc, speed + gain * seconds)
     flown = times <= rollout.time[out][:, None]
-    have = min(20, rollout.knots.x.shape[1])
+    have = min(times.size, rollout.knots.x.shape[1])
     for field, manoeuvre, after, final in zip(knots[:4], rollout.knots, tail, end, strict=True):
-        before = np.full((out.size, 20), np.nan)
+        before = np.full((out.size, times.size), np.nan)
         before[:, :have] = manoeuvre[out, :have]
-        field[out, :20] = np.where(flown, before, after)
-        field[out, 20] = final
+        field[out, :-1] = np.where(flown, before, after)
+        field[out, -1] = final
     knots.heading[out] = wrap(knots.heading[out], np)
-    knots.time[out, :20], knots.time[out, 20] = times, end_time
+    knots.time[out, :-1], knots.time[out, -1] = times, end_time

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre
-from agents.manoeuvres.escape_search import CHILDREN, COARSE, ELITES, SPREAD, STAGES, concatenated, within_range
+from agents.manoeuvres.escape_search import CHILDREN, COARSE, ELITES, SPREAD, STAGES, concatenated, scaled, within_range
 from agents.planner.candidates import REVERSAL_WEIGHT, TIME_WEIGHT, Proposals, empty, evaluate, keep_best
-from agents.planner.fallback_flight import SMOOTHING, fly_out
+from agents.planner.fallback_flight import fly_out
 from agents.planner.options import Options, aggressive_limits
 from agents.planner.request import Request
 from envs.draws import normals, uniforms
@@ -26,10 +26,10 @@ __all__ = ["refine", "search"]
 
 _BLOCK = 16_384  # manoeuvres in the air at once
 _CHEAPEST, _CLEAREST = 4, 2  # plans of a stage that are validated
-_HOPELESS = -40.0  # m of clearance below which no smoothing helps
+_HOPELESS = -0.04  # separations of clearance below which no smoothing helps
 _ROUNDS = 12
-_WITHIN = 200.0  # m of clearance that small changes can bring
-_SOON = 150.0  # s by which the manoeuvres of the quick stages turn back
+_WITHIN = 0.2  # separations of clearance that small changes can bring
+_SOON = 150.0  # time steps by which the manoeuvres of the quick stages turn back
 _ENOUGH = 12  # manoeuvres of a request that end well
 _PATIENCE, _PROGRESS = 3, 0.2  # rounds of the refinement, and the part of what is missing that they must bring
 
@@ -42,30 +42,36 @@ def search(request: Request, goal: Any, options: Options) -> Proposals:
         goal: number of the route's point to rejoin at, ``[N]``.
         options: how plans shall be.
     """
-    best = empty(goal.size)
+    best, aircraft = empty(goal.size, options.waypoints), options.aircraft
     last = replace(options, manoeuvre=aggressive_limits(options))
     stages = [(_FIRST, options, _SOON), (_SEEDS, last, _SOON)]
     stages += [(STAGES[3], last, np.inf)] if options.exhaustive else []
     for stage, wanted, longest in stages:
         left = np.flatnonzero(~best.safe)
         for part in _parts(left, stage.turn.size):
-            _improve(best, part, request, goal, stage, wanted, longest)
+            _improve(best, part, request, goal, scaled(stage, aircraft), wanted, longest * aircraft.dt)
     return best
 
 
 def refine(request: Request, goal: Any, options: Options) -> Proposals:
     """Return the best plan of a random refinement of the nearest misses, ``[N]``."""
-    best, options = empty(goal.size), replace(options, manoeuvre=aggressive_limits(options))
+    best, options = empty(goal.size, options.waypoints), replace(options, manoeuvre=aggressive_limits(options))
     changes = normals(0, 0, _ROUNDS, (len(SPREAD), CHILDREN))
     parents = (uniforms(0, 0, _ROUNDS, (CHILDREN,), stream=1) * ELITES).astype(int)
+    aircraft = options.aircraft
+    seeds, spreads, within = (
+        np.stack(scaled(_SEEDS, aircraft)),
+        np.array(scaled(SPREAD, aircraft))[:, None],
+        _WITHIN * aircraft.separation,
+    )
     history = np.full((goal.size, _ROUNDS + 1), -np.inf)
     for part in _parts(np.arange(goal.size), _SEEDS.turn.size):
         left, pool, scores = part, np.zeros((len(SPREAD), part.size, 0)), np.zeros((part.size, 0))
         for index in range(_ROUNDS + 1):
             if index == 0:
-                tried = np.broadcast_to(np.stack(_SEEDS)[:, None], (len(SPREAD), left.size, _SEEDS.turn.size))
+                tried = np.broadcast_to(seeds[:, None], (len(SPREAD), left.size, seeds.shape[-1]))
             else:
-                spread = np.array(SPREAD)[:, None] * changes[index - 1] * 0.8 ** (index - 1)
+                spread = spreads * changes[index - 1] * 0.8 ** (index - 1)
                 tried = within_range(pool[..., parents[index - 1]] + spread[:, None])
             # What begins was validated by the stages before as far as it was promising.
             score = _tried(best, left, request, goal, tried, options, judge=index > 0)
@@ -75,7 +81,7 @@ def refine(request: Request, goal: Any, options: Options) -> Proposals:
             pool = np.take_along_axis(pool, order[None], axis=-1)
             scores = np.take_along_axis(scores, order, axis=-1)
             history[left, index] = scores.max(axis=-1)
-            going_on = ~best.safe[left] & (history[left, index] >= -_WITHIN)
+            going_on = ~best.safe[left] & (history[left, index] >= -within)
             if index >= _PATIENCE:
                 gained = history[left, index] - history[left, index - _PATIENCE]
                 going_on &= gained >= _PROGRESS * -history[left, index - _PATIENCE]
@@ -119,18 +125,21 @@ def _improve(
     best: Proposals, part: Any, request: Request, goal: Any, stage: Manoeuvre, options: Options, longest: float = np.inf
 ) -> None:
     """Try a stage of the family on some requests."""
-    each = stage.turn.size
+    each, hopeless = stage.turn.size, _HOPELESS * options.aircraft.separation
+    reversal = REVERSAL_WEIGHT * options.aircraft.separation
     request, goal, which = take(request, part), goal[part], np.repeat(np.arange(part.size), each)
     family = Manoeuvre(*(np.tile(field, part.size) for field in stage))
-    flown = fly_out(request, goal, which, family, options, _HOPELESS, _ENOUGH, longest)
+    flown = fly_out(request, goal, which, family, options, hopeless, _ENOUGH, longest)
     rollout = flown.rollout
-    arrived = np.isfinite(rollout.time) & (flown.clearance >= _HOPELESS)
+    arrived = np.isfinite(rollout.time) & (flown.clearance >= hopeless)
     # The same cost as of plans, but for what is equal for all manoeuvres of a request.
     to_x, to_y = (field[which, goal[which]] for field in (request.route_x, request.route_y))
     to_goal = np.hypot(to_x - rollout.end.x, to_y - rollout.end.y)
     time = rollout.time + to_goal / rollout.end.speed
-    cost = rollout.path + to_goal + TIME_WEIGHT * time * request.own.speed[which] + REVERSAL_WEIGHT * rollout.reversals
-    cost = np.where(arrived, cost + 20.0 * np.maximum(SMOOTHING - flown.clearance, 0.0), np.inf).reshape(-1, each)
+    cost = rollout.path + to_goal + TIME_WEIGHT * time * request.own.speed[which] + reversal * rollout.reversals
+    cost = np.where(arrived, cost + 20.0 * np.maximum(options.smoothing - flown.clearance, 0.0), np.inf).reshape(
+        -1, each
+    )
     spare = np.where(arrived, flown.clearance, -np.inf).reshape(-1, each)
     picked = np.zeros(cost.shape, dtype=bool)
     np.put_along_axis(picked, np.argsort(cost, axis=-1, kind="stable")[:, :_CHEAPEST], True, axis=-1)

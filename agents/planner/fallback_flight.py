@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import clear
+from agents.manoeuvres.direct_to_goal import EVERY, clear
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly_away, takeoff
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request, required_separation
@@ -19,17 +19,15 @@ from envs.kinematics import Limits, VehicleState
 from envs.relative import leg_separation
 from envs.trees import take
 
-__all__ = ["SMOOTHING", "STRIDE", "Flown", "fly_out"]
+__all__ = ["Flown", "fly_out", "stride_of"]
 
-STRIDE = 5.0
-"""Time step of the search, s."""
-
-SMOOTHING = 25.0
-"""What legs may take from the flown clearance, m; less than that makes a manoeuvre uncertain."""
-
-_PER_SPACING = 4  # strides between knots
 _AT_ONCE = 6  # strides flown at once at first
 _PAIRS = 8_192  # strides times manoeuvres times intruders at once: more do not stay in a core's cache
+
+
+def stride_of(options: Options) -> float:
+    """Return the time step of the search, s: a part of the time between waypoints."""
+    return EVERY * options.aircraft.dt
 
 
 class Flown(NamedTuple):
@@ -62,8 +60,8 @@ def fly_out(
         longest: latest time at which a manoeuvre may turn back, s.
         enough: once so many of a request's manoeuvres have ended well, the others are given up.
     """
-    task = task_of(options)
-    last = int(min(task.until, longest) / STRIDE)
+    task, stride, smoothing = task_of(options), stride_of(options), options.smoothing
+    last = int(min(task.until, longest) / stride + 1e-9)
     number = np.arange(goal.size)
     goal_x, goal_y = request.route_x[number, goal], request.route_y[number, goal]
     scene = _scene(request, options, last)
@@ -74,24 +72,24 @@ def fly_out(
         count = min(_at_once(rows.size * scene.required.shape[-1], first), last + 1 - first)
         # What ends in one of these strides is flown to the last of them for nothing; calls cost more than that.
         strides = np.arange(first, first + count)
-        flown, flight = fly_away(flight, manoeuvre, first, count, STRIDE, task.limits)
+        flown, flight = fly_away(flight, manoeuvre, first, count, stride, task.limits)
         spare = scene.spare(flown, first, of)
         # At the beginning of each stride, and after the last.
         nearest = np.minimum.accumulate(np.concatenate([closest[None], spare]), axis=0)
         closest, nearest = nearest[-1], nearest[:-1]
         hopeful = nearest >= least
-        returning = hopeful & (strides[:, None] * STRIDE >= manoeuvre.resume)
+        returning = hopeful & (strides[:, None] * stride >= manoeuvre.resume)
         at, asking = np.nonzero(returning)
         own = VehicleState(*(field[at, asking][:, None] for field in flown))
         there, owner = strides[at], of[asking]
         seen = VehicleState(*(field[there, owner] for field in scene.others))
         required = scene.required[owner] + manoeuvre.slack[asking, None]
         to = goal_x[owner, None], goal_y[owner, None]
-        returning[at, asking] = np.all(clear(own, to, seen, required, there[:, None] * STRIDE, task, np), axis=-1)
+        returning[at, asking] = np.all(clear(own, to, seen, required, there[:, None] * stride, task, np), axis=-1)
 
         end, ended = _first(returning | ~hopeful)
         each = np.arange(rows.size)
-        returned = ended & returning[end, each] & (nearest[end, each] >= max(least, SMOOTHING))
+        returned = ended & returning[end, each] & (nearest[end, each] >= max(least, smoothing))
         # A manoeuvre that is under way for longer than so many others costs more than they.
         well = np.zeros((count, goal.size), dtype=int)
         np.add.at(well, (end[returned], of[returned]), 1)
@@ -106,7 +104,7 @@ def fly_out(
         if not on.all():
             rows, of, manoeuvre, flight, closest = take((rows, of, manoeuvre, flight, closest), on)
         first += count
-    return Flown(landed.rollout(task.limits), landed.clearance)
+    return Flown(landed.rollout(task.limits, stride, task.spacing // EVERY), landed.clearance)
 
 
 def _at_once(pairs: int, first: int) -> int:
@@ -126,6 +124,8 @@ class _Scene(NamedTuple):
     """``[S, N, K]``."""
     required: Any
     """Separation required from each at first, m, ``[N, K]``; -inf of absent ones."""
+    stride: float
+    """s."""
     growth: Any
     """What uncertainty adds to it by the end of each stride, m, ``[S - 1, N, K]``; None: nothing."""
 
@@ -143,7 +143,9 @@ class _Scene(NamedTuple):
         own = VehicleState(*(field[..., None] for field in flown))
         seen = VehicleState(*(field[first : first + count + 1, of] for field in self.others))
         before, after = slice(-1), slice(1, None)
-        spare = leg_separation(take(own, before), take(own, after), take(seen, before), take(seen, after), STRIDE, np)
+        spare = leg_separation(
+            take(own, before), take(own, after), take(seen, before), take(seen, after), self.stride, np
+        )
         spare = spare - self.required[of]
         if self.growth is not None:
             spare = spare - self.growth[first : first + count, of]
@@ -153,12 +155,16 @@ class _Scene(NamedTuple):
 def _scene(request: Request, options: Options, last: int) -> _Scene:
     """Return the intruders of requests ``[N]`` up to the end of a stride."""
     traffic = request.traffic
-    times = np.arange(last + 2)[:, None, None] * STRIDE
+    stride = stride_of(options)
+    times = np.arange(last + 2)[:, None, None] * stride
     growth = None
-    if traffic.position_std.any() or traffic.velocity_std.any():
-        growth = options.requirement.sigmas * (uncertainty(traffic, times[1:]) - traffic.position_std)
+    if traffic.velocity_std.any():
+        growth = options.requirement.sigmas * (uncertainty(traffic, times[1:]) - uncertainty(traffic, 0.0))
     return _Scene(
-        predicted(traffic, times), np.where(traffic.mask, required_separation(request, options), -np.inf), growth
+        predicted(traffic, times),
+        np.where(traffic.mask, required_separation(request, options), -np.inf),
+        stride,
+        growth,
     )
 
 
@@ -185,22 +191,22 @@ class _Landed:
             field[strides[0] : strides[-1] + 1, rows] = value[:-1]
         self._end[rows], self._done[rows], self.clearance[rows] = strides[over], done, nearest
 
-    def rollout(self, limits: Limits) -> Rollout:
-        """Return the manoeuvres; all of them are direct."""
+    def rollout(self, limits: Limits, stride: float, spacing: int) -> Rollout:
+        """Return the manoeuvres, with knots every so many strides; all of them are direct."""
         strides = np.arange(len(self._states.x))[:, None]
         rows = np.flatnonzero(self._done)
         end, none = self._end[rows], np.zeros((1, rows.size))
         turned = wrap(np.diff(self._states.heading[:, rows], axis=0), np)
-        turning = (np.abs(turned) > 0.1 * limits.yaw_rate_max * STRIDE) & (strides[1:] <= end)
+        turning = (np.abs(turned) > 0.1 * limits.yaw_rate_max * stride) & (strides[1:] <= end)
         sign = np.concatenate([none, np.where(turning, np.sign(turned), 0.0)])
         side = np.take_along_axis(sign, np.maximum.accumulate(np.where(sign != 0.0, strides, 0), axis=0), axis=0)
         reversals = np.sum(sign[1:] * side[:-1] < 0.0, axis=0)
         speed = self._states.speed[:, rows]
-        path = np.concatenate([none, np.cumsum(0.5 * STRIDE * (speed[:-1] + speed[1:]), axis=0)])
+        path = np.concatenate([none, np.cumsum(0.5 * stride * (speed[:-1] + speed[1:]), axis=0)])
         path = path[end, np.arange(rows.size)]
         ends = (field[end, rows] for field in self._states)
-        *ends, time, path, side, reversals = map(self._of_done, (*ends, end * STRIDE, path, side[-1], reversals))
-        some, flown = slice(None, None, _PER_SPACING), strides <= self._end
+        *ends, time, path, side, reversals = map(self._of_done, (*ends, end * stride, path, side[-1], reversals))
+        some, flown = slice(None, None, spacing), strides <= self._end
         knots = VehicleState(*(np.where(flown[some], field[some], np.nan).T for field in self._states))
         return Rollout(knots, VehicleState(*ends), time, self._done, path, side, reversals)
 

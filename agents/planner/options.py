@@ -1,70 +1,109 @@
-"""How plans shall be: separation, limits, and how far the search goes."""
+"""How plans shall be: for which aircraft, separation, limits, horizon, and how far the search goes."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Any
 
-from agents.manoeuvres.direct_to_goal import Task
-from agents.planner.answer import RequestError
+from agents.manoeuvres.direct_to_goal import EVERY, Task
+from agents.planner.answer import WAYPOINTS, RequestError
 from agents.planner.fields import real, shown
 from agents.planner.traffic import Requirement
-from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits
+from envs.aircraft import Aircraft, AircraftError, new_aircraft
+from envs.kinematics import FASTEST, Limits, within
 
-__all__ = ["MARGIN", "REJOIN_RESERVE", "Options", "aggressive_limits", "check", "comfort_limits", "task_of"]
+__all__ = [
+    "Options",
+    "aggressive_limits",
+    "agility",
+    "check",
+    "comfort_limits",
+    "default_margin",
+    "speed_range",
+    "task_of",
+    "vehicle_limits",
+]
 
-MARGIN = 0.02
-"""Largest distance of the follower from the curve that it flies on the true limits' kinematics, m, rounded up: the
-default margin (measured: docs/explanation/planner.md)."""
+_MARGIN = 2e-5
+"""Largest distance of the follower from the curve that it flies on the true limits' kinematics, in separations, rounded
+up (measured: docs/explanation/planner.md)."""
 
-REJOIN_RESERVE = 50.0
-"""By how much deeper than ``goal_radius`` manoeuvres enter the goal's disc, m, so that the smoothed plan does too."""
-
+_ORDINARY = 0.0524  # rad of turn in a time step, to which margins and resolutions were measured
+_RESERVE = 0.75  # of turn rate and acceleration, for curves that take 4/3 of what was flown
 _TURN_SHARE = 2.0 / 3.0  # of the turn rate, for turns along the route
-_RANGES = (
-    ("requirement.separation", 1.0, 50_000.0, "m"),
-    ("requirement.margin", 0.0, 50_000.0, "m"),
-    ("requirement.sigmas", 0.0, 10.0, "sigmas"),
-    *(
-        (f"{name}.{limit}", low, high, unit)
-        for name in ("limits", "manoeuvre")
-        for limit, low, high, unit in (
-            ("speed_min", 10.0, 101.0, "m/s"),
-            ("speed_max", 49.0, 500.0, "m/s"),
-            ("acceleration_min", -20.0, 0.0, "m/s^2"),
-            ("acceleration_max", 1e-3, 20.0, "m/s^2"),
-            ("yaw_rate_max", 1e-4, 0.5, "rad/s"),
-        )
-    ),
-    ("goal_radius", 100.0, 50_000.0, "m"),
-    ("rejoin_by", 20.0, 340.0, "s"),
-    ("vertical_filter", 0.0, 50_000.0, "m"),
-    ("max_age", 0.0, 60.0, "s"),
-    ("fallback_cost_threshold", 0.0, math.inf, "m"),
-)
-"""What options may be."""
 
 
-def comfort_limits(limits: Limits) -> Limits:
-    """Return limits that leave the legs a reserve, because smoothing between waypoints takes more than was flown.
+def agility(aircraft: Aircraft) -> float:
+    """Return how much more than usual an aircraft turns in a time step; 1 or more: errors of curves grow with it."""
+    return max(1.0, aircraft.limits.yaw_rate_max * aircraft.dt / _ORDINARY)
+
+
+def default_margin(aircraft: Aircraft) -> float:
+    """Return the margin for the follower where none is given, m."""
+    return _MARGIN * aircraft.separation * agility(aircraft)
+
+
+def vehicle_limits(limits: Limits) -> Limits:
+    """Return what the vehicle itself can do where only the limits of decisions are known: the paper's reserve."""
+    return Limits(
+        0.62 * limits.speed_min,
+        limits.speed_max,
+        1.6 * limits.acceleration_min,
+        limits.acceleration_max,
+        5.0 * (limits.yaw_rate_max / 3.0),
+    )
+
+
+def comfort_limits(decisions: Limits, vehicle: Limits) -> Limits:
+    """Return limits of manoeuvres that leave the legs a reserve: smoothing between waypoints takes more than was flown.
 
     The gentlest curve to the same end as an acceleration (or turn) that stops inside the leg begins with up to 4/3
-    of it. For turns and deceleration the true vehicle has that much more than the surrogate; for acceleration not.
+    of it. A twentieth of the greatest speed is always kept: what stands still cannot turn.
+
+    Args:
+        decisions: limits that decisions are made with.
+        vehicle: limits that the legs must obey.
+
+    Raises:
+        ValueError: the two have no speeds in common.
     """
-    return limits._replace(speed_max=limits.speed_max - 0.4, acceleration_max=0.75 * limits.acceleration_max)
+    both = within(decisions, vehicle)
+    return Limits(
+        max(both.speed_min, 0.05 * both.speed_max),
+        both.speed_max - 0.004 * both.speed_max,
+        max(both.acceleration_min, _RESERVE * vehicle.acceleration_min),
+        min(both.acceleration_max, _RESERVE * vehicle.acceleration_max),
+        min(both.yaw_rate_max, _RESERVE * vehicle.yaw_rate_max),
+    )
+
+
+def speed_range(limits: Limits) -> tuple[float, float]:
+    """Return between which speeds an ownship is planned for, m/s: a flown plan swings a little about its limits."""
+    swing = 0.01 * limits.speed_max
+    return max(limits.speed_min - swing, swing), limits.speed_max + swing
 
 
 @dataclass(frozen=True)
 class Options:
-    """How plans shall be."""
+    """How plans shall be; made by :meth:`for_aircraft`."""
 
-    requirement: Requirement = field(default_factory=lambda: Requirement(margin=MARGIN))
-    limits: Limits = C208_PUBLISHED
-    """That every leg must obey: the true vehicle's."""
-    manoeuvre: Limits = field(default_factory=lambda: comfort_limits(SURROGATE))
+    aircraft: Aircraft
+    """Whose plans they are: its task, time step and scales."""
+    requirement: Requirement
+    limits: Limits
+    """That every leg must obey: the vehicle's own."""
+    manoeuvre: Limits
     """That policy and fallback are flown with."""
-    goal_radius: float = 500.0
-    """Within which a point of the route counts as rejoined, m."""
-    rejoin_by: float = 300.0
-    """Latest time of that, s."""
+    rejoin_by: float
+    """Latest time at which the route is rejoined, s."""
+    max_age: float
+    """Oldest report that is planned with, s."""
+    fallback_cost_threshold: float
+    """Cost of a safe plan of the policy's, m, above which the fallback is searched too and the cheaper plan taken;
+    0 offers it always, inf never."""
+    waypoints: int = WAYPOINTS
+    """Of a plan, the last of them a point of the route."""
+    spacing: int = 20
+    """Time steps from waypoint to waypoint; a multiple of 5."""
     direct: bool = True
     """Whether policy and fallback hand over to the direct way to the goal as soon as that is clear."""
     goals: int = 3
@@ -72,31 +111,88 @@ class Options:
     extend_route: bool = False
     """Whether a route that ends before the plan may be extended in its last direction."""
     vertical_filter: float = 600.0
-    """Predicted vertical separation beyond which an intruder is left out, m."""
-    max_age: float = 5.0
-    """Oldest report that is planned with, s."""
-    fallback_cost_threshold: float = 1_500.0
-    """Cost of a safe plan of the policy's, m, above which the fallback is searched too and the cheaper plan taken;
-    0 offers it always, inf never."""
+    """Predicted vertical separation beyond which an intruder is left out, m; it follows from no number of the
+    aircraft's, all of which are horizontal."""
     exhaustive: bool = True
     """Whether the last, slow stages of the fallback are tried before giving up."""
+    deadline_s: float = 0.050
+    """Computation after which :func:`agents.planner.plan` answers with the best plan so far, s; inf: never."""
+
+    @classmethod
+    def for_aircraft(cls, aircraft: Aircraft, vehicle: Limits | None = None, **changes: Any) -> "Options":
+        """Return the usual options for an aircraft.
+
+        Args:
+            aircraft: whose plans they are.
+            vehicle: what the legs must obey; None: the aircraft's limits with the paper's reserve.
+            **changes: other fields.
+
+        Raises:
+            ValueError: aircraft and vehicle have no speeds in common.
+        """
+        limits = vehicle_limits(aircraft.limits) if vehicle is None else vehicle
+        usual: dict[str, Any] = {
+            "requirement": Requirement(aircraft.separation, default_margin(aircraft)),
+            "limits": limits,
+            "max_age": 5.0 * aircraft.dt,
+            "fallback_cost_threshold": 1.5 * aircraft.separation,
+            **changes,
+        }
+        if "manoeuvre" not in usual:
+            usual["manoeuvre"] = comfort_limits(aircraft.limits, limits)
+        if "rejoin_by" not in usual:
+            shape = cls(aircraft, **usual, rejoin_by=0.0)
+            usual["rejoin_by"] = min(aircraft.t_max, shape.latest_rejoin)
+        return cls(aircraft, **usual)
+
+    @property
+    def interval(self) -> float:
+        """Time from waypoint to waypoint, s."""
+        return self.spacing * self.aircraft.dt
+
+    @property
+    def last_free(self) -> float:
+        """Time of the last waypoint that is not a point of the route, s."""
+        return (self.waypoints - 1) * self.interval
+
+    @property
+    def latest_rejoin(self) -> float:
+        """Greatest ``rejoin_by``, s: two waypoints before the last free one."""
+        return self.last_free - 2.0 * self.interval
+
+    @property
+    def rejoin_reserve(self) -> float:
+        """By how much deeper than the goal radius manoeuvres enter the goal's disc, m, so that smoothed plans do."""
+        return min(0.05 * self.aircraft.separation, 0.5 * self.aircraft.goal_radius)
+
+    @property
+    def slack(self) -> float:
+        """Distance beyond the required one that makes a way clear, m: the smoothing of the turn takes up to that."""
+        return 0.03 * self.aircraft.separation
+
+    @property
+    def smoothing(self) -> float:
+        """What legs may take from the flown clearance, m; less than that makes a manoeuvre uncertain."""
+        return 0.025 * self.aircraft.separation
 
 
 def aggressive_limits(options: Options) -> Limits:
-    """Return limits for a last attempt: the legs' own, less what smoothing takes; no longer the surrogate's."""
-    legs, reserve = options.limits, 0.75
+    """Return limits for a last attempt: the legs' own, less what smoothing takes; no longer those of decisions."""
+    legs = options.limits
     return options.manoeuvre._replace(
-        acceleration_min=min(reserve * legs.acceleration_min, options.manoeuvre.acceleration_min),
+        acceleration_min=min(_RESERVE * legs.acceleration_min, options.manoeuvre.acceleration_min),
         acceleration_max=max(legs.acceleration_max, options.manoeuvre.acceleration_max),
-        yaw_rate_max=max(reserve * legs.yaw_rate_max, options.manoeuvre.yaw_rate_max),
+        yaw_rate_max=max(_RESERVE * legs.yaw_rate_max, options.manoeuvre.yaw_rate_max),
     )
 
 
 def task_of(options: Options) -> Task:
     """Return what manoeuvres are flown for."""
-    radius = options.goal_radius - REJOIN_RESERVE
+    radius = options.aircraft.goal_radius - options.rejoin_reserve
     rate = _TURN_SHARE * options.manoeuvre.yaw_rate_max
-    return Task(options.manoeuvre, radius, options.rejoin_by, rate, options.direct)
+    return Task(
+        options.manoeuvre, radius, options.rejoin_by, rate, options.direct, options.aircraft.dt, options.spacing
+    )
 
 
 def check(options: Options) -> None:
@@ -107,21 +203,59 @@ def check(options: Options) -> None:
     """
     if not isinstance(options, Options):
         raise RequestError("options", f"is {type(options).__name__}, expected Options")
-    for name, kind in (("requirement", Requirement), ("limits", Limits), ("manoeuvre", Limits)):
+    kinds: dict[str, type] = {"aircraft": Aircraft, "requirement": Requirement, "limits": Limits, "manoeuvre": Limits}
+    for name, kind in kinds.items():
         if not isinstance(getattr(options, name), kind):
             raise RequestError(f"options.{name}", f"is {shown(getattr(options, name))}, expected {kind.__name__}")
-    for name, low, high, unit in _RANGES:
-        value = options
-        for part in name.split("."):
-            value = getattr(value, part)
-        real(f"options.{name}", value, low, high, unit)
-    for name in ("limits", "manoeuvre"):
-        limits = getattr(options, name)
-        if limits.speed_min >= limits.speed_max:
-            what = f"is {limits.speed_min:g} m/s, expected less than speed_max, {limits.speed_max:g} m/s"
-            raise RequestError(f"options.{name}.speed_min", what)
+    if not isinstance(options.aircraft.limits, Limits):
+        raise RequestError("options.aircraft.limits", f"is {shown(options.aircraft.limits)}, expected Limits")
+    numbers = options.aircraft.limits._asdict() | options.aircraft._asdict()
+    for name, value in numbers.items():
+        if name != "limits":
+            real(f"options.aircraft.{name}", value, -math.inf, math.inf, "")
+    try:
+        new_aircraft(**options.aircraft._asdict())
+    except AircraftError as problem:
+        raise RequestError("options.aircraft", f"cannot be: {problem}") from None
+    _numbers(options)
     for name in ("direct", "extend_route", "exhaustive"):
         if not isinstance(getattr(options, name), bool):
             raise RequestError(f"options.{name}", f"is {shown(getattr(options, name))}, expected True or False")
-    if isinstance(options.goals, bool) or not isinstance(options.goals, int) or not 1 <= options.goals <= 100:
-        raise RequestError("options.goals", f"is {shown(options.goals)}, expected an integer from 1 to 100")
+    circle = 2.0 * math.pi / options.manoeuvre.yaw_rate_max
+    if circle > options.last_free:
+        what = f"makes a full circle of {circle:.0f} s, expected at most the plan's {options.last_free:.0f} s"
+        raise RequestError("options.manoeuvre.yaw_rate_max", what)
+
+
+def _numbers(options: Options) -> None:
+    for name, low, high, step in (("waypoints", 4, 400, 1), ("spacing", EVERY, 400, EVERY), ("goals", 1, 100, 1)):
+        value = getattr(options, name)
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high or value % step:
+            multiple = f", a multiple of {step}" if step > 1 else ""
+            raise RequestError(
+                f"options.{name}", f"is {shown(value)}, expected an integer from {low} to {high}{multiple}"
+            )
+    wanted, size = options.requirement, 50.0 * options.aircraft.separation
+    for name, value, low, high, unit in (
+        ("requirement.separation", wanted.separation, 1.0, 1e6, "m"),
+        ("requirement.margin", wanted.margin, 0.0, size, "m"),
+        ("requirement.sigmas", wanted.sigmas, 0.0, 10.0, "sigmas"),
+        ("rejoin_by", options.rejoin_by, options.interval, options.latest_rejoin, "s"),
+        ("vertical_filter", options.vertical_filter, 0.0, 50_000.0, "m"),
+        ("max_age", options.max_age, 0.0, 60.0 * options.aircraft.dt, "s"),
+        ("fallback_cost_threshold", options.fallback_cost_threshold, 0.0, math.inf, "m"),
+        ("deadline_s", options.deadline_s, 0.0, math.inf, "s"),
+    ):
+        real(f"options.{name}", value, low, high, unit)
+    for name, limits in (("limits", options.limits), ("manoeuvre", options.manoeuvre)):
+        for limit, low, high, unit in (
+            ("speed_min", 0.0, FASTEST.speed_max, "m/s"),
+            ("speed_max", 1e-3, 1.01 * FASTEST.speed_max, "m/s"),
+            ("acceleration_min", 2.0 * FASTEST.acceleration_min, 0.0, "m/s^2"),
+            ("acceleration_max", 1e-6, 2.0 * FASTEST.acceleration_max, "m/s^2"),
+            ("yaw_rate_max", 1e-5, 2.0 * FASTEST.yaw_rate_max, "rad/s"),
+        ):
+            real(f"options.{name}.{limit}", getattr(limits, limit), low, high, unit)
+        if limits.speed_min >= limits.speed_max:
+            what = f"is {limits.speed_min:g} m/s, expected less than speed_max, {limits.speed_max:g} m/s"
+            raise RequestError(f"options.{name}.speed_min", what)

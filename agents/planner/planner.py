@@ -11,7 +11,6 @@ from functools import partial
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import SLACK
 from agents.planner import fallback
 from agents.planner.answer import Plan
 from agents.planner.candidates import empty, evaluate, keep_best
@@ -42,11 +41,11 @@ def plan(
     """Plan one request.
 
     Args:
-        own: state of the ownship, speed 49..101 m/s.
+        own: state of the ownship, its speed inside the envelope.
         intruders: any number of them.
         route: what is left of it, two points at least; the next one first.
         policy: decides.
-        options: how the plan shall be.
+        options: how the plan shall be; None: as usual for the policy's aircraft.
         own_altitude: for the vertical filter; None: unknown, all intruders count.
 
     Returns:
@@ -55,7 +54,7 @@ def plan(
     Raises:
         RequestError: the request is incomplete, out of range or inconsistent; it names the field.
     """
-    options = Options() if options is None else options
+    options = Options.for_aircraft(policy.aircraft) if options is None else options
     request, excluded, kept = checked(own, intruders, route, options, own_altitude)
     plans = _planned(request, policy, options, True)
     answer = published(request, plans, route, excluded, kept, options)
@@ -86,14 +85,18 @@ def _planned(request: Request, policy: Policy, options: Options, floats: bool) -
     """Plan requests of which every number is finite."""
     count = request.points.size
     goals = eligible(request, options)
-    best, source, policy_safe = empty(count), np.zeros(count, dtype=np.int8), np.zeros(count, dtype=bool)
+    best, source, policy_safe = (
+        empty(count, options.waypoints),
+        np.zeros(count, dtype=np.int8),
+        np.zeros(count, dtype=bool),
+    )
     for choice in range(options.goals):
         rows = np.flatnonzero(~best.safe & (goals[:, choice] >= 0))
         if rows.size == 0:
             break
         part, goal = request if rows.size == count else take(request, rows), goals[rows, choice]
         to = part.route_x[np.arange(rows.size), goal], part.route_y[np.arange(rows.size), goal]
-        required = required_separation(part, options) + SLACK
+        required = required_separation(part, options) + options.slack
         flown = roll(part.own, part.traffic, to, required, policy, task_of(options), floats=floats)
         plans = evaluate(part, flown, goal, options)
         wanting = ~plans.safe | (plans.cost > options.fallback_cost_threshold)

@@ -23,8 +23,9 @@ from envs.waypoints import knots as knots_of
 
 __all__ = ["JOIN", "Plans", "published", "received", "rechecked"]
 
-JOIN = 5.0
-"""Least time to the waypoint at which a late plan is joined, s: a shorter leg would make a hard turn of any error."""
+JOIN = 5
+"""Least time to the waypoint at which a late plan is joined, in time steps: a shorter leg would make a hard turn of
+any error."""
 
 _SOURCES = (Source.NONE, Source.POLICY, Source.FALLBACK)
 
@@ -59,7 +60,7 @@ def published(
     """
     best = take(plans.proposals, 0)
     waypoints = _waypoints(best, route)
-    slips = audit(waypoints, route, extended=options.extend_route) if waypoints else []
+    slips = audit(waypoints, route, count=options.waypoints, extended=options.extend_route) if waypoints else []
     valid = bool(best.findings.safe)
     safe = valid and not slips
     reasons = tuple(slips) if valid else (*_reasons(request, best, kept, options), *slips)
@@ -109,7 +110,8 @@ def rechecked(
     """
     if not plan.safe or late <= 0.0:
         return plan
-    left = [replace(point, time=point.time - late) for point in plan.waypoints if point.time - late >= JOIN]
+    least = JOIN * options.aircraft.dt
+    left = [replace(point, time=point.time - late) for point in plan.waypoints if point.time - late >= least]
     try:
         request, _, _ = checked(own, intruders, route, options, own_altitude)
     except RequestError as error:
@@ -133,11 +135,11 @@ def _waypoints(best: Proposals, route: Sequence[RoutePoint]) -> tuple[Waypoint, 
         return ()
     taken = {point.index for point in route}
     beyond = int(best.last) - len(route)
-    free = (index for index in range(len(route) + 64) if index not in taken)
-    fresh = [next(free) for _ in range(20)]
     rows = np.stack(best.knots, axis=-1)[1:].tolist()
-    last = route[int(best.last)].index if beyond < 0 else fresh[19]
-    indices = [*fresh[:19], last]
+    free = (index for index in range(len(route) + len(rows)) if index not in taken)
+    fresh = [next(free) for _ in rows]
+    last = route[int(best.last)].index if beyond < 0 else fresh[-1]
+    indices = [*fresh[:-1], last]
     return tuple(Waypoint(index, *row) for index, row in zip(indices, rows, strict=True))
 
 
@@ -155,7 +157,7 @@ def _reasons(request: Request, best: Proposals, kept: list[int], options: Option
                 Reason(Kind.START_IN_VIOLATION, name, f"{name} {what}", 0.0, float(own.x[0]), float(own.y[0]))
             )
     if eligible(request, options)[0, 0] < 0:
-        return [*reasons, _no_goal(request)]
+        return [*reasons, _no_goal(request, options)]
     if best.last < 0 and best.too_short:
         what = "ends before the plan does and may not be extended"
         return [*reasons, Reason(Kind.ROUTE_TOO_SHORT, "route", f"route {what}")]
@@ -169,10 +171,10 @@ def _reasons(request: Request, best: Proposals, kept: list[int], options: Option
     ]
 
 
-def _no_goal(request: Request) -> Reason:
+def _no_goal(request: Request, options: Options) -> Reason:
     own, x, y = request.own, request.route_x[0], request.route_y[0]
     nearest = float(np.min(np.hypot(x - own.x[0], y - own.y[0])))
-    ahead = eligible(request, Options(rejoin_by=1e9))[0, 0] >= 0
+    ahead = eligible(request, replace(options, rejoin_by=1e9))[0, 0] >= 0
     if ahead:
         what = f"has no point that can be reached in time; the nearest is {nearest:.0f} m away"
         return Reason(Kind.GOAL_TOO_FAR, "route", f"route {what}")

@@ -9,14 +9,13 @@ import numpy as np
 
 from agents.planner.answer import Excluded, RequestError
 from agents.planner.fields import real, sequence, shown
-from agents.planner.options import Options, check
+from agents.planner.options import Options, check, speed_range
 from agents.planner.separation import same_flight
 from agents.planner.traffic import Traffic, advanced, required
-from envs.kinematics import SURROGATE, VehicleState
+from envs.kinematics import FASTEST, VehicleState
 from envs.waypoints import RoutePoint
 
 __all__ = [
-    "SPEED_TOLERANCE",
     "Altitude",
     "Intruder",
     "Options",
@@ -28,14 +27,10 @@ __all__ = [
     "required_separation",
 ]
 
-SPEED_TOLERANCE = 1.0
-"""By how much the ownship's speed may leave the envelope, m/s: a flown plan swings that far about its limits."""
-
 _FARTHEST = 1e6
-"""Coordinates beyond this, m, belong to no local frame."""
+"""Coordinates beyond this, m, belong to no local frame, whatever the aircraft."""
 
-_FASTEST = 400.0  # of an intruder, m/s
-_LONGEST_EXTENSION = 5_000.0  # of a route's last leg, m
+_LONGEST_EXTENSION = 5.0  # of a route's last leg, separations
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +94,7 @@ def checked(
     """
     check(options)
     state = _state("own", own)
-    low, high = SURROGATE.speed_min - SPEED_TOLERANCE, SURROGATE.speed_max + SPEED_TOLERANCE
+    low, high = speed_range(options.aircraft.limits)
     if not low <= state.speed <= high:
         raise RequestError("own.speed", f"is {state.speed:g} m/s, expected {low:g} to {high:g}")
     _altitude("own_altitude", own_altitude)
@@ -108,7 +103,7 @@ def checked(
         for number, given in enumerate(sequence("intruders", intruders))
     ]
     x, y = _route(route)
-    end = _latest_end(x, y)
+    end = _latest_end(x, y, options)
     excluded = [
         Excluded(number, why)
         for number, report in enumerate(reports)
@@ -130,7 +125,10 @@ def reported(reports: Sequence[Intruder]) -> tuple[Traffic, Any]:
     """Return checked reports as arrays as of their own times, and their ages, s, ``[1, K]``."""
     rows = [(*one.state, one.turn_rate, one.turn_time, one.position_std, one.velocity_std, one.age) for one in reports]
     each = np.array(rows, dtype=float).reshape(len(rows), 9).T[:, None, :]
-    return Traffic(VehicleState(*each[:4]), np.ones((1, len(rows)), dtype=bool), *each[4:8]), each[8]
+    x, y, heading, speed, *more, age = each
+    rate, lasts, position, drift = more
+    mask = np.ones((1, len(rows)), dtype=bool)
+    return Traffic(VehicleState(x, y, heading, speed), mask, rate, lasts, position, drift, 0.0 * age), age
 
 
 def finite(request: Request) -> None:
@@ -163,7 +161,7 @@ def eligible(request: Request, options: Options) -> Any:
     dx = np.take_along_axis(x, onward, 1) - np.take_along_axis(x, from_number, 1)
     dy = np.take_along_axis(y, onward, 1) - np.take_along_axis(y, from_number, 1)
     off_x, off_y = request.own.x[:, None] - x, request.own.y[:, None] - y
-    far = np.hypot(off_x, off_y) - options.goal_radius
+    far = np.hypot(off_x, off_y) - options.aircraft.goal_radius
     passed = ((off_x * dx + off_y * dy > 0.0) | (far <= 0.0)) & exists
     first = np.argmin(np.concatenate([passed, np.zeros((points.size, 1), dtype=bool)], axis=1), axis=1)
     fastest = np.maximum(options.manoeuvre.speed_max, request.own.speed)[:, None]
@@ -188,7 +186,7 @@ def _state(name: str, state: Any) -> VehicleState:
     x = real(f"{name}.x", state.x, -_FARTHEST, _FARTHEST, "m")
     y = real(f"{name}.y", state.y, -_FARTHEST, _FARTHEST, "m")
     heading = real(f"{name}.heading", state.heading, -2.0 * math.pi, 2.0 * math.pi, "rad")
-    speed = real(f"{name}.speed", state.speed, 0.0, _FASTEST, "m/s")
+    speed = real(f"{name}.speed", state.speed, 0.0, FASTEST.speed_max, "m/s")
     return VehicleState(x, y, math.remainder(heading, 2.0 * math.pi), speed)
 
 
@@ -220,10 +218,11 @@ def _report(name: str, report: Intruder, options: Options) -> Intruder:
     )
 
 
-def _latest_end(x: Any, y: Any) -> float:
+def _latest_end(x: Any, y: Any, options: Options) -> float:
     """Return a time that no plan along a route outlasts, s: its last leg is the route's longest at most."""
-    longest = max(float(np.max(np.hypot(np.diff(x), np.diff(y)))), _LONGEST_EXTENSION)
-    return 400.0 + longest / (SURROGATE.speed_min - SPEED_TOLERANCE)
+    extension = _LONGEST_EXTENSION * options.aircraft.separation
+    longest = max(float(np.max(np.hypot(np.diff(x), np.diff(y)))), extension)
+    return options.waypoints * options.interval + longest / speed_range(options.aircraft.limits)[0]
 
 
 def _apart(own: Altitude | None, report: Intruder, end: float, options: Options) -> str | None:

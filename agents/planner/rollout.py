@@ -2,7 +2,7 @@
 
 The same functions of the core twice: over plain floats for one request, where arrays of one element would cost ten
 times their arithmetic, and over arrays for many. Intruders fly as predicted (:mod:`agents.planner.traffic`); the policy
-sees the most critical of them, once a second. Every few seconds the direct way to the goal is looked at; once it is
+sees all of them at every time step. Every few steps the direct way to the goal is looked at; once it is
 clear, the policy has done its work (:mod:`agents.manoeuvres.direct_to_goal`).
 """
 
@@ -14,30 +14,19 @@ import numpy as np
 from agents.manoeuvres.direct_to_goal import EVERY, Task, clear
 from agents.planner.traffic import Traffic, predicted
 from agents.policy.inference import Policy
-from envs.aircraft import PAPER
-from envs.angles import sincos, wrap
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState, advance, commands
-from envs.observation import criticality, most_critical, observe
 from envs.relative import distance
 from envs.trees import take
 
-__all__ = ["SPACING", "STEP", "Rollout", "roll"]
-
-STEP = 1.0
-"""Between decisions, s."""
-
-SPACING = 20
-"""Steps between waypoints."""
-
-_BEHIND = 20_000.0  # m
+__all__ = ["Rollout", "roll"]
 
 
 class Rollout(NamedTuple):
     """Where manoeuvres lead; fields ``[N]``, those of knots ``[N, S]``."""
 
     knots: VehicleState
-    """Every 20 s, the first at the request, ``[N, S]``; nan after the end."""
+    """At each waypoint's time, the first at the request, ``[N, S]``; nan after the end."""
     end: VehicleState
     """State at which the way back is clear, or the goal within the radius; nan where neither happened in time."""
     time: Any
@@ -78,26 +67,26 @@ def roll(
         return _roll_one(start, traffic, (float(goal[0][0]), float(goal[1][0])), required, policy, task)
     limits = task.limits
     count = np.size(own.x)
-    steps = int(task.until / STEP)
-    result = _empty(count, steps)
+    steps = steps_of(task)
+    result = _empty(count, steps // task.spacing + 1)
     state = VehicleState(*(np.array(field, dtype=float) for field in own))
     rows, goal_x, goal_y = np.arange(count), np.asarray(goal[0], float), np.asarray(goal[1], float)
     path, turn_sign, reversals = np.zeros(count), np.zeros(count), np.zeros(count)
-    lonely = not traffic.mask.any(axis=-1).all()
     for step in range(steps + 1):
-        if step % SPACING == 0:
+        time = step * task.dt
+        if step % task.spacing == 0:
             for field, value in zip(result.knots, state, strict=True):
-                field[rows, step // SPACING] = value
-        seen = predicted(traffic, step * STEP)
+                field[rows, step // task.spacing] = value
+        seen = predicted(traffic, time)
         arrived = distance(goal_x - state.x, goal_y - state.y, np) <= task.radius
         ended = arrived
         if task.direct and step % EVERY == 0:
-            ended = ended | _all_clear(state, (goal_x, goal_y), seen, traffic.mask, required, step * STEP, task)
+            ended = ended | _all_clear(state, (goal_x, goal_y), seen, traffic.mask, required, time, task)
         if ended.any():
             done = rows[ended]
             for field, value in zip(result.end, state, strict=True):
                 field[done] = value[ended]
-            result.time[done], result.direct[done] = step * STEP, ~arrived[ended]
+            result.time[done], result.direct[done] = time, ~arrived[ended]
             for field, value in zip(result[4:], (path, turn_sign, reversals), strict=True):
                 field[done] = value[ended]
             rows, goal_x, goal_y, traffic, seen, required, state, path, turn_sign, reversals = take(
@@ -105,13 +94,10 @@ def roll(
             )
         if rows.size == 0 or step == steps:
             break
-        if lonely:
-            seen = _or_absent(seen, traffic.mask, state)
-        chosen = most_critical(state, seen, traffic.mask, PAPER, np)
-        action = policy.rowwise(observe(state, chosen, goal_x, goal_y, PAPER, np).astype(np.float32)).astype(float)
+        action = policy.command(state, seen, traffic.mask, goal_x, goal_y)
         acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
-        moved = advance(state, acceleration, yaw_rate, STEP, limits, np)
-        path += 0.5 * STEP * (state.speed + moved.speed)
+        moved = advance(state, acceleration, yaw_rate, task.dt, limits, np)
+        path += 0.5 * task.dt * (state.speed + moved.speed)
         turning = np.where(np.abs(yaw_rate) >= 0.1 * limits.yaw_rate_max, np.sign(yaw_rate), turn_sign)
         reversals += turning * turn_sign < 0.0
         turn_sign, state = turning, moved
@@ -122,21 +108,20 @@ def _roll_one(
     own: VehicleState, traffic: Traffic, goal: tuple[float, float], required: Any, policy: Policy, task: Task
 ) -> Rollout:
     """Roll one request in plain floats: its state and goal, intruders ``[1, K]``; fields ``[1]`` and ``[1, S]``."""
-    limits, steps = task.limits, int(task.until / STEP)
-    result = _empty(1, steps)
+    limits, steps, dt = task.limits, steps_of(task), task.dt
+    result = _empty(1, steps // task.spacing + 1)
     present = np.flatnonzero(traffic.mask[0])
-    flown = _tracks(traffic, present, steps)
-    alone = flown[0] if len(flown) == 1 else None
+    flown = _tracks(traffic, present, steps, dt)
     required = required[0, present].tolist()
     state = VehicleState(*(float(field) for field in own))
     goal_x, goal_y = goal
     path, turn_sign, reversals = 0.0, 0.0, 0
     square = task.radius * task.radius
     threshold = 0.1 * limits.yaw_rate_max
-    decide = policy.decide
     knots = []
     for step in range(steps + 1):
-        if step % SPACING == 0:
+        seen = [track[step] for track in flown]
+        if step % task.spacing == 0:
             knots.append(state)
         dx, dy = goal_x - state.x, goal_y - state.y
         arrived = dx * dx + dy * dy <= square
@@ -144,23 +129,22 @@ def _roll_one(
             task.direct
             and step % EVERY == 0
             and all(
-                clear(state, goal, track[step], far, step * STEP, task, FLOATS)
-                for track, far in zip(flown, required, strict=True)
+                clear(state, goal, other, far, step * dt, task, FLOATS)
+                for other, far in zip(seen, required, strict=True)
             )
-            and (flown or clear(state, goal, _absent(state, FLOATS), 0.0, step * STEP, task, FLOATS))
+            and (flown or clear(state, goal, state, -math.inf, step * dt, task, FLOATS))
         ):
             for field, value in zip(result.end, state, strict=True):
                 field[0] = value
-            result.time[0], result.direct[0] = step * STEP, not arrived
+            result.time[0], result.direct[0] = step * dt, not arrived
             result.path[0], result.turn_sign[0], result.reversals[0] = path, turn_sign, reversals
             break
         if step == steps:
             break
-        other = alone[step] if alone is not None else _most_critical(state, [track[step] for track in flown])
-        action = decide(observe(state, other, goal_x, goal_y, PAPER, FLOATS))
+        action = policy.command_one(state, seen, goal_x, goal_y)
         acceleration, yaw_rate = commands(action, limits, FLOATS)
-        moved = advance(state, acceleration, yaw_rate, STEP, limits, FLOATS)
-        path += 0.5 * STEP * (state.speed + moved.speed)
+        moved = advance(state, acceleration, yaw_rate, dt, limits, FLOATS)
+        path += 0.5 * dt * (state.speed + moved.speed)
         if abs(yaw_rate) >= threshold:
             reversals += yaw_rate * turn_sign < 0.0
             turn_sign = 1.0 if yaw_rate > 0.0 else -1.0
@@ -170,12 +154,12 @@ def _roll_one(
     return result
 
 
-def _tracks(traffic: Traffic, present: Any, steps: int) -> list[list[VehicleState]]:
-    """Return the predicted states of one request's intruders by second, in plain floats."""
+def _tracks(traffic: Traffic, present: Any, steps: int, dt: float) -> list[list[VehicleState]]:
+    """Return the predicted states of one request's intruders by time step, in plain floats."""
     one = Traffic(
         VehicleState(*(field[0, present] for field in traffic.state)), *(field[0, present] for field in traffic[1:])
     )
-    seen = predicted(one, np.arange(steps + 1)[:, None] * STEP)
+    seen = predicted(one, np.arange(steps + 1)[:, None] * dt)
     each = (zip(*(field[:, k].tolist() for field in seen), strict=True) for k in range(present.size))
     return [list(map(VehicleState._make, track)) for track in each]
 
@@ -185,7 +169,7 @@ def _all_clear(
 ) -> Any:
     """Return whether the direct way is clear of all intruders, ``[N]``."""
     if mask.shape[-1] == 0:
-        return clear(state, goal, _absent(state, np), 0.0, time, task, np)
+        return clear(state, goal, state, -np.inf, time, task, np)
     own = VehicleState(*(field[:, None] for field in state))
     to = (goal[0][:, None], goal[1][:, None])
     # Without intruders nothing is in the way, but the goal may be inside the turning circle.
@@ -193,29 +177,13 @@ def _all_clear(
     return np.all(clear(own, to, seen, required, time, task, np), axis=-1)
 
 
-def _empty(count: int, steps: int) -> Rollout:
-    knots = VehicleState(*(np.full((count, steps // SPACING + 1), np.nan) for _ in range(4)))
+def steps_of(task: Task) -> int:
+    """Return the number of decisions until the latest time at the goal."""
+    return int(task.until / task.dt + 1e-9)
+
+
+def _empty(count: int, points: int) -> Rollout:
+    knots = VehicleState(*(np.full((count, points), np.nan) for _ in range(4)))
     end = VehicleState(*(np.full(count, np.nan) for _ in range(4)))
     time, path, turn_sign, reversals = (np.full(count, np.nan) for _ in range(4))
     return Rollout(knots, end, time, np.zeros(count, dtype=bool), path, turn_sign, reversals)
-
-
-def _absent(own: VehicleState, xp: Any) -> VehicleState:
-    """Return an intruder without effect: as far behind as an observation can say, flying away."""
-    sine, cosine = sincos(own.heading, xp)
-    away = wrap(own.heading + math.pi, xp)
-    return VehicleState(own.x - _BEHIND * cosine, own.y - _BEHIND * sine, away, own.speed * 0.0 + 50.0)
-
-
-def _or_absent(seen: VehicleState, mask: Any, own: VehicleState) -> VehicleState:
-    """Return the intruders ``[N, K]``, those of requests without any replaced."""
-    empty = ~mask.any(axis=-1, keepdims=True)
-    behind = _absent(own, np)
-    return VehicleState(*(np.where(empty, alone[:, None], field) for field, alone in zip(seen, behind, strict=True)))
-
-
-def _most_critical(own: VehicleState, others: list[VehicleState]) -> VehicleState:
-    """Return the most urgent of several intruders; one without effect if there are none."""
-    if not others:
-        return _absent(own, FLOATS)
-    return min(others, key=lambda other: criticality(own, other, PAPER, FLOATS))

@@ -110,9 +110,9 @@ def growth(traffic: Traffic, time: Any, requirement: Requirement) -> Any:
     """Return what uncertainty adds to the required distance by a time since the request, m, ``[n, A, K]``."""
     if not traffic.velocity_std.any():
         return np.zeros((1, 1, 1))
-    first = traffic.position_std[:, None]
-    spread = np.hypot(first, traffic.velocity_std[:, None] * time[..., None])
-    return requirement.sigmas * (spread - first)
+    std, drift, age = (field[:, None] for field in (traffic.position_std, traffic.velocity_std, traffic.age))
+    first = np.hypot(std, drift * age)
+    return requirement.sigmas * (np.hypot(std, drift * (age + time[..., None])) - first)
 
 
 def along(x: Any, y: Any, heading: Any, speed: Any, yaw_rate: Any, acceleration: Any, part: Any) -> tuple[Any, Any]:

@@ -23,21 +23,23 @@ class Traffic(NamedTuple):
     turn_time: Any
     """For how long it does, s; straight ahead after that."""
     position_std: Any
-    """One sigma of the position, per axis, m."""
+    """One sigma of the position, per axis, at the time of the report, m."""
     velocity_std: Any
     """One sigma of the velocity, per axis, m/s."""
+    age: Any
+    """Of the report at the request, s: for so long the velocity's error has moved the position already."""
 
     @classmethod
     def straight(cls, state: VehicleState, mask: Any = None) -> "Traffic":
         """Return intruders that are known exactly and fly straight ahead, ``[..., K]``."""
         zero = np.zeros(np.shape(state.x))
-        return cls(state, np.ones(zero.shape, dtype=bool) if mask is None else mask, zero, zero, zero, zero)
+        return cls(state, np.ones(zero.shape, dtype=bool) if mask is None else mask, zero, zero, zero, zero, zero)
 
 
 class Requirement(NamedTuple):
     """How far the plan must stay from the intruders."""
 
-    separation: float = 1000.0
+    separation: float
     """Never less than this, m."""
     margin: float = 0.0
     """Added to it for what the follower leaves of the plan, m."""
@@ -67,6 +69,9 @@ def predicted(traffic: Traffic, time: Any) -> VehicleState:
 def advanced(reports: Traffic, age: Any) -> Traffic:
     """Return the intruders at the request from reports of some age: moved along their turns, which then last less.
 
+    The spreads stay those of the reports: one error of the velocity lasts from the report on, so that what it adds
+    before the request and after it must not be added like independent errors (:func:`uncertainty`).
+
     Args:
         reports: as of the reports' own times, ``[..., K]``; each turn lasts ``turn_time`` from there.
         age: of the reports at the request, s, ``[..., K]``; below 0 the report is moved back along its arc.
@@ -80,14 +85,15 @@ def advanced(reports: Traffic, age: Any) -> Traffic:
         reports.mask,
         turn_rate,
         turn_time,
-        uncertainty(reports, age),
+        reports.position_std,
         reports.velocity_std,
+        np.abs(age),
     )
 
 
 def uncertainty(traffic: Traffic, time: Any) -> Any:
-    """Return one sigma of the predicted positions, per axis, m, ``[..., K]``."""
-    drift = traffic.velocity_std * time
+    """Return one sigma of the positions some seconds after the request, per axis, m, ``[..., K]``."""
+    drift = traffic.velocity_std * (traffic.age + time)
     return np.sqrt(traffic.position_std**2 + drift * drift)
 
 
@@ -102,5 +108,5 @@ def required(traffic: Traffic, distance: Any, requirement: Requirement) -> Any:
         distance: to the intruders at the request, m, ``[..., K]``.
         requirement: on the separation.
     """
-    wanted = requirement.separation + requirement.margin + requirement.sigmas * traffic.position_std
+    wanted = requirement.separation + requirement.margin + requirement.sigmas * uncertainty(traffic, 0.0)
     return np.maximum(requirement.separation, np.minimum(wanted, distance))

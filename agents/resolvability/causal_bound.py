@@ -1,7 +1,7 @@
 """The causal bound: what an oracle achieves that sees the present exactly and knows nothing of the future.
 
-Every second it sees positions, headings and speeds of all, and the turn of the second before; intents are hidden from
-it. It simulates escapes (:mod:`agents.manoeuvres.escape_manoeuvre`) against several futures of the intruders
+At every time step it sees positions, headings and speeds of all, and the turn of the step before; intents are hidden
+from it. It simulates escapes (:mod:`agents.manoeuvres.escape_manoeuvre`) against several futures of the intruders
 and follows the one that keeps most distance in them. What it solves, a decider without foresight can solve: a lower
 bound of what such deciders can achieve, as the clairvoyant search's is an upper one.
 """
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import REGARDLESS, Flight, Manoeuvre, fly, steps, takeoff, tracks
-from agents.manoeuvres.escape_search import COARSE, STAGES, concatenated, fly_out, parts, search
+from agents.manoeuvres.escape_search import COARSE, STAGES, concatenated, fly_out, parts, scaled, search
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.intruder import IntruderState, start, step
@@ -26,23 +26,23 @@ __all__ = ["ENOUGH", "OUTCOMES", "Causal", "Foresight", "causal"]
 OUTCOMES = ("violation", "reached", "timeout")
 """Names of the outcome codes 0, 1, 2."""
 
-ENOUGH = 1_500.0
-"""A distance, m, beyond which more is not worth a detour."""
+ENOUGH = 1.5
+"""A distance, in separations, beyond which more is not worth a detour."""
 
 _EVERY = 10
-"""Seconds between searches for a better plan while the intruders fly as expected."""
+"""Time steps between searches for a better plan while the intruders fly as expected."""
 
-_DEAR = 1.0
-"""Metres of distance that a second of flight must be worth."""
+_DEAR = 0.001
+"""Separations that a time step of flight must be worth."""
 
 _WEIGHTS, _STEEP = (0.5, 0.25, 0.25), 4.0
 """Of the futures, the straight courses first; what a metre below the separation costs more than one above it."""
 
 _STRIDE = 2.0
-"""Time step of simulated escapes, s."""
+"""Time step of simulated escapes, in time steps of the task."""
 
-_LOST = -1e4
-"""Worth of a plan, m, below which it fails."""
+_LOST = -10.0
+"""Worth of a plan, in separations, below which it fails."""
 
 _TOGETHER = 1_024
 """Encounters flown together."""
@@ -53,10 +53,10 @@ _FAMILY = concatenated(STAGES[0], COARSE)
 class Foresight(NamedTuple):
     """Intents of intruders that the oracle takes into account; angles in rad."""
 
+    rate: float
+    """Turn rate of an intruder that might begin to turn now, rad/s."""
     turn: float = np.radians(90.0)
-    """Heading change of an intruder that might begin to turn now, or go on turning."""
-    rate: float = np.radians(3.0)
-    """Its turn rate, rad/s."""
+    """Its heading change, also of one that goes on turning."""
     observed: bool = True
     """Whether an intruder that has turned during the last second is expected to go on at that rate."""
 
@@ -102,7 +102,7 @@ def causal(encounters: Encounter, rules: Rules, limits: Limits, foresight: Fores
         encounters: ``[N]``, numpy.
         rules: of the task; floats.
         limits: of the ownship; floats.
-        foresight: what it holds possible; None for the default.
+        foresight: what it holds possible; None: turns at the ownship's greatest rate.
 
     Raises:
         ValueError: ``encounters`` has no leading axis.
@@ -115,7 +115,7 @@ def causal(encounters: Encounter, rules: Rules, limits: Limits, foresight: Fores
     record = VehicleState(*np.full((len(VehicleState._fields), steps(rules) + 1, count), np.nan))
     result = Causal(np.full(count, 2, np.int8), inf, nan, np.zeros(count), record)
     for part in np.split(np.arange(count), range(_TOGETHER, count, _TOGETHER)):
-        _fly(take(chosen, part), part, foresight or Foresight(), rules, limits, result)
+        _fly(take(chosen, part), part, foresight or Foresight(limits.yaw_rate_max), rules, limits, result)
     return result
 
 
@@ -160,7 +160,7 @@ def _planned(air: _Air, index: int, foresight: Foresight, rules: Rules, limits: 
     plan = np.stack(air.plan)
     surprised = np.any((np.abs(air.rate) > 1e-6) & air.encounter.mask, axis=-1)
     rows = np.flatnonzero(surprised | (index % _EVERY == 0))
-    coarse = rules._replace(dt=_STRIDE)
+    coarse = rules._replace(dt=_STRIDE * rules.dt)
 
     def futures(rows: Any) -> list[Encounter]:
         own, intruders = take((air.own, air.intruders.vehicle), rows)
@@ -169,9 +169,10 @@ def _planned(air: _Air, index: int, foresight: Foresight, rules: Rules, limits: 
     def value(rows: Any, tried: Any) -> Any:
         return _value(futures(rows), tried, coarse, limits)
 
+    enough = ENOUGH * rules.separation - _DEAR * rules.separation / rules.dt * rules.t_max
     if index > 0 and rows.size:
-        rows = rows[value(rows, plan[:, rows, None])[:, 0] < ENOUGH - _DEAR * rules.t_max]
-    family = np.stack(_FAMILY)
+        rows = rows[value(rows, plan[:, rows, None])[:, 0] < enough]
+    family = np.stack(scaled(_FAMILY, rules))
     for part in parts(rows, 3 * family.shape[-1], air.encounter):
         tried = np.broadcast_to(family[:, None], (family.shape[0], part.size, family.shape[-1]))
         # The old plan comes first, so that it is kept where nothing is better.
@@ -180,7 +181,7 @@ def _planned(air: _Air, index: int, foresight: Foresight, rules: Rules, limits: 
         best = np.argmax(worth, axis=-1)
         plan[:, part] = np.take_along_axis(tried, best[None, :, None], axis=-1)[:, :, 0]
         # Where no plan keeps clear of the straight courses, a thorough search may find one that just does.
-        lost = part[np.max(worth, axis=-1) < _LOST]
+        lost = part[np.max(worth, axis=-1) < _LOST * rules.separation]
         if lost.size:
             found = search(futures(lost)[0], rules, limits)
             works = ~np.isnan(found.arrival)
@@ -220,10 +221,13 @@ def _value(futures: list[Encounter], tried: Any, rules: Rules, limits: Limits) -
     flown = fly_out(together, tracks(together, steps(rules), rules), which, family, rules, limits, scoring=True)
     arrival, separation = (field.reshape(shape) for field in flown[:2])
     weights = np.array(_WEIGHTS)[:, None, None]
-    kept = np.minimum(separation, ENOUGH) + _STEEP * np.minimum(separation - rules.separation, 0.0)
-    value = np.sum(weights * kept, axis=0) - _DEAR * arrival[0]
-    lost = np.minimum(separation[0], ENOUGH) + 2.0 * _LOST + _LOST * np.isnan(arrival[0])
-    return np.where((separation[0] < rules.separation) | np.isnan(arrival[0]), lost, value)
+    unit, enough = rules.separation, ENOUGH * rules.separation
+    dear = _DEAR * unit * _STRIDE / rules.dt  # the plans are flown in strides
+    kept = np.minimum(separation, enough) + _STEEP * np.minimum(separation - rules.separation, 0.0)
+    value = np.sum(weights * kept, axis=0) - dear * arrival[0]
+    lost = _LOST * unit
+    failed = np.minimum(separation[0], enough) + 2.0 * lost + lost * np.isnan(arrival[0])
+    return np.where((separation[0] < rules.separation) | np.isnan(arrival[0]), failed, value)
 
 
 def _rest(plan: Manoeuvre, flight: Flight, dt: float) -> Manoeuvre:

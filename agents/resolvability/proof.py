@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import steps
-from agents.resolvability.reachable_bound import DELTA, DIRECTIONS, Funnel, farthest, narrowed, relaxed, root, support
+from agents.resolvability.reachable_bound import DIRECTIONS, Funnel, delta, farthest, narrowed, relaxed, root, support
 from agents.resolvability.reachable_set import Cells, last_time
 from envs.angles import sincos, wrap
 from envs.encounters import Encounter
-from envs.intruder import INTRUDER_LIMITS, start, step
+from envs.intruder import start, step
 from envs.kinematics import Limits, advance
 from envs.outcome import Rules
 from envs.relative import distance
@@ -26,22 +26,25 @@ from envs.trees import take
 __all__ = ["Ahead", "contained", "look_ahead", "split"]
 
 STEP = 0.05
-"""Of the integration of the supports, s."""
+"""Of the integration of the supports, in time steps of the task."""
 
 STRIDE = 2
 """Steps between the times at which containment is tested."""
 
 CELLS = (
-    Cells(turn=math.radians(30.0), speed=12.0, place=1_000.0, tests=80, most=3_000),
-    Cells(turn=math.radians(15.0), speed=8.0, place=1_000.0, tests=60, most=3_000),
+    Cells(turn=math.radians(30.0), speed=0.12, place=1.0, tests=80, most=3_000),
+    Cells(turn=math.radians(15.0), speed=0.08, place=1.0, tests=60, most=3_000),
 )
-"""How finely survivors are divided, one grid after the other until one proves it."""
+"""How finely survivors are divided, in greatest speeds and separations; one grid after the other until one proves."""
 
 NODES = 300
 """Sets of control histories that a proof by halving may look at."""
 
 BLOCK = 25
 """Funnels looked at together against up to 8 intruders (fewer against more): some 150 MB."""
+
+
+_ANY = Limits(-math.inf, math.inf, -math.inf, math.inf, math.inf)
 
 
 class Ahead(NamedTuple):
@@ -82,7 +85,7 @@ def look_ahead(encounter: Encounter, rules: Rules, limits: Limits) -> Ahead:
         seconds = (times[within] - index * rules.dt)[:, None, None]
         # The controller holds its turn rate over a step.
         turn_rate = wrap(after.vehicle.heading - flown.vehicle.heading, np) / rules.dt
-        between = advance(flown.vehicle, 0.0 * turn_rate, turn_rate, seconds, INTRUDER_LIMITS, np)
+        between = advance(flown.vehicle, 0.0 * turn_rate, turn_rate, seconds, _ANY, np)
         places.append(np.stack(in_frame(between.x, between.y)))
         times, flown, index = times[~within], after, index + 1
     x, y = np.where(encounter.mask, np.concatenate(places, axis=1), 1e9).transpose(0, 2, 3, 1)
@@ -97,14 +100,14 @@ def contained(ahead: Ahead, rules: Rules, limits: Limits) -> Any:
     proven = np.full(ahead.speed.shape, np.nan)
     # The straight flight is among the histories: an intruder that does not meet it contains nothing.
     straight = distance(ahead.x - (ahead.speed[:, None] * _test_times(rules, limits))[:, None], ahead.y, np)
-    near = np.flatnonzero(np.min(straight, axis=(-1, -2)) <= rules.separation - DELTA)
+    near = np.flatnonzero(np.min(straight, axis=(-1, -2)) <= rules.separation - delta(rules, limits))
     size = _block(ahead)
     for first in range(0, near.size, size):
         part = near[first : first + size]
         chosen = take(ahead, part)
         funnel = root(chosen.speed, _times(rules, limits), relaxed(limits))
         proven[part] = _look(funnel, chosen, rules, limits)[0]
-    proven[ahead.start_distance <= rules.separation - DELTA] = 0.0
+    proven[ahead.start_distance <= rules.separation - delta(rules, limits)] = 0.0
     return proven
 
 
@@ -130,13 +133,14 @@ def split(ahead: Ahead, rules: Rules, limits: Limits, nodes: int = NODES) -> Any
 
 def _survived(ahead: Ahead, cells: Cells, rules: Rules, limits: Limits) -> float:
     """Follow what is still clear of all intruders of one encounter; return when nothing is, nan if something stays."""
-    granted, radius = relaxed(limits), rules.separation - DELTA
+    granted, radius = relaxed(limits), rules.separation - delta(rules, limits)
+    cells = cells._replace(speed=cells.speed * limits.speed_max, place=cells.place * rules.separation)
     fastest = max(granted.speed_max, ahead.speed[0])
     reach = radius + fastest * _test_times(rules, limits)
     near = np.any(distance(ahead.x[0], ahead.y[0], np) <= reach, axis=-1)
-    goal = (ahead.goal_x[0], ahead.goal_y[0], rules.goal_radius + DELTA)
+    goal = (ahead.goal_x[0], ahead.goal_y[0], rules.goal_radius + delta(rules, limits))
     discs = (ahead.x[0, near], ahead.y[0, near], radius)
-    return last_time(ahead.speed[0], discs, goal, STRIDE * STEP, cells, granted)
+    return last_time(ahead.speed[0], discs, goal, STRIDE * STEP * rules.dt, cells, granted)
 
 
 def _halved(ahead: Ahead, nodes: int, rules: Rules, limits: Limits) -> float:
@@ -152,7 +156,7 @@ def _halved(ahead: Ahead, nodes: int, rules: Rules, limits: Limits) -> float:
         open_still = np.isnan(ended)
         if not open_still.any():
             return latest
-        funnel = _halves(take(funnel, open_still), promising[open_still], times, limits)
+        funnel = _halves(take(funnel, open_still), promising[open_still], times, STEP * rules.dt, limits)
         looked_at += funnel.turn_low.shape[0]
     return np.nan
 
@@ -164,9 +168,9 @@ def _look(funnel: Funnel, ahead: Ahead, rules: Rules, limits: Limits) -> tuple[A
         The first such time (nan if there is none), and the time at which the least part of the reachable width
         would have to go for containment.
     """
-    supports = support(funnel, DIRECTIONS, STEP, relaxed(limits), stride=STRIDE)
+    supports = support(funnel, DIRECTIONS, STEP * rules.dt, relaxed(limits), stride=STRIDE)
     times = _test_times(rules, limits)
-    excess = np.min(farthest(supports, ahead.x, ahead.y), axis=-2) - (rules.separation - DELTA)
+    excess = np.min(farthest(supports, ahead.x, ahead.y), axis=-2) - (rules.separation - delta(rules, limits))
     excess = np.where(_under_way(supports, ahead, rules, limits), excess, np.inf)
     contains = excess <= 0.0
     ended = np.where(contains.any(axis=-1), times[np.argmax(contains, axis=-1)], np.nan)
@@ -174,7 +178,7 @@ def _look(funnel: Funnel, ahead: Ahead, rules: Rules, limits: Limits) -> tuple[A
     return ended, times[np.argmin(excess / width, axis=-1)]
 
 
-def _halves(funnel: Funnel, promising: Any, times: Any, limits: Limits) -> Funnel:
+def _halves(funnel: Funnel, promising: Any, times: Any, step: float, limits: Limits) -> Funnel:
     """Split funnels where it narrows most what can be reached until the promising times, ``[N]`` -> ``[2 N]``."""
     rows = np.arange(promising.size)
     until = times <= promising[:, None]
@@ -182,7 +186,7 @@ def _halves(funnel: Funnel, promising: Any, times: Any, limits: Limits) -> Funne
     least: Any = np.full(promising.size, np.inf)
     chosen: Any = (funnel, funnel)
     for fraction in (0.3, 0.6, 0.9):
-        at = np.clip(np.rint(fraction * promising / STEP).astype(int), 1, times.size - 1)
+        at = np.clip(np.rint(fraction * promising / step).astype(int), 1, times.size - 1)
         turn = 0.5 * (funnel.turn_low + funnel.turn_high)[rows, at]
         speed = 0.5 * (funnel.speed_low + funnel.speed_high)[rows, at]
         for cut in ((turn, none), (none, speed)):
@@ -208,21 +212,21 @@ def _under_way(supports: Any, ahead: Ahead, rules: Rules, limits: Limits) -> Any
 
     What cannot be within the goal's radius and one interval's flight of it now has not been at it since the last test.
     """
-    flight = np.maximum(relaxed(limits).speed_max, ahead.speed) * STRIDE * STEP
+    flight = np.maximum(relaxed(limits).speed_max, ahead.speed) * STRIDE * (STEP * rules.dt)
     goal = np.cos(DIRECTIONS) * ahead.goal_x[:, None] + np.sin(DIRECTIONS) * ahead.goal_y[:, None]
-    short_of = goal - (rules.goal_radius + DELTA + flight)[:, None]
+    short_of = goal - (rules.goal_radius + delta(rules, limits) + flight)[:, None]
     return np.logical_and.accumulate(np.any(supports < short_of[..., None], axis=-2), axis=-1)
 
 
 def _out_of_reach(speed: Any, goal_x: Any, goal_y: Any, rules: Rules, limits: Limits) -> Any:
     """Return whether the outer set at the end does not touch the goal's disc in some direction, bool ``[N]``."""
-    coarse = STRIDE * STEP
+    coarse = STRIDE * STEP * rules.dt
     times = coarse * np.arange(int(np.ceil(steps(rules) * rules.dt / coarse)) + 1)
     direction = np.arctan2(goal_y, goal_x)[:, None]
     funnel = root(speed, times, relaxed(limits))
     reach = support(funnel, direction, coarse, relaxed(limits), growing=True)[:, 0]
     # The support is convex in time, since its integrand grows: it is largest at one of the ends.
-    return np.maximum(reach[:, -1], 0.0) < distance(goal_x, goal_y, np) - (rules.goal_radius + DELTA)
+    return np.maximum(reach[:, -1], 0.0) < distance(goal_x, goal_y, np) - (rules.goal_radius + delta(rules, limits))
 
 
 def _block(ahead: Ahead) -> int:
@@ -231,11 +235,13 @@ def _block(ahead: Ahead) -> int:
 
 def _times(rules: Rules, limits: Limits) -> Any:
     """Return the times of the funnels, s: half as long again as it takes to move aside by the separation."""
-    radius = limits.speed_min / limits.yaw_rate_max
+    # A guide, no bound: the shorter the horizon, the less is proven.
+    slow, stride = max(limits.speed_min, 0.1 * limits.speed_max), STRIDE * STEP * rules.dt
+    radius = slow / limits.yaw_rate_max
     turning = np.arccos(max(1.0 - rules.separation / radius, 0.0)) / limits.yaw_rate_max
-    aside = turning + max(rules.separation - radius, 0.0) / limits.speed_min
-    cells = STRIDE * int(min(1.5 * aside, steps(rules) * rules.dt) / (STRIDE * STEP))
-    return STEP * np.arange(cells + 1)
+    aside = turning + max(rules.separation - radius, 0.0) / slow
+    cells = STRIDE * int(min(1.5 * aside, steps(rules) * rules.dt) / stride)
+    return STEP * rules.dt * np.arange(cells + 1)
 
 
 def _test_times(rules: Rules, limits: Limits) -> Any:

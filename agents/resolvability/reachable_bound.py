@@ -17,18 +17,23 @@ import numpy as np
 
 from envs.angles import wrap
 from envs.kinematics import Limits
+from envs.outcome import Rules
 
-__all__ = ["DELTA", "DIRECTIONS", "EPSILON", "Funnel", "farthest", "narrowed", "relaxed", "root", "support"]
-
-DELTA = 0.1
-"""A proof needs the separation to be missed by this, m; a goal is enlarged by it. Twice what the judged separation of
-a step may err by."""
+__all__ = ["DIRECTIONS", "EPSILON", "Funnel", "delta", "farthest", "narrowed", "relaxed", "root", "support"]
 
 EPSILON = 1e-4
 """A proof grants the ownship limits wider by this fraction."""
 
 DIRECTIONS = 2.0 * math.pi / 32 * np.arange(32)
 """The fan of directions relative to the initial heading, rad."""
+
+
+def delta(rules: Rules, limits: Limits) -> float:
+    """Return by how much a proof needs the separation to be missed, m; a goal is enlarged by it.
+
+    Twice what the judged separation of a step may err by, which grows with the turn in a step.
+    """
+    return 1e-4 * rules.separation * max(1.0, (limits.yaw_rate_max * rules.dt / 0.1) ** 2)
 
 
 class Funnel(NamedTuple):

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, steps, tracks
-from agents.manoeuvres.escape_search import SPREAD, STAGES, Flown, fly_out, parts, search, within_range
+from agents.manoeuvres.escape_search import SPREAD, STAGES, Flown, fly_out, parts, scaled, search, within_range
 from envs.draws import normals, uniforms
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
@@ -22,7 +22,7 @@ from envs.trees import scatter, take
 __all__ = ["ROUNDS", "SECOND", "Witnesses", "least_cost"]
 
 SECOND = 1e-3
-"""Cost of a second of flight, m: of flights of the same length the earlier arrival is the better."""
+"""Cost of a second of flight, m: of flights of the same length the earlier arrival is the better, for any aircraft."""
 
 _MARGIN = 1e-6
 """Required beyond the separation, m, so that a replay whose sums round otherwise keeps it too."""
@@ -84,7 +84,7 @@ def _cheapest(encounter: Encounter, known: Any, rounds: int, rules: Rules, limit
     count = np.shape(encounter.goal_x)[0]
     traffic = tracks(encounter, steps(rules), rules)
     every = np.arange(count)
-    families = np.concatenate([np.stack(stage) for stage in STAGES], axis=-1)
+    families = np.concatenate([np.stack(scaled(stage, rules)) for stage in STAGES], axis=-1)
     families = np.broadcast_to(families[:, None], (len(SPREAD), count, families.shape[-1]))
     pool = np.concatenate([families, _direct(encounter, rules), known[:, :, None]], axis=-1)
     pool, flown = _best(pool, _fly(encounter, traffic, every, pool, rules, limits), _ELITES)
@@ -104,7 +104,8 @@ def _cheapest(encounter: Encounter, known: Any, rounds: int, rules: Rules, limit
         alive = np.flatnonzero(working)
         if alive.size == 0:
             break
-        tried = _offspring(pool[:, alive], working[alive], changes[index] * _DECAY**index, draws[index])
+        spread = np.array(scaled(SPREAD, rules))[:, None] * (changes[index] * _DECAY**index)
+        tried = _offspring(pool[:, alive], working[alive], spread, draws[index])
         outcome = _fly(encounter, traffic, alive, tried, rules, limits)
         both = Flown(*(np.concatenate([a[alive], b], axis=-1) for a, b in zip(flown, outcome, strict=True)))
         kept, kept_flown = _best(np.concatenate([pool[:, alive], tried], axis=-1), both, _ELITES)
@@ -133,7 +134,7 @@ def _offspring(pool: Any, working: Any, changes: Any, draws: Any) -> Any:
     Args:
         pool: flights, best first, ``[8, N, E]``.
         working: how many of them work, ``[N]``.
-        changes: normal draws, scaled, ``[8, C]``.
+        changes: normal draws with their spreads, ``[8, C]``.
         draws: uniform draws, ``[5, C]``.
     """
     last = np.maximum(working - 1, 0)[:, None]
@@ -144,7 +145,7 @@ def _offspring(pool: Any, working: Any, changes: Any, draws: Any) -> Any:
     # The better parent is the likelier; half of the offspring vary along the differences between the flights kept.
     parent, one, other = some(draws[0] ** 2), some(draws[1]), some(draws[2])
     along = np.where(draws[3] < 0.5, draws[4], 0.0) * (one - other)
-    noise = np.array(SPREAD)[:, None] * changes * np.where(draws[3] < 0.5, 0.2, 1.0)
+    noise = changes * np.where(draws[3] < 0.5, 0.2, 1.0)
     return within_range(parent + along + noise[:, None])
 
 

@@ -14,9 +14,10 @@ from agents.planner.request import Options, Request
 from agents.planner.traffic import Requirement, Traffic
 from benchmarks.safety.resimulation import travelled
 from envs import draws
+from envs.aircraft import PAPER, Aircraft
 from envs.kinematics import VehicleState
 
-__all__ = ["FAMILIES", "MOST_INTRUDERS", "MOST_POINTS", "VARIANTS", "Drawn", "Family", "drawn"]
+__all__ = ["FAMILIES", "MOST_INTRUDERS", "MOST_POINTS", "VARIANTS", "Drawn", "Family", "drawn", "variants"]
 
 MOST_INTRUDERS = 8
 MOST_POINTS = 20
@@ -80,21 +81,37 @@ FAMILIES = (
 )
 """In the order of the tally; their shares sum to 100."""
 
-_CAREFUL = Requirement(margin=0.1)
+_NAMES = (
+    *("default", "no margin", "margin 50 m", "extended route", "one goal", "not direct", "cheapest"),
+    *("rejoin by 60 s", "rejoin by 340 s", "exhaustive"),
+)
 
-VARIANTS: dict[str, Options] = {
-    "default": Options(exhaustive=False),
-    "no margin": Options(Requirement(margin=0.0), exhaustive=False),
-    "margin 50 m": Options(Requirement(margin=50.0), exhaustive=False),
-    "extended route": Options(_CAREFUL, extend_route=True, exhaustive=False),
-    "one goal": Options(_CAREFUL, goals=1, exhaustive=False),
-    "not direct": Options(_CAREFUL, direct=False, exhaustive=False),
-    "cheapest": Options(_CAREFUL, fallback_cost_threshold=0.0, extend_route=True, exhaustive=False),
-    "rejoin by 60 s": Options(_CAREFUL, rejoin_by=60.0, extend_route=True, exhaustive=False),
-    "rejoin by 340 s": Options(Requirement(margin=10.0), rejoin_by=340.0, goals=2, exhaustive=False),
-    "exhaustive": Options(_CAREFUL, extend_route=True),
-}
-"""How requests are planned; only the last with the slow last stages of the fallback."""
+
+def variants(aircraft: Aircraft) -> dict[str, Options]:
+    """Return how requests are planned, by name; only the last with the slow last stages of the fallback."""
+
+    def options(margin: float | None = 1e-4, *, exhaustive: bool = False, **changes: Any) -> Options:
+        if margin is not None:
+            changes["requirement"] = Requirement(aircraft.separation, margin * aircraft.separation)
+        return Options.for_aircraft(aircraft, exhaustive=exhaustive, **changes)
+
+    every = (
+        options(None),
+        options(0.0),
+        options(0.05),
+        options(extend_route=True),
+        options(goals=1),
+        options(direct=False),
+        options(fallback_cost_threshold=0.0, extend_route=True),
+        options(rejoin_by=60.0 * aircraft.dt, extend_route=True),
+        options(0.01, rejoin_by=340.0 * aircraft.dt, goals=2),
+        options(extend_route=True, exhaustive=True),
+    )
+    return dict(zip(_NAMES, every, strict=True))
+
+
+VARIANTS = variants(PAPER)
+"""Of the paper's aircraft."""
 
 _TURNS = np.concatenate([np.tile(np.arange(len(VARIANTS) - 1), 7), [len(VARIANTS) - 1]])
 """Variants of successive hundreds of requests: each alike often, exhaustive planning for 1 in 64."""
@@ -229,7 +246,7 @@ def _traffic(which: Any, own: tuple[Any, Any, Any], route: Any, points: Any, u: 
     wanted = fewest + np.floor(extra[15] * (most - fewest + 1))
     mask = np.argsort(np.argsort(u[3], axis=1), axis=1) < wanted[:, None]
     state = VehicleState(start.real.copy(), start.imag.copy(), _wrapped(begin), pace)
-    return Traffic(state, mask, rate, lasts, position, velocity)
+    return Traffic(state, mask, rate, lasts, position, velocity, 0.0 * pace)
 
 
 def _on_route(route: Any, points: Any, place: Any, length: Any) -> tuple[Any, Any]:

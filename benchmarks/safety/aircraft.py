@@ -26,17 +26,9 @@ def random_options(aircraft: Aircraft, rng: np.random.Generator) -> Options:
     """Return options of plans for an aircraft, with some requirement."""
     unit = aircraft.separation / PAPER.separation
     margin = float(rng.choice([0.0, 0.02, 0.1, 10.0, 50.0])) * unit
-    limits = aircraft.limits
-    vehicle = limits._replace(
-        speed_min=0.62 * limits.speed_min,
-        acceleration_min=1.6 * limits.acceleration_min,
-        yaw_rate_max=5.0 / 3.0 * limits.yaw_rate_max,
-    )
-    return Options(
-        Requirement(aircraft.separation, margin, float(rng.choice([0.0, 1.0, 2.0, 3.0]))),
-        vehicle,
-        limits._replace(speed_max=limits.speed_max - 0.4, acceleration_max=0.75 * limits.acceleration_max),
-        goal_radius=aircraft.goal_radius,
+    return Options.for_aircraft(
+        aircraft,
+        requirement=Requirement(aircraft.separation, margin, float(rng.choice([0.0, 1.0, 2.0, 3.0]))),
         goals=1,
         extend_route=bool(rng.random() < 0.5),
         exhaustive=False,

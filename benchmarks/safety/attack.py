@@ -167,9 +167,7 @@ def judge(tally: Tally, seed: int, requests: Drawn, knots: Knots, last: Any, opt
         rows = np.flatnonzero(ceilings == ceiling)
         part, plans, own_limits = take(request, rows), take(knots, rows), limits._replace(speed_max=float(ceiling))
         route = Route(part.route_x, part.route_y, part.points, last[rows])
-        verdict = resimulate(
-            plans, part.own, part.traffic, route, options.requirement, own_limits, extend=options.extend_route
-        )
+        verdict = resimulate(plans, part.own, part.traffic, route, options, own_limits)
         for check, row in np.argwhere(verdict.wrong).tolist():
             _blame(tally, CHECKS[check], requests, rows[row], separation=float(verdict.min_separation[row]))
         tally.separation = min(tally.separation, float(verdict.min_separation.min()))

@@ -43,7 +43,7 @@ def question(seed: int, number: int, request: Request) -> Question:
     """Return a request ``[]`` of the attack as ``plan`` takes it."""
     rng = np.random.default_rng([seed, number])
     traffic = request.traffic
-    spread = np.array(traffic.position_std)
+    ages = np.array(traffic.age)
     intruders: list[Intruder] = []
     present = np.flatnonzero(traffic.mask)
     order = np.concatenate([present, np.flatnonzero(~traffic.mask)])
@@ -53,21 +53,19 @@ def question(seed: int, number: int, request: Request) -> Question:
         if one.turn_rate != 0.0 and one.turn_time > 0.0:
             # A turn that ends before a report from the future would not be in it.
             age = age if float(one.turn_time) + age > 0.0 else 0.0
-        drift = float(one.velocity_std) * age
-        position = math.sqrt(max(float(one.position_std) ** 2 - drift * drift, 0.0))
-        spread[k] = math.hypot(position, drift)
+        ages[k] = abs(age)
         state, rate, lasts = _reported(rng, one, age)
         height = None
         if rng.random() < 0.3:
             reference = "msl" if rng.random() < 0.8 else "wgs84"
             height = Altitude(float(rng.uniform(-1_000.0, 5_000.0)), reference, float(rng.normal(0.0, 3.0)))
-        intruders.append(Intruder(state, age, rate, lasts, position, float(one.velocity_std), height))
+        intruders.append(Intruder(state, age, rate, lasts, float(one.position_std), float(one.velocity_std), height))
     count = int(request.points)
     indices = rng.permutation(2 * count)[:count].tolist()
     points = zip(indices, request.route_x[:count].tolist(), request.route_y[:count].tolist(), strict=True)
     own = VehicleState(*(float(value) for value in request.own))
     altitude = Altitude(2_000.0, "msl", float(rng.normal(0.0, 3.0))) if rng.random() < 0.7 else None
-    truth = request._replace(traffic=take(traffic._replace(position_std=spread), order))
+    truth = request._replace(traffic=take(traffic._replace(age=ages), order))
     return Question(own, intruders, [RoutePoint(*point) for point in points], altitude, truth)
 
 

@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.options import MARGIN
+from agents.planner.options import default_margin
 from agents.planner.request import Request
 from agents.planner.traffic import Requirement
 from benchmarks.safety.resimulation import VehicleColumns, kept
+from envs.aircraft import PAPER
 from envs.follower import PERIOD, steer
 from envs.kinematics import Limits, VehicleState
 from envs.trees import take
@@ -18,7 +19,8 @@ from envs.waypoints import Knots, at, legs
 
 __all__ = ["Reflight", "refly"]
 
-_ALLOWED = MARGIN + 1e-2  # distance from the plan, m
+_MARGIN = default_margin(PAPER)
+_ALLOWED = _MARGIN + 1e-2  # distance from the plan, m
 _LOOK = 1_040.0  # distance below which the parts of a period are looked at, m
 _PARTS = np.linspace(0.0, PERIOD, 6)
 _COMPRESS = 100  # periods between two looks at which have arrived
@@ -33,7 +35,7 @@ class Reflight(NamedTuple):
     """Largest distance from where the plan was at the time, m."""
     too_close: Any
     """Closer than 1000 m, bool. Where less than 1000 m and the follower's
-    :data:`agents.planner.request.MARGIN` was asked for, or was there at the request, the margin less than that."""
+    default margin was asked for, or was there at the request, the margin less than that."""
     astray: Any
     """Farther from the plan than the follower's margin and 1 cm, bool."""
 
@@ -80,7 +82,7 @@ def refly(knots: Knots, request: Request, requirement: Requirement, limits: Limi
         if period % _COMPRESS == 0:
             on = ends > period * PERIOD
             rows, curves, mask, ends, own, now, others = take((rows, curves, mask, ends, own, now, others), on)
-    floor = np.minimum(1_000.0, nearest - MARGIN)
+    floor = np.minimum(1_000.0, nearest - _MARGIN)
     return Reflight(separation, error, separation < floor - 1e-3, error > _ALLOWED)
 
 

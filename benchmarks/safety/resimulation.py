@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.planner.options import Options
 from agents.planner.traffic import Requirement, Traffic
 from envs.kinematics import Limits
 from envs.trees import take
@@ -25,11 +26,10 @@ TOLERANCE = 1e-3
 """Of positions and distances, m."""
 
 CHECKS = ("start", "not finite", "times", "last", "leg", "speed", "acceleration", "turn rate", "required", "separation")
-"""``required``: closer than asked for; ``separation``: closer than 1000 m."""
+"""``required``: closer than asked for; ``separation``: closer than the required separation."""
 
 _EXACT = 1e-6  # tolerance of headings (rad), speeds (m/s) and controls
 _ROWS = 128  # plans at a time
-_FIXED = 19  # waypoints at 20, 40, ... s
 
 
 class Route(NamedTuple):
@@ -71,15 +71,18 @@ def travelled(heading: Any, speed: Any, rate: Any, lasts: Any, time: Any) -> Any
 
 def growth(traffic: Traffic, time: Any, sigmas: float) -> Any:
     """Return what a growing uncertainty adds to the distance to keep, m; ``time`` broadcasts against ``[..., K]``."""
-    variance = traffic.position_std**2 + (traffic.velocity_std * time) ** 2
-    return sigmas * (np.sqrt(variance) - traffic.position_std)
+    first, later = (
+        np.sqrt(traffic.position_std**2 + (traffic.velocity_std * t) ** 2) for t in (traffic.age, traffic.age + time)
+    )
+    return sigmas * (later - first)
 
 
 def kept(own: Any, traffic: Traffic, requirement: Requirement) -> Any:
     """Return the distance to keep at the request, m, ``[N, K]``; ``own``: complex positions ``[N]``."""
     away = np.abs(traffic.state.x + 1j * traffic.state.y - own[:, None])
-    wanted = 1000.0 + requirement.margin + requirement.sigmas * traffic.position_std
-    return np.where(away < wanted, np.maximum(away, 1000.0), wanted)
+    std = np.hypot(traffic.position_std, traffic.velocity_std * traffic.age)
+    wanted = requirement.separation + requirement.margin + requirement.sigmas * std
+    return np.where(away < wanted, np.maximum(away, requirement.separation), wanted)
 
 
 def resimulate(
@@ -87,21 +90,18 @@ def resimulate(
     own: Any,
     traffic: Traffic,
     route: Route,
-    requirement: Requirement,
+    options: Options,
     limits: Limits,
-    *,
-    extend: bool = False,
 ) -> Verdict:
     """Judge plans as published.
 
     Args:
-        knots: the request and its waypoints, ``[N, 21]``.
+        knots: the request and its waypoints, ``[N, W + 1]``.
         own: state at the request, fields ``[N]``.
         traffic: ``[N, K]``.
         route: what the last waypoint is held against.
-        requirement: what distance was asked for, at a separation of 1000 m.
+        options: how plans had to be.
         limits: of the vehicle.
-        extend: whether the route was allowed to go on in its last direction.
     """
     count = len(knots.time)
     verdict = Verdict(np.zeros((len(CHECKS), count), dtype=bool), np.full(count, np.inf))
@@ -111,8 +111,8 @@ def resimulate(
         finite = np.isfinite(np.stack(part[0])).all(axis=(0, 2)) & (np.diff(part[0].time, axis=1) > 0.0).all(axis=1)
         verdict.wrong[CHECKS.index("not finite"), rows[~finite]] = True
         rows, (knots_, own_, traffic_, route_) = rows[finite], take(part, finite)
-        wrong, nearest = _judge(knots_, own_, traffic_, requirement, limits)
-        wrong[CHECKS.index("last")] = _off_route(knots_, route_, extend)
+        wrong, nearest = _judge(knots_, own_, traffic_, options, limits)
+        wrong[CHECKS.index("last")] = _off_route(knots_, route_, options.extend_route)
         verdict.wrong[:, rows], verdict.min_separation[rows] = wrong, nearest
     return verdict
 
@@ -130,9 +130,9 @@ def _off_route(knots: Knots, route: Route, extend: bool) -> Any:
     return ~((inside & there) | beyond)
 
 
-def _judge(knots: Knots, own: Any, traffic: Traffic, requirement: Requirement, limits: Limits) -> tuple[Any, Any]:
+def _judge(knots: Knots, own: Any, traffic: Traffic, options: Options, limits: Limits) -> tuple[Any, Any]:
     """Return what is wrong, ``[C, n]``, and the smallest distances, ``[n]``, of plans with increasing times."""
-    count = len(knots.time)
+    count, requirement, fixed = len(knots.time), options.requirement, options.waypoints - 1
     wrong, nearest = np.zeros((len(CHECKS), count), dtype=bool), np.full(count, np.inf)
     if count == 0:
         return wrong, nearest
@@ -144,16 +144,16 @@ def _judge(knots: Knots, own: Any, traffic: Traffic, requirement: Requirement, l
         found("start", np.abs(mine[:, 0] - given) > TOLERANCE)
     found("start", np.abs(np.exp(1j * knots.heading[:, 0]) - np.exp(1j * own[2])) > _EXACT)
     found("start", np.abs(knots.speed[:, 0] - own[3]) > _EXACT)
-    found("times", np.abs(knots.time[:, : _FIXED + 1] - 20.0 * np.arange(_FIXED + 1)) > _EXACT)
-    found("times", knots.time[:, -1:] <= 20.0 * _FIXED)
+    found("times", np.abs(knots.time[:, :-1] - options.interval * np.arange(fixed + 1)) > _EXACT)
+    found("times", knots.time[:, -1:] <= options.interval * fixed)
     found("last", np.abs(knots.heading) > math.pi + _EXACT)
     curves = legs(knots)
     found("turn rate", np.abs(curves.yaw_rate) > limits.yaw_rate_max + _EXACT)
     found("acceleration", curves.acceleration > limits.acceleration_max + _EXACT)
     found("acceleration", curves.acceleration < limits.acceleration_min - _EXACT)
     need = kept(knots.x[:, 0] + 1j * knots.y[:, 0], traffic, requirement)
-    # The last leg, which can take minutes, apart from those of 20 s.
-    for part in (slice(0, _FIXED), slice(_FIXED, None)):
+    # The last leg, which can take minutes, apart from the others.
+    for part in (slice(0, fixed), slice(fixed, None)):
         one = Legs(*(field[:, part] for field in curves))
         begin = Knots(*(field[:, :-1][:, part] for field in knots))
         end = Knots(*(field[:, 1:][:, part] for field in knots))
@@ -168,7 +168,7 @@ def _judge(knots: Knots, own: Any, traffic: Traffic, requirement: Requirement, l
         closest, short = _distances(flight, one, step, traffic, need, requirement.sigmas)
         nearest = np.minimum(nearest, closest)
         found("required", short < -TOLERANCE)
-        found("separation", closest < 1000.0 - TOLERANCE)
+        found("separation", closest < requirement.separation - TOLERANCE)
     return wrong, nearest
 
 
@@ -253,6 +253,7 @@ class VehicleColumns(NamedTuple):
     lasts: Any
     position_std: Any
     velocity_std: Any
+    age: Any
 
     def place(self, time: Any) -> Any:
         """Return complex positions, m."""
@@ -260,4 +261,5 @@ class VehicleColumns(NamedTuple):
 
     def grown(self, time: Any, sigmas: float) -> Any:
         """Return what the uncertainty adds to the distance to keep, m."""
-        return sigmas * (np.hypot(self.position_std, self.velocity_std * time) - self.position_std)
+        now, later = (np.hypot(self.position_std, self.velocity_std * (self.age + t)) for t in (0.0, time))
+        return sigmas * (later - now)

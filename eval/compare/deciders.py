@@ -12,7 +12,7 @@ from agents.baselines.baselines import BASELINES, Baseline, Sight
 from agents.planner.request import Options
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict
-from envs.aircraft import Aircraft
+from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter
 from envs.kinematics import C208_PUBLISHED
 from envs.traffic.replay import Replay
@@ -41,7 +41,7 @@ __all__ = [
 
 REFERENCE = "none"  # the flight without a resolver, which is always flown: risk ratios need it
 WITNESS = "witness"  # name and kind of the entry that flies the least-cost witness: a mark, not a resolver
-SETTING = Setting(Options(), C208_PUBLISHED)
+SETTING = Setting(Options.for_aircraft(PAPER), C208_PUBLISHED)
 """How plans are made and flown: as in eval.monte_carlo without more being said."""
 
 _SEVERE = "do365_en_route"
@@ -91,7 +91,7 @@ def policy_entries(path: Path | None, name: str, aircraft: Aircraft, modes: Sequ
         PolicyFileError, NnetError: the file cannot be used.
     """
     if path is not None and path.suffix == ".nnet":
-        logic = load_logic(path, aircraft.limits, aircraft.goal_radius, aircraft.separation)
+        logic = load_logic(path, aircraft)
         return (Entry(name, "nnet", logic),)
     policy = Policy.load(path)
     return (
@@ -105,7 +105,7 @@ def baseline_entry(name: str, aircraft: Aircraft) -> Entry:
     """Return the entry of a baseline, one of :data:`agents.baselines.BASELINES`, or of the witness."""
     if name == WITNESS:
         return Entry(name, WITNESS, WitnessSearch())
-    made = BASELINES[name](aircraft.limits, aircraft.goal_radius, aircraft.separation)
+    made = BASELINES[name](aircraft)
     return Entry(name, "baseline", made)
 
 

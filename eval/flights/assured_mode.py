@@ -75,7 +75,7 @@ def fly_assured(
         endless: whether a loss of separation is no violation.
     """
     count, dt, (noise, spread) = len(encounters.goal_x), aircraft.dt, reports
-    usual = Thresholds(requirement=setting.options.requirement, limits=setting.limits)
+    usual = Thresholds.for_plans(setting.options)
     # Three sigmas of what noise makes of an intruder that flies as predicted.
     thresholds = replace(
         usual,
@@ -87,7 +87,7 @@ def fly_assured(
     replans, backup = np.zeros(count, np.int32), np.zeros(count, np.int32)
     rows, reached = np.arange(count), np.zeros(count, dtype=bool)
     first = Traffic.straight(perceived_at_start(encounters, dt, None if noise is None else noise(0)), encounters.mask)
-    monitor = assurance.start(*encounters.mask.shape)
+    monitor = assurance.start(count, encounters.mask.shape[1], thresholds)
     made = plans.proposals
     monitor = assurance.activate(monitor, rows, made.knots, made.safe, 0.0, first, thresholds)
     air = takeoff(encounters, np.full(count, aircraft.t_max))
@@ -142,7 +142,7 @@ def along(options: Options, left: float, dt: float) -> list[Options]:
 
 def _planned_again(request: Request, reached: Any, policy: Policy, tries: list[Options]) -> Proposals:
     """Plan from the middle of a flight, to the goal first where it is still ahead."""
-    best = empty(reached.size)
+    best = empty(reached.size, tries[0].waypoints)
     for options in tries:
         wanted = ~best.safe & ~(reached & (options is not tries[-1]))
         rows = np.flatnonzero(wanted)

@@ -17,7 +17,7 @@ from agents.baselines.baselines import BASELINES, Baseline
 from agents.planner.request import Options
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Method, Verdict
-from envs.aircraft import Aircraft
+from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter, Scenario
 from envs.kinematics import C208_PUBLISHED, Limits
 from envs.outcome import Rules
@@ -56,7 +56,7 @@ class Evaluation(NamedTuple):
     aircraft: Aircraft
     mode: str = "policy"
     """One of :data:`MODES`."""
-    setting: Setting = Setting(Options(), C208_PUBLISHED)
+    setting: Setting = Setting(Options.for_aircraft(PAPER), C208_PUBLISHED)
     """How plans are made and flown, in the other modes."""
     baseline: str = "none"
     """One of :data:`agents.baselines.BASELINES` that decides in the policy's place in mode policy; none: the policy."""
@@ -92,8 +92,7 @@ class Pilot(NamedTuple):
         """What decides once a time step in mode policy."""
         if self.evaluation.baseline == "none":
             return ByPolicy(self.policy)
-        aircraft = self.evaluation.aircraft
-        return BASELINES[self.evaluation.baseline](aircraft.limits, aircraft.goal_radius, aircraft.separation)
+        return BASELINES[self.evaluation.baseline](self.evaluation.aircraft)
 
 
 def encounters(evaluation: Evaluation, first: int, count: int) -> Encounter:

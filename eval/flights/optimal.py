@@ -50,7 +50,7 @@ def fly_witnesses(encounters: Encounter, search: WitnessSearch, aircraft: Aircra
     resolving = ended(take(encounters, solved), witnesses, aircraft)
 
     others = take(encounters, left)
-    unresolved = BASELINES["none"](limits, rules.goal_radius, rules.separation)
+    unresolved = BASELINES["none"](aircraft)
     recorder = TrajectoryRecorder(others)
     straight = simulate.fly(others, unresolved, aircraft, recorder=recorder, endless=True)
 

@@ -10,10 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import SLACK
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request, required_separation
-from agents.planner.rollout import STEP, roll
+from agents.planner.rollout import roll
 from agents.planner.traffic import predicted
 from agents.policy.inference import Policy
 from envs.backend import FLOATS
@@ -75,7 +74,7 @@ def against(flight: Flight, legs: Legs, wind: Wind, surrogate: VehicleState | No
     if surrogate is not None:
         seconds = np.arange(surrogate.x.size)
         count = min(seconds.size, (clock.size - 1) // SUBSTEPS + 1)
-        true = over_ground(VehicleState(*(field[:count] for field in surrogate)), wind, seconds[:count] * STEP)
+        true = over_ground(VehicleState(*(field[:count] for field in surrogate)), wind, seconds[:count] * 1.0)
         part = slice(None, count * SUBSTEPS, SUBSTEPS)
         definition = np.hypot(true.x - now.x[part], true.y - now.y[part])
         total = np.hypot(true.x - own.x[part], true.y - own.y[part])
@@ -93,17 +92,17 @@ def rolled(request: Request, goal: int, policy: Policy, options: Options) -> Veh
         policy: that decided.
         options: that the plan was made with.
     """
-    task, required = task_of(options), required_separation(request, options) + SLACK
+    task, required = task_of(options), required_separation(request, options) + options.slack
     state = VehicleState(*(float(field[0]) for field in request.own))
     to = float(request.route_x[0, goal]), float(request.route_y[0, goal])
     there = request.route_x[:, goal], request.route_y[:, goal]
     until = float(roll(request.own, request.traffic, there, required, policy, task, floats=True).time[0])
     states = [state]
-    for step in range(0 if math.isnan(until) else round(until / STEP)):
-        seen = predicted(request.traffic, step * STEP)
+    for step in range(0 if math.isnan(until) else round(until / task.dt)):
+        seen = predicted(request.traffic, step * task.dt)
         others = [VehicleState(*(float(f[0, k]) for f in seen)) for k in np.flatnonzero(request.traffic.mask[0])]
         action = policy.command_one(state, others, *to)
-        state = advance(state, *commands(action, task.limits, FLOATS), STEP, task.limits, FLOATS)
+        state = advance(state, *commands(action, task.limits, FLOATS), task.dt, task.limits, FLOATS)
         states.append(state)
     return VehicleState(*(np.array(field) for field in zip(*states, strict=True)))
 

@@ -197,7 +197,7 @@ def _planned(campaign: Campaign, scene: Scene, policy: Policy) -> tuple[Made, Kn
 
 def _assured(campaign: Campaign, scene: Scene, plans: Plans, known: Known, policy: Policy) -> Assured:
     options, family = campaign.setting.options, campaign.family
-    usual = Thresholds(requirement=options.requirement, limits=campaign.setting.limits)
+    usual = Thresholds.for_plans(options)
     margin = options.requirement.margin
     # What the margin covers is no reason for a new plan; noise is borne up to three sigmas.
     thresholds = replace(
@@ -208,7 +208,7 @@ def _assured(campaign: Campaign, scene: Scene, plans: Plans, known: Known, polic
         intruder_velocity=usual.intruder_velocity + 3.0 * family.velocity_std,
     )
     if int(plans.proposals.last[0]) < 0:
-        plans = plans._replace(proposals=empty(1))
+        plans = plans._replace(proposals=empty(1, options.waypoints))
     flown_with = scene.frame, lookahead_of(campaign.vehicle), None if scene.noise is None else scene.encounter.sensor
     return Assured(plans, known, scene.route, policy, options, campaign.aircraft.rules(), thresholds, flown_with)
 

@@ -115,7 +115,7 @@ class Assured:
         self._tracks: Tracks | None = None
         self._route, self._policy, self._options, self._rules = route, policy, options, rules
         self._thresholds = thresholds
-        monitor = assurance.start(*known.mask.shape)
+        monitor = assurance.start(1, known.mask.shape[1], thresholds)
         made = plans.proposals
         self._monitor = assurance.activate(monitor, np.arange(1), made.knots, made.safe, 0.0, known, thresholds)
         self._mask, self._guide, self._flies = known.mask, None, None
@@ -190,7 +190,7 @@ class Assured:
         if not self._reached and left >= _LEAST_TIME:
             in_time = replace(along, goals=1, rejoin_by=min(left, along.rejoin_by))
             tries.insert(0, in_time)
-        found = empty(1)
+        found = empty(1, along.waypoints)
         for options in tries:
             made = plan_for(here, traffic, self._route, float(clock), self._frame, self._policy, options)
             if made.problem is None:

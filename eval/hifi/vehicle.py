@@ -5,7 +5,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from agents.planner.request import SPEED_TOLERANCE
+from agents.planner.options import speed_range
 from envs import draws
 from envs.c208.air_mass import Wind, air_commands, over_ground, through_air
 from envs.c208.facts import VARIANTS, value
@@ -137,7 +137,7 @@ def reach_of(kind: str, limits: Limits, drawn: Drawn) -> tuple[float, float]:
     Of the Cessna the stall in level flight and the greatest operating speed, of the surrogate what a request may have.
     """
     if kind == "surrogate":
-        return limits.speed_min - SPEED_TOLERANCE, limits.speed_max + SPEED_TOLERANCE
+        return speed_range(limits)
     density = DENSITY_0 * (1.0 - 0.0065 * drawn.altitude / 288.15) ** 4.25588
     weight = (drawn.air.loading.weight or takeoff_weight(kind)) * _POUND
     area = value("wing_area") * _FOOT**2

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.planner.candidates import empty
-from agents.planner.options import REJOIN_RESERVE
+from agents.planner.options import speed_range
 from agents.planner.planner import Plans, plan_many
-from agents.planner.request import SPEED_TOLERANCE, Options, Request
+from agents.planner.request import Options, Request
 from agents.planner.traffic import Traffic
 from agents.policy.inference import Policy
 from envs.c208.air_mass import NO_WIND, Wind
-from envs.kinematics import SURROGATE, VehicleState
+from envs.kinematics import VehicleState
 from envs.waypoints import Legs
 
 __all__ = ["Made", "Route", "airspeeds", "made_good", "plan_for", "unflyable"]
@@ -67,8 +67,8 @@ def plan_for(
         policy: decides.
         options: how the plan shall be.
     """
-    low, high = SURROGATE.speed_min - SPEED_TOLERANCE, SURROGATE.speed_max + SPEED_TOLERANCE
-    none = Plans(empty(1), np.zeros(1, dtype=np.int8), np.zeros(1, dtype=bool))
+    low, high = speed_range(options.aircraft.limits)
+    none = Plans(empty(1, options.waypoints), np.zeros(1, dtype=np.int8), np.zeros(1, dtype=bool))
     if not low <= own.speed <= high:
         return Made(none, None, f"own air speed is {own.speed:.1f} m/s, expected {low:g} to {high:g} m/s")
     course = math.atan2(route.y[-1] - route.y[0], route.x[-1] - route.x[0])
@@ -88,7 +88,7 @@ def plan_for(
         if wind == NO_WIND or goal < 0:
             return Made(plans, request, None)
         rejoin = float(made.rejoin_time[0])
-        if strength * abs(rejoin - float(times[goal])) <= REJOIN_RESERVE:
+        if strength * abs(rejoin - float(times[goal])) <= options.rejoin_reserve:
             return Made(plans, request, None)
         # The points beyond follow at the ground speed that the plan's end makes along the route.
         pace = made_good(float(made.knots.speed[0, -1]), course, wind)

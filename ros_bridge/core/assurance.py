@@ -13,8 +13,10 @@ from agents.assurance import single as watch
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import Flown, State
 from agents.assurance.thresholds import Thresholds
+from agents.planner.options import Options
 from agents.planner.publish import received
 from agents.planner.request import Altitude, Intruder
+from envs.aircraft import PAPER
 from envs.kinematics import VehicleState
 from ros_bridge.core.conversions import PlanPoint
 from ros_bridge.core.fields import SECOND
@@ -73,7 +75,7 @@ class Supervision:
     """The reports that the monitor got last."""
 
 
-INITIAL = Supervision(watch.begin())
+INITIAL = Supervision(watch.begin(Thresholds.for_plans(Options.for_aircraft(PAPER))))
 """Of a monitor without a plan."""
 
 

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from agents.assurance.thresholds import Thresholds
+from agents.planner.options import Options
+from envs.aircraft import PAPER
 from ros_bridge.core.estimates import Estimate, first, improved
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.geodesy import displacement
@@ -32,7 +34,7 @@ _SHARE = 0.4
 
 _SIGMAS = 3.0
 _TURN_BASELINE = (0.2, 5.0)  # s between two reports that a turn may be read from
-_THRESHOLDS = Thresholds()
+_THRESHOLDS = Thresholds.for_plans(Options.for_aircraft(PAPER))
 
 
 class _Window(NamedTuple):

@@ -16,6 +16,7 @@ import numpy as np
 from agents.assurance.thresholds import Thresholds
 from agents.planner.answer import RequestError
 from agents.planner.request import Altitude, Intruder, Options
+from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
@@ -30,7 +31,7 @@ from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict
 __all__ = ["Code", "Excluded", "Refusal", "Settings", "Situation", "Task", "placed", "refusal_of", "task"]
 
 
-_TURN_TIME = Thresholds().turn_time
+_TURN_TIME = Thresholds.for_plans(Options.for_aircraft(PAPER)).turn_time
 """For how long after its report an intruder is expected to go on with the turn that its reports show, s: as the monitor
 expects it."""
 
@@ -57,7 +58,7 @@ class Settings:
     """By how much a stamp may lie ahead of the clock, s."""
     wind_max: float = 20.0
     """Strongest wind that is planned in, m/s."""
-    options: Options = field(default_factory=Options)
+    options: Options = field(default_factory=lambda: Options.for_aircraft(PAPER))
 
 
 @dataclass(frozen=True)

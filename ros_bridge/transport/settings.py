@@ -8,8 +8,9 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 
 from agents.assurance.thresholds import Thresholds
-from agents.planner.options import Options, comfort_limits
+from agents.planner.options import Options
 from agents.planner.traffic import Requirement
+from envs.aircraft import PAPER
 from envs.kinematics import SURROGATE, Limits, within
 from ros_bridge.core.situation import Settings
 from ros_bridge.core.tracks import Rules
@@ -82,11 +83,11 @@ def planning_settings(node: Any) -> Settings:
     def value(name: str) -> Any:
         return node.get_parameter(name).value
 
-    legs, flown = vehicle_limits(value)
-    options = Options(
+    legs, _ = vehicle_limits(value)
+    options = Options.for_aircraft(
+        PAPER,
+        legs,
         requirement=Requirement(value("separation"), value("margin"), value("sigmas")),
-        limits=legs,
-        manoeuvre=comfort_limits(flown),
         rejoin_by=value("rejoin_by"),
         extend_route=value("extend_route"),
         vertical_filter=value("vertical_filter"),
@@ -117,9 +118,9 @@ def monitor_thresholds(node: Any) -> Thresholds:
         return node.get_parameter(name).value
 
     legs, flown = vehicle_limits(value)
-    return Thresholds(
-        requirement=Requirement(value("separation"), value("margin"), _KEPT * value("sigmas")),
-        limits=legs,
+    wanted = Requirement(value("separation"), value("margin"), _KEPT * value("sigmas"))
+    return Thresholds.for_plans(
+        Options.for_aircraft(PAPER, legs, requirement=wanted),
         manoeuvre=flown,
         cross_track=value("cross_track"),
         along_track=value("along_track"),

@@ -157,15 +157,16 @@ def test_checkers_bound_is_the_best_proven_one() -> None:
 def test_requirement_is_the_proven_one() -> None:
     rng = np.random.default_rng(3)
     for _ in range(200):
-        std, vstd, away, time = rng.uniform(0.0, [200.0, 10.0, 3_000.0, 500.0])
+        std, vstd, away, time, age = rng.uniform(0.0, [200.0, 10.0, 3_000.0, 500.0, 5.0])
         asked = Requirement(1_000.0, rng.uniform(0.0, 100.0), rng.uniform(0.0, 5.0))
         one = np.full((1, 1), 0.0)
         traffic = Traffic.straight(VehicleState(one, one, one, one))
-        traffic = traffic._replace(position_std=one + std, velocity_std=one + vstd)
-        base = COQ["required"](asked.separation, asked.margin, asked.sigmas, std, away)
+        traffic = traffic._replace(position_std=one + std, velocity_std=one + vstd, age=one + age)
+        spread = COQ["norm"](std, vstd * age)
+        base = COQ["required"](asked.separation, asked.margin, asked.sigmas, spread, away)
         assert required(traffic, one + away, asked)[0, 0] == pytest.approx(base)
         grown = separation.growth(traffic, np.array([[time]]), asked)
-        assert grown.item() == pytest.approx(COQ["growth"](asked.sigmas, std, vstd, time), abs=1e-9)
+        assert grown.item() == pytest.approx(COQ["growth"](asked.sigmas, std, vstd, age, time), abs=1e-9)
 
 
 def test_intruders_fly_the_proven_closed_form() -> None:
@@ -183,7 +184,7 @@ def test_intruders_fly_the_proven_closed_form() -> None:
             + v * (time + age - turning) * side(COQ["course"](psi, w, lasts, time + age))
             for side in (math.cos, math.sin)
         )
-        row = [np.full((1, 1), value) for value in (0.0, 0.0, psi, v, w, lasts, 0.0, 0.0)]
+        row = [np.full((1, 1), value) for value in (0.0, 0.0, psi, v, w, lasts, 0.0, 0.0, 0.0)]
         traffic = Traffic(VehicleState(*row[:4]), np.ones((1, 1), dtype=bool), *row[4:])
         now = advanced(traffic, np.full((1, 1), age))
         place = separation._relative((np.zeros((1, 1)), np.zeros((1, 1))), np.array([[time]]), now)
@@ -227,9 +228,9 @@ def test_error_of_positions_is_the_proven_one(monkeypatch: pytest.MonkeyPatch) -
 
     one = np.ones((1, 1))
     traffic = Traffic.straight(VehicleState(8_000.0 * one, 9_000.0 * one, one, 0.0 * one))
-    near = validator.validate(knots, traffic, Requirement(), C208_PUBLISHED).min_separation
+    near = validator.validate(knots, traffic, Requirement(1_000.0), C208_PUBLISHED).min_separation
     monkeypatch.setattr(validator, "blur", lambda curves: 1.0 + 0.0 * curves.duration)
-    less = validator.validate(knots, traffic, Requirement(), C208_PUBLISHED).min_separation
+    less = validator.validate(knots, traffic, Requirement(1_000.0), C208_PUBLISHED).min_separation
     assert near - less == pytest.approx([1.0 - error])
 
 
@@ -257,8 +258,9 @@ def test_accelerations_are_the_proven_ones(monkeypatch: pytest.MonkeyPatch) -> N
         10.0 * one,
         0.0 * one,
         0.0 * one,
+        0.0 * one,
     )
-    validator.validate(knots, traffic, Requirement(), C208_PUBLISHED)
+    validator.validate(knots, traffic, Requirement(1_000.0), C208_PUBLISHED)
     pull = seen[0][5][0, :, 0]
     curves = waypoints.legs(knots)
     expected = [

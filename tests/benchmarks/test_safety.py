@@ -27,7 +27,7 @@ from envs.trees import take
 from envs.waypoints import Knots, at, legs
 from eval.flights.plan_flight import request_of
 
-OPTIONS = Options(exhaustive=False)
+OPTIONS = Options.for_aircraft(PAPER, exhaustive=False)
 
 
 class Plans(NamedTuple):
@@ -57,7 +57,7 @@ def found(plans: Plans) -> set[str]:
     """Return the checks that fail for all of the plans."""
     request = plans.request
     route = Route(request.route_x, request.route_y, request.points, plans.last)
-    verdict = resimulate(plans.knots, request.own, request.traffic, route, OPTIONS.requirement, OPTIONS.limits)
+    verdict = resimulate(plans.knots, request.own, request.traffic, route, OPTIONS, OPTIONS.limits)
     return {name for name, wrong in zip(CHECKS, verdict.wrong, strict=True) if wrong.all()}
 
 
@@ -128,7 +128,7 @@ MUTATIONS: dict[str, tuple[Callable[[Plans], Plans], set[str]]] = {
 def test_untouched_plans_are_confirmed(plans: Plans) -> None:
     route = Route(plans.request.route_x, plans.request.route_y, plans.request.points, plans.last)
     request = plans.request
-    verdict = resimulate(plans.knots, request.own, request.traffic, route, OPTIONS.requirement, OPTIONS.limits)
+    verdict = resimulate(plans.knots, request.own, request.traffic, route, OPTIONS, OPTIONS.limits)
     assert not verdict.wrong.any()
     np.testing.assert_allclose(verdict.min_separation, plans.separation, atol=0.01)
     flight = refly(plans.knots, request, OPTIONS.requirement, OPTIONS.limits)
@@ -144,7 +144,7 @@ def test_a_spoiled_plan_is_found(plans: Plans, name: str) -> None:
     if not expected:
         route = Route(plans.request.route_x, plans.request.route_y, plans.request.points, plans.last)
         own, traffic = plans.request.own, plans.request.traffic
-        verdict = resimulate(spoil(plans).knots, own, traffic, route, OPTIONS.requirement, OPTIONS.limits)
+        verdict = resimulate(spoil(plans).knots, own, traffic, route, OPTIONS, OPTIONS.limits)
         assert verdict.wrong.any()
 
 

@@ -21,7 +21,6 @@ from envs.aircraft import PAPER
 from envs.encounters import EncounterError, scenario
 from envs.formats import encounter_file
 from envs.intruder import Recording
-from envs.kinematics import SURROGATE
 from envs.starts import numbered
 from envs.traffic.tracks import TrackError
 from eval.compare import deciders as comparison
@@ -70,7 +69,7 @@ def test_a_row_does_not_depend_on_its_company(policy_path: Path) -> None:
 
 def test_the_resolver_none_is_the_evaluation_s_direct_flight() -> None:
     starts = numbered(scenario("circle", PAPER), 9, 0, 80)
-    ours = simulate.fly(starts, BASELINES["none"](SURROGATE, 500.0, 1_000.0), PAPER)
+    ours = simulate.fly(starts, BASELINES["none"](PAPER), PAPER)
     theirs = simulate.fly(starts, simulate.Direct(PAPER), PAPER)
     np.testing.assert_array_equal(ours.outcome, theirs.outcome)
     np.testing.assert_allclose(ours.min_separation, theirs.min_separation, atol=2.0)
@@ -79,7 +78,7 @@ def test_the_resolver_none_is_the_evaluation_s_direct_flight() -> None:
 @pytest.mark.parametrize("name", ["rules", "mvp", "mvp_speed"])
 def test_resolvers_resolve(name: str) -> None:
     starts = numbered(scenario("circle", PAPER), 9, 0, 150)
-    flown = simulate.fly(starts, BASELINES[name](SURROGATE, 500.0, 1_000.0), PAPER)
+    flown = simulate.fly(starts, BASELINES[name](PAPER), PAPER)
     share = np.bincount(flown.outcome, minlength=3) / 150
     # Without a resolver nearly all are lost; published resolvers save nine of ten such conflicts.
     assert share[0] < 0.2

@@ -126,7 +126,8 @@ def noisy(second: int, random: np.random.Generator) -> Any:
 @pytest.mark.parametrize("seed", range(2))
 def test_a_plan_survives_noise_that_is_declared(seed: int):
     random, settings = np.random.default_rng(seed), Settings()
-    thresholds = Thresholds(requirement=settings.options.requirement._replace(sigmas=1.0))
+    options = replace(settings.options, requirement=settings.options.requirement._replace(sigmas=1.0))
+    thresholds = Thresholds.for_plans(options)
     situation, supervision = heard(), replace(INITIAL, watch=watch.begin(thresholds))
     state, asked, curve = VehicleState(0.0, 0.0, 0.0, 75.0), 0, None
     for second in range(100):

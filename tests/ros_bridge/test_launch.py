@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 
+from envs.aircraft import PAPER
 from ros_bridge.transport.discovery import CONFIGURED, PORTS, PROFILE, configure_dds, port, reserved_ports
 from tests.ros_bridge.graph import MISSING, Process, domain
 
@@ -26,7 +27,6 @@ import yaml
 from agents.assurance.thresholds import Thresholds
 from agents.config.load import load
 from agents.planner.request import Options
-from envs.aircraft import PAPER
 from envs.kinematics import SURROGATE, within
 from eval.hifi.config import HifiConfig
 from ros_bridge.transport import parameters
@@ -142,7 +142,10 @@ def test_the_aircraft_in_flight_is_that_of_the_evaluations():
 
 def test_default_limits_are_the_papers_vehicle():
     given = {one.name: one.default for one in parameters.NUMBERS}
-    assert vehicle_limits(given.__getitem__) == (Options().limits, Thresholds().manoeuvre)
+    assert vehicle_limits(given.__getitem__) == (
+        Options.for_aircraft(PAPER).limits,
+        Thresholds.for_plans(Options.for_aircraft(PAPER)).manoeuvre,
+    )
     with pytest.raises(ValueError, match="speed_min, speed_max: allows 99 to 99\\.5 m/s; expected a range"):
         vehicle_limits((given | {"speed_min": 99.0, "speed_max": 99.5}).__getitem__)
 

@@ -7,13 +7,15 @@ import numpy as np
 
 from agents.assurance import monitor as assurance
 from agents.assurance.monitor import Cause, Decision, Monitor, State, Thresholds
+from agents.planner.options import Options
 from agents.planner.traffic import Traffic
+from envs.aircraft import PAPER
 from envs.kinematics import VehicleState
 from envs.waypoints import Knots
 
 SPEED = 75.0
 FAR = (0.0, 50_000.0)
-THRESHOLDS = Thresholds()
+THRESHOLDS = Thresholds.for_plans(Options.for_aircraft(PAPER))
 NAN = math.nan
 
 
@@ -37,7 +39,7 @@ def other(x: float, y: float, heading: float = 0.0, speed: float = SPEED, count:
 def flying(intruder: VehicleState | None = None, count: int = 1) -> Monitor:
     """Return monitors whose straight plan was made at 0 s with an intruder on a parallel course far away."""
     seen = other(*FAR, count=count) if intruder is None else intruder
-    monitor = assurance.start(count, 1)
+    monitor = assurance.start(count, 1, THRESHOLDS)
     return assurance.activate(
         monitor, np.arange(count), straight(count=count), np.ones(count, bool), 0.0, Traffic.straight(seen), THRESHOLDS
     )

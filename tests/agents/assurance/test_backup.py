@@ -7,23 +7,25 @@ import numpy as np
 import pytest
 
 from agents.assurance import single as watching
-from agents.assurance.backup import HORIZON, KNOTS, Backup, flown, refreshed, search
+from agents.assurance.backup import STEPS, Backup, flown, refreshed, search
 from agents.assurance.lookahead import course, outlook
 from agents.assurance.monitor import Cause, Flown, State, Thresholds
 from agents.planner.answer import Plan, Status
+from agents.planner.options import Options
 from agents.planner.planner import plan
 from agents.planner.request import Intruder
 from agents.planner.traffic import Requirement, Traffic, predicted
 from agents.planner.validator import validate
 from agents.policy.inference import Policy
+from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.trees import take
 from envs.waypoints import Knots, RoutePoint, at, legs
 from tests.agents.assurance.scenes import causes_of, flying, on_plan, other, tell
 from tests.strategies import random_states
 
-LIMITS = (C208_PUBLISHED, SURROGATE)
-REQUIREMENT = Requirement(margin=0.1)
+REQUIREMENT = Requirement(1_000.0, margin=0.1)
+THRESHOLDS = Thresholds.for_plans(Options.for_aircraft(PAPER, requirement=REQUIREMENT))
 
 
 def turning(generator: np.random.Generator, count: int, intruders: int = 2) -> Traffic:
@@ -31,7 +33,7 @@ def turning(generator: np.random.Generator, count: int, intruders: int = 2) -> T
     zero = np.zeros((count, intruders))
     rate = generator.choice([0.0, 0.03, -0.05], zero.shape)
     mask = generator.random(zero.shape) < 0.9
-    return Traffic(state, mask, rate, np.where(rate == 0.0, 0.0, 12.0), zero, zero)
+    return Traffic(state, mask, rate, np.where(rate == 0.0, 0.0, 12.0), zero, zero, zero)
 
 
 def winding(generator: np.random.Generator, count: int) -> Knots:
@@ -39,10 +41,10 @@ def winding(generator: np.random.Generator, count: int) -> Knots:
     state = random_states(generator, count, extent=2_000.0)
     parts, first = [], 0.0
     for _ in range(2):
-        knots = flown(state, state.heading + generator.uniform(-2.0, 2.0, count), state.speed, SURROGATE)
+        knots = flown(state, state.heading + generator.uniform(-2.0, 2.0, count), state.speed, THRESHOLDS)
         parts.append(Knots(*knots[:4], knots.time + first))
         state = VehicleState(*(field[:, -1] for field in knots[:4]))
-        first += HORIZON
+        first += sum(STEPS)
     return Knots(*(np.concatenate([a, b[:, 1:]], axis=1)[:, :21] for a, b in zip(*parts, strict=True)))
 
 
@@ -84,9 +86,9 @@ def test_the_past_of_a_plan_does_not_count() -> None:
 def test_backups_are_flyable_and_their_legs_are_exact() -> None:
     own = random_states(np.random.default_rng(4), 300)
     generator = np.random.default_rng(5)
-    knots = flown(own, own.heading + generator.uniform(-2.6, 2.6, 300), generator.uniform(50.0, 100.0, 300), SURROGATE)
+    knots = flown(own, own.heading + generator.uniform(-2.6, 2.6, 300), generator.uniform(50.0, 100.0, 300), THRESHOLDS)
     curves = legs(knots)
-    assert knots.x.shape == (300, KNOTS) and np.all(knots.time[:, -1] == HORIZON)
+    assert knots.x.shape == (300, len(STEPS) + 1) and np.all(knots.time[:, -1] == sum(STEPS))
     assert np.ptp(curves.yaw_rate, axis=-1).max() < 1e-6 and np.ptp(curves.acceleration, axis=-1).max() < 1e-5
     assert np.abs(curves.yaw_rate).max() <= SURROGATE.yaw_rate_max + 1e-9
     assert curves.acceleration.max() <= 0.5 + 1e-6 and curves.acceleration.min() >= -0.5 - 1e-6
@@ -97,7 +99,7 @@ def test_a_search_returns_a_safe_backup_or_the_clearest() -> None:
     generator = np.random.default_rng(6)
     own = random_states(generator, 80, extent=2_000.0)
     traffic = turning(generator, 80)
-    found = search(own, traffic, np.zeros(80), REQUIREMENT, LIMITS)
+    found = search(own, traffic, np.zeros(80), THRESHOLDS)
     assert np.isfinite(np.stack(found.knots)).all()
     checked = validate(found.knots, traffic, REQUIREMENT, C208_PUBLISHED)
     np.testing.assert_allclose(checked.clearance, found.clearance)
@@ -105,7 +107,7 @@ def test_a_search_returns_a_safe_backup_or_the_clearest() -> None:
     assert 0 < found.safe.sum() < 80
     # None of the plain courses of the family is much clearer where none is safe.
     for turn in np.radians([0.0, 30.0, -30.0, 90.0, -90.0, 150.0, -150.0]):
-        plain = flown(own, own.heading + turn, np.clip(own.speed, 50.0, 100.0), SURROGATE)
+        plain = flown(own, own.heading + turn, np.clip(own.speed, 50.0, 100.0), THRESHOLDS)
         other_clearance = validate(plain, traffic, REQUIREMENT, C208_PUBLISHED).clearance
         worse = ~found.safe
         gain = other_clearance[worse] - found.clearance[worse]
@@ -116,19 +118,19 @@ def test_a_search_returns_a_safe_backup_or_the_clearest() -> None:
 def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -> None:
     zero = np.zeros(1)
     own = VehicleState(zero, zero, zero, zero + 75.0)
-    none = Backup(zero, zero, flown(own, zero, zero, SURROGATE), zero + np.nan, zero, zero > 1, zero > 1)
+    none = Backup(zero, zero, flown(own, zero, zero, THRESHOLDS), zero + np.nan, zero, zero > 1, zero > 1)
     away = Traffic.straight(other(9_000.0, 0.0, math.pi))
-    first, _ = refreshed(none, own, away, zero, REQUIREMENT, LIMITS, 10.0)
+    first, _ = refreshed(none, own, away, zero, THRESHOLDS)
     assert first.searched[0] and first.safe[0] and first.course[0] != 0.0
     moved = own._replace(x=own.x + 75.0)
-    second, curves = refreshed(first, moved, away, zero + 1.0, REQUIREMENT, LIMITS, 10.0)
+    second, curves = refreshed(first, moved, away, zero + 1.0, THRESHOLDS)
     assert not second.searched[0] and second.safe[0] and second.started[0] == 1.0
     assert second.course[0] == first.course[0] and second.knots.x[0, 0] == 75.0
     np.testing.assert_allclose(curves.x[0, 0, 0], 75.0)
     into = Traffic.straight(
         other(6_000.0 * math.cos(first.course[0]), 6_000.0 * math.sin(first.course[0]), first.course[0] + math.pi)
     )
-    third, curves = refreshed(second, moved, into, zero + 2.0, REQUIREMENT, LIMITS, 10.0)
+    third, curves = refreshed(second, moved, into, zero + 2.0, THRESHOLDS)
     assert third.searched[0] and third.safe[0] and third.course[0] != first.course[0]
     np.testing.assert_allclose(curves.heading[0, -1, 0], third.knots.heading[0, -2], atol=1e-6)
 
@@ -136,10 +138,10 @@ def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -
 def test_on_top_of_an_intruder_there_is_still_a_backup() -> None:
     zero = np.zeros(1)
     own = VehicleState(zero, zero, zero, zero + 100.9)
-    found = search(own, Traffic.straight(other(0.0, 0.0)), zero, REQUIREMENT, LIMITS)
+    found = search(own, Traffic.straight(other(0.0, 0.0)), zero, THRESHOLDS)
     assert not found.safe[0] and np.isfinite(np.stack(found.knots)).all()
     nobody = take(Traffic.straight(other(0.0, 0.0)), slice(0, 1))._replace(mask=np.array([[False]]))
-    found = search(own._replace(speed=zero + 75.0), nobody, zero, REQUIREMENT, LIMITS)
+    found = search(own._replace(speed=zero + 75.0), nobody, zero, THRESHOLDS)
     assert found.safe[0] and found.course[0] == 0.0
 
 
@@ -147,13 +149,13 @@ def test_an_unsafe_backup_is_exchanged_for_much_more_clearance_only() -> None:
     zero = np.zeros(1)
     own = VehicleState(zero, zero, zero, zero + 75.0)
     near = Traffic.straight(other(1_500.0, 300.0, math.pi, 75.0))
-    best = search(own, near, zero, REQUIREMENT, LIMITS)
+    best = search(own, near, zero, THRESHOLDS)
     assert not best.safe[0]
     slightly = best._replace(course=best.course - 0.02 * np.sign(best.course))
-    kept, _ = refreshed(slightly, own, near, zero + 1.0, REQUIREMENT, LIMITS, 10.0)
+    kept, _ = refreshed(slightly, own, near, zero + 1.0, THRESHOLDS)
     assert kept.clearance[0] < best.clearance[0] and not kept.searched[0] and not kept.safe[0]
     wrong = best._replace(course=zero, speed=zero + 75.0)
-    changed, _ = refreshed(wrong, own, near, zero + 1.0, REQUIREMENT, LIMITS, 10.0)
+    changed, _ = refreshed(wrong, own, near, zero + 1.0, THRESHOLDS)
     assert changed.searched[0] and changed.course[0] == best.course[0]
 
 
@@ -185,7 +187,7 @@ def on(plan: Plan, time: float, watch: watching.Watch) -> VehicleState:
 
 
 def test_one_aircraft_from_plan_to_replan(policy: Policy, first: Plan) -> None:
-    watch = watching.activate(watching.begin(), first, OWN, {"a": parallel(0.0)}, 0.0)
+    watch = watching.activate(watching.begin(THRESHOLDS), first, OWN, {"a": parallel(0.0)}, 0.0)
     for time in range(3):
         watch, verdict = watching.step(watch, float(time), on(first, time, watch), {"a": parallel(time)})
         assert verdict.state is State.MONITORING and verdict.fly is Flown.PLAN
@@ -211,7 +213,7 @@ def test_one_aircraft_from_plan_to_replan(policy: Policy, first: Plan) -> None:
 
 
 def test_an_intruder_that_is_not_reported_is_missing_until_it_is_gone(first: Plan) -> None:
-    watch = watching.activate(watching.begin(), first, OWN, {"a": parallel(0.0)}, 0.0)
+    watch = watching.activate(watching.begin(THRESHOLDS), first, OWN, {"a": parallel(0.0)}, 0.0)
     watch, _ = watching.step(watch, 0.0, OWN, {"a": parallel(0.0)})
     watch, verdict = watching.step(watch, 1.0, on(first, 1.0, watch), {})
     assert [why.cause for why in verdict.reasons] == [Cause.INTRUDER_MISSING]
@@ -225,10 +227,10 @@ def test_an_intruder_that_is_not_reported_is_missing_until_it_is_gone(first: Pla
 
 
 def test_every_cause_has_its_words(first: Plan) -> None:
-    watch = watching.activate(watching.begin(), first, OWN, {"a": parallel(0.0)}, 0.0)
+    watch = watching.activate(watching.begin(THRESHOLDS), first, OWN, {"a": parallel(0.0)}, 0.0)
     _, verdict = watching.step(watch, 0.0, OWN, {"a": parallel(0.0)})
     every = np.array([int(~Cause(0))], dtype=np.int32)
-    reasons = watching.reasons(verdict.measured._replace(causes=every), Thresholds())
+    reasons = watching.reasons(verdict.measured._replace(causes=every), THRESHOLDS)
     assert [why.cause for why in reasons] == list(Cause)
     assert all(why.message.startswith(why.field + " ") and "{" not in why.message for why in reasons)
 

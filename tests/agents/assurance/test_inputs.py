@@ -154,7 +154,7 @@ def test_an_intruder_out_of_the_mask_is_forgotten() -> None:
 
 
 def test_a_turn_is_read_from_two_reports_but_not_from_noise() -> None:
-    memory = blank(1, 4)
+    memory = blank(1, 4, np.full(1, 75.0))
     rates = np.array([0.03, 0.001, 0.03, 0.5])
     std = np.array([[0.0, 0.0, 3.0, 0.0]])
     for time in (0.0, 1.0, 1.0 + 1e-3):
@@ -201,14 +201,14 @@ def story(generator: np.random.Generator, count: int, seconds: int) -> list[Inpu
 def played(given: list[Inputs], rows: Any) -> list[tuple[Any, Any]]:
     """Play a story for some rows; every third request is answered by a plan."""
     monitor = take(flying(count=given[0].time.size), rows)
-    room = assurance.start(monitor.state.size, 2)
+    room = assurance.start(monitor.state.size, 2, THRESHOLDS)
     monitor = assurance.activate(
         room,
         np.arange(monitor.state.size),
         straight(count=monitor.state.size),
         np.ones(monitor.state.size, bool),
         0.0,
-        take(updated(blank(given[0].time.size, 2), given[0], THRESHOLDS)[2], rows),
+        take(updated(blank(given[0].time.size, 2, np.full(given[0].time.size, 75.0)), given[0], THRESHOLDS)[2], rows),
         THRESHOLDS,
     )
     seen = []
@@ -259,7 +259,7 @@ def anything(draw: st.DrawFn) -> Inputs:
 @given(st.lists(anything(), min_size=1, max_size=5), st.booleans())
 def test_any_input_gives_a_reason_or_a_valid_state(given: list[Inputs], safe: bool) -> None:
     monitor = assurance.activate(
-        assurance.start(1, 2), np.array([0]), straight(), np.array([safe]), 0.0, blank_traffic(), THRESHOLDS
+        assurance.start(1, 2, THRESHOLDS), np.array([0]), straight(), np.array([safe]), 0.0, blank_traffic(), THRESHOLDS
     )
     sighted = False
     for inputs in given:
@@ -281,14 +281,14 @@ def test_any_input_gives_a_reason_or_a_valid_state(given: list[Inputs], safe: bo
 
 def blank_traffic() -> Any:
     return updated(
-        blank(1, 2),
+        blank(1, 2, np.full(1, 75.0)),
         assurance.inputs(0.0, on_plan(0.0), mapped(lambda f: np.full((1, 2), NAN), on_plan(0.0))),
         THRESHOLDS,
     )[2]
 
 
 def test_an_aged_turn_is_advanced_along_its_arc_and_lasts_less() -> None:
-    memory = blank(1, 1)
+    memory = blank(1, 1, np.full(1, 75.0))
     for time, age in ((0.0, 0.0), (1.0, 0.0), (3.0, 2.0)):
         given = assurance.inputs(time, on_plan(time), other(0.0, 0.0, 0.03 * (time - age)), age=np.full((1, 1), age))
         memory, _own, traffic, _causes = updated(memory, given, THRESHOLDS)

@@ -1,6 +1,7 @@
 """The monitor's transitions, its hysteresis and its bound on requests."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ def opposing(time: float, ahead: float = HEAD_ON) -> object:
 
 
 def test_without_a_plan_nothing_is_flown_or_asked_for() -> None:
-    monitor = assurance.start(1, 1)
+    monitor = assurance.start(1, 1, THRESHOLDS)
     for time in range(5):
         monitor, decision = tell(monitor, float(time))
         assert state_of(monitor) is State.IDLE
@@ -50,8 +51,15 @@ def test_a_plan_that_is_kept_is_monitored_and_asks_for_nothing() -> None:
 
 
 def test_a_plan_that_is_not_safe_is_not_flown() -> None:
+    idle = assurance.start(1, 1, THRESHOLDS)
     monitor = assurance.activate(
-        assurance.start(1, 1), np.array([0]), straight(), np.array([False]), 0.0, Traffic.straight(far(0.0)), THRESHOLDS
+        idle,
+        np.array([0]),
+        straight(),
+        np.array([False]),
+        0.0,
+        Traffic.straight(far(0.0)),
+        THRESHOLDS,
     )
     monitor, decision = tell(monitor, 0.0)
     assert state_of(monitor) is State.BACKUP and decision.fly[0] == Flown.BACKUP
@@ -69,8 +77,15 @@ def test_a_plan_that_is_no_plan_is_not_flown_whatever_it_is_called(damage: str) 
         knots.time[0, 7] = knots.time[0, 6]
     else:
         knots.x[0, 7] += 2_500.0
+    idle = assurance.start(1, 1, THRESHOLDS)
     monitor = assurance.activate(
-        assurance.start(1, 1), np.array([0]), knots, np.array([True]), 0.0, Traffic.straight(far(0.0)), THRESHOLDS
+        idle,
+        np.array([0]),
+        knots,
+        np.array([True]),
+        0.0,
+        Traffic.straight(far(0.0)),
+        THRESHOLDS,
     )
     monitor, _ = tell(monitor, 0.0)
     assert state_of(monitor) is State.BACKUP
@@ -257,7 +272,7 @@ def test_references_lead_along_the_plan_or_the_backup() -> None:
 def test_no_start_inside_the_margin_is_refused_or_flutters(margin: float, geometry: str, every: bool) -> None:
     # Every centimetre in the slow run; else of the first and the last half metre.
     wanted = THRESHOLDS.requirement._replace(margin=margin)
-    thresholds = assurance.Thresholds(requirement=wanted)
+    thresholds = assurance.Thresholds.for_plans(replace(THRESHOLDS.options, requirement=wanted))
     distance = np.arange(1_000.0, 1_000.0 + margin + 0.005, 0.01)
     if margin > 1.0 and not every:
         distance = np.concatenate([distance[:50], distance[50:-50:100], distance[-50:]])
@@ -268,7 +283,7 @@ def test_no_start_inside_the_margin_is_refused_or_flutters(margin: float, geomet
     else:
         seen = seen._replace(y=distance[:, None])
     rows, safe = np.arange(count), np.ones(count, bool)
-    monitor = assurance.start(count, 1)
+    monitor = assurance.start(count, 1, THRESHOLDS)
     # The first plan is refused by decree: a new one must then be taken up at any distance, and left in peace.
     monitor = assurance.activate(monitor, rows, straight(count=count), ~safe, 0.0, Traffic.straight(seen), thresholds)
     monitor, decision = assurance.step(monitor, assurance.inputs(0.0, on_plan(0.0, count), seen), thresholds)

@@ -1,6 +1,7 @@
 """Reports with noise and age: the tracker comes closer to the truth, and all advance a report along the same arc."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,14 +12,16 @@ from agents.assurance import single
 from agents.assurance.tracker import Tracks, begin, follow
 from agents.planner import Intruder, Options, RequestError, plan
 from agents.planner.request import checked, reported
-from agents.planner.separation import same_flight
-from agents.planner.traffic import advanced, predicted
+from agents.planner.separation import growth, same_flight
+from agents.planner.traffic import Requirement, advanced, predicted, required, uncertainty
 from agents.policy.inference import Policy
 from benchmarks.safety.resimulation import travelled
+from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.kinematics import SURROGATE, VehicleState, advance, velocity
 from envs.trees import mapped
 from envs.waypoints import RoutePoint, at, knots, legs
+from tests.agents.assurance.scenes import THRESHOLDS
 
 POSITION, VELOCITY = 30.0, 3.0
 
@@ -180,7 +183,7 @@ def test_plan_keeps_the_separation_from_an_aged_turn_as_reported() -> None:
 
 @given(reports)
 def test_reports_are_advanced_along_their_arc(report: Intruder) -> None:
-    request, _, _ = checked(OWN, [report], ROUTE, Options())
+    request, _, _ = checked(OWN, [report], ROUTE, Options.for_aircraft(PAPER))
     for time in (0.0, 1.0, 10.0, 400.0):
         now = predicted(request.traffic, time)
         there = flown(report, np.array(time))
@@ -190,8 +193,8 @@ def test_reports_are_advanced_along_their_arc(report: Intruder) -> None:
 
 @given(reports)
 def test_monitor_expects_what_the_planner_plans_with(report: Intruder) -> None:
-    planned = checked(OWN, [report], ROUTE, Options())[0].traffic
-    expected = single.activate(single.begin(), STRAIGHT, OWN, {"4b1a2c": report}, 0.0).monitor.expected
+    planned = checked(OWN, [report], ROUTE, Options.for_aircraft(PAPER))[0].traffic
+    expected = single.activate(single.begin(THRESHOLDS), STRAIGHT, OWN, {"4b1a2c": report}, 0.0).monitor.expected
     for mine, others in zip((*planned.state, *planned[1:]), (*expected.state, *expected[1:]), strict=True):
         np.testing.assert_allclose(mine, others, atol=1e-9)
 
@@ -220,3 +223,22 @@ def test_traffic_that_does_not_follow_from_its_reports_is_refused(monkeypatch: p
     with pytest.raises(RequestError) as refused:
         plan(OWN, [Intruder(OWN._replace(y=30_000.0)), TURNING], ROUTE, Policy.load())
     assert refused.value.field == "intruders[1]"
+
+
+@given(reports, st.floats(0.0, 400.0))
+def test_one_velocity_error_counts_from_the_report_on(report: Intruder, time: float) -> None:
+    vague = replace(report, position_std=40.0, velocity_std=3.0)
+    now = advanced(*reported([vague]))
+    whole = math.hypot(40.0, 3.0 * (abs(report.age) + time))
+    assert uncertainty(now, time).item() == pytest.approx(whole)
+    asked = Requirement(1_000.0, 0.0, 2.0)
+    need = required(now, np.full((1, 1), 1e6), asked) + growth(now, np.array([[time]]), asked)[0]
+    assert need.item() == pytest.approx(1_000.0 + 2.0 * whole)
+
+
+def test_the_monitor_hands_reports_on_with_their_age() -> None:
+    vague = Intruder(VehicleState(3_000.0, 0.0, math.pi, 60.0), 2.0, position_std=40.0, velocity_std=3.0)
+    watch = single.activate(single.begin(THRESHOLDS), STRAIGHT, OWN, {"4b1a2c": vague}, 0.0)
+    _, verdict = single.step(watch, 0.0, OWN, {"4b1a2c": vague})
+    assert verdict.ask is not None
+    assert verdict.ask.intruders == (vague,)

@@ -9,7 +9,8 @@ import pytest
 
 from agents.baselines.acas_nnet import Network, NnetError, load_logic, read
 from agents.baselines.baselines import Sight
-from envs.kinematics import SURROGATE, VehicleState
+from envs.aircraft import PAPER
+from envs.kinematics import VehicleState
 from tests.support import recorded
 
 SMALL = """\
@@ -98,7 +99,7 @@ def test_what_is_no_text_or_no_file(tmp_path: Path) -> None:
     with pytest.raises(NnetError, match="not a regular file"):
         read(tmp_path / "pipe.nnet")
     with pytest.raises(NnetError, match="2 inputs and 2 outputs, expected 3 "):
-        load_logic(written(tmp_path, SMALL))
+        load_logic(written(tmp_path, SMALL), PAPER)
 
 
 @pytest.mark.parametrize("cell", ["\u0661", "1_0", "inf"])
@@ -132,7 +133,7 @@ def test_the_network_of_the_previous_advisory_is_asked(tmp_path: Path, inputs: i
     for previous in range(5):
         # After advisory p comes p + 1, so that every network differs from the others.
         logic_file(tmp_path / f"{stem.format(first + previous)}x.nnet", inputs, (previous + 1) % 5, sign=sign)
-    logic = load_logic(tmp_path / f"{stem.format(first + 2)}x.nnet", SURROGATE)
+    logic = load_logic(tmp_path / f"{stem.format(first + 2)}x.nnet", PAPER)
     count = np.arange(5)
     own = VehicleState(*(np.zeros(5) for _ in range(3)), np.full(5, 60.0))
     other = VehicleState(*(np.full((5, 1), value) for value in (2_000.0, 0.0, math.pi, 60.0)))
@@ -147,7 +148,7 @@ def test_the_network_of_the_previous_advisory_is_asked(tmp_path: Path, inputs: i
 def test_a_missing_sibling_is_named(tmp_path: Path) -> None:
     logic_file(tmp_path / "pra0_x.nnet", 3, 0)
     with pytest.raises(NnetError, match=r"pra1_x\.nnet: there is no such file"):
-        load_logic(tmp_path / "pra0_x.nnet")
+        load_logic(tmp_path / "pra0_x.nnet", PAPER)
 
 
 def test_the_published_networks_turn_away_and_mirror() -> None:
@@ -155,7 +156,7 @@ def test_the_published_networks_turn_away_and_mirror() -> None:
     network: Network = read(path)
     assert len(network.weights) == 6
     assert [len(bias) for bias in network.biases] == [25] * 5 + [5]
-    logic = load_logic(path)
+    logic = load_logic(path, PAPER)
     assert len(logic.networks) == 5
     # An intruder far behind is no conflict; one head-on and near is.
     behind, ahead = [-40_000.0, 0.0, 0.0], [3_000.0, 0.0, math.pi]

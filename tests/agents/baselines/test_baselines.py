@@ -9,14 +9,13 @@ from hypothesis import strategies as st
 
 from agents.baselines.baselines import (
     BASELINES,
-    Direct,
     PotentialField,
-    RightHand,
     Sight,
     course_to_goal,
     may_return,
     steered,
 )
+from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.kinematics import SURROGATE, VehicleState
 from envs.relative import straight_cpa
@@ -56,7 +55,7 @@ def test_an_absent_intruder_may_be_anything(name: str) -> None:
 
 
 def decide(name: str, sight: Sight) -> np.ndarray:
-    baseline = BASELINES[name](SURROGATE, 500.0, 1_000.0)
+    baseline = BASELINES[name](PAPER)
     action, memory = baseline.decide(sight, np.zeros(len(sight.goal_x), np.int8))
     assert memory.shape == sight.goal_x.shape
     return action
@@ -193,7 +192,7 @@ def test_mvp_s_new_velocity_touches_the_protected_zone() -> None:
     """The pushed velocity misses by the protected distance: the published construction, on a crossing from the left."""
     own, other = (0.0, 0.0, 0.0, 80.0), (7_000.0, 7_400.0, -math.pi / 2, 80.0)
     sight = seen(own, [other])
-    field = PotentialField(speed=True)
+    field = PotentialField(PAPER, speed=True)
     from agents.baselines.baselines import _conflicts
 
     conflict = _conflicts(sight, sight.own.heading, 1_100.0, 300.0)
@@ -206,7 +205,7 @@ def test_mvp_s_new_velocity_touches_the_protected_zone() -> None:
 @given(st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi), st.floats(50, 100))
 def test_steering_turns_the_short_way_and_stops_at_the_course(heading: float, course: float, speed: float) -> None:
     own = VehicleState(np.zeros(1), np.zeros(1), np.array([heading]), np.array([speed]))
-    steering = steered(own, np.array([course]), SURROGATE)[0]
+    steering = steered(own, np.array([course]), PAPER)[0]
     error = wrap(np.array([course - heading]), np)[0]
     assert steering == pytest.approx(np.clip(0.5 * error / SURROGATE.yaw_rate_max, -1, 1))
     # One second of it never goes past the course.
@@ -216,24 +215,19 @@ def test_steering_turns_the_short_way_and_stops_at_the_course(heading: float, co
 def test_a_goal_inside_the_turning_circle_is_flown_away_from_first() -> None:
     # At 100 m/s the circle has a radius of 1910 m; its middle is the worst place.
     inside = seen((0, 0, 0, 100), [FAR], (0.0, 1_900.0))
-    assert course_to_goal(inside, SURROGATE, 500.0)[0] == 0.0
+    assert course_to_goal(inside, PAPER)[0] == 0.0
     outside = seen((0, 0, 0, 100), [FAR], (0.0, 4_500.0))
-    assert course_to_goal(outside, SURROGATE, 500.0)[0] == pytest.approx(math.pi / 2)
+    assert course_to_goal(outside, PAPER)[0] == pytest.approx(math.pi / 2)
 
 
 def test_the_way_back_is_free_past_the_closest_point_and_not_before() -> None:
     before = seen((0, 0, 0, 80), [(6_000, 0, math.pi, 80)])
     after = seen((0, 0, 0, 80), [(-2_000, 0, math.pi, 80)])
-    assert not may_return(before, SURROGATE, 500.0, 1_000.0)[0]
-    assert may_return(after, SURROGATE, 500.0, 1_000.0)[0]
+    assert not may_return(before, PAPER, 1_000.0)[0]
+    assert may_return(after, PAPER, 1_000.0)[0]
 
 
 def test_mvp_with_speed_hurries_when_it_is_late() -> None:
     late = seen((0, 0, 0, 60), [FAR], (15_000, 0), left=180.0)
     assert decide("mvp_speed", late)[0, 0] == 1.0
     assert decide("mvp_speed", late._replace(left=290.0))[0, 0] == 0.0
-
-
-def test_defaults_are_the_surrogate_s() -> None:
-    assert Direct() == Direct(SURROGATE, 500.0)
-    assert RightHand().separation == PotentialField().separation == 1_000.0

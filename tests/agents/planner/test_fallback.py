@@ -9,12 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.manoeuvres.escape_manoeuvre import Flight, Manoeuvre, fly, fly_away, takeoff
-from agents.manoeuvres.escape_search import COARSE, STAGES, concatenated
+from agents.manoeuvres.escape_search import COARSE, STAGES, concatenated, scaled
 from agents.planner import fallback_flight as fallback
-from agents.planner.fallback_flight import STRIDE, Flown, fly_out
-from agents.planner.options import MARGIN, Options
+from agents.planner.fallback_flight import Flown, fly_out, stride_of
+from agents.planner.options import Options
 from agents.planner.request import Request
-from agents.planner.traffic import Requirement
 from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.kinematics import SURROGATE, VehicleState
@@ -23,8 +22,11 @@ from envs.starts import numbered
 from envs.trees import take
 from eval.flights.plan_flight import request_of
 
-FAMILY = concatenated(*STAGES[:2])
-DELAYED = take(STAGES[3], slice(None, None, 5))
+OPTIONS = Options.for_aircraft(PAPER)
+STRIDE = stride_of(OPTIONS)
+
+FAMILY = scaled(concatenated(*STAGES[:2]), PAPER)
+DELAYED = take(scaled(STAGES[3], PAPER), slice(None, None, 5))
 LIMITS = SURROGATE._replace(speed_max=99.6, acceleration_max=0.375)
 
 turns = st.floats(-math.pi, math.pi)
@@ -51,7 +53,7 @@ def flown(
     count, each = request.points.size, family.turn.size
     which = np.repeat(np.arange(count), each)
     every = Manoeuvre(*(np.tile(field, count) for field in family))
-    return fly_out(request, np.ones(count, int), which, every, options or Options(), least, enough, longest)
+    return fly_out(request, np.ones(count, int), which, every, options or OPTIONS, least, enough, longest)
 
 
 def assert_same(first: Any, second: Any) -> None:
@@ -111,7 +113,7 @@ def test_the_clearance_is_that_of_the_flight(sigma: float) -> None:
     request = requests("multi", 6)
     traffic = request.traffic._replace(velocity_std=np.where(request.traffic.mask, sigma, 0.0))
     request = request._replace(traffic=traffic)
-    options = Options(requirement=Requirement(margin=MARGIN, sigmas=2.0))
+    options = OPTIONS
     found = flown(request, COARSE, -np.inf, 10_000, options)
     each, times = COARSE.turn.size, np.arange(0.0, 150.0, 0.25)
     assert np.isfinite(found.rollout.time).any()
@@ -123,7 +125,7 @@ def test_the_clearance_is_that_of_the_flight(sigma: float) -> None:
         east = other.x[mask] + other.speed[mask] * np.cos(other.heading[mask]) * times[:, None]
         north = other.y[mask] + other.speed[mask] * np.sin(other.heading[mask]) * times[:, None]
         apart = np.hypot(states.x[:-1, :, None] - east[:, None], states.y[:-1, :, None] - north[:, None])
-        spare = np.min(apart - 1_000.0 - MARGIN - 2.0 * sigma * times[:, None, None], axis=-1)
+        spare = np.min(apart - 1_000.0 - OPTIONS.requirement.margin - 2.0 * sigma * times[:, None, None], axis=-1)
         under_way = times[:, None] <= np.where(np.isnan(end), 150.0, end)
         least = np.min(np.where(under_way, spare, np.inf), axis=0)
         # A stride counts as if the uncertainty at its end held from its beginning.
@@ -152,7 +154,7 @@ def test_knots_and_sums_are_those_of_the_flight() -> None:
     found = flown(request, COARSE, -40.0, 10_000).rollout
     own = take(request.own, np.repeat(np.arange(2), COARSE.turn.size))
     every = Manoeuvre(*(np.tile(field, 2) for field in COARSE))
-    states, _ = fly_away(takeoff(own, every), every, 0, 31, STRIDE, Options().manoeuvre)
+    states, _ = fly_away(takeoff(own, every), every, 0, 31, STRIDE, OPTIONS.manoeuvre)
     some = np.flatnonzero(found.time > 20.0)
     assert some.size
     for row in some:

@@ -1,6 +1,7 @@
 """Plans keep their contract, say why they are not safe, and do not depend on how they were asked for."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from envs.starts import numbered
 from envs.trees import take
 from envs.waypoints import RoutePoint
 from eval.flights.plan_flight import fly_plans, request_of
+
+OPTIONS = Options.for_aircraft(PAPER)
 
 OWN = VehicleState(0.0, 0.0, 0.0, 80.0)
 ROUTE = [RoutePoint(100 + i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]
@@ -83,7 +86,7 @@ def test_without_intruders_the_route_is_flown(policy: Policy) -> None:
 
 def test_every_safe_plan_keeps_its_contract_and_the_separation_as_flown(policy: Policy, encounters: Encounter) -> None:
     request = request_of(encounters, PAPER)
-    plans = plan_many(request, policy, Options()).proposals
+    plans = plan_many(request, policy, OPTIONS).proposals
     assert plans.safe.mean() > 0.98
     # The narrowest ones, because a flight takes its time.
     few = np.flatnonzero(plans.safe)[np.argsort(plans.min_separation[plans.safe])[:40]]
@@ -100,7 +103,7 @@ def test_every_safe_plan_keeps_its_contract_and_the_separation_as_flown(policy: 
 
 def test_one_request_and_many_get_the_same_answer(policy: Policy, encounters: Encounter) -> None:
     request = request_of(encounters, PAPER)
-    many = plan_many(request, policy, Options())
+    many = plan_many(request, policy, OPTIONS)
     for number in range(0, 120, 4):
         answer, row = plan(*ask(request, number), policy), take(many, number)
         assert answer.safe == row.proposals.safe
@@ -112,7 +115,7 @@ def test_one_request_and_many_get_the_same_answer(policy: Policy, encounters: En
 
 def test_plans_do_not_depend_on_the_batch(policy: Policy, encounters: Encounter) -> None:
     request = request_of(encounters, PAPER)
-    many, few = plan_many(request, policy, Options()), plan_many(take(request, slice(50, 70)), policy, Options())
+    many, few = plan_many(request, policy, OPTIONS), plan_many(take(request, slice(50, 70)), policy, OPTIONS)
     np.testing.assert_array_equal(few.proposals.safe, many.proposals.safe[50:70])
     np.testing.assert_array_equal(few.proposals.min_separation, many.proposals.min_separation[50:70])
     np.testing.assert_array_equal(few.proposals.knots.x, many.proposals.knots.x[50:70])
@@ -123,7 +126,7 @@ def test_the_two_rollouts_agree(policy: Policy) -> None:
     request = request_of(numbered(scenario("multi", PAPER), 3, 0, 5), PAPER)
     goal = (request.route_x[:, 1], request.route_y[:, 1])
     for direct in (True, False):
-        task = task_of(Options(direct=direct))
+        task = task_of(replace(OPTIONS, direct=direct))
         keep = np.full(request.traffic.mask.shape, 1_030.0)
         many = roll(request.own, request.traffic, goal, keep, exact, task)
         for number in range(5):
@@ -138,7 +141,7 @@ def test_the_two_rollouts_agree(policy: Policy) -> None:
 
 
 def test_a_pure_rollout_flies_to_the_goal(policy: Policy) -> None:
-    answer = plan(OWN, [HEAD_ON], ROUTE, policy, Options(direct=False))
+    answer = plan(OWN, [HEAD_ON], ROUTE, policy, replace(OPTIONS, direct=False))
     assert answer.safe
     assert_contract(answer, ROUTE)
 
@@ -147,7 +150,7 @@ def test_the_fallback_finds_a_plan_where_the_policy_has_none(policy: Policy) -> 
     # Several intruders are more than a policy can see at once.
     request = request_of(numbered(scenario("multi", PAPER), 7, 0, 24), PAPER)
     # One point alone: to the next but one the policy may know a way that it does not know to the next.
-    plans = plan_many(request, policy, Options(exhaustive=False, goals=1))
+    plans = plan_many(request, policy, replace(OPTIONS, exhaustive=False, goals=1))
     saved = plans.proposals.safe & ~plans.policy_safe
     assert saved.sum() >= 3
     assert np.all(plans.source[saved] == 2)
@@ -156,7 +159,8 @@ def test_the_fallback_finds_a_plan_where_the_policy_has_none(policy: Policy) -> 
 def test_a_costly_plan_is_compared_with_the_fallback(policy: Policy, encounters: Encounter) -> None:
     request = request_of(take(encounters, slice(0, 60)), PAPER)
     never, always = (
-        plan_many(request, policy, Options(fallback_cost_threshold=limit)).proposals for limit in (math.inf, 0.0)
+        plan_many(request, policy, replace(OPTIONS, fallback_cost_threshold=limit)).proposals
+        for limit in (math.inf, 0.0)
     )
     both = never.safe & always.safe
     assert np.all(always.cost[both] <= never.cost[both] + 1e-6)
@@ -202,7 +206,7 @@ def test_routes_that_lead_nowhere_are_named(policy: Policy, own: Any, route: lis
 
 def test_a_short_route_is_extended_only_if_allowed(policy: Policy) -> None:
     route = [RoutePoint(0, 10_000.0, 0.0), RoutePoint(1, 15_000.0, 0.0)]
-    answer = plan(OWN, [HEAD_ON], route, policy, Options(extend_route=True))
+    answer = plan(OWN, [HEAD_ON], route, policy, replace(OPTIONS, extend_route=True))
     assert answer.safe
     last = answer.waypoints[-1]
     assert last.index not in (0, 1)
@@ -217,7 +221,7 @@ def test_the_next_point_is_the_first_that_lies_ahead() -> None:
         column = np.zeros((1, 0))
         nobody = Traffic.straight(VehicleState(column, column, column, column))
         points = np.array([[0.0, 5_000.0, 10_000.0, 15_000.0]])
-        return eligible(Request(own, nobody, points, points * 0.0, np.array([4])), Options())[0].tolist()
+        return eligible(Request(own, nobody, points, points * 0.0, np.array([4])), OPTIONS)[0].tolist()
 
     assert goals(-3_000.0, 0.0) == [0, 1, 2]
     assert goals(-300.0, 0.0) == [1, 2, 3]  # within the radius: it counts as reached
@@ -259,15 +263,18 @@ def test_bad_input_is_refused_by_name(policy: Policy, changes: dict[str, Any], f
 @pytest.mark.parametrize(
     ("options", "field"),
     [
-        (Options(requirement=Requirement(separation=math.nan)), "options.requirement.separation"),
-        (Options(requirement=Requirement(margin=-1e9)), "options.requirement.margin"),
-        (Options(requirement=Requirement(sigmas=-2.0)), "options.requirement.sigmas"),
-        (Options(limits=C208_PUBLISHED._replace(yaw_rate_max=math.nan)), "options.limits.yaw_rate_max"),
-        (Options(max_age=math.nan), "options.max_age"),
-        (Options(goals=0), "options.goals"),
-        (Options(goals=1.5), "options.goals"),  # pyright: ignore[reportArgumentType]
-        (Options(rejoin_by=1e9), "options.rejoin_by"),
-        (Options(direct=None), "options.direct"),  # pyright: ignore[reportArgumentType]
+        (replace(OPTIONS, requirement=Requirement(math.nan)), "options.requirement.separation"),
+        (replace(OPTIONS, requirement=Requirement(1_000.0, margin=-1e9)), "options.requirement.margin"),
+        (replace(OPTIONS, requirement=Requirement(1_000.0, sigmas=-2.0)), "options.requirement.sigmas"),
+        (
+            replace(OPTIONS, limits=C208_PUBLISHED._replace(yaw_rate_max=math.nan)),
+            "options.limits.yaw_rate_max",
+        ),
+        (replace(OPTIONS, max_age=math.nan), "options.max_age"),
+        (replace(OPTIONS, goals=0), "options.goals"),
+        (replace(OPTIONS, goals=1.5), "options.goals"),  # pyright: ignore[reportArgumentType]
+        (replace(OPTIONS, rejoin_by=1e9), "options.rejoin_by"),
+        (replace(OPTIONS, direct=None), "options.direct"),  # pyright: ignore[reportArgumentType]
     ],
 )
 def test_options_that_could_hide_a_danger_are_refused(policy: Policy, options: Options, field: str) -> None:
@@ -332,7 +339,7 @@ def test_a_late_report_is_dead_reckoned(policy: Policy) -> None:
 
 
 def test_margin_and_uncertainty_are_kept(policy: Policy) -> None:
-    wide = plan(OWN, [HEAD_ON], ROUTE, policy, Options(requirement=Requirement(margin=300.0)))
+    wide = plan(OWN, [HEAD_ON], ROUTE, policy, replace(OPTIONS, requirement=Requirement(1_000.0, margin=300.0)))
     assert wide.safe
     assert wide.min_separation >= 1_300.0
     vague = plan(OWN, [Intruder(HEAD_ON, position_std=50.0, velocity_std=2.0)], ROUTE, policy)
@@ -354,5 +361,5 @@ def test_an_expected_turn_is_planned_for(policy: Policy) -> None:
 def test_starts_inside_the_margin_are_not_refused_by_it(policy: Policy) -> None:
     for distance in np.arange(1_000.0, 1_051.0, 5.0):
         behind = VehicleState(-distance, 0.0, math.pi, 80.0)
-        answer = plan(OWN, [behind], ROUTE, policy, Options(requirement=Requirement(margin=50.0)))
+        answer = plan(OWN, [behind], ROUTE, policy, replace(OPTIONS, requirement=Requirement(1_000.0, margin=50.0)))
         assert answer.safe, distance

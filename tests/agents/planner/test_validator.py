@@ -17,6 +17,7 @@ from agents.planner.request import Options
 from agents.planner.traffic import Requirement, Traffic, predicted, required
 from agents.planner.validator import CHECKS, validate
 from agents.policy.inference import Policy
+from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState, advance
 from envs.waypoints import Knots, RoutePoint, Waypoint, at, legs
 from tests.strategies import random_states
@@ -81,7 +82,7 @@ def test_a_circle_keeps_its_radius_from_its_centre(duration: float, sign: float)
     x, y = radius * math.sin(rate * duration), sign * radius * (1.0 - math.cos(rate * duration))
     plan = Knots(*np.array([[[0.0, x]], [[0.0, y]], [[0.0, turn]], [[speed, speed]], [[0.0, duration]]]))
     centre = Traffic.straight(VehicleState(*np.array([[[0.0]], [[sign * radius]], [[0.0]], [[0.0]]])))
-    found = validate(plan, centre, Requirement(), C208_PUBLISHED)
+    found = validate(plan, centre, Requirement(1_000.0), C208_PUBLISHED)
     # Each of an arc's 32 parts is judged on its chord, v w h^2 / 8 inside the circle, less as much for its bend.
     bow = speed * rate * (duration / 320.0) ** 2 / 8.0
     assert radius - 2.0 * bow - 1e-6 <= found.min_separation[0] <= radius + 1e-6
@@ -127,8 +128,8 @@ def spoilt(knots: Knots, name: str, change: Any) -> Knots:
 )
 def test_every_fault_is_found(name: str, change: Any, checks: set[str]) -> None:
     good, intruders = plans(40, 3), traffic(40, 0, 0)
-    assert validate(good, intruders, Requirement(), C208_PUBLISHED).safe.mean() > 0.8
-    found = validate(spoilt(good, name, change), intruders, Requirement(), C208_PUBLISHED)
+    assert validate(good, intruders, Requirement(1_000.0), C208_PUBLISHED).safe.mean() > 0.8
+    found = validate(spoilt(good, name, change), intruders, Requirement(1_000.0), C208_PUBLISHED)
     found_wrong = np.zeros(40, dtype=bool)
     for check in checks:
         found_wrong |= found.wrong[:, CHECKS.index(check)]
@@ -144,15 +145,19 @@ def test_rounding_does_not_add_up_beyond_a_limit(speed: float, sign: float) -> N
     creeping = np.full_like(curves.acceleration, sign * 0.4e-6 / 2.0)  # 0.4 um/s an arc of 2 s
     gained = np.arange(curves.speed.size).reshape(curves.speed.shape) * sign * 0.4e-6
     intruders, check = traffic(1, 0, 0), CHECKS.index("speed")
-    assert not validate(knots, intruders, Requirement(), C208_PUBLISHED, curves).wrong[0, check]
+    assert not validate(knots, intruders, Requirement(1_000.0), C208_PUBLISHED, curves).wrong[0, check]
     found = validate(
-        knots, intruders, Requirement(), C208_PUBLISHED, curves._replace(acceleration=creeping, speed=speed + gained)
+        knots,
+        intruders,
+        Requirement(1_000.0),
+        C208_PUBLISHED,
+        curves._replace(acceleration=creeping, speed=speed + gained),
     )
     assert found.wrong[0, check] and found.leg[0, check] == 0
 
 
 def test_no_plans_are_no_trouble() -> None:
-    found = validate(Knots(*np.zeros((5, 0, 21))), traffic(0, 0, 0), Requirement(), C208_PUBLISHED)
+    found = validate(Knots(*np.zeros((5, 0, 21))), traffic(0, 0, 0), Requirement(1_000.0), C208_PUBLISHED)
     assert found.safe.shape == (0,)
 
 
@@ -196,7 +201,7 @@ def test_no_start_is_refused_by_its_own_margin(margin: float) -> None:
 def test_absent_intruders_do_not_count() -> None:
     knots, intruders = plans(30, 7), traffic(30, 3, 8)
     none = intruders._replace(mask=np.zeros_like(intruders.mask))
-    found = validate(knots, none, Requirement(), C208_PUBLISHED)
+    found = validate(knots, none, Requirement(1_000.0), C208_PUBLISHED)
     assert np.all(np.isinf(found.min_separation))
     assert not found.wrong[:, CHECKS.index("separation")].any()
 
@@ -232,8 +237,8 @@ def test_the_slowest_turn_is_not_taken_for_a_straight_flight() -> None:
     # In 1000 s at 400 m/s and 1e-9 rad/s it comes 0.2 m to its right, and then it is abeam.
     state = VehicleState(-320_000.0 * one, 1_000.05 * one, 0.0 * one, 400.0 * one)
     turning = Traffic.straight(state)._replace(turn_rate=-1e-9 * one, turn_time=1_000.0 * one)
-    assert validate(straight, Traffic.straight(state), Requirement(), C208_PUBLISHED).safe.all()
-    found = validate(straight, turning, Requirement(), C208_PUBLISHED)
+    assert validate(straight, Traffic.straight(state), Requirement(1_000.0), C208_PUBLISHED).safe.all()
+    found = validate(straight, turning, Requirement(1_000.0), C208_PUBLISHED)
     assert found.wrong[0, CHECKS.index("separation")]
     assert found.min_separation == pytest.approx([999.85], abs=0.006)
 
@@ -251,16 +256,16 @@ def published() -> list[Waypoint]:
 
 
 def test_nothing_is_wrong_with_what_is_right() -> None:
-    assert audit(published(), ROUTE) == []
+    assert audit(published(), ROUTE, count=WAYPOINTS) == []
     beyond = replace(published()[-1], index=50, x=ROUTE[5].x + 5_000.0, y=ROUTE[5].y + 300.0)
-    assert audit([*published()[:-1], beyond], ROUTE, extended=True) == []
+    assert audit([*published()[:-1], beyond], ROUTE, count=WAYPOINTS, extended=True) == []
 
 
 @given(st.integers(0, WAYPOINTS - 2), st.integers(0, WAYPOINTS - 2))
 def test_a_repeated_index_is_found(a: int, b: int) -> None:
     wrong = published()
     wrong[a] = replace(wrong[a], index=wrong[b].index)
-    found = audit(wrong, ROUTE)
+    found = audit(wrong, ROUTE, count=WAYPOINTS)
     if a == b:
         assert found == []
     else:
@@ -273,25 +278,27 @@ def test_a_repeated_index_is_found(a: int, b: int) -> None:
 def test_an_index_of_the_route_is_found(number: int, which: int) -> None:
     wrong = published()
     wrong[number] = replace(wrong[number], index=ROUTE[which].index)
-    assert (Kind.INDICES, f"waypoints[{number}]") in {(one.kind, one.field) for one in audit(wrong, ROUTE)}
+    assert (Kind.INDICES, f"waypoints[{number}]") in {
+        (one.kind, one.field) for one in audit(wrong, ROUTE, count=WAYPOINTS)
+    }
 
 
 @given(st.sampled_from(["x", "y"]), st.floats(0.01, 1e6), st.booleans())
 def test_a_last_waypoint_beside_its_point_is_found(axis: str, off: float, extended: bool) -> None:
     wrong = published()
     wrong[-1] = replace(wrong[-1], **{axis: getattr(wrong[-1], axis) + off})
-    (found,) = audit(wrong, ROUTE, extended=extended)
+    (found,) = audit(wrong, ROUTE, count=WAYPOINTS, extended=extended)
     assert found.kind is Kind.OFF_ROUTE
     assert found.field == f"waypoints[{WAYPOINTS - 1}]"
 
 
 def test_a_last_waypoint_of_no_point_is_found() -> None:
     wrong = [*published()[:-1], replace(published()[-1], index=77)]
-    assert [one.kind for one in audit(wrong, ROUTE)] == [Kind.OFF_ROUTE]
+    assert [one.kind for one in audit(wrong, ROUTE, count=WAYPOINTS)] == [Kind.OFF_ROUTE]
     # It stands at the route's end: there the extension begins.
-    assert audit(wrong, ROUTE, extended=True) == []
+    assert audit(wrong, ROUTE, count=WAYPOINTS, extended=True) == []
     wrong[-1] = replace(wrong[-1], x=ROUTE[5].x - 5_000.0, y=ROUTE[5].y - 300.0)
-    assert [one.kind for one in audit(wrong, ROUTE, extended=True)] == [Kind.OFF_ROUTE]
+    assert [one.kind for one in audit(wrong, ROUTE, count=WAYPOINTS, extended=True)] == [Kind.OFF_ROUTE]
 
 
 @given(
@@ -300,24 +307,26 @@ def test_a_last_waypoint_of_no_point_is_found() -> None:
 def test_what_is_not_finite_is_found(field: str, number: int, value: float) -> None:
     wrong = published()
     wrong[number] = replace(wrong[number], **{field: value})
-    assert (Kind.NOT_FINITE, f"waypoints[{number}]") in {(one.kind, one.field) for one in audit(wrong, ROUTE)}
+    assert (Kind.NOT_FINITE, f"waypoints[{number}]") in {
+        (one.kind, one.field) for one in audit(wrong, ROUTE, count=WAYPOINTS)
+    }
 
 
 @pytest.mark.parametrize("count", [0, 1, 19, 21])
 def test_another_number_of_waypoints_is_found(count: int) -> None:
     wrong = (published()[:1] * 2 + published()[1:]) if count == 21 else published()[20 - count :]
-    assert Kind.COUNT in {one.kind for one in audit(wrong, ROUTE)}
+    assert Kind.COUNT in {one.kind for one in audit(wrong, ROUTE, count=WAYPOINTS)}
 
 
 def test_a_plan_that_is_published_wrongly_is_not_safe(monkeypatch: pytest.MonkeyPatch) -> None:
     policy, right = Policy.load(), publish._waypoints
-    assert plan(OWN, [], ROUTE * 1, policy, Options(extend_route=True)).safe
+    assert plan(OWN, [], ROUTE * 1, policy, Options.for_aircraft(PAPER, extend_route=True)).safe
 
     def twice(*values: object) -> tuple[Waypoint, ...]:
         points = right(*values)  # pyright: ignore[reportArgumentType]
         return (*points[:5], replace(points[5], index=points[4].index), *points[6:])
 
     monkeypatch.setattr(publish, "_waypoints", twice)
-    answer = plan(OWN, [], ROUTE, policy, Options(extend_route=True))
+    answer = plan(OWN, [], ROUTE, policy, Options.for_aircraft(PAPER, extend_route=True))
     assert answer.status is Status.UNRESOLVED
     assert {one.kind for one in answer.reasons} == {Kind.INDICES}

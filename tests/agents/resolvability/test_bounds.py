@@ -13,9 +13,9 @@ from agents.resolvability.classify import Replay
 from agents.resolvability.outer_polygon import beside, outside
 from agents.resolvability.proof import Ahead, contained, look_ahead, split
 from agents.resolvability.reachable_bound import (
-    DELTA,
     DIRECTIONS,
     Funnel,
+    delta,
     farthest,
     narrowed,
     relaxed,
@@ -30,6 +30,8 @@ from envs.outcome import RULES
 from envs.starts import joined, numbered
 from envs.trees import take
 from tests.agents.resolvability.scenes import CLOSE, CROWDED, INTERVAL, check_witness, duel
+
+DELTA = delta(RULES, SURROGATE)
 
 
 def random_flights(
@@ -261,7 +263,8 @@ def test_it_depends_on_neither_batch_nor_order(encounters: Encounter, flown: Cau
 
 
 def test_without_a_turn_in_mind_it_still_flies(encounters: Encounter):
-    bold = causal(take(encounters, slice(0, 1)), QUICK, SURROGATE, Foresight(turn=0.0, observed=False))
+    nothing = Foresight(math.radians(3.0), turn=0.0, observed=False)
+    bold = causal(take(encounters, slice(0, 1)), QUICK, SURROGATE, nothing)
     assert bold.solved.all()
     with pytest.raises(ValueError, match="leading axis"):
         causal(take(encounters, 0), QUICK, SURROGATE)

@@ -10,8 +10,8 @@ from agents.manoeuvres.escape_search import search
 from agents.resolvability.classify import Method, Verdict, classify, least_cost, replay
 from agents.resolvability.proof import contained, look_ahead, split
 from agents.resolvability.reachable_bound import (
-    DELTA,
     EPSILON,
+    delta,
     relaxed,
 )
 from agents.resolvability.witness import SECOND
@@ -197,7 +197,7 @@ def test_wrong_shapes_are_refused():
 
 
 def test_the_margins_of_a_proof_are_honoured():
-    assert DELTA == 0.1
+    assert delta(RULES, SURROGATE) == 0.1
     assert EPSILON == 1e-4
     assert relaxed(SURROGATE).yaw_rate_max == pytest.approx(SURROGATE.yaw_rate_max * 1.0001)
     assert relaxed(SURROGATE).speed_min < SURROGATE.speed_min

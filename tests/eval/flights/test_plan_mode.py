@@ -25,7 +25,7 @@ from eval.flights.simulate import OUTCOMES
 from eval.monte_carlo import run as monte_carlo
 
 REACHED, TIMEOUT = OUTCOMES.index("reached"), OUTCOMES.index("timeout")
-SETTING = Setting(Options(), C208_PUBLISHED)
+SETTING = Setting(Options.for_aircraft(PAPER), C208_PUBLISHED)
 SMALL = ("--set", "resamples=200", "--set", "figures=false")
 
 

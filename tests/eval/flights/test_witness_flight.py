@@ -100,7 +100,7 @@ def test_a_batch_without_any_witness_flies_too(starts: Encounter, flown: Any) ->
 def test_ended_counts_as_the_simulation_does(name: str) -> None:
     starts = numbered(scenario(name, PAPER, **SHORT), 5, 0, 40)
     aircraft = PAPER._replace(t_max=100.0)
-    decider = BASELINES["mvp_speed"](SURROGATE, 500.0, 1_000.0)
+    decider = BASELINES["mvp_speed"](PAPER)
     counted, paths = fly_recorded(starts, decider, aircraft, endless=True)
     recounted = ended(starts, paths, aircraft)
     assert 0 < (recounted.outcome == OUTCOMES.index("reached")).sum() < 40

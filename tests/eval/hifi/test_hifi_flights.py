@@ -40,6 +40,7 @@ from eval.hifi.run import campaign_of
 from eval.hifi.vehicle import Navigation, begin, lookahead_of
 from eval.hifi.wind import Made, Route, airspeeds, made_good, plan_for, unflyable
 
+OPTIONS = Options.for_aircraft(PAPER)
 KNOTS = Knots(
     np.array([0.0, 1400.0, 2700.0, 3900.0]),
     np.array([0.0, 0.0, 350.0, 1050.0]),
@@ -267,7 +268,9 @@ def test_the_wind_triangle_closes(airspeed: float, course: float, wind: tuple[fl
 @pytest.mark.parametrize("wind", [(-72.0, 0.0), (0.0, 75.0), (-50.0, 60.0)])
 def test_a_wind_that_cannot_be_made_good_is_refused(wind: tuple[float, float]) -> None:
     nobody = Known.straight(VehicleState(*(np.full((1, 1), value) for value in (9e4, 9e4, 0.0, 70.0))))
-    made = plan_for(VehicleState(0.0, 0.0, 0.0, 70.0), nobody, FORWARD, 0.0, wind, policy(), Options())
+    made = plan_for(
+        VehicleState(0.0, 0.0, 0.0, 70.0), nobody, FORWARD, 0.0, wind, policy(), Options.for_aircraft(PAPER)
+    )
     assert made.problem is not None
     assert "cannot be made good" in made.problem
     assert not made.plans.proposals.safe[0]
@@ -275,7 +278,9 @@ def test_a_wind_that_cannot_be_made_good_is_refused(wind: tuple[float, float]) -
 
 def test_an_air_speed_outside_the_envelope_is_refused() -> None:
     nobody = Known.straight(VehicleState(*(np.full((1, 1), value) for value in (9e4, 9e4, 0.0, 70.0))))
-    made = plan_for(VehicleState(0.0, 0.0, 0.0, 44.0), nobody, FORWARD, 0.0, NO_WIND, policy(), Options())
+    made = plan_for(
+        VehicleState(0.0, 0.0, 0.0, 44.0), nobody, FORWARD, 0.0, NO_WIND, policy(), Options.for_aircraft(PAPER)
+    )
     assert made.problem == "own air speed is 44.0 m/s, expected 49 to 101 m/s"
 
 
@@ -331,5 +336,5 @@ def test_gentle_manoeuvres_keep_the_limits_of_the_vehicle_too() -> None:
     assert setting.options.manoeuvre.speed_min == 55.0
     assert setting.options.manoeuvre.speed_max < 90.0
     assert setting.options.manoeuvre.acceleration_max < 0.28
-    assert replace(setting.options, manoeuvre=Options().manoeuvre) != setting.options
-    assert load(HifiConfig).planner.setting(PAPER).options.manoeuvre == Options().manoeuvre
+    assert replace(setting.options, manoeuvre=Options.for_aircraft(PAPER).manoeuvre) != setting.options
+    assert load(HifiConfig).planner.setting(PAPER).options.manoeuvre == Options.for_aircraft(PAPER).manoeuvre

@@ -153,7 +153,7 @@ def test_every_baseline_flies_in_the_policy_s_place(name: str, tmp_path: Path, p
     assert summary["baseline"] == name
     table = pq.read_table(tmp_path / "run" / "encounters.parquet").to_pydict()
     starts = numbered(scenario("circle", PAPER), 0, 0, 24)
-    expected = simulate.fly(starts, BASELINES[name](SURROGATE, 500.0, 1000.0), PAPER)
+    expected = simulate.fly(starts, BASELINES[name](PAPER), PAPER)
     assert table["outcome"] == [OUTCOMES[code] for code in expected.outcome]
     np.testing.assert_allclose(table["min_separation_m"], expected.min_separation)
 
