@@ -30,8 +30,8 @@ def main() -> None:
     parser = Parser(description=__doc__)
     parser.add_argument(
         "--config",
-        default="configs/quick.yaml",
-        help="what is trained, from nothing (default configs/quick.yaml)",
+        default="configs/sprint.yaml",
+        help="what is trained, from nothing (default configs/sprint.yaml)",
     )
     parser.add_argument("--updates", type=int, default=10, help="updates of each run (default 10)")
     parser.add_argument("--turns", type=int, default=2, help="runs of each kind (default 2)")

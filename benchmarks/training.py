@@ -284,7 +284,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Measure and print."""
     parser = Parser(prog="python -m benchmarks.training", description=__doc__)
     add = parser.add_argument
-    add("--config", type=Path, default=Path("configs/quick.yaml"), help="of the training (default configs/quick.yaml)")
+    add("--config", type=Path, default=Path("configs/sprint.yaml"), help="training (default configs/sprint.yaml)")
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of it; may be given many times")
     add("--repeats", type=int, help="measurements of each side (default 5; 3 with --quick)")
     add("--quick", action="store_true", help="a quarter of the rollout, fewer repeats and a smaller grid")
@@ -296,6 +296,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             raise ConfigError(f"--repeats is {options.repeats}; expected 1 or more")
         extent = replace(extent, repeats=options.repeats)
     config = load(TrainConfig, options.config, options.set)
+    if config.network.feature_set == "set":
+        raise ConfigError("network.feature_set is set; expected none, cpa or mirror, as the peer takes one vector")
     if options.quick:
         shorter = f"ppo.rollout={max(config.ppo.rollout // 4, config.ppo.segment)}"
         config = load(TrainConfig, options.config, [*options.set, shorter])

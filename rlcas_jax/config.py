@@ -9,7 +9,6 @@ from pydantic import Field, NonNegativeFloat, model_validator
 
 from agents.config.load import ConfigError, Strict, validated
 from agents.config.world import AircraftConfig, ScenarioConfig
-from agents.policy.features import begins
 from envs.aircraft import PAPER
 from envs.encounters import Scenario
 from envs.outcome import Rules
@@ -19,7 +18,6 @@ __all__ = [
     "CheckpointConfig",
     "EvaluationConfig",
     "FamilyConfig",
-    "NearLimitConfig",
     "NetworkConfig",
     "PpoConfig",
     "ShapingConfig",
@@ -38,14 +36,12 @@ class NetworkConfig(Strict):
 
     hidden: tuple[Annotated[int, Field(ge=1, le=4096)], ...] = Field(default=(256, 256), min_length=1, max_length=8)
     """Widths of the hidden layers of actor and of critic (paper: two of 256)."""
-    feature_set: Literal["advised", "cpa", "foresight", "mirror", "none", "pressed", "set"] = "cpa"
+    feature_set: Literal["cpa", "mirror", "none", "set"] = "set"
     """Inputs of the first layer: any number of intruders, how each will pass, and the least separation from any of them
     that 22 simple manoeuvres keep, for any aircraft and exactly symmetric (set); or, of the most critical intruder
     alone, the bare observation (none), geometry and closest point of approach derived from it inside the network
-    (cpa), those with the intruder always left of the line to the goal, so that the policy is exactly symmetric
-    (mirror), these and the separations that twelve escape manoeuvres would keep (foresight), these and the mean command
-    of the best ones (advised), or these and the command of the single best one where its margin is a few metres
-    (pressed)."""
+    (cpa), or those with the intruder always left of the line to the goal, so that the policy is exactly symmetric
+    (mirror)."""
     encoder: tuple[Annotated[int, Field(ge=1, le=1024)], ...] = Field(default=(64, 64), min_length=1, max_length=4)
     """Widths of the layers that every intruder of a set passes, before the greatest of each number is taken."""
     log_std_initial: float = Field(default=-0.5, ge=-5.0, le=2.0)
@@ -124,9 +120,6 @@ class WorldConfig(Strict):
     separation_spread: float = Field(default=0.0, ge=0.0, le=10.0)
     """The environments require separations spread evenly from the aircraft's to this much more, separations, which the
     observation does not show: the closer an encounter comes, the more often it is lost."""
-    separation_headroom: float | None = Field(default=None, ge=0.0, le=10.0)
-    """An encounter requires no more than the best of twelve escape manoeuvres keeps less this, separations, and never
-    less than the aircraft's separation; null: the spread alone decides."""
     reward_violation: float = -100.0
     """Score of a lost separation."""
     reward_goal: float = 100.0
@@ -144,36 +137,17 @@ class WorldConfig(Strict):
 class ShapingConfig(Strict):
     """Rewards for learning besides the task's, in units of the scaled reward; scores never contain them.
 
-    The potentials (goal, escape_margin, lateness) leave the optimal policy as it is; the costs do not.
+    The potential (goal) leaves the optimal policy as it is; the costs do not.
     """
 
     goal: Weight = 0.0
     """Potential of ten separations less to the goal."""
-    escape_margin: Weight = 0.0
-    """Potential of 0.05 separations more under the best of twelve escape manoeuvres, from 0.05 less than required to
-    0.05 more."""
-    lateness: Weight = 0.0
-    """Potential of a speed that reaches the goal a tenth of the time limit early instead of a tenth too late."""
     turn_rate_cost: Weight = 0.0
     """Cost of a time step at the full turn rate; half of it costs a quarter."""
     heading_change_cost: Weight = 0.0
     """Cost of 90 degrees of turning, to either side and at any rate."""
-    rejoin_turn_cost: Weight = 0.0
-    """Cost of 90 degrees of turning towards the goal at the full rate; slower turns cost less, and up to a ninth of it
-    nothing."""
     path_excess_cost: Weight = 0.0
     """Cost of ten separations flown that bring the goal no nearer."""
-
-
-class NearLimitConfig(Strict):
-    """Hard examples: encounters that begin near the limit of what can be resolved."""
-
-    share: float = Field(default=0.0, ge=0.0, lt=1.0)
-    """Share of all encounters that are taken from 20 000 such ones, drawn before training begins; the scenarios have
-    the rest."""
-    margin: float = Field(default=0.05, gt=0.0, le=10.0)
-    """The best of twelve escape manoeuvres keeps up to this much more than the aircraft's separation in them,
-    separations. Courses are within 60 degrees of each other, and intruders fly straight on."""
 
 
 class FamilyConfig(Strict):
@@ -229,7 +203,7 @@ class CheckpointConfig(Strict):
 class TrainConfig(Strict):
     """A training run; the defaults train the paper's circle encounters with its aircraft."""
 
-    PHASE_KEYS: ClassVar = ("steps", "ppo", "world", "scenarios", "pool_rows", "near_limit", "shaping")
+    PHASE_KEYS: ClassVar = ("steps", "ppo", "world", "scenarios", "pool_rows", "shaping")
 
     name: str = Field(
         default="train",
@@ -257,7 +231,6 @@ class TrainConfig(Strict):
     """The mixture of encounters that training draws from."""
     pool_rows: int = Field(default=16, ge=1, le=10_000)
     """Encounters that are drawn per environment and update; an encounter that ends goes on with the next of them."""
-    near_limit: NearLimitConfig = NearLimitConfig()
     family: FamilyConfig = FamilyConfig()
     shaping: ShapingConfig = ShapingConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
@@ -266,7 +239,7 @@ class TrainConfig(Strict):
         default=(), max_length=16, json_schema_extra={"expected": "a list of groups of keys"}
     )
     """Parts of the training, one after the other in one run: each names what differs in it from the other keys (steps,
-    ppo, world, scenarios, pool_rows, near_limit and shaping), and goes on with the networks of the one before. Empty:
+    ppo, world, scenarios, pool_rows and shaping), and goes on with the networks of the one before. Empty:
     one phase."""
 
     def rules(self) -> Rules:
@@ -309,25 +282,14 @@ class TrainConfig(Strict):
     @model_validator(mode="after")
     def _check(self) -> "TrainConfig":
         self.drawn()
-        self._check_aircraft()
+        other = self.aircraft.aircraft()._replace(t_max=PAPER.t_max) != PAPER or self.family.share > 0.0
+        if self.network.feature_set != "set" and other:
+            raise ConfigError(
+                f"network.feature_set is {self.network.feature_set}, for the paper's aircraft alone; expected set "
+                "with another aircraft or a family"
+            )
         self.in_phases() if self.phases else None
         return self
-
-    def _check_aircraft(self) -> None:
-        if self.aircraft.aircraft() == PAPER:
-            return
-        for key, looks_ahead in (
-            ("network.feature_set", begins(self.network.feature_set, "foresight")),
-            ("shaping.escape_margin", self.shaping.escape_margin > 0.0),
-            ("near_limit.share", self.near_limit.share > 0.0),
-            ("world.separation_headroom", self.world.separation_headroom is not None),
-        ):
-            if looks_ahead:
-                raise ConfigError(
-                    f"{key} looks ahead with the limits of configs/aircraft/paper.yaml; with another aircraft, "
-                    "expected network.feature_set set, none, cpa or mirror, and no escape_margin, near_limit or "
-                    "separation_headroom"
-                )
 
 
 def _merged(whole: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:

@@ -9,29 +9,18 @@ import jax.numpy as jnp
 
 from envs.aircraft import Aircraft
 from envs.kinematics import VehicleState
-from envs.relative import bearing, distance
+from envs.relative import distance
 from envs.surrogate import State
 from rlcas_jax.config import ShapingConfig, TrainConfig
-from rlcas_jax.escape_margin import best
 
 __all__ = [
-    "FREE_TURN",
-    "escape_margin",
     "heading_change_cost",
-    "lateness",
     "learning_reward",
     "path_excess_cost",
     "potential",
-    "rejoin_turn_cost",
     "shaped",
     "turn_rate_cost",
 ]
-
-MARGIN_UNIT = 0.05
-"""Separations beyond the required one that count 1 in :func:`escape_margin`; what is beyond counts no more."""
-
-FREE_TURN = 0.35 / 3.0
-"""Share of the greatest turn rate up to which a turn towards the goal costs nothing."""
 
 
 def learning_reward(
@@ -55,9 +44,6 @@ def learning_reward(
         total = total - weights.turn_rate_cost * turn_rate_cost(yaw_rate)
     if weights.heading_change_cost:
         total = total - weights.heading_change_cost * heading_change_cost(yaw_rate, limit, dt)
-    if weights.rejoin_turn_cost:
-        cost = rejoin_turn_cost(before.own, before.goal_x, before.goal_y, yaw_rate, limit, dt)
-        total = total - weights.rejoin_turn_cost * cost
     if weights.path_excess_cost:
         cost = path_excess_cost(before.own, after.own, (before.goal_x, before.goal_y), aircraft.separation)
         total = total - weights.path_excess_cost * cost
@@ -74,48 +60,11 @@ def potential(state: State, weights: ShapingConfig, aircraft: Aircraft) -> jax.A
 
     Args:
         state: encounters in progress.
-        weights: of the distance to the goal, :func:`escape_margin` and :func:`lateness`.
-        aircraft: the ownship; ``state.required_separation`` has precedence over its separation.
+        weights: of the distance to the goal.
+        aircraft: the ownship.
     """
     left = distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp)
-    total = -weights.goal * left * (0.1 / aircraft.separation)
-    if weights.escape_margin:
-        total = total + weights.escape_margin * escape_margin(state, aircraft.separation)
-    if weights.lateness:
-        total = total - weights.lateness * lateness(state, aircraft)
-    return total
-
-
-def escape_margin(state: State, separation: float) -> jax.Array:
-    """Return what the best of twelve escape manoeuvres keeps beyond the separation, ``[N]`` in [-1, 1].
-
-    It drops within a step when a turn goes to the wrong side; a violation comes much later, and only where little
-    margin was left.
-
-    Args:
-        state: encounters in progress.
-        separation: m; ``state.required_separation`` has precedence.
-    """
-    kept = best(state.own, state.goal_x, state.goal_y, state.intruders.vehicle, state.mask, jnp)
-    spare = kept - (separation if state.required_separation is None else state.required_separation)
-    return jnp.clip(spare * (1.0 / (MARGIN_UNIT * separation)), -1.0, 1.0)
-
-
-def lateness(state: State, aircraft: Aircraft) -> jax.Array:
-    """Return how late the goal is reached at the present speed, ``[N]``.
-
-    It is 0 with a tenth of the time limit to spare and 1 if a tenth too late.
-
-    The observation does not contain the time, so that the time limit alone is learned slowly.
-
-    Args:
-        state: encounters in progress.
-        aircraft: its time step, time limit and speed.
-    """
-    left = distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp)
-    speed = jnp.maximum(state.own.speed, 0.01 * aircraft.limits.speed_max)
-    spare = aircraft.t_max - state.steps * aircraft.dt - left / speed
-    return jnp.clip(0.5 - spare * (1.0 / (0.2 * aircraft.t_max)), 0.0, 1.0)
+    return -weights.goal * left * (0.1 / aircraft.separation)
 
 
 def turn_rate_cost(yaw_rate: jax.Array) -> jax.Array:
@@ -133,26 +82,6 @@ def heading_change_cost(yaw_rate: jax.Array, limit: float, dt: float) -> jax.Arr
     """
     turned = jnp.abs(jnp.clip(yaw_rate, -1.0, 1.0)) * (limit * dt)
     return turned / (0.5 * jnp.pi)
-
-
-def rejoin_turn_cost(
-    own: VehicleState, goal_x: jax.Array, goal_y: jax.Array, yaw_rate: jax.Array, limit: float, dt: float
-) -> jax.Array:
-    """Return the cost of a step's turn towards the goal, ``[N]``, 1 for a quarter turn at the limit.
-
-    Turns up to :data:`FREE_TURN` of the limit and those away from the goal cost nothing: rejoining need not be brisk,
-    avoiding may have to be.
-
-    Args:
-        own: the ownship at the start of the step.
-        goal_x, goal_y: m.
-        yaw_rate: as commanded, 1 at the limit; what is beyond is not flown.
-        limit: of the turn rate, rad/s.
-        dt: the step, s.
-    """
-    towards = jnp.clip(yaw_rate, -1.0, 1.0) * jnp.sign(bearing(own, goal_x, goal_y, jnp))
-    excess = jnp.maximum(towards - FREE_TURN, 0.0) / (1.0 - FREE_TURN)
-    return heading_change_cost(excess, limit, dt)
 
 
 def path_excess_cost(

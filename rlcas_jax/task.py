@@ -21,7 +21,7 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import AXIS, Devices
 from rlcas_jax.fleet import fleet
 from rlcas_jax.shaping import learning_reward
-from rlcas_jax.starts import draw, near_limit, noisy
+from rlcas_jax.starts import draw, noisy
 
 __all__ = ["Task", "TrainState", "build", "fly", "ppo_settings", "seen"]
 
@@ -67,8 +67,7 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
         phase: number of the phase of training; each has draws of its own.
 
     Raises:
-        ConfigError: encounters or minibatches cannot be split over so many devices, or there are hardly any near-limit
-            starts.
+        ConfigError: encounters or minibatches cannot be split over so many devices.
     """
     devices = Devices(None) if devices is None else devices
     _check_split(config, devices.count)
@@ -79,7 +78,6 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
     parts = ppo.learner(actor, Critic(hidden, feature_set, encoder), settings)._replace(axis=devices.axis)
     world = surrogate.World(config.rules(), config.aircraft.aircraft())
     scenarios, flown_by = config.drawn(), fleet(config)
-    hard = near_limit(config)
     count, steps, axis = config.ppo.environments, config.ppo.rollout, devices.axis
     updates = max(1, config.steps // (count * steps))
 
@@ -87,7 +85,7 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
         seeded = jax.random.key(config.seed)
         seeded = jax.random.fold_in(seeded, phase) if phase else seeded
         learner_key, start_key, key = jax.random.split(seeded, 3)
-        environment = jax.tree.map(lambda a: a[0], draw(start_key, config, scenarios, 1, hard))
+        environment = jax.tree.map(lambda a: a[0], draw(start_key, config, scenarios, 1))
         first = jax.tree.map(lambda a: a[:1], environment)
         learner = ppo.initial_state(parts, learner_key, seen(first, world.aircraft, feature_set))
         return TrainState(learner, environment, jax.random.key_data(key), jnp.zeros((), jnp.int32))
@@ -121,7 +119,7 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
     def update(state: TrainState) -> tuple[TrainState, dict[str, jax.Array]]:
         pool_key, rollout_key, shuffle_key, key = jax.random.split(jax.random.wrap_key_data(state.key), 4)
         noise_key, observe_key = jax.random.split(rollout_key)
-        pool = draw(pool_key, config, scenarios, config.pool_rows, hard)
+        pool = draw(pool_key, config, scenarios, config.pool_rows)
         noise = jax.random.normal(noise_key, (steps, count, 2))
         done = state.update.astype(jnp.float32) / updates
         rate = config.ppo.learning_rate + (config.ppo.learning_rate_final - config.ppo.learning_rate) * done

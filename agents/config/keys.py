@@ -31,13 +31,9 @@ __all__ = [
 
 RENAMED = {
     "critic_first": "critic_warmup_steps",
-    "delay": "lateness",
     "detour": "path_excess_cost",
     "doubtful": "fallback_cost_threshold",
-    "escape": "escape_margin",
-    "rejoin": "rejoin_turn_cost",
     "rules": "aircraft",
-    "practice": "near_limit",
     "start_from": "warm_start",
     "swing": "heading_change_cost",
     "thorough": "exhaustive",

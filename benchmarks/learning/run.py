@@ -181,7 +181,7 @@ def _plain(interval: Interval) -> dict[str, float | None]:
 def _parsed(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
     parser = Parser(prog="python -m benchmarks.learning", description=__doc__)
     add = parser.add_argument
-    add("--config", type=Path, default=Path("configs/quick.yaml"), help="of the training (default configs/quick.yaml)")
+    add("--config", type=Path, default=Path("configs/sprint.yaml"), help="training (default configs/sprint.yaml)")
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of it; may be given many times")
     add("--learner", action="append", choices=LEARNERS, help="a learner; may be given several times (default: all)")
     add("--steps", type=int, help="environment steps of a training (default 5000000; 400000 with --quick)")

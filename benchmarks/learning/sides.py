@@ -30,7 +30,7 @@ from envs import surrogate
 from rlcas_jax import task
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.shaping import learning_reward
-from rlcas_jax.starts import draw, near_limit, noisy
+from rlcas_jax.starts import draw, noisy
 
 __all__ = ["LEARNERS", "PACKAGES", "DivergedError", "Side", "TrainingFlight", "available", "check", "side", "updates"]
 
@@ -216,7 +216,9 @@ def _orthogonal(variables: Any, key: jax.Array, head_gain: float) -> Any:
 
 
 def check(config: TrainConfig) -> None:
-    """Raise :class:`ConfigError` where the task has noisy or late reports."""
+    """Raise :class:`ConfigError` where the task has noisy or late reports, or the network takes no single vector."""
+    if config.network.feature_set == "set":
+        raise ConfigError("network.feature_set is set; expected none, cpa or mirror, as peers take one vector")
     for number, entry in enumerate(config.drawn()):
         if noisy([entry]):
             raise ConfigError(
@@ -289,14 +291,13 @@ def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
     feature_set = config.network.feature_set
     world = surrogate.World(config.rules(), config.aircraft.aircraft())
     scenarios = config.drawn()
-    hard = near_limit(config)
 
     def seen(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
         inputs, hand = derived(surrogate.observe(state, world.aircraft), feature_set)
         return hand, inputs
 
     def drawn(key: jax.Array) -> surrogate.State:
-        return draw(key, config, scenarios, config.pool_rows, hard)
+        return draw(key, config, scenarios, config.pool_rows)
 
     def begin(pool: surrogate.State) -> tuple[surrogate.State, jax.Array, jax.Array]:
         state = jax.tree.map(lambda rows: rows[0], pool)

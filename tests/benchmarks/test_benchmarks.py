@@ -20,12 +20,12 @@ from benchmarks.learning import training as learning_run
 from benchmarks.learning.sides import TrainingFlight, check
 from envs import surrogate
 from envs.gym.gymnasium_vector import DeconflictionVectorEnv
-from rlcas_jax import starts, task
+from rlcas_jax import task
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.starts import near_limit
 
 TINY = (
     "network.hidden=[8, 8]",
+    "network.feature_set=cpa",
     "ppo.environments=8",
     "ppo.rollout=16",
     "ppo.minibatch=32",
@@ -185,7 +185,6 @@ def tiny(*more: str) -> TrainConfig:
 def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: str):
     config = tiny(
         f"network.feature_set={feature_set}",
-        "shaping.escape_margin=0.3",
         "world.separation_spread=0.05",
         "scenarios=[{name: circle, weight: 0.7}, {name: head_on, weight: 0.3}]",
         "ppo.rollout=96",
@@ -233,18 +232,6 @@ def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: st
 def test_noisy_reports_are_refused():
     with pytest.raises(ConfigError, match=r"scenarios\.0: noisy has noisy or late reports"):
         check(tiny("scenarios=[{name: noisy}]"))
-
-
-def test_peers_get_the_near_limit_starts(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("rlcas_jax.starts.NEAR_LIMIT", 40)
-    monkeypatch.setattr("rlcas_jax.starts._near_limit", starts._near_limit.__wrapped__)
-    config = tiny("near_limit.share=0.9", "ppo.environments=64")
-    hard = near_limit(config)
-    assert hard is not None
-    flight = TrainingFlight(config)
-    flight.reset()
-    shared = np.isin(np.asarray(flight._pool.intruders.vehicle.x), hard.intruders.x).mean()
-    assert 0.75 < shared < 1.0
 
 
 # Peers: the learners

@@ -138,7 +138,7 @@ def test_a_seed_that_does_not_come_to_a_score_leaves_a_bound_and_no_mean():
 
 
 def test_every_learner_tries_the_same_valid_settings_whatever_their_number():
-    config = load(TrainConfig, Path("configs/quick.yaml"))
+    config = load(TrainConfig, Path("configs/sprint.yaml"))
     many = settings(config, 12)
     assert settings(config, 5) == many[:5]
     assert many[0] == {key: getattr(config.ppo, key) for key in many[0]}
@@ -163,7 +163,7 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def arguments(out: Path, *more: str) -> list[str]:
-    return [*SETS, "--config", "configs/quick.yaml", "--learner", "ours", "--out", str(out), *more]
+    return [*SETS, "--config", "configs/sprint.yaml", "--learner", "ours", "--out", str(out), *more]
 
 
 @pytest.mark.slow
@@ -217,7 +217,7 @@ def fake_process(made: list[str], stop_after: int | None = None):
 
 
 def test_trials_choose_the_setting_and_none_is_made_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    options = ["--config", "configs/quick.yaml", "--trials", "4", "--seeds", "2", "--learner", "ours"]
+    options = ["--config", "configs/sprint.yaml", "--trials", "4", "--seeds", "2", "--learner", "ours"]
     made: list[str] = []
     monkeypatch.setattr(learning, "_process", fake_process(made, stop_after=3))
     with pytest.raises(KeyboardInterrupt):
@@ -228,7 +228,7 @@ def test_trials_choose_the_setting_and_none_is_made_twice(tmp_path: Path, monkey
     summary = json.loads((tmp_path / "summary.json").read_text())
     config = load(TrainConfig, tmp_path / "runs" / "ours-seed1.yaml")
     # The last window alone, which is the same for all, is within the last fifth: the first of the best is taken.
-    assert summary["settings"]["ours"] == settings(load(TrainConfig, Path("configs/quick.yaml")), 1)[0]
+    assert summary["settings"]["ours"] == settings(load(TrainConfig, Path("configs/sprint.yaml")), 1)[0]
     assert (config.seed, config.steps) == (1, 5_000_000)
     learning.main([*options, "--out", str(tmp_path)])
     assert len(made) == 6
@@ -258,14 +258,14 @@ def test_the_best_trial_is_the_soonest_of_those_whose_seeds_all_come_to_the_scor
 def test_trials_may_be_judged_by_the_time_to_a_score(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     made: list[str] = []
     monkeypatch.setattr(learning, "_process", fake_process(made))
-    options = ["--config", "configs/quick.yaml", "--learner", "ours", "--seeds", "1", "--out", str(tmp_path)]
+    options = ["--config", "configs/sprint.yaml", "--learner", "ours", "--seeds", "1", "--out", str(tmp_path)]
     options += ["--trials", "3", "--trial-seeds", "2"]
     learning.main([*options, "--trial-target", "8"])
     assert made == [f"ours-{number}{seed}" for number in range(3) for seed in ("", "-seed1")] + ["ours-seed0"]
     summary = json.loads((tmp_path / "summary.json").read_text())
     times = [tried["time_to_8_s"] for tried in summary["trials"]["ours"]]
     soonest = min(range(3), key=lambda number: times[number][0])
-    chosen = settings(load(TrainConfig, Path("configs/quick.yaml")), 3)[soonest]
+    chosen = settings(load(TrainConfig, Path("configs/sprint.yaml")), 3)[soonest]
     assert summary["settings"]["ours"] == chosen
     assert chosen["learning_rate"] == max(tried["learning_rate"] for tried in summary["trials"]["ours"])
     with pytest.raises(ConfigError, match="made with other options"):
@@ -341,5 +341,5 @@ def test_places_that_cannot_be_written_to_are_refused(tmp_path: Path):
         learning.main(["--out", str(file)])
     with pytest.raises(ConfigError, match="there is no directory"):
         learning_run.main(
-            ["--learner", "ours", "--config", "configs/quick.yaml", "--out", str(tmp_path / "no" / "run")]
+            ["--learner", "ours", "--config", "configs/sprint.yaml", "--out", str(tmp_path / "no" / "run")]
         )

@@ -14,7 +14,6 @@ from pydantic import BaseModel
 
 from agents.config.keys import keys
 from agents.config.load import ConfigError, dump, load
-from agents.policy.features import FEATURE_SETS
 from envs.aircraft import PAPER
 from envs.encounters import SCENARIOS, scenario
 from envs.outcome import RULES
@@ -70,8 +69,7 @@ def test_the_defaults_are_the_papers_task():
 
 def test_quick_is_valid_and_says_only_what_differs_from_the_defaults():
     quick = load(TrainConfig, ROOT / "configs" / "quick.yaml")
-    assert quick.name == "quick"
-    assert quick.network.hidden == (256, 256)
+    assert (quick.name, quick.network.feature_set) == ("quick", "set")
 
 
 def test_the_aircraft_is_resolved_into_the_dump(tmp_path: Path):
@@ -143,8 +141,7 @@ def test_a_dump_repeats_the_run(
         ),
         (
             "network.feature_set=cap",
-            "--set: network.feature_set is 'cap'; expected one of advised, cpa, foresight, mirror, none, pressed, set; "
-            "did you mean cpa?",
+            "--set: network.feature_set is 'cap'; expected one of cpa, mirror, none, set; did you mean cpa?",
         ),
     ],
 )
@@ -155,7 +152,7 @@ def test_a_bad_value_is_refused_in_one_sentence(override: str, sentence: str):
 
 
 def test_feature_sets_are_those_of_the_network():
-    assert set(get_args(NetworkConfig.model_fields["feature_set"].annotation)) == {*FEATURE_SETS, "set"}
+    assert set(get_args(NetworkConfig.model_fields["feature_set"].annotation)) == {"none", "cpa", "mirror", "set"}
 
 
 def test_sizes_of_an_update():
@@ -199,6 +196,7 @@ CHANGED: dict[str, str] = {
     "steps": "1280",
     "network.hidden": "[5]",
     "network.feature_set": "none",
+    "network.encoder": "[3]",
     "network.log_std_initial": "-1.0",
     "family.share": "0.5",
     "ppo.environments": "16",
@@ -226,7 +224,6 @@ CHANGED: dict[str, str] = {
     "aircraft.traffic_speed_max_mps": "200.0",
     "aircraft.dt_s": "0.5",
     "world.separation_spread": "0.1",
-    "world.separation_headroom": "0.1",
     "world.reward_violation": "-50.0",
     "world.reward_goal": "50.0",
     "world.reward_timeout": "-5.0",
@@ -247,11 +244,8 @@ CHANGED: dict[str, str] = {
     "scenarios.0.latency": "[0.5, 1.0]",
     "pool_rows": "4",
     "shaping.goal": "0.5",
-    "shaping.escape_margin": "0.5",
-    "shaping.lateness": "0.5",
     "shaping.turn_rate_cost": "0.1",
     "shaping.heading_change_cost": "0.1",
-    "shaping.rejoin_turn_cost": "0.1",
     "shaping.path_excess_cost": "0.1",
 }
 ELSEWHERE = {
@@ -260,9 +254,6 @@ ELSEWHERE = {
         ("family.speed_min", "family.acceleration", "family.turn_radius", "family.traffic_speed"),
         "the aircraft that are flown (test_fleet)",
     ),
-    "network.encoder": "the network for sets (test_fleet)",
-    "near_limit.share": "the starts (test_starts)",
-    "near_limit.margin": "the starts (test_starts)",
     "name": "the default name of the run's directory (test_cli)",
     "warm_start": "the networks that training begins with (test_checkpoint)",
     "seed": "the draws (test_loop: another seed is another run)",
@@ -315,7 +306,6 @@ def test_the_program_does_not_change_by_itself(base: str) -> None:
 def test_a_key_changes_the_program(key: str, base: str) -> None:
     more = {
         "scenarios.0.intruders": "ppo.minibatch=16",
-        "world.separation_headroom": "world.separation_spread=0.08",
     }.get(key)
     if more is None:
         assert program(f"{key}={CHANGED[key]}") != base

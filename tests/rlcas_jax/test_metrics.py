@@ -261,7 +261,7 @@ def test_each_phase_has_its_own_keys_and_the_common_ones(file: Path, tmp_path: P
         ("{seed: 3}", r"phases\.0\.seed: expected one of steps, ppo"),
         ("{ppo: {clipp: 3}}", r"phases\.0: ppo\.clipp is unknown .* did you mean ppo\.clip"),
         ("{ppo: {minibatch: 5}}", r"phases\.0: ppo\.minibatch is 5; expected a divisor"),
-        ("{world: {vehicle: {speed_max_mps: 90}}}", r"phases\.0\.world\.vehicle"),
+        ("{world: {vehicle: {speed_max_mps: 90}}}", r"phases\.0: world\.vehicle"),
         ("{ppo: 3}", r"phases\.0: ppo is 3; expected a group of keys"),
         ("3", r"phases\.0 is 3"),
     ],
@@ -318,5 +318,5 @@ def test_a_kill_in_either_phase_loses_nothing(whole: Run, file: Path, tmp_path: 
 
 def test_the_best_configuration_has_two_phases() -> None:
     first, second = load(TrainConfig, ROOT / "configs" / "best.yaml").in_phases()
-    assert (first.steps, second.steps) == (20_000_000, 40_000_000)
-    assert first.network == second.network
+    assert first.steps < second.steps
+    assert (first.network, first.family) == (second.network, second.family)

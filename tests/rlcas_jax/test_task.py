@@ -7,19 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents.config.load import ConfigError, load
+from agents.config.load import load
 from envs import encounters, surrogate
 from envs.aircraft import PAPER
 from envs.encounters import Encounter, scenario
 from envs.outcome import RULES, Outcome
-from rlcas_jax import starts
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.escape_margin import best
-from rlcas_jax.starts import draw, near_limit, required_separation
 from rlcas_jax.task import Task, TrainState, build, fly
 
 SMALL = [
-    "network.hidden=[8]",
+    "network={hidden: [8], feature_set: cpa}",
     "ppo.environments=32",
     "ppo.rollout=96",
     "ppo.minibatch=768",
@@ -29,7 +26,7 @@ SMALL = [
     "pool_rows=4",
     "steps=15360",
 ]
-SHAPED = ["shaping.goal=2.0", "shaping.lateness=1.0"]
+SHAPED = ["shaping.goal=2.0"]
 UPDATES = 5
 
 
@@ -131,7 +128,12 @@ def test_the_state_holds_what_the_mixture_needs() -> None:
 
 
 def test_policies_are_judged_by_the_aircrafts_separation() -> None:
-    task = task_of("world.separation_spread=0.2", "world.reward_timeout=-20.0", "aircraft.separation_m=1200")
+    task = task_of(
+        "world.separation_spread=0.2",
+        "world.reward_timeout=-20.0",
+        "aircraft.separation_m=1200",
+        "network.feature_set=set",
+    )
     assert task.rules == RULES._replace(separation=1200.0, reward_timeout=-20.0, goal_radius=600.0, dt=1.2, t_max=360.0)
 
 
@@ -143,24 +145,6 @@ def test_required_separations_are_spread_over_the_range() -> None:
     # Any 64 neighbours are as good as all of them.
     for first in range(0, 1024, 64):
         np.testing.assert_allclose(np.sort(required[first : first + 64]), np.linspace(1_000.0, 1_080.0, 64), atol=3.0)
-
-
-def test_no_start_requires_more_than_a_manoeuvre_keeps() -> None:
-    pool = jax.tree.map(lambda field: field.reshape(16, 16, *field.shape[1:]), drawn_starts(256))
-    kept = np.asarray(best(pool.own, pool.goal_x, pool.goal_y, pool.intruders, pool.mask, jnp))
-    given = ["world.separation_spread=4", "world.separation_headroom=0.5"]
-    config = load(TrainConfig, None, given)
-    required = np.asarray(required_separation(pool, config))
-    alike = np.broadcast_to(config.world.required_separation(16, 1_000.0), (16, 16))
-    np.testing.assert_array_equal(required_separation(pool, load(TrainConfig, None, given[:1])), alike)
-    assert required_separation(pool, load(TrainConfig, None, given[1:])) is None
-    assert np.all(required >= 1_000.0)
-    assert np.all((required <= kept - 500.0 + 1e-2) | (required == 1_000.0))
-    # Where there is room the spread alone decides.
-    np.testing.assert_array_equal(required[kept >= 5_500.0], alike[kept >= 5_500.0])
-    assert np.any(required == 1_000.0)
-    assert np.any((required > 1_000.0) & (required < alike))
-    assert np.any(kept >= 5_500.0)
 
 
 def test_each_encounter_is_lost_by_its_required_separation() -> None:
@@ -269,60 +253,3 @@ def test_evaluation_flies_the_actors_mean(plain: Task) -> None:
     drawn = drawn_starts()
     found = plain.evaluate(variables, drawn._replace(mask=jnp.zeros_like(drawn.mask)))
     assert np.all(found.timeout)
-
-
-# Near-limit starts: hard examples that replace a share of the scenarios' starts.
-
-
-@pytest.fixture
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Look for 100 near-limit starts only."""
-    monkeypatch.setattr(starts, "NEAR_LIMIT", 100)
-    starts._near_limit.cache_clear()
-
-
-def spare(found: Encounter) -> np.ndarray:
-    """Return what the best manoeuvre keeps beyond 1000 m."""
-    return best(found.own, found.goal_x, found.goal_y, found.intruders, found.mask, np) - 1_000.0
-
-
-@pytest.mark.usefixtures("few")
-def test_near_limit_starts_have_the_margin_and_the_share() -> None:
-    config = load(
-        TrainConfig,
-        None,
-        [
-            "near_limit.margin=0.03",
-            "near_limit.share=0.4",
-            "ppo.environments=64",
-            "scenarios=[{name: multi}]",
-        ],
-    )
-    found = near_limit(config)
-    assert found is not None
-    assert found.goal_x.shape == (100,)
-    left = spare(found)
-    assert np.all((left > -0.05) & (left <= 30.05))  # rounded to float32
-    assert np.quantile(left, 0.75) - np.quantile(left, 0.25) > 5.0
-    starts._near_limit.cache_clear()
-    again = near_limit(config)
-    assert again is not None
-    np.testing.assert_array_equal(found.own.x, again.own.x)
-    drawn = draw(jax.random.key(1), config, config.drawn(), 50, found)
-    chosen = np.isin(np.asarray(drawn.own.heading), found.own.heading)
-    assert chosen.mean() == pytest.approx(0.4, abs=0.05)
-    # The whole encounter is taken, and intruders that it does not have are absent.
-    np.testing.assert_array_equal(np.asarray(drawn.mask)[chosen].sum(-1), 1)
-    assert np.all(np.isin(np.asarray(drawn.goal_x)[chosen], found.goal_x))
-
-
-@pytest.mark.usefixtures("few")
-def test_no_near_limit_starts_by_default() -> None:
-    assert near_limit(TrainConfig()) is None
-
-
-@pytest.mark.usefixtures("few")
-def test_near_limit_starts_that_hardly_exist_are_refused() -> None:
-    config = load(TrainConfig, None, ["near_limit.share=0.1", "near_limit.margin=1e-7"])
-    with pytest.raises(ConfigError, match=r"near_limit\.margin"):
-        near_limit(config)
