@@ -295,12 +295,6 @@ def test_load(tmp_path):
         Policy.load(path, np.float16)
 
 
-def test_shipped_policy_that_is_absent_is_said_so(monkeypatch):
-    monkeypatch.setattr(inference, "_SHIPPED", "data/absent.safetensors")
-    with pytest.raises(PolicyFileError, match=r"agents/data/absent\.safetensors: .*ships no policy"):
-        Policy.load()
-
-
 def test_parity_vectors_are_checked(tmp_path):
     """A file in perfect order whose network decides otherwise than the training framework did."""
     path = tmp_path / "p.safetensors"

@@ -15,10 +15,8 @@ from safetensors.numpy import load, save
 from agents.policy import file as policy_file
 from agents.policy.features import size
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read, serialise, write
-from agents.policy.schema import ACTION, OBSERVATION, canonical, digest, new_metadata
-from envs.aircraft import PAPER
-from envs.kinematics import SURROGATE, VehicleState, commands
-from envs.observation import decode, observe
+from agents.policy.schema import OBSERVATION, canonical, digest, new_metadata
+from envs.kinematics import SURROGATE
 
 KEY = "rlcas_policy"
 
@@ -347,16 +345,3 @@ def test_failed_write_leaves_nothing_behind(tmp_path, monkeypatch):
     with pytest.raises(PolicyFileError, match="cannot be written: No space left"):
         write(tmp_path / "p.safetensors", content())
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_contract_says_what_the_world_does():
-    """The scaling that is written into files is that of ``envs.observation``."""
-    middle, half = np.array(OBSERVATION["middle"]), np.array(OBSERVATION["half_range"])
-    own, intruder = VehicleState(0.0, 0.0, 0.5, 80.0), VehicleState(3000.0, 4000.0, -1.5, 60.0)
-    observation = observe(own, intruder, 0.0, -7000.0, PAPER, np)
-    quantities = [80.0, 0.5, 60.0, -1.5, np.arctan2(4, 3) - 0.5, 5000.0, -np.pi / 2 - 0.5, 7000.0]
-    np.testing.assert_allclose(observation * half + middle, quantities, atol=1e-6)
-    geometry = decode(observation, PAPER, np)
-    assert geometry.own_speed == pytest.approx(80.0)
-    assert ACTION["names"] == ["acceleration", "yaw_rate"]
-    assert commands((1.0, 1.0), SURROGATE, np) == (SURROGATE.acceleration_max, SURROGATE.yaw_rate_max)

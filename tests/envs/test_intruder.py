@@ -2,15 +2,18 @@
 
 import math
 
+import jax
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envs import intruder
+from envs import intruder, observation
+from envs.aircraft import PAPER
 from envs.intruder import Intent, IntruderState
 from envs.kinematics import Limits, VehicleState, advance
 from envs.perception import Sensor, carried_back, perceive
+from tests.envs.test_surrogate import COUNT, FEW, WORLD, encounters, observe, reset, step
 from tests.strategies import ARRAY_BACKENDS, Backend, angle_between, mirrored, random_states, states
 
 STEPS = 300
@@ -148,7 +151,6 @@ def test_all_three_gains_act() -> None:
 
 
 # Reports of the intruder: perfect ones change nothing, noise has its statistics and latency lets it grow.
-
 LIMITS = Limits(0.0, 150.0, -0.5, 0.5, math.radians(3.0))
 SILENCE = np.zeros((4, 1))
 
@@ -226,3 +228,52 @@ def test_the_four_draws_act_on_their_own_component() -> None:
         history = carried_back(now, 1.0, np), carried_back(now, 2.0, np)
         found = perceive(now, *history, Sensor(30.0, 3.0, 1.5), noise, 1.0, np)
         np.testing.assert_allclose([found.x[0] - now.x[0], found.y[0] - now.y[0]], [east, north], atol=1e-6)
+
+
+# Reports.
+NO_NOISE = np.zeros((4, FEW, 1), np.float32)
+
+
+def test_perfect_reports_are_no_reports() -> None:
+    state = reset(encounters("maneuvering", count=FEW))
+    np.testing.assert_allclose(observe(state, NO_NOISE), observe(state), atol=1e-6)
+
+
+@pytest.mark.parametrize("latency", [1.0, 2.0])
+def test_a_late_report_shows_the_intruder_where_it_would_be_had_it_not_turned(latency: float) -> None:
+    """The present observation of an intruder dead-reckoned from its true state of one or two seconds ago."""
+    starts = encounters("maneuvering", count=FEW)
+    starts = starts._replace(
+        intent=Intent(*(np.full((FEW, 1), value, np.float32) for value in (0.0, 1.5, math.radians(3.0)))),
+        sensor=Sensor(*(np.full((FEW, 1), value, np.float32) for value in (0.0, 0.0, latency))),
+    )
+    state = reset(starts, history_dt=1.0)
+    history = [state.intruders.vehicle]
+    for _ in range(5):
+        state, _ = step(state, (np.zeros(FEW, np.float32), np.ones(FEW, np.float32)), WORLD)
+        history.append(state.intruders.vehicle)
+    old = VehicleState(*(np.asarray(field[:, 0], np.float64) for field in history[-1 - int(latency)]))
+    carried = old._replace(
+        x=old.x + latency * old.speed * np.cos(old.heading), y=old.y + latency * old.speed * np.sin(old.heading)
+    )
+    own = VehicleState(*(np.asarray(field, np.float64) for field in state.own))
+    expected = observation.observe(own, carried, starts.goal_x, starts.goal_y, PAPER, np)
+    found = np.asarray(observe(state, NO_NOISE))
+    difference = np.abs(found - expected)
+    assert np.max(np.minimum(difference, 2.0 - difference)) < 2e-5
+    assert np.min(np.abs(found - np.asarray(observe(state)))[:, 3]) > 1e-3
+
+
+def test_before_the_first_step_a_late_report_is_that_of_straight_flight() -> None:
+    state = reset(encounters("noisy", count=FEW), history_dt=1.0)
+    np.testing.assert_allclose(observe(state, NO_NOISE), observe(state), atol=1e-5)
+
+
+def test_noise_moves_the_intruder_and_leaves_the_rest_alone() -> None:
+    state = reset(encounters("noisy"), history_dt=1.0)
+    noisy = np.asarray(observe(state, jax.random.normal(jax.random.key(0), (4, COUNT, 1))))
+    exact = np.asarray(observe(state))
+    np.testing.assert_array_equal(noisy[:, [0, 1, 6, 7]], exact[:, [0, 1, 6, 7]])
+    assert np.all(np.abs(noisy - exact)[:, 2:6].max(axis=0) > 0.0)
+    off = 1e4 * (noisy - exact)[:, 5]
+    assert 20.0 < off.std() < 60.0

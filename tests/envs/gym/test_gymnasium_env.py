@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from envs import encounters, flight, starts, surrogate
 from envs.aircraft import PAPER
-from envs.encounters import SCENARIOS, Encounter, EncounterError
+from envs.encounters import SCENARIOS, Encounter
 from envs.gym.gymnasium_env import ENV_ID, DeconflictionEnv
 from envs.gym.gymnasium_vector import DeconflictionVectorEnv
 from envs.intruder import Intent
@@ -342,84 +342,3 @@ def test_one_row_of_drawn_encounters_can_be_given():
     own, _ = env.reset(seed=2, options={"encounter": 3})
     np.testing.assert_array_equal(given, own)
     np.testing.assert_array_equal(again, own)
-
-
-@pytest.mark.parametrize("make", [DeconflictionEnv, lambda **options: vector(2, **options)], ids=["single", "vector"])
-class TestBadInput:
-    @pytest.mark.parametrize(
-        ("action", "sentence"),
-        [
-            ([0.0, 0.0, 0.0], r"action has shape \(.*3,?\); expected \(.*2,?\)"),
-            (0.0, r"action has shape .*; expected"),
-            ([0.0, math.nan], r"is nan; expected a finite number"),
-            ([math.inf, 0.0], r"is inf; expected a finite number"),
-            (["left", "right"], r"is not numeric"),
-        ],
-    )
-    def test_actions(self, make, action, sentence):
-        env = make()
-        env.reset(seed=0)
-        wide = [action] * 2 if isinstance(env, DeconflictionVectorEnv) else action
-        with pytest.raises(error.InvalidAction, match=sentence):
-            env.step(wide)
-        # What was refused has changed nothing.
-        env.step(np.zeros(env.action_space.shape))
-
-    def test_step_before_reset(self, make):
-        with pytest.raises(error.ResetNeeded, match="step was called before reset"):
-            make().step(STRAIGHT)
-
-    @pytest.mark.parametrize(
-        ("options", "sentence"),
-        [
-            ({"scenario": "circel"}, r"scenario 'circel' is unknown; .*circle"),
-            ({"scenario": 3}, r"scenario is 3; expected a name"),
-            ({"encounters": 3}, r"reset option 'encounters' is unknown; did you mean 'encounter'\?"),
-            ({"encounter": -1}, r"encounter number is -1; expected 0 or more"),
-            ({"encounter": 1.5}, r"'encounter' is 1.5; expected a number or an Encounter"),
-            ({"encounter": encounter(own=(0.0, 0.0, 0.0, 30.0))}, r"own.speed is 30; expected within 50..100"),
-            ({"encounter": encounter(goal=(math.nan, 0.0))}, r"goal_x is nan; expected a finite number"),
-            ({"encounter": encounter()._replace(mask=[False])}, r"mask leaves an encounter without intruders"),
-            ({"encounter": encounter()._replace(goal_x=[1.0, 2.0, 3.0])}, r"goal_x has shape \(3,\); expected"),
-            ({"encounter": encounter()._replace(goal_x="far")}, r"goal_x is not numeric"),
-        ],
-    )
-    def test_options(self, make, options, sentence):
-        with pytest.raises(EncounterError, match=sentence):
-            make().reset(seed=0, options=options)
-
-    def test_constructor(self, make):
-        with pytest.raises(EncounterError, match="scenario 'spiral' is unknown"):
-            make(scenario="spiral")
-        with pytest.raises(EncounterError, match=r"rules.dt is 0.5 s; expected 1 s, the aircraft's time step"):
-            make(scenario="noisy", rules=RULES._replace(dt=0.5))
-        with pytest.raises(error.UnsupportedMode, match="render_mode is 'ansi'"):
-            make(render_mode="ansi")
-
-    def test_seed(self, make):
-        with pytest.raises(EncounterError, match=r"expected 0 <= seed < 2\*\*64"):
-            make().reset(seed=2**64)
-
-
-def test_bad_input_of_the_vector_environment_alone():
-    with pytest.raises(ValueError, match="num_envs is 0; expected 1 or more"):
-        DeconflictionVectorEnv(0)
-    many = vector(2)
-    with pytest.raises(EncounterError, match=r"seed is \[1, 2\]; expected one integer"):
-        many.reset(seed=[1, 2])
-    with pytest.raises(EncounterError, match="have 1 intruder columns and scenario 'multi', which follows them, has 8"):
-        many.reset(seed=0, options={"encounter": batch(encounter(), 2), "scenario": "multi"})
-    many.close()
-    with pytest.raises(error.ClosedEnvironmentError, match="closed; make a new one"):
-        many.step(np.zeros((2, 2)))
-
-
-def test_what_is_returned_belongs_to_the_caller():
-    many = vector(2)
-    seen, infos = many.reset(seed=0)
-    kept = seen.copy()
-    following, *_ = many.step(np.zeros((2, 2)))
-    np.testing.assert_array_equal(seen, kept)
-    following[:] = 0.0
-    infos["min_separation"][:] = 0.0
-    assert many.step(np.zeros((2, 2)))[4]["min_separation"].min() > 0.0
