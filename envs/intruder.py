@@ -25,8 +25,9 @@ __all__ = [
 ]
 
 LOOKAHEAD = 10_000_000.0
-"""Distance of the waypoint, m: no intruder reaches it and turns back, and a turn's own displacement does not bend the
-course flown after it (with 50 km, a change of 120 degrees at 1 degree/s would end at 131)."""
+"""Distance of the waypoint, m for each second of a time step: no intruder reaches it and turns back, and a turn's own
+displacement does not bend the course flown after it (with 50 km, a change of 120 degrees at 1 degree/s would end at
+131)."""
 
 INTRUDER_LIMITS = Limits(0.0, 150.0, -0.5, 0.5, math.radians(3.0))
 """Of the paper's traffic."""
@@ -36,7 +37,7 @@ _COASTING = Limits(0.0, math.inf, 0.0, 0.0, math.inf)
 
 
 class Gains(NamedTuple):
-    """PID gains from the heading error (rad) to the yaw rate (rad/s)."""
+    """PID gains from the heading error to the turn in a time step: with 0.5 a step takes half of the error back."""
 
     proportional: float = 0.5
     integral: float = 0.0
@@ -81,7 +82,7 @@ class IntruderState(NamedTuple):
     error: Any
     """Heading error of the step before, rad."""
     error_sum: Any
-    """Integrated heading error, rad s."""
+    """Sum of the heading errors, rad times steps."""
 
 
 def start(vehicle: VehicleState, xp: Any) -> IntruderState:
@@ -97,9 +98,16 @@ def start(vehicle: VehicleState, xp: Any) -> IntruderState:
 
 
 def step(
-    state: IntruderState, intent: Intent | Recording, time: Any, dt: float, xp: Any, gains: Gains = GAINS
+    state: IntruderState,
+    intent: Intent | Recording,
+    time: Any,
+    dt: Any,
+    xp: Any,
+    gains: Gains = GAINS,
+    *,
+    response: Any = None,
 ) -> IntruderState:
-    """Advance the intruder by one controller step, or by one row of its recording.
+    """Advance the intruder by one step of its motion, or by one row of its recording.
 
     Args:
         state: ``[..., K]``.
@@ -108,23 +116,24 @@ def step(
         dt: duration of the step, s.
         xp: array namespace.
         gains: of the heading controller.
+        response: time step that the gains count in, s, where the motion's is another; None: ``dt``.
     """
+    response = dt if response is None else response
+    far = LOOKAHEAD * response
     vehicle = state.vehicle
     if isinstance(intent, Recording):
         return state._replace(vehicle=_recorded(vehicle, intent, time, dt))
     # The intent changes in the one step that begins at or within dt after the onset.
     changes = xp.logical_and(time >= intent.onset, time - dt < intent.onset)
     sine, cosine = sincos(wrap(vehicle.heading + intent.heading_change, xp), xp)
-    waypoint_x = xp.where(changes, vehicle.x + LOOKAHEAD * cosine, state.waypoint_x)
-    waypoint_y = xp.where(changes, vehicle.y + LOOKAHEAD * sine, state.waypoint_y)
+    waypoint_x = xp.where(changes, vehicle.x + far * cosine, state.waypoint_x)
+    waypoint_y = xp.where(changes, vehicle.y + far * sine, state.waypoint_y)
 
     error = wrap(atan2(waypoint_y - vehicle.y, waypoint_x - vehicle.x, xp) - vehicle.heading, xp)
-    error_sum = state.error_sum + error * dt
-    command = (
-        gains.proportional * error
-        + gains.integral * error_sum
-        + gains.derivative * wrap(error - state.error, xp) * (1.0 / dt)
-    )
+    error_sum = state.error_sum + error * (dt / response)
+    change = wrap(error - state.error, xp) * (response / dt)
+    command = gains.proportional * error + gains.integral * error_sum + gains.derivative * change
+    command = command * (1.0 / response)
     yaw_rate = xp.clip(command, -intent.turn_rate, intent.turn_rate)
     moved = advance(vehicle, error * 0.0, yaw_rate, dt, _COASTING, xp)
     return IntruderState(moved, waypoint_x, waypoint_y, error, error_sum)

@@ -176,7 +176,7 @@ class EncounterFlight:
         acceleration, yaw_rate = self.line.commands(before, self.time)
         self.vehicle.step(acceleration, yaw_rate, PERIOD)
         after = self.own
-        self._intruders = intruder.step(self._intruders, self._intent, self.time, PERIOD, np)
+        self._intruders = intruder.step(self._intruders, self._intent, self.time, PERIOD, np, response=1.0)
         self.time = round(self.time + PERIOD, 6)
         apart = leg_separation(before, after, others, self._intruders.vehicle, PERIOD, np)
         least = float(np.min(apart, initial=math.inf))
