@@ -56,6 +56,8 @@ class Kind(Enum):
     """No point of the route can be reached in time."""
     ROUTE_TOO_SHORT = "route_too_short"
     """The route ends before the plan does, and may not be extended."""
+    DEADLINE = "deadline"
+    """The computation ended before everything was searched."""
     START_IN_VIOLATION = "start_in_violation"
     """An intruder is closer than the separation at the request already."""
 
@@ -123,6 +125,8 @@ class Plan:
     """Extra path, time and reversals as metres (:mod:`agents.planner.fallback`)."""
     advisory: str | None = None
     """A remark for the operator, such as that the policy's own plan was not safe."""
+    unsearched: tuple[str, ...] = ()
+    """What the deadline left out or cut short: ``policy``, ``fallback``, ``refinement``, ``goal 2``, ..."""
     certify: Callable[[], bytes] | None = field(default=None, repr=False, compare=False)
     """Makes the certificate of a SAFE plan as it was made from its request; None otherwise."""
 
@@ -130,6 +134,11 @@ class Plan:
     def safe(self) -> bool:
         """Whether it may be flown."""
         return self.status is Status.SAFE
+
+    @property
+    def searched(self) -> bool:
+        """Whether everything was searched that the options ask for."""
+        return not self.unsearched
 
     @property
     def certificate(self) -> bytes | None:

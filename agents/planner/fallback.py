@@ -15,8 +15,9 @@ import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre
 from agents.manoeuvres.escape_search import CHILDREN, COARSE, ELITES, SPREAD, STAGES, concatenated, scaled, within_range
+from agents.planner.budget import Budget
 from agents.planner.candidates import REVERSAL_WEIGHT, TIME_WEIGHT, Proposals, empty, evaluate, keep_best
-from agents.planner.fallback_flight import fly_out
+from agents.planner.fallback_flight import Effort, fly_out
 from agents.planner.options import Options, aggressive_limits
 from agents.planner.request import Request
 from envs.draws import normals, uniforms
@@ -34,13 +35,14 @@ _ENOUGH = 12  # manoeuvres of a request that end well
 _PATIENCE, _PROGRESS = 3, 0.2  # rounds of the refinement, and the part of what is missing that they must bring
 
 
-def search(request: Request, goal: Any, options: Options) -> Proposals:
+def search(request: Request, goal: Any, options: Options, budget: Budget) -> Proposals:
     """Return the best plan that the family's stages hold, ``[N]``.
 
     Args:
         request: ``[N]``.
         goal: number of the route's point to rejoin at, ``[N]``.
         options: how plans shall be.
+        budget: ends the search.
     """
     best, aircraft = empty(goal.size, options.waypoints), options.aircraft
     last = replace(options, manoeuvre=aggressive_limits(options))
@@ -49,11 +51,13 @@ def search(request: Request, goal: Any, options: Options) -> Proposals:
     for stage, wanted, longest in stages:
         left = np.flatnonzero(~best.safe)
         for part in _parts(left, stage.turn.size):
-            _improve(best, part, request, goal, scaled(stage, aircraft), wanted, longest * aircraft.dt)
+            if budget.ends("fallback"):
+                return best
+            _improve(best, part, request, goal, scaled(stage, aircraft), wanted, longest * aircraft.dt, budget)
     return best
 
 
-def refine(request: Request, goal: Any, options: Options) -> Proposals:
+def refine(request: Request, goal: Any, options: Options, budget: Budget) -> Proposals:
     """Return the best plan of a random refinement of the nearest misses, ``[N]``."""
     best, options = empty(goal.size, options.waypoints), replace(options, manoeuvre=aggressive_limits(options))
     changes = normals(0, 0, _ROUNDS, (len(SPREAD), CHILDREN))
@@ -67,14 +71,19 @@ def refine(request: Request, goal: Any, options: Options) -> Proposals:
     history = np.full((goal.size, _ROUNDS + 1), -np.inf)
     for part in _parts(np.arange(goal.size), _SEEDS.turn.size):
         left, pool, scores = part, np.zeros((len(SPREAD), part.size, 0)), np.zeros((part.size, 0))
+        spent = 0.0
         for index in range(_ROUNDS + 1):
+            if budget.ends("refinement", spent):
+                return best
+            begun = budget.now
             if index == 0:
                 tried = np.broadcast_to(seeds[:, None], (len(SPREAD), left.size, seeds.shape[-1]))
             else:
                 spread = spreads * changes[index - 1] * 0.8 ** (index - 1)
                 tried = within_range(pool[..., parents[index - 1]] + spread[:, None])
             # What begins was validated by the stages before as far as it was promising.
-            score = _tried(best, left, request, goal, tried, options, judge=index > 0)
+            score = _tried(best, left, request, goal, tried, options, budget, judge=index > 0)
+            spent = budget.now - begun
             pool = np.concatenate([pool, tried], axis=-1)
             scores = np.concatenate([scores, score], axis=-1)
             order = _elites(pool[0], scores)
@@ -101,7 +110,17 @@ def _elites(turn: Any, scores: Any) -> Any:
     return np.concatenate([np.argsort(-side, axis=-1, kind="stable")[:, :each] for side in sides], axis=-1)
 
 
-def _tried(best: Proposals, left: Any, request: Request, goal: Any, tried: Any, options: Options, judge: bool) -> Any:
+def _tried(
+    best: Proposals,
+    left: Any,
+    request: Request,
+    goal: Any,
+    tried: Any,
+    options: Options,
+    budget: Budget,
+    *,
+    judge: bool,
+) -> Any:
     """Fly manoeuvres ``[8, n, M]``, complete and validate them; return how near each is to a safe plan, ``[n, M]``.
 
     Without ``judge`` they are only flown, and ranked by the clearance on the way.
@@ -109,7 +128,7 @@ def _tried(best: Proposals, left: Any, request: Request, goal: Any, tried: Any, 
     each = tried.shape[-1]
     request, goal, which = take(request, left), goal[left], np.repeat(np.arange(left.size), each)
     family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
-    flown = fly_out(request, goal, which, family, options, -np.inf, tried.size)
+    flown = fly_out(request, goal, which, family, options, Effort(-np.inf, tried.size, budget=budget))
     if not judge:
         fault = np.where(np.isfinite(flown.rollout.time), 0.0, 1e6)
         return (np.minimum(flown.clearance, 1e4) - fault).reshape(left.size, each)
@@ -122,14 +141,21 @@ def _tried(best: Proposals, left: Any, request: Request, goal: Any, tried: Any, 
 
 
 def _improve(
-    best: Proposals, part: Any, request: Request, goal: Any, stage: Manoeuvre, options: Options, longest: float = np.inf
+    best: Proposals,
+    part: Any,
+    request: Request,
+    goal: Any,
+    stage: Manoeuvre,
+    options: Options,
+    longest: float,
+    budget: Budget,
 ) -> None:
     """Try a stage of the family on some requests."""
     each, hopeless = stage.turn.size, _HOPELESS * options.aircraft.separation
     reversal = REVERSAL_WEIGHT * options.aircraft.separation
     request, goal, which = take(request, part), goal[part], np.repeat(np.arange(part.size), each)
     family = Manoeuvre(*(np.tile(field, part.size) for field in stage))
-    flown = fly_out(request, goal, which, family, options, hopeless, _ENOUGH, longest)
+    flown = fly_out(request, goal, which, family, options, Effort(hopeless, _ENOUGH, longest, budget))
     rollout = flown.rollout
     arrived = np.isfinite(rollout.time) & (flown.clearance >= hopeless)
     # The same cost as of plans, but for what is equal for all manoeuvres of a request.

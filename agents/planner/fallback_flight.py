@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.manoeuvres.direct_to_goal import EVERY, clear
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly_away, takeoff
+from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request, required_separation
 from agents.planner.rollout import Rollout
@@ -19,7 +20,7 @@ from envs.kinematics import Limits, VehicleState
 from envs.relative import leg_separation
 from envs.trees import take
 
-__all__ = ["Flown", "fly_out", "stride_of"]
+__all__ = ["Effort", "Flown", "fly_out", "stride_of"]
 
 _AT_ONCE = 6  # strides flown at once at first
 _PAIRS = 8_192  # strides times manoeuvres times intruders at once: more do not stay in a core's cache
@@ -38,16 +39,20 @@ class Flown(NamedTuple):
     """Smallest distance to any intruder less the required one, until then, m; an estimate."""
 
 
-def fly_out(
-    request: Request,
-    goal: Any,
-    which: Any,
-    manoeuvre: Manoeuvre,
-    options: Options,
-    least: float,
-    enough: int,
-    longest: float = np.inf,
-) -> Flown:
+class Effort(NamedTuple):
+    """When manoeuvres are given up."""
+
+    least: float
+    """Below this clearance, m."""
+    enough: int
+    """Once so many of a request's manoeuvres have ended well, the others are."""
+    longest: float = np.inf
+    """Latest time at which a manoeuvre may turn back, s."""
+    budget: Budget = Budget()
+    """Ends the flight of all."""
+
+
+def fly_out(request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, options: Options, effort: Effort) -> Flown:
     """Fly manoeuvres until the direct way to the goal is clear, ``[M]``.
 
     Args:
@@ -56,10 +61,9 @@ def fly_out(
         which: number of the request of each manoeuvre, ``[M]``.
         manoeuvre: ``[M]``.
         options: how plans shall be.
-        least: clearance, m, below which a manoeuvre is given up.
-        longest: latest time at which a manoeuvre may turn back, s.
-        enough: once so many of a request's manoeuvres have ended well, the others are given up.
+        effort: when manoeuvres are given up.
     """
+    least, enough, longest, budget = effort
     task, stride, smoothing = task_of(options), stride_of(options), options.smoothing
     last = int(min(task.until, longest) / stride + 1e-9)
     number = np.arange(goal.size)
@@ -68,7 +72,7 @@ def fly_out(
     landed = _Landed(which.size, last)
     rows, of, arrivals, first = np.arange(which.size), which, np.zeros(goal.size, dtype=int), 0
     flight, closest = takeoff(take(request.own, of), manoeuvre), np.full(which.size, np.inf)
-    while rows.size and first <= last:
+    while rows.size and first <= last and not budget.ends("fallback"):
         count = min(_at_once(rows.size * scene.required.shape[-1], first), last + 1 - first)
         # What ends in one of these strides is flown to the last of them for nothing; calls cost more than that.
         strides = np.arange(first, first + count)

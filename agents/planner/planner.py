@@ -13,6 +13,7 @@ import numpy as np
 
 from agents.planner import fallback
 from agents.planner.answer import Plan
+from agents.planner.budget import Budget
 from agents.planner.candidates import empty, evaluate, keep_best
 from agents.planner.certificate import certificate
 from agents.planner.options import Options, task_of
@@ -56,8 +57,9 @@ def plan(
     """
     options = Options.for_aircraft(policy.aircraft) if options is None else options
     request, excluded, kept = checked(own, intruders, route, options, own_altitude)
-    plans = _planned(request, policy, options, True)
-    answer = published(request, plans, route, excluded, kept, options)
+    budget = Budget(options.deadline_s)
+    plans = _planned(request, policy, options, budget, floats=True)
+    answer = published(request, plans, route, excluded, kept, options, tuple(budget.skipped))
     if not answer.safe:
         return answer
     start = VehicleState(*(float(field[0]) for field in request.own))
@@ -66,7 +68,7 @@ def plan(
 
 
 def plan_many(request: Request, policy: Policy, options: Options, *, floats: bool = False) -> Plans:
-    """Plan many requests, ``[N]``; each is planned as if it were alone.
+    """Plan many requests, ``[N]``; each is planned as if it were alone, and without a deadline.
 
     Args:
         request: ``[N]``; taken as it is: in range, with two points of the route at least.
@@ -78,26 +80,23 @@ def plan_many(request: Request, policy: Policy, options: Options, *, floats: boo
         RequestError: a number is not finite.
     """
     finite(request)
-    return _planned(request, policy, options, floats and request.points.size == 1)
+    return _planned(request, policy, options, Budget(), floats=floats and request.points.size == 1)
 
 
-def _planned(request: Request, policy: Policy, options: Options, floats: bool) -> Plans:
+def _planned(request: Request, policy: Policy, options: Options, budget: Budget, *, floats: bool) -> Plans:
     """Plan requests of which every number is finite."""
     count = request.points.size
     goals = eligible(request, options)
-    best, source, policy_safe = (
-        empty(count, options.waypoints),
-        np.zeros(count, dtype=np.int8),
-        np.zeros(count, dtype=bool),
-    )
+    best = empty(count, options.waypoints)
+    source, policy_safe = np.zeros(count, dtype=np.int8), np.zeros(count, dtype=bool)
     for choice in range(options.goals):
         rows = np.flatnonzero(~best.safe & (goals[:, choice] >= 0))
-        if rows.size == 0:
+        if rows.size == 0 or budget.ends(f"goal {choice + 1}"):
             break
         part, goal = request if rows.size == count else take(request, rows), goals[rows, choice]
         to = part.route_x[np.arange(rows.size), goal], part.route_y[np.arange(rows.size), goal]
         required = required_separation(part, options) + options.slack
-        flown = roll(part.own, part.traffic, to, required, policy, task_of(options), floats=floats)
+        flown = roll(part.own, part.traffic, to, required, policy, task_of(options), budget, floats=floats)
         plans = evaluate(part, flown, goal, options)
         wanting = ~plans.safe | (plans.cost > options.fallback_cost_threshold)
         if count == 1 and choice == 0 and not wanting[0]:
@@ -108,11 +107,11 @@ def _planned(request: Request, policy: Policy, options: Options, floats: bool) -
         if choice == 0:
             policy_safe[rows] = plans.safe
         if wanting.any():
-            found = fallback.search(take(part, wanting), goal[wanting], options)
+            found = fallback.search(take(part, wanting), goal[wanting], options, budget)
             source[keep_best(best, rows[wanting], found)] = _FALLBACK
         # Where the route is too short for one manoeuvre it is for all.
         left = ~best.safe[rows] & ~best.too_short[rows] & options.exhaustive
         if left.any():
-            found = fallback.refine(take(part, left), goal[left], options)
+            found = fallback.refine(take(part, left), goal[left], options, budget)
             source[keep_best(best, rows[left], found)] = _FALLBACK
     return Plans(best, source, policy_safe)

@@ -47,6 +47,7 @@ def published(
     excluded: tuple[Excluded, ...],
     kept: list[int],
     options: Options,
+    skipped: tuple[str, ...] = (),
 ) -> Plan:
     """Write the plan of one request.
 
@@ -57,6 +58,7 @@ def published(
         excluded: intruders that were left out.
         kept: numbers of the others.
         options: how plans shall be.
+        skipped: what was not searched.
     """
     best = take(plans.proposals, 0)
     waypoints = _waypoints(best, route)
@@ -64,6 +66,9 @@ def published(
     valid = bool(best.findings.safe)
     safe = valid and not slips
     reasons = tuple(slips) if valid else (*_reasons(request, best, kept, options), *slips)
+    if skipped and not safe:
+        what = f"options.deadline_s of {options.deadline_s:g} s was reached before: {', '.join(skipped)}"
+        reasons = (*reasons, Reason(Kind.DEADLINE, "options.deadline_s", what))
     advisory = None
     if safe and not plans.policy_safe[0]:
         advisory = "the policy's own plan to the next point of the route was not safe"
@@ -79,6 +84,7 @@ def published(
         waypoints,
         float(best.cost) if waypoints else float("nan"),
         advisory,
+        skipped,
     )
 
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import EVERY, Task, clear
+from agents.planner.budget import Budget
 from agents.planner.traffic import Traffic, predicted
 from agents.policy.inference import Policy
 from envs.backend import FLOATS
@@ -48,6 +49,7 @@ def roll(
     required: Any,
     policy: Policy,
     task: Task,
+    budget: Budget | None = None,
     *,
     floats: bool = False,
 ) -> Rollout:
@@ -60,11 +62,14 @@ def roll(
         required: separation from the intruders on the direct way, m, ``[N, K]``.
         policy: decides.
         task: limits and end.
+        budget: ends the flight of a single request in plain floats; None: nothing does.
         floats: roll a single request (N = 1) in plain floats.
     """
     if floats:
         start = VehicleState(*(float(field[0]) for field in own))
-        return _roll_one(start, traffic, (float(goal[0][0]), float(goal[1][0])), required, policy, task)
+        return _roll_one(
+            start, traffic, (float(goal[0][0]), float(goal[1][0])), required, policy, task, budget or Budget()
+        )
     limits = task.limits
     count = np.size(own.x)
     steps = steps_of(task)
@@ -105,7 +110,13 @@ def roll(
 
 
 def _roll_one(
-    own: VehicleState, traffic: Traffic, goal: tuple[float, float], required: Any, policy: Policy, task: Task
+    own: VehicleState,
+    traffic: Traffic,
+    goal: tuple[float, float],
+    required: Any,
+    policy: Policy,
+    task: Task,
+    budget: Budget,
 ) -> Rollout:
     """Roll one request in plain floats: its state and goal, intruders ``[1, K]``; fields ``[1]`` and ``[1, S]``."""
     limits, steps, dt = task.limits, steps_of(task), task.dt
@@ -139,7 +150,7 @@ def _roll_one(
             result.time[0], result.direct[0] = step * dt, not arrived
             result.path[0], result.turn_sign[0], result.reversals[0] = path, turn_sign, reversals
             break
-        if step == steps:
+        if step == steps or (step % EVERY == 0 and budget.ends("policy")):
             break
         action = policy.command_one(state, seen, goal_x, goal_y)
         acceleration, yaw_rate = commands(action, limits, FLOATS)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from agents.manoeuvres.escape_manoeuvre import Flight, Manoeuvre, fly, fly_away, takeoff
 from agents.manoeuvres.escape_search import COARSE, STAGES, concatenated, scaled
 from agents.planner import fallback_flight as fallback
-from agents.planner.fallback_flight import Flown, fly_out, stride_of
+from agents.planner.fallback_flight import Effort, Flown, fly_out, stride_of
 from agents.planner.options import Options
 from agents.planner.request import Request
 from envs.aircraft import PAPER
@@ -53,7 +53,7 @@ def flown(
     count, each = request.points.size, family.turn.size
     which = np.repeat(np.arange(count), each)
     every = Manoeuvre(*(np.tile(field, count) for field in family))
-    return fly_out(request, np.ones(count, int), which, every, options or OPTIONS, least, enough, longest)
+    return fly_out(request, np.ones(count, int), which, every, options or OPTIONS, Effort(least, enough, longest))
 
 
 def assert_same(first: Any, second: Any) -> None:

@@ -1,6 +1,7 @@
 """Plans keep their contract, say why they are not safe, and do not depend on how they were asked for."""
 
 import math
+import time
 from dataclasses import replace
 from typing import Any
 
@@ -14,9 +15,9 @@ from agents.planner.request import Altitude, Intruder, Options, Request
 from agents.planner.rollout import roll
 from agents.planner.traffic import Requirement, Traffic
 from agents.policy.inference import Policy
-from envs.aircraft import PAPER
+from envs.aircraft import PAPER, new_aircraft, ratios
 from envs.encounters import Encounter, scenario
-from envs.kinematics import C208_PUBLISHED, VehicleState
+from envs.kinematics import C208_PUBLISHED, Limits, VehicleState
 from envs.starts import numbered
 from envs.trees import take
 from envs.waypoints import RoutePoint
@@ -171,7 +172,7 @@ def test_what_cannot_be_avoided_is_unresolved_with_reasons(policy: Policy) -> No
     answer = plan(OWN, [VehicleState(1_400.0, 0.0, math.pi, 80.0)], ROUTE, policy)
     assert answer.status is Status.UNRESOLVED
     assert answer.min_separation < 1_000.0
-    assert [reason.kind for reason in answer.reasons] == [Kind.SEPARATION]
+    assert [reason.kind for reason in answer.reasons if reason.kind is not Kind.DEADLINE] == [Kind.SEPARATION]
     reason = answer.reasons[0]
     assert reason.field == "intruders[0]"
     assert reason.time is not None
@@ -363,3 +364,77 @@ def test_starts_inside_the_margin_are_not_refused_by_it(policy: Policy) -> None:
         behind = VehicleState(-distance, 0.0, math.pi, 80.0)
         answer = plan(OWN, [behind], ROUTE, policy, replace(OPTIONS, requirement=Requirement(1_000.0, margin=50.0)))
         assert answer.safe, distance
+
+
+def test_the_deadline_ends_the_search_and_says_what_it_left_out(policy: Policy) -> None:
+    near = [
+        VehicleState(3_000.0 * math.cos(a), 3_000.0 * math.sin(a), a - math.copysign(math.pi, a), 100.0)
+        for a in np.arange(-3.1, 3.1, 0.7).tolist()
+    ]
+    whole, cut = (plan(OWN, near, ROUTE, policy, replace(OPTIONS, deadline_s=limit)) for limit in (math.inf, 0.02))
+    assert whole.searched and whole.unsearched == ()
+    assert not cut.safe and not cut.searched and cut.unsearched
+    assert cut.reasons[-1].kind is Kind.DEADLINE and cut.unsearched[0] in cut.reasons[-1].message
+    none = plan(OWN, near, ROUTE, policy, replace(OPTIONS, deadline_s=0.0))
+    assert none.status is Status.UNRESOLVED and "goal 1" in none.unsearched
+
+
+def test_answers_come_within_the_deadline(policy: Policy, encounters: Encounter) -> None:
+    crowds = numbered(scenario("multi", PAPER, intruders=(4, 8)), 3, 0, 12)
+    request, late = request_of(crowds, PAPER), []
+    for number in range(12):
+        asked = ask(request, number)
+        began = time.thread_time()
+        plan(*asked, policy, OPTIONS)
+        late.append(time.thread_time() - began - OPTIONS.deadline_s)
+    assert max(late) < 0.02  # 5 ms on a quiet machine; caches that others use cost more
+
+
+def scaled_to(request: Request, number: int, length: float, pace: float) -> tuple[Any, ...]:
+    own, intruders, route = ask(request, number)
+
+    def state(one: VehicleState) -> VehicleState:
+        return VehicleState(length * one.x, length * one.y, one.heading, pace * one.speed)
+
+    return state(own), [state(one) for one in intruders], [replace(p, x=length * p.x, y=length * p.y) for p in route]
+
+
+class InOtherUnits:
+    """The paper's policy, asked in the units of an aircraft of the same ratios."""
+
+    def __init__(self, policy: Policy, length: float, pace: float) -> None:
+        self._policy, self._units = policy, (length, length, 1.0, pace)
+
+    def command_one(self, own: VehicleState, intruders: Any, goal_x: float, goal_y: float) -> tuple[float, float]:
+        own, *others = (VehicleState(*(v / u for v, u in zip(s, self._units, strict=True))) for s in (own, *intruders))
+        return self._policy.command_one(own, others, goal_x / self._units[0], goal_y / self._units[0])
+
+
+@pytest.mark.parametrize(("length", "pace"), [(2.0, 1.0), (0.5, 1.0)])
+def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(policy: Policy, length: float, pace: float) -> None:
+    # At other speeds legs differ a little: a receiver knows their curve from the waypoints alone (envs.waypoints).
+    limits, unit = PAPER.limits, pace / length
+    other = new_aircraft(
+        Limits(
+            *(pace * limits.speed_min, pace * limits.speed_max),
+            *(pace * unit * limits.acceleration_min, pace * unit * limits.acceleration_max),
+            unit * limits.yaw_rate_max,
+        ),
+        length * PAPER.separation,
+        dt=PAPER.dt / unit,
+    )
+    assert ratios(other.limits, other.separation) == pytest.approx(ratios(PAPER.limits, PAPER.separation))
+    mine, theirs = (replace(Options.for_aircraft(one, exhaustive=False), deadline_s=math.inf) for one in (PAPER, other))
+    alike: Any = InOtherUnits(policy, length, pace)
+    sources = set()
+    for name in ("circle", "multi"):
+        request = request_of(numbered(scenario(name, PAPER), 6, 0, 10), PAPER)
+        for number in range(10):
+            answer = plan(*ask(request, number), policy, mine)
+            same = plan(*scaled_to(request, number, length, pace), alike, theirs)
+            assert (same.status, same.source, same.goal_index) == (answer.status, answer.source, answer.goal_index)
+            for one, two in zip(answer.waypoints, same.waypoints, strict=True):
+                expected = length * one.x, length * one.y, one.heading, pace * one.speed, one.time / unit
+                assert (two.x, two.y, two.heading, two.speed, two.time) == pytest.approx(expected, rel=1e-6, abs=1e-3)
+            sources.add(answer.source)
+    assert sources >= {Source.POLICY, Source.FALLBACK}
