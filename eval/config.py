@@ -1,6 +1,5 @@
 """The configuration of a Monte Carlo evaluation: the model behind ``configs/monte_carlo.yaml`` and ``--set``."""
 
-import math
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
@@ -10,10 +9,11 @@ from agents.baselines.baselines import BASELINES
 from agents.config.keys import nearest
 from agents.config.load import ConfigError, Strict
 from agents.config.world import AircraftConfig, ScenarioConfig, VehicleConfig
-from agents.planner.options import Options, default_margin
+from agents.planner.answer import RequestError
+from agents.planner.options import Options, check
 from agents.planner.traffic import Requirement
 from agents.policy.inference import Policy
-from envs.aircraft import PAPER, Aircraft
+from envs.aircraft import Aircraft
 from envs.encounters import SCENARIOS, Scenario
 from envs.kinematics import Limits
 from envs.sobol import REPLICATES
@@ -39,7 +39,6 @@ _Model = TypeVar("_Model", bound=Strict)
 
 _DEFAULT_ENCOUNTERS = 10_000
 _LARGEST_CHUNK = 1_250
-_AVAILABLE = {"mode": ("policy", "plan", "assured"), "baseline": tuple(BASELINES)}
 
 
 class Setting(NamedTuple):
@@ -53,25 +52,27 @@ class Setting(NamedTuple):
 class PlannerConfig(Strict):
     """How plans are made and flown in the modes that plan."""
 
-    margin: float = Field(default=default_margin(PAPER), ge=0.0, le=5_000.0)
-    """Added to the required separation, m: what the follower may leave of the plan."""
-    goal_radius: float = Field(default=500.0, gt=100.0, le=5_000.0)
-    """Within which a point of the route counts as rejoined, m."""
-    rejoin_by: float = Field(default=300.0, ge=20.0, le=340.0)
-    """Latest time of that, s."""
+    margin: float | None = Field(default=None, ge=0.0)
+    """Added to the required separation, m: what the follower may leave of the plan; null: 0.02 m for the paper's
+    aircraft, others in proportion."""
+    goal_radius: float | None = Field(default=None, gt=0.0)
+    """Within which a point of the route counts as rejoined, m; null: the aircraft's."""
+    rejoin_by: float | None = Field(default=None, gt=0.0)
+    """Latest time of that, s; null: the aircraft's time limit."""
     goals: int = Field(default=3, ge=1, le=10)
     """Points of the route that are tried, the next one first."""
     direct: bool = True
     """Whether the policy's flight ends as soon as the direct way to the goal is clear; otherwise only at the goal."""
-    fallback_cost_threshold: float | None = Field(default=1_500.0, ge=0.0)
-    """Cost of a safe plan of the policy's above which the fallback is searched too, m; 0: always, null: never."""
+    fallback_cost_threshold: float | None = Field(default=None, ge=0.0)
+    """Cost of a safe plan of the policy's above which the fallback is searched too, m; 0: always; null: 1.5 required
+    separations."""
     exhaustive: bool = True
     """Whether the slow refinement is tried before a request is given up."""
     vehicle: VehicleConfig | None = Field(
         default=None, json_schema_extra={"expected": "null, the path of a YAML file, or a group of keys"}
     )
-    """Limits of the legs and of the vehicle that follows them; manoeuvres keep inside the surrogate's, too; null: the
-    Cessna 208's as the paper states them."""
+    """Limits of the legs and of the vehicle that follows them; manoeuvres keep inside the aircraft's, too; null: the
+    aircraft's with the reserve that the paper's Cessna 208 has."""
 
     def setting(self, aircraft: Aircraft) -> Setting:
         """Return this as the planner takes it: manoeuvres inside both the aircraft's limits and the vehicle's.
@@ -79,18 +80,18 @@ class PlannerConfig(Strict):
         Raises:
             ConfigError: there is no speed that both have.
         """
-        costly = math.inf if self.fallback_cost_threshold is None else self.fallback_cost_threshold
+        changes: dict[str, Any] = {name: getattr(self, name) for name in ("direct", "goals", "exhaustive")}
+        given = {name: getattr(self, name) for name in ("rejoin_by", "fallback_cost_threshold")}
+        changes |= {name: value for name, value in given.items() if value is not None}
+        if self.margin is not None:
+            changes["requirement"] = Requirement(aircraft.separation, self.margin)
+        radius = aircraft.goal_radius if self.goal_radius is None else self.goal_radius
+        vehicle = None if self.vehicle is None else self.vehicle.limits()
         try:
-            options = Options.for_aircraft(
-                aircraft._replace(goal_radius=self.goal_radius),
-                None if self.vehicle is None else self.vehicle.limits(),
-                requirement=Requirement(aircraft.separation, self.margin),
-                rejoin_by=self.rejoin_by,
-                direct=self.direct,
-                goals=self.goals,
-                fallback_cost_threshold=costly,
-                exhaustive=self.exhaustive,
-            )
+            options = Options.for_aircraft(aircraft._replace(goal_radius=radius), vehicle, **changes)
+            check(options)
+        except RequestError as problem:
+            raise ConfigError(f"planner: {problem}") from None
         except ValueError as problem:
             raise ConfigError(f"planner.vehicle: {problem}") from None
         return Setting(options, options.limits)
@@ -151,6 +152,8 @@ class MonteCarloConfig(Strict):
 
     files: ClassVar[tuple[str, ...]] = PREFIXES
     """Scenarios of files that can be flown."""
+    modes: ClassVar[tuple[str, ...]] = ("policy", "plan", "assured")
+    baselines: ClassVar[tuple[str, ...]] = tuple(BASELINES)
     quasi: ClassVar[bool] = True
     """Whether encounters can be drawn quasi-randomly: intervals must know of it."""
 
@@ -207,9 +210,9 @@ class MonteCarloConfig(Strict):
     @field_validator("mode", "baseline")
     @classmethod
     def _available(cls, value: str, info: ValidationInfo) -> str:
-        known = _AVAILABLE[str(info.field_name)]
+        known = cls.modes if info.field_name == "mode" else cls.baselines
         if value not in known:
-            raise ConfigError(f"{value!r} is not available in this version; expected {' or '.join(known)}")
+            raise ConfigError(f"{value!r} is not available here; expected one of {', '.join(known)}")
         return value
 
     @field_validator("draws")
@@ -217,7 +220,7 @@ class MonteCarloConfig(Strict):
     def _drawable(cls, value: str) -> str:
         known = ("random", "sobol") if cls.quasi else ("random",)
         if value not in known:
-            raise ConfigError(f"{value!r} is not available here; expected {' or '.join(known)}")
+            raise ConfigError(f"{value!r} is not available here; expected one of {', '.join(known)}")
         return value
 
     @field_validator("policy")
@@ -280,8 +283,13 @@ class MonteCarloConfig(Strict):
         return _DEFAULT_ENCOUNTERS if self.encounters is None else self.encounters
 
     def flown_aircraft(self, policy: Policy) -> Aircraft:
-        """Return the aircraft that is flown."""
-        return policy.aircraft if self.aircraft is None else self.aircraft.aircraft()
+        """Return the aircraft that is flown.
+
+        Raises:
+            OutsideDomainError: the policy was not trained for it, and that is not allowed.
+        """
+        aircraft = policy.aircraft if self.aircraft is None else self.aircraft.aircraft()
+        return policy.for_aircraft(aircraft, outside="allow" if self.allow_outside_domain else "refuse").aircraft
 
     def chunk_for(self, encounters: int, workers: int) -> int:
         """Return the size of the chunks of so many encounters among so many workers."""

@@ -42,7 +42,7 @@ TOLERANCE = 1e-5
 _SHIPPED = "data/policy.safetensors"
 _BOUND = 1.0 + TOLERANCE
 _NOT_FINITE = "the policy gives an action that is not finite; expected bounded weights"
-_BEHIND = 20_000.0  # m
+_BEHIND = 20.0  # separations
 _BLOCK = 256  # rows at a time, whose activations stay in cache; changes no bit
 
 
@@ -84,6 +84,7 @@ class Policy:
         self.sha256 = content.sha256
         self.metadata = content.metadata
         self.limits, self.aircraft = content.limits, content.aircraft
+        self._scales = PAPER  # of the observations of a network for one intruder
         self._content, self._source = content, source
         self.most = content.metadata["architecture"]["intruders"] if content.of_set else 1
         self._set: SetNetwork | None = None
@@ -128,6 +129,12 @@ class Policy:
         other = copy(self)
         other.aircraft, other.limits = aircraft, aircraft.limits
         other._kept = KeptByOne(ratios(aircraft.limits, aircraft.separation))
+        trained = self._content.aircraft
+        other._scales = _scaled(
+            PAPER,
+            aircraft.separation / trained.separation,
+            aircraft.limits.speed_max / trained.limits.speed_max,
+        )
         return other
 
     @classmethod
@@ -193,9 +200,9 @@ class Policy:
             each, places = VehicleState(*(field.reshape(wide) for field in seen)), present.reshape(wide)
             return self._of_states(one, each, places, goal_x.reshape(-1), goal_y.reshape(-1)).reshape(*shape, 2)
         if not present.any(axis=-1).all():
-            seen, present = _never_alone(own, seen, present)
-        chosen = most_critical(own, seen, present, PAPER, np)
-        observation = observe(own, chosen, goal_x, goal_y, PAPER, np)
+            seen, present = _never_alone(own, seen, present, self._scales)
+        chosen = most_critical(own, seen, present, self._scales, np)
+        observation = observe(own, chosen, goal_x, goal_y, self._scales, np)
         actions = self.rowwise(observation.reshape(-1, SIZE).astype(np.float32)).astype(float)
         return actions.reshape(*shape, 2)
 
@@ -217,10 +224,10 @@ class Policy:
         if len(intruders) == 1:
             other = intruders[0]
         elif intruders:
-            other = min(intruders, key=lambda one: criticality(own, one, PAPER, FLOATS))
+            other = min(intruders, key=lambda one: criticality(own, one, self._scales, FLOATS))
         else:
-            other = _absent(own, FLOATS)
-        return self.decide(observe(own, other, goal_x, goal_y, PAPER, FLOATS))
+            other = _absent(own, self._scales, FLOATS)
+        return self.decide(observe(own, other, goal_x, goal_y, self._scales, FLOATS))
 
     def _one_of_set(
         self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
@@ -343,16 +350,31 @@ class Policy:
         return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
 
 
-def _absent(own: VehicleState, xp: Any) -> VehicleState:
+def _scaled(aircraft: Aircraft, length: float, speed: float) -> Aircraft:
+    """Return an aircraft whose lengths and speeds are so many times as large."""
+    limits = aircraft.limits._replace(
+        speed_min=speed * aircraft.limits.speed_min, speed_max=speed * aircraft.limits.speed_max
+    )
+    return aircraft._replace(
+        limits=limits,
+        separation=length * aircraft.separation,
+        traffic_speed_max=speed * aircraft.traffic_speed_max,
+    )
+
+
+def _absent(own: VehicleState, scales: Aircraft, xp: Any) -> VehicleState:
     """Return an intruder without effect: as far behind as an observation can say, flying away."""
     sine, cosine = sincos(own.heading, xp)
     away = wrap(own.heading + np.pi, xp)
-    return VehicleState(own.x - _BEHIND * cosine, own.y - _BEHIND * sine, away, own.speed * 0.0 + 50.0)
+    behind, speed = _BEHIND * scales.separation, scales.limits.speed_min
+    return VehicleState(own.x - behind * cosine, own.y - behind * sine, away, own.speed * 0.0 + speed)
 
 
-def _never_alone(own: VehicleState, seen: VehicleState, present: np.ndarray) -> tuple[VehicleState, np.ndarray]:
+def _never_alone(
+    own: VehicleState, seen: VehicleState, present: np.ndarray, scales: Aircraft
+) -> tuple[VehicleState, np.ndarray]:
     """Return intruders ``[..., K]`` and which exist, with one without effect where there was none."""
-    behind = _absent(own, np)
+    behind = _absent(own, scales, np)
     if present.shape[-1] == 0:
         return VehicleState(*(field[..., None] for field in behind)), np.ones((*own.x.shape, 1), bool)
     alone = ~present.any(axis=-1, keepdims=True)

@@ -92,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "weighted": weighted,
         **summarise(table, comparison.entries, chosen, options.confidence, options.resamples, options.seed),
         **said(comparison.evaluation.source),
-        **described(aircraft, aircraft),
+        **described(aircraft, None),
         "wall_s": time.perf_counter() - begun,
         "versions": versions("numpy", "scipy", "pyarrow"),
     }

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from agents.policy.inference import OutsideDomainError, Policy
 from envs.aircraft import Aircraft, new_aircraft
 from envs.edge.command import ConfigError
 from envs.kinematics import Limits
@@ -11,17 +12,19 @@ from envs.kinematics import Limits
 __all__ = ["aircraft_of", "described", "lines_about"]
 
 
-def described(flown: Aircraft, policy: Aircraft) -> dict[str, Any]:
-    """Return what a summary says of the aircraft, in JSON types, SI.
+def described(flown: Aircraft, policy: Policy | None) -> dict[str, Any]:
+    """Return what a summary says of the aircraft as flown, and of the one that the policy was trained for.
 
-    Args:
-        flown: as flown.
-        policy: that the policy was trained for.
+    In JSON types, SI; None stands for policies of this very aircraft.
     """
     warning = None
-    if flown != policy:
-        warning = f"the policy was trained for another aircraft: {_line(policy)}"
-    return {"aircraft": _plain(flown), "policy_aircraft": _plain(policy), "aircraft_warning": warning}
+    if policy is not None:
+        try:
+            policy.for_aircraft(flown)
+        except OutsideDomainError as problem:
+            warning = str(problem)
+    trained = flown if policy is None else policy.aircraft
+    return {"aircraft": _plain(flown), "policy_aircraft": _plain(trained), "aircraft_warning": warning}
 
 
 def aircraft_of(summary: Mapping[str, Any]) -> Aircraft:

@@ -6,6 +6,7 @@ on the process that works on it or on what it has worked on before.
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import reduce
 from pathlib import Path
@@ -72,11 +73,16 @@ class Evaluation(NamedTuple):
         return self.aircraft.limits
 
 
-class Pilot(NamedTuple):
-    """An evaluation with its policy loaded."""
+@dataclass(frozen=True)
+class Pilot:
+    """An evaluation with its policy, which takes the evaluation's aircraft; commands have refused what is no good."""
 
     evaluation: Evaluation
     policy: Policy
+
+    def __post_init__(self) -> None:
+        adapted = self.policy.for_aircraft(self.evaluation.aircraft, outside="allow")
+        object.__setattr__(self, "policy", adapted)
 
     @classmethod
     def load(cls, evaluation: Evaluation) -> "Pilot":

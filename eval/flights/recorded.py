@@ -62,7 +62,7 @@ def fly_in_mode(
         recorder: takes the trajectories.
         endless: whether a loss of separation is no violation.
     """
-    evaluation, policy = pilot
+    evaluation, policy = pilot.evaluation, pilot.policy
     aircraft, setting = evaluation.aircraft, evaluation.setting
     if evaluation.mode == "policy":
         return None, fly(starts, pilot.decider, aircraft, noise=noise, recorder=recorder, endless=endless)

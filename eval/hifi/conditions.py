@@ -1,70 +1,107 @@
 """What a flight of the true aircraft meets: loading, altitude, wind, turbulence and sensors, drawn by its number."""
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
+from pydantic import Field, model_serializer, model_validator
+
+from agents.config.load import ConfigError, Strict
 from envs import draws
 from envs.c208.conditions import TURBULENCE, Conditions, Loading
 
-__all__ = ["CONDITIONS", "Drawn", "Family", "drawn"]
+__all__ = ["CONDITIONS", "ConditionConfig", "Drawn", "drawn"]
 
 _STREAM = 1 << 40  # of the draws; the lower ones belong to starts and to the sensors' noise by step
 
-
-@dataclass(frozen=True)
-class Family:
-    """A family of conditions; pairs (low, high) are ranges of uniform draws."""
-
-    weight_lb: tuple[float, float] | None = None
-    """With fuel; None: the variant's greatest."""
-    centre_of_gravity: tuple[float, float] = (0.32, 0.32)
-    """Share of the mean chord."""
-    inertia_factor: tuple[float, float] = (1.0, 1.0)
-    drag_factor: tuple[float, float] = (1.0, 1.0)
-    lift_slope_factor: tuple[float, float] = (1.0, 1.0)
-    altitude_m: tuple[float, float] = (2500.0, 2500.0)
-    wind_mps: tuple[float, float] = (0.0, 0.0)
-    """Speed of the wind; it blows to any direction."""
-    turbulence: tuple[str, ...] = ("none",)
-    """One of these, each equally likely."""
-    wind_error_mps: float = 0.0
-    """One sigma per axis of the error with which the planner knows the wind."""
-    position_std: float = 0.0
-    """Noise of the intruders' reported positions, one sigma per axis, m."""
-    velocity_std: float = 0.0
-    """Noise of the intruders' reported velocities, one sigma per axis, m/s."""
-    latency: tuple[float, float] = (0.0, 0.0)
-    """Age of the intruders' reports, s."""
-    own_position_std: float = 0.0
-    """Slow error of the own navigation, one sigma per axis, m."""
-
-
-_WIND = (0.0, 15.0)
-_LOADED = Family(
-    weight_lb=(6500.0, 8807.0),
-    centre_of_gravity=(0.25, 0.38),
-    inertia_factor=(0.7, 1.3),
-    drag_factor=(0.92, 1.08),
-    lift_slope_factor=(0.95, 1.05),
-)
-_NOISE: dict[str, Any] = {
-    "position_std": 30.0,
-    "velocity_std": 3.0,
-    "latency": (1.0, 2.0),
-    "own_position_std": 5.0,
+_Range = tuple[float, float]
+_WIND: dict[str, Any] = {"wind_mps": (0.0, 15.0)}
+_LOADED: dict[str, Any] = {
+    "weight_lb": (6500.0, 8807.0),
+    "centre_of_gravity": (0.25, 0.38),
+    "inertia_factor": (0.7, 1.3),
+    "drag_factor": (0.92, 1.08),
+    "lift_slope_factor": (0.95, 1.05),
 }
+_MIXED = _LOADED | _WIND | {"turbulence": tuple(TURBULENCE), "wind_error_mps": 1.0, "own_position_std": 5.0}
 
-CONDITIONS: dict[str, Family] = {
-    "calm": Family(),
+CONDITIONS: dict[str, dict[str, Any]] = {
+    "calm": {},
     "loaded": _LOADED,
-    "wind": Family(wind_mps=_WIND),
-    "light": Family(wind_mps=_WIND, turbulence=("light",)),
-    "moderate": Family(wind_mps=_WIND, turbulence=("moderate",)),
-    "mixed": replace(_LOADED, wind_mps=_WIND, turbulence=tuple(TURBULENCE), wind_error_mps=1.0, own_position_std=5.0),
-    "noisy": replace(_LOADED, wind_mps=_WIND, turbulence=tuple(TURBULENCE), wind_error_mps=1.0, **_NOISE),
+    "wind": _WIND,
+    "light": _WIND | {"turbulence": ("light",)},
+    "moderate": _WIND | {"turbulence": ("moderate",)},
+    "mixed": _MIXED,
+    "noisy": _MIXED | {"position_std": 30.0, "velocity_std": 3.0, "latency": (1.0, 2.0)},
 }
-"""The families by name: each thing alone, then everything but the intruders' sensors, then everything."""
+"""The families by name, as what they change of calm: each thing alone, then everything but the intruders' sensors, then
+everything."""
+
+_BOUNDS: dict[str, _Range] = {
+    "weight_lb": (5500.0, 8900.0),
+    "centre_of_gravity": (0.15, 0.4033),
+    "inertia_factor": (0.5, 2.0),
+    "drag_factor": (0.7, 1.5),
+    "lift_slope_factor": (0.8, 1.2),
+    "altitude_m": (300.0, 7000.0),
+    "wind_mps": (0.0, 30.0),
+    "latency": (0.0, 2.0),
+}
+
+
+class ConditionConfig(Strict):
+    """A family of conditions, some of its numbers changed; pairs are ranges of uniform draws.
+
+    The defaults are those of calm; another family has others where its name says so.
+    """
+
+    name: Literal["calm", "loaded", "wind", "light", "moderate", "mixed", "noisy"] = "calm"
+    """The family that the numbers below change."""
+    weight_lb: _Range | None = None
+    """Range of the weight with fuel, lb, within 5500 to 8900; null: the variant's greatest."""
+    centre_of_gravity: _Range = (0.32, 0.32)
+    """Range of the centre of gravity, share of the mean chord, within 0.15 to 0.4033."""
+    inertia_factor: _Range = (1.0, 1.0)
+    """Range of the factor on all moments of inertia, within 0.5 to 2."""
+    drag_factor: _Range = (1.0, 1.0)
+    """Range of the factor on the zero-lift drag, within 0.7 to 1.5."""
+    lift_slope_factor: _Range = (1.0, 1.0)
+    """Range of the factor on the lift curve's slope, within 0.8 to 1.2."""
+    altitude_m: _Range = (2500.0, 2500.0)
+    """Range of the altitude that is held, m above the sea, within 300 to 7000."""
+    wind_mps: _Range = (0.0, 0.0)
+    """Range of the wind's speed, m/s, within 0 to 30; it blows to any direction."""
+    turbulence: tuple[str, ...] = ("none",)
+    """Turbulence of MIL-F-8785C: none, light or moderate; one of those named is drawn."""
+    wind_error_mps: float = Field(default=0.0, ge=0.0, le=15.0)
+    """Error with which the planner knows the wind, one sigma per axis, m/s."""
+    position_std: float = Field(default=0.0, ge=0.0, le=1_000.0)
+    """Noise of the intruders' reported positions, one sigma per axis, m."""
+    velocity_std: float = Field(default=0.0, ge=0.0, le=50.0)
+    """Noise of the intruders' reported velocities, one sigma per axis, m/s."""
+    latency: _Range = (0.0, 0.0)
+    """Range of the age of the intruders' reports, s, within 0 to 2."""
+    own_position_std: float = Field(default=0.0, ge=0.0, le=100.0)
+    """Error of the own navigation, one sigma per axis, m; it changes within a minute."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_family(cls, data: Any) -> Any:
+        return CONDITIONS.get(str(data.get("name")), {}) | data if isinstance(data, dict) else data
+
+    @model_validator(mode="after")
+    def _check(self) -> "ConditionConfig":
+        for key, (low, high) in _BOUNDS.items():
+            pair = getattr(self, key)
+            if pair is not None and not low <= pair[0] <= pair[1] <= high:
+                raise ConfigError(f"{key} is [{pair[0]}, {pair[1]}]; expected [low, high] within {low} to {high}")
+        if not self.turbulence or set(self.turbulence) - set(TURBULENCE):
+            raise ConfigError(f"turbulence is {list(self.turbulence)}; expected a list of {', '.join(TURBULENCE)}")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _changed(self, handler: Any) -> dict[str, Any]:
+        usual = {key: field.default for key, field in type(self).model_fields.items()} | CONDITIONS[self.name]
+        return {key: value for key, value in handler(self).items() if key == "name" or getattr(self, key) != usual[key]}
 
 
 class Drawn(NamedTuple):
@@ -79,7 +116,7 @@ class Drawn(NamedTuple):
     """Of the intruders' reports, s."""
 
 
-def drawn(family: Family, seed: int, number: int, takeoff_weight: float) -> Drawn:
+def drawn(family: ConditionConfig, seed: int, number: int, takeoff_weight: float) -> Drawn:
     """Return the conditions of flight ``number`` of a seed.
 
     Args:

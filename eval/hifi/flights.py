@@ -28,7 +28,7 @@ from eval.config import Setting
 from eval.flights.plan_flight import request_of
 from eval.flights.plan_mode import perceived_at_start
 from eval.flights.simulate import sensor_noise
-from eval.hifi.conditions import Drawn, Family, drawn
+from eval.hifi.conditions import ConditionConfig, Drawn, drawn
 from eval.hifi.errors import Errors, against, rolled
 from eval.hifi.flight import Flight, Guided, Pilot, Traffic, fly
 from eval.hifi.pilots import Assured, Closed, Follower
@@ -51,11 +51,11 @@ class Campaign(NamedTuple):
     aircraft: Aircraft
     """That decisions and plans are made for; its time step is 1 s."""
     mode: str
-    """One of :data:`eval.hifi.config.HIFI_MODES`."""
+    """plan, closed or assured."""
     setting: Setting
     vehicle: str
     """That flies, one of :data:`eval.hifi.config.VEHICLES`."""
-    family: Family
+    family: ConditionConfig
     """Of the conditions."""
     wind_plan: str
     """``air`` or ``ground``."""
@@ -110,7 +110,8 @@ class LoadedCampaign:
         Raises:
             PolicyFileError: the file cannot be used.
         """
-        return Policy.load(self.campaign.policy) if self._given is None else self._given
+        policy = Policy.load(self.campaign.policy) if self._given is None else self._given
+        return policy.for_aircraft(self.campaign.aircraft, outside="allow")
 
 
 def scene_of(campaign: Campaign, number: int) -> Scene:

@@ -126,7 +126,7 @@ def campaign_of(config: "HifiConfig", workers: int = 1) -> "tuple[Campaign, Hifi
     resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
     campaign = Campaign(
         *(config.policy, source, config.seed, aircraft, config.mode, config.planner.setting(aircraft)),
-        *(config.vehicle, config.condition.family(), config.wind_plan),
+        *(config.vehicle, config.condition, config.wind_plan),
     )
     return campaign, config.model_copy(update=resolved)
 
@@ -147,9 +147,9 @@ def _summary(table: Any, config: "HifiConfig", aircraft: "Aircraft", wall_s: flo
         "vehicle": config.vehicle,
         "condition": config.condition.model_dump(),
         "wind_plan": config.wind_plan,
-        "margin_m": config.planner.margin,
+        "margin_m": config.planner.setting(aircraft).options.requirement.margin,
         "policy_sha256": config.policy_sha256,
-        **described(aircraft, named_policy(config).aircraft),
+        **described(aircraft, named_policy(config)),
         "confidence": config.confidence,
         **summarise(table, config.confidence),
         "wall_s": wall_s,

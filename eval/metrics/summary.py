@@ -56,6 +56,7 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float, resamples: int
         "timeout_rate": rate(counted["timeout"]),
         "resolvable_rate": rate(possible),
         "success_given_resolvable": rate(counted["success"], possible),
+        "success_given_solved": rate(counted["success"], counted["resolvable"]),
         "undecided_rate": rate(counted["undecided"]),
         "unresolvable_rate": rate(counted["unresolvable"]),
         "counts": counted,

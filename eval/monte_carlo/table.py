@@ -11,6 +11,7 @@ __all__ = ["show"]
 _RATES = (
     ("success of all", "success_rate"),
     ("success of the resolvable *", "success_given_resolvable"),
+    ("success of what something solves ***", "success_given_solved"),
     ("violations", "violation_rate"),
     ("time-outs", "timeout_rate"),
     ("proven unresolvable", "unresolvable_rate"),
@@ -69,6 +70,7 @@ def show(summary: Mapping[str, Any], folder: Path, paths: Iterable[Path]) -> Non
     notes = [
         "* of all that are not proven unresolvable: the undecided count as resolvable",
         "** violations with the resolver / without it",
+        "*** the policy, straight flight or the search; the success of all that can be resolved lies between * and ***",
     ]
     if _wide(summary):
         notes.append("the interval of the risk ratio is wide (half of it exceeds half the ratio): fly more encounters")

@@ -160,7 +160,7 @@ def _problem(
     )
     how = {"resolvable_only": options.resolvable_only, "closer_than": options.closer_than}
     problem = FlightProblem(Pilot(evaluation, policy), mode, **how)
-    return problem, policy.sha256, described(aircraft, policy.aircraft)
+    return problem, policy.sha256, described(aircraft, policy)
 
 
 def _blamed(problem: "FlightProblem", one: "Repetition") -> np.ndarray:

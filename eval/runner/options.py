@@ -54,6 +54,8 @@ def first_options(parser: argparse.ArgumentParser) -> None:
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of the configuration")
     add("--help-keys", action="store_true", help="list every key of the configuration, and exit")
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
+    add("--aircraft", type=Path, metavar="FILE", help="such as configs/aircraft/uas.yaml (default: the policy's own)")
+    add("--allow-outside-domain", action="store_true", help="fly an aircraft that the policy was not trained for, too")
     add("--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have, 64 hex digits (default: any)")
 
 
@@ -90,6 +92,10 @@ def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, 
         # Absolute, because a path of the command line is meant from the working directory.
         overrides += [f"policy={json.dumps(str(options.policy.absolute()))}"]
         overrides += [] if options.resume else ["policy_sha256=null"]
+    if getattr(options, "aircraft", None) is not None:
+        overrides += [f"aircraft={json.dumps(str(options.aircraft.absolute()))}"]
+    if getattr(options, "allow_outside_domain", False):
+        overrides += ["allow_outside_domain=true"]
     if options.policy_sha256 is not None:
         overrides += [f"policy_sha256={options.policy_sha256.lower()}"]
     if options.scenario is not None:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.config.load import load
+from agents.config.load import load, validated
 from agents.planner.request import Options
 from agents.planner.traffic import Traffic as Known
 from agents.policy.inference import Policy
@@ -28,7 +28,7 @@ from envs.starts import numbered
 from envs.trees import take
 from envs.waypoints import Knots, Legs, at, legs
 from eval.hifi import flights as hifi_flights
-from eval.hifi.conditions import CONDITIONS, Drawn, drawn
+from eval.hifi.conditions import CONDITIONS, ConditionConfig, Drawn, drawn
 from eval.hifi.config import HifiConfig
 from eval.hifi.errors import against
 from eval.hifi.flight import Flight, Guided, Traffic
@@ -309,7 +309,9 @@ def test_legs_are_judged_by_the_speed_relative_to_the_air_that_blows() -> None:
 
 @given(st.integers(0, 10_000), st.sampled_from(sorted(CONDITIONS)))
 def test_conditions_follow_from_the_number_and_keep_their_ranges(number: int, name: str) -> None:
-    family = CONDITIONS[name]
+    family = validated(ConditionConfig, {"name": name})
+    assert validated(ConditionConfig, family.model_dump()) == family
+    assert family.model_dump() == {"name": name}
     one = drawn(family, 5, number, 8807.0)
     assert one == drawn(family, 5, number, 8807.0)
     wind = math.hypot(one.air.wind_east, one.air.wind_north)

@@ -158,18 +158,29 @@ def test_every_baseline_flies_in_the_policy_s_place(name: str, tmp_path: Path, p
     np.testing.assert_allclose(table["min_separation_m"], expected.min_separation)
 
 
-@pytest.mark.parametrize("aircraft", ["null", "{speed_max_mps: 101}"])
+@pytest.mark.parametrize("aircraft", ["null", "{speed_max_mps: 120}"])
 def test_the_aircraft_flown_is_named(
     aircraft: str, tmp_path: Path, policy_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    fly(tmp_path / "run", "--policy", str(policy_path), "--encounters", "2", *QUICK, "--set", f"aircraft={aircraft}")
+    allowed = [] if aircraft == "null" else ["--allow-outside-domain"]
+    fly(
+        tmp_path / "run",
+        "--policy",
+        str(policy_path),
+        "--encounters",
+        "2",
+        *QUICK,
+        "--set",
+        f"aircraft={aircraft}",
+        *allowed,
+    )
     summary = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
     assert summary["policy_aircraft"]["yaw_rate_max"] == SURROGATE.yaw_rate_max
-    assert summary["aircraft"]["speed_max"] == (100.0 if aircraft == "null" else 101.0)
+    assert summary["aircraft"]["speed_max"] == (100.0 if aircraft == "null" else 120.0)
     assert bool(summary["aircraft_warning"]) is (aircraft != "null")
     printed = capsys.readouterr().out
-    assert "aircraft: 50 to 10" in printed
-    assert ("warning: the policy was trained for another aircraft" in printed) is (aircraft != "null")
+    assert "aircraft: 50 to 1" in printed
+    assert ("warning: outside_domain: speed_min is 0.417 V; expected 0.5 to 0.5" in printed) is (aircraft != "null")
 
 
 def test_a_longer_run_begins_like_a_shorter_one(finished: Path, tmp_path: Path) -> None:
@@ -335,8 +346,8 @@ def mistakes(folder: Path) -> dict[str, tuple[list[str], str]]:
         "encounters": (["--encounters", "0"], "argument --encounters: '0'; expected a whole number of at least 1"),
         "many": (["--encounters", "1e4"], "argument --encounters: '1e4'; expected a whole number"),
         "seed": (["--seed", "-1"], "argument --seed"),
-        "mode": (["--mode", "glide"], "'glide' is not available in this version; expected policy or plan"),
-        "baseline": (["--baseline", "mpv"], "'mpv' is not available in this version; expected none or rules"),
+        "mode": (["--mode", "glide"], "'glide' is not available here; expected one of policy, plan"),
+        "baseline": (["--baseline", "mpv"], "'mpv' is not available here; expected one of none, rules"),
         "baseline plans": (["--baseline", "mvp", "--mode", "plan"], "expected none with mode plan"),
         "config": (["--config", str(folder / "wrong.yaml")], "seeds is unknown (its value is 3); did you mean seed?"),
         "no config": (["--config", str(folder / "none.yaml")], "none.yaml: there is no such file"),
@@ -347,9 +358,11 @@ def mistakes(folder: Path) -> dict[str, tuple[list[str], str]]:
         ),
         "twice": (["--seed", "1", "--seed", "2"], "--seed stands twice"),
         "pipe": (["--scenario", f"file:{folder / 'pipe'}"], "not a regular file"),
+        "outside": (["--aircraft", "configs/aircraft/uas.yaml"], "outside_domain: acceleration_min is -0.235 V^2/D"),
+        "no aircraft": (["--aircraft", "configs/aircraft/kite.yaml"], "kite.yaml"),
         "speeds": (
-            ["--set", "aircraft={speed_min_mps: 18, speed_max_mps: 36, separation_m: 610}"],
-            "changes.own_speed is [50, 100] m/s; expected a range within 18 to 36 m/s",
+            ["--set", "changes.own_speed=[18, 36]"],
+            "changes.own_speed is [18, 36]; expected [low, high] within 50 to 100, the speeds of the aircraft",
         ),
         "pinned": (["--policy-sha256", "0" * 64], "expected 000"),
         "digest": (["--set", f"policy_sha256={'0' * 64}"], "expected 000"),
