@@ -1,13 +1,13 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Runner, monitor and simulator together, faster than real time, without a ROS installation.
 
-    python -m ros_bridge.demo [--random 50] [--vehicle c208] [--record flight.mcap]
+    python -m ros_bridge.demo [--aircraft configs/aircraft/uas.yaml] [--random 50] [--vehicle c208] [--record FILE]
 
 Starts runner and monitor as processes of their own on a domain of their own, flies encounters with the simulator and
 prints a table: the first answer, the smallest distance since the first SAFE plan was taken up, the largest distance
 from the plans flown, the plans that the monitor requested, and what answers took.
 
-Exit code: 0 if every plan called SAFE kept 1000 m and no flight failed, 1 if not, 2 for bad input.
+Exit code: 0 if every plan called SAFE kept the separation and no flight failed, 1 if not, 2 for bad input.
 """
 
 import argparse
@@ -19,8 +19,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from envs.aircraft import PAPER
+from envs.aircraft import Aircraft
 from envs.edge.command import Parser, run_cli
+from ros_bridge.core.aircraft import aircraft_of, loaded
 from ros_bridge.transport.children import started, stopped
 from ros_bridge.transport.domains import free_domain
 
@@ -33,8 +34,8 @@ __all__ = ["FOUR", "MARGINS", "main"]
 FOUR = ("crossing_left", "crossing_right", "head_on", "same_course")
 """The paper's scenarios."""
 
-MARGINS = {"kinematic": 25.0, "point_mass": 50.0, "c208": 50.0}
-"""Added to the separation for what each vehicle leaves of its plan, m (docs/howto/ros.md)."""
+MARGINS = {"kinematic": 0.025, "point_mass": 0.05, "c208": 0.05}
+"""Added to the separation for what each vehicle leaves of its plan, in separations (docs/howto/ros.md)."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -42,11 +43,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     try:
-        encounters = list(_encounters(options))
+        aircraft = aircraft_of(options.aircraft, options.policy)
+        loaded(options.policy).for_aircraft(aircraft, outside=options.outside_domain)
+        encounters = list(_encounters(options, aircraft))
         with free_domain() as domain:
             # Before ROS is loaded: no other graph is disturbed.
             os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-            return _run(options, encounters)
+            return _run(options, aircraft, encounters)
     except (ValueError, RuntimeError) as error:
         print(f"{parser.prog}: error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
@@ -66,7 +69,15 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--rate", type=float, default=40.0, help="times real time, at most (default 40)")
     parser.add_argument("--deciding-rate", type=float, default=1.0, help="the same while a plan is sought (default 1)")
     margins = ", ".join(f"{name} {margin:g}" for name, margin in MARGINS.items())
-    parser.add_argument("--margin", type=float, help=f"m added to the separation planned with (default {margins})")
+    parser.add_argument("--margin", type=float, help=f"m added to the separation (default, in separations: {margins})")
+    parser.add_argument("--aircraft", default="", metavar="FILE", help="file of the aircraft (default: the policy's)")
+    parser.add_argument("--policy", default="", metavar="FILE", help="policy file (default: the one that ships)")
+    parser.add_argument(
+        "--outside-domain",
+        default="refuse",
+        choices=("refuse", "allow"),
+        help="what becomes of an aircraft outside the policy's family (default refuse)",
+    )
     parser.add_argument("--position-std", type=float, default=0.0, help="noise of traffic, m one sigma (default 0)")
     parser.add_argument("--velocity-std", type=float, default=0.0, help="noise of traffic, m/s one sigma (default 0)")
     parser.add_argument("--record", type=Path, metavar="FILE.mcap", help="record the graph (default: no recording)")
@@ -74,7 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _encounters(options: argparse.Namespace) -> Iterator[tuple[str, Any, int]]:
+def _encounters(options: argparse.Namespace, aircraft: Aircraft) -> Iterator[tuple[str, Any, int]]:
     """Yield names, encounters and their numbers."""
     from envs.encounters import scenario
     from envs.starts import numbered
@@ -86,14 +97,15 @@ def _encounters(options: argparse.Namespace) -> Iterator[tuple[str, Any, int]]:
     for name, least in (("each", 1), ("random", 0), ("seed", 0)):
         if getattr(options, name) < least:
             raise ValueError(f"--{name} is {getattr(options, name)}, expected {least} or more")
-    if options.margin is not None and not 0.0 <= options.margin <= 5_000.0:
-        raise ValueError(f"--margin is {options.margin:g} m, expected 0 to 5000 m")
+    most = 5.0 * aircraft.separation
+    if options.margin is not None and not 0.0 <= options.margin <= most:
+        raise ValueError(f"--margin is {options.margin:g} m, expected 0 to {most:g} m")
     named = [name for name in options.scenarios.split(",") if name not in ("", "none")]
     wanted = [(name, options.each) for name in named] + [("circle", options.random)] * (options.random > 0)
     if not wanted:
         raise ValueError("--scenarios is none and --random 0, expected something to fly")
     for name, count in wanted:
-        every = numbered(scenario(name, PAPER), options.seed, 0, count)
+        every = numbered(scenario(name, aircraft), options.seed, 0, count)
         for number in range(count):
             yield f"{name} {number}", take(every, [number]), number
 
@@ -110,6 +122,7 @@ def _simulator(options: argparse.Namespace, level: str) -> "Simulator":
     from ros_bridge.nodes.simulator import Simulator
 
     settings = {
+        **_shared(options),
         "vehicle": options.vehicle,
         "rate": float(options.rate),
         "deciding_rate": float(options.deciding_rate),
@@ -128,19 +141,25 @@ def _simulator(options: argparse.Namespace, level: str) -> "Simulator":
         raise ValueError(f"{error} (times real time: 0.1 to 1000; noise: 0 to 500 m, 0 to 50 m/s)") from error
 
 
-def _run(options: argparse.Namespace, encounters: Sequence[tuple[str, Any, int]]) -> int:
+def _shared(options: argparse.Namespace) -> dict[str, str]:
+    """Return the parameters of all nodes."""
+    given = {"aircraft": options.aircraft, "policy_file": options.policy}
+    return {name: value for name, value in given.items() if value}
+
+
+def _run(options: argparse.Namespace, aircraft: Aircraft, encounters: Sequence[tuple[str, Any, int]]) -> int:
     from ros_bridge.sim.flight_log import kept, table
 
-    margin = MARGINS[options.vehicle] if options.margin is None else options.margin
     level = "info" if options.verbose else "fatal"
     simulator = _simulator(options, level)
+    margin = MARGINS[options.vehicle] * aircraft.separation if options.margin is None else options.margin
     recording, unrecorded = _flown(simulator, options, encounters, margin, level)
     if unrecorded:
         print(f"\npython -m ros_bridge.demo: error: {unrecorded}", file=sys.stderr)
     elif not simulator.logs:
         raise ValueError("nothing was flown to its end")
     if simulator.logs:
-        _evaluate(simulator.logs, [one for _, one, _ in encounters], margin)
+        _evaluate(simulator.logs, [one for _, one, _ in encounters], aircraft, margin)
         print(f"vehicle {options.vehicle}, margin {margin:g} m, seed {options.seed}, runner and monitor as processes\n")
         print(table(simulator.logs))
     if recording is not None and recording.exists():
@@ -168,7 +187,11 @@ def _flown(
     try:
         if options.record is not None:
             recorder = Recorder(simulator, options.record, lambda: simulator.now)
-        nodes = [_start(name, level, {"margin": margin}) for name in ("runner", "monitor")]
+        given = _shared(options) | {"margin": str(float(margin))}
+        nodes = [
+            _start("runner", level, given | {"outside_domain": options.outside_domain}),
+            _start("monitor", level, given),
+        ]
         for name, encounter, number in encounters:
             simulator.begin(encounter, name, number)
             while simulator.flying:
@@ -202,7 +225,7 @@ def _unwritten(error: OSError) -> str:
     return f"{error.filename} cannot be written: {error.strerror}"
 
 
-def _evaluate(logs: "Sequence[FlightLog]", encounters: Sequence[Any], margin: float) -> None:
+def _evaluate(logs: "Sequence[FlightLog]", encounters: Sequence[Any], aircraft: Aircraft, margin: float) -> None:
     """Note which encounters can be resolved at the separation that was planned with.
 
     What is not proven unresolvable counts as resolvable; where no plan was requested nothing is noted.
@@ -210,22 +233,20 @@ def _evaluate(logs: "Sequence[FlightLog]", encounters: Sequence[Any], margin: fl
     import numpy as np
 
     from agents.resolvability.classify import Verdict, classify
-    from envs.kinematics import SURROGATE
-    from envs.outcome import RULES
-    from ros_bridge.sim.flight_log import NEVER_ASKED, SEPARATION
+    from ros_bridge.sim.flight_log import NEVER_ASKED
 
-    rules = RULES._replace(separation=SEPARATION + margin)
+    rules = aircraft.rules()._replace(separation=aircraft.separation + margin)
     for log, encounter in zip(logs, encounters, strict=False):
         if log.first == NEVER_ASKED:
             continue
         # The first second is the time to receive all and to answer: what is lost by then counts, too.
-        verdict = classify(encounter, rules, SURROGATE, solved=np.array([log.safe_at is not None])).verdict[0]
+        verdict = classify(encounter, rules, aircraft.limits, solved=np.array([log.safe_at is not None])).verdict[0]
         log.resolvable = bool(verdict != Verdict.UNRESOLVABLE)
 
 
-def _start(name: str, level: str, settings: dict[str, float]) -> "subprocess.Popen[bytes]":
+def _start(name: str, level: str, settings: dict[str, str]) -> "subprocess.Popen[bytes]":
     given = ["-p", "use_sim_time:=true"]
-    given += [part for key, value in settings.items() for part in ("-p", f"{key}:={float(value)}")]
+    given += [part for key, value in settings.items() for part in ("-p", f"{key}:={value}")]
     return started(f"ros_bridge.{name}", "--ros-args", "--log-level", level, *given)
 
 

@@ -31,9 +31,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Whatever is imported stays; looking for what does not takes an eighth of the time.
     gc.disable()
     from ros_bridge.nodes.runner import Runner
-    from ros_bridge.transport import parameters, process
+    from ros_bridge.transport import process
 
-    return process.main(Runner, "python -m ros_bridge.runner", f"{__doc__}{parameters.help_text()}", arguments)
+    return process.main(Runner, "runner", __doc__, arguments)
 
 
 if __name__ == "__main__":

@@ -8,38 +8,54 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Any
+
+import numpy as np
 
 from agents.assurance import single as watch
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import Flown, State
 from agents.assurance.thresholds import Thresholds
-from agents.planner.options import Options
 from agents.planner.publish import received
 from agents.planner.request import Altitude, Intruder
-from envs.aircraft import PAPER
 from envs.kinematics import VehicleState
-from ros_bridge.core.conversions import PlanPoint
-from ros_bridge.core.fields import SECOND
+from envs.waypoints import Waypoint
+from ros_bridge.core.conversions import STATUS_SAFE, PlanPoint, trajectory
+from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.geodesy import ACCURATE, LocalFrame, carried, distance
 from ros_bridge.core.reach import Reach, level, out_of_reach
-from ros_bridge.core.replies import flown
+from ros_bridge.core.replies import flown, geodetic_points
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation, placed
 from ros_bridge.core.tracks import Track
 
-__all__ = ["INITIAL", "Published", "Supervision", "activated", "answered", "apart", "stepped", "to_fly", "withdrawn"]
+__all__ = [
+    "Published",
+    "Supervision",
+    "activated",
+    "answered",
+    "apart",
+    "backup",
+    "initial",
+    "published",
+    "stepped",
+    "to_fly",
+    "withdrawn",
+]
 
-_SPACING = round(0.25 * SECOND)
-"""Least time between two reports of an intruder that the monitor gets: it reads turns from reports 0.2 s apart."""
+_SPACING = 0.25
+"""Least time between two reports of an intruder that the monitor gets, in time steps: it reads turns from reports 0.2
+time steps apart."""
 
-_NEWS = (20.0, 3.0)
-"""A report that differs by so much, m and m/s, from what the last one let expect is handed over at once."""
+_NEWS = 0.4
+"""A report that differs by this share of the deviations allowed from what the last one let expect is handed over at
+once."""
 
 _GRID = 2.0**20
 """Parts of a second that times are rounded to: differences of such times are exact, so that a report which is handed
 over twice, at two ages, has one time."""
 
-_HORIZON = 500.0  # s; no plan lasts longer
+_HORIZON = 1.25  # how long a plan lasts at most, in the times of its waypoints
 _UNKNOWN = VehicleState(math.nan, math.nan, math.nan, math.nan)
 
 
@@ -75,8 +91,23 @@ class Supervision:
     """The reports that the monitor got last."""
 
 
-INITIAL = Supervision(watch.begin(Thresholds.for_plans(Options.for_aircraft(PAPER))))
-"""Of a monitor without a plan."""
+def published(message: Any, count: int, name: str = "trajectory") -> Published:
+    """Return a SAFE plan of so many waypoints.
+
+    Raises:
+        FieldError: it is not called SAFE, or a field is not finite, out of range or inconsistent.
+    """
+    if message.status != STATUS_SAFE:
+        raise FieldError(f"{name}.status", f"is {message.status}, expected {STATUS_SAFE} (SAFE)")
+    if len(message.waypoints) != count:
+        raise FieldError(f"{name}.waypoints", f"has {len(message.waypoints)} points, expected {count}")
+    unique = bytes(bytearray(message.id.uuid))
+    return Published(unique, message.revision, *trajectory(message, name), tuple(message.intruder_ids))
+
+
+def initial(thresholds: Thresholds) -> Supervision:
+    """Return a monitor without a plan."""
+    return Supervision(watch.begin(thresholds))
 
 
 def activated(supervision: Supervision, situation: Situation, published: Published) -> Supervision:
@@ -110,16 +141,13 @@ def withdrawn(supervision: Supervision, revision: int) -> Supervision:
     return replace(supervision, watch=watch.activate(supervision.watch, received(()), _UNKNOWN, {}, 0.0))
 
 
-def stepped(
-    supervision: Supervision, situation: Situation, now: int, vertical_filter: float
-) -> tuple[Supervision, Verdict | None]:
+def stepped(supervision: Supervision, situation: Situation, now: int) -> tuple[Supervision, Verdict | None]:
     """Judge the present moment.
 
     Args:
         supervision: the monitor.
         situation: what is known.
         now: ns.
-        vertical_filter: predicted vertical separation beyond which an intruder is left out, m.
 
     Returns:
         The monitor, and its verdict; None before the first plan.
@@ -135,13 +163,16 @@ def stepped(
     reported: dict[str, Report] = {}
     undulation = None if situation.origin is None else situation.origin.undulation
     height = None if track.last is None else level(track.last.altitude, 0, undulation)
-    left_out = _left_out(situation, now, supervision.watch.thresholds, vertical_filter)
+    limits = supervision.watch.thresholds
+    reach = None if track.last is None else _reach(track.last, now, limits, undulation)
+    left_out = frozenset() if reach is None else _left_out(situation, reach, limits)
     for name, other in situation.traffic.items():
         if name in left_out:
             continue
-        if other.last is not None and apart(height, level(other.last.altitude, 0, undulation), vertical_filter):
+        theirs = None if other.last is None else level(other.last.altitude, 0, undulation)
+        if reach is not None and apart(height, theirs, reach.vertical, reach.horizon):
             continue
-        report = _due(supervision.reported.get(name), other)
+        report = _due(supervision.reported.get(name), other, limits)
         if report is not None:
             reported[name] = report
             intruders[name] = _intruder(frame, report, supervision.zero, now)
@@ -183,30 +214,43 @@ def to_fly(supervision: Supervision) -> Flown:
     return Flown.BACKUP if bool(supervision.watch.monitor.on_backup[0]) else Flown.PLAN
 
 
-def apart(own: Altitude | None, other: Altitude | None, least: float) -> bool:
-    """Return whether two aircraft stay vertically apart by more than ``least`` (m) for as long as a plan lasts.
+def backup(supervision: Supervision, altitude: Altitude | None) -> tuple[int, tuple[PlanPoint, ...]]:
+    """Return when the backup at hand begins, ns, and its points, the first of them its start."""
+    at_hand, frame = supervision.watch.monitor.backup, supervision.frame
+    assert frame is not None, "a backup has a frame"
+    began = supervision.zero + round(float(at_hand.started[0]) * SECOND)
+    rows = np.stack([values[0] for values in at_hand.knots], axis=-1).tolist()
+    return began, geodetic_points(frame, [Waypoint(n, *row) for n, row in enumerate(rows)], began, altitude)
+
+
+def apart(own: Altitude | None, other: Altitude | None, least: float, horizon: float) -> bool:
+    """Return whether two aircraft stay vertically apart by more than ``least`` (m) for ``horizon`` (s).
 
     Altitudes that are unknown or of different references count as the same level.
     """
     if own is None or other is None or own.reference != other.reference:
         return False
     now = other.value - own.value
-    later = now + (other.vertical_speed - own.vertical_speed) * _HORIZON
+    later = now + (other.vertical_speed - own.vertical_speed) * horizon
     return now * later > 0.0 and min(abs(now), abs(later)) > least
 
 
-def _left_out(situation: Situation, now: int, limits: Thresholds, vertical_filter: float) -> frozenset[str]:
-    """Return the aircraft whose reports cannot be used, and that cannot come near by their last places."""
-    own = situation.own.last
-    if own is None:
-        return frozenset()
+def _reach(own: Report, now: int, limits: Thresholds, undulation: float | None) -> Reach:
+    """Return what matters to the ownship while a plan lasts."""
+    options = limits.options
     separation = limits.requirement.separation + limits.requirement.margin
-    undulation = None if situation.origin is None else situation.origin.undulation
-    reach = Reach(own, now, _HORIZON, separation, vertical_filter, limits.limits.speed_max, undulation)
+    horizon, fast = _HORIZON * options.waypoints * options.interval, options.aircraft.traffic_speed_max
+    speed = limits.limits.speed_max
+    return Reach(own, now, horizon, separation, options.vertical_filter, speed, fast, undulation)
+
+
+def _left_out(situation: Situation, reach: Reach, limits: Thresholds) -> frozenset[str]:
+    """Return the aircraft whose reports cannot be used, and that cannot come near by their last places."""
     return frozenset(
         name
         for name, track in situation.traffic.items()
-        if (track.fault is not None or track.age(now) > limits.intruder_age) and out_of_reach(track, reach) is not None
+        if (track.fault is not None or track.age(reach.now) > limits.intruder_age)
+        and out_of_reach(track, reach) is not None
     )
 
 
@@ -228,7 +272,7 @@ def _intruder(frame: LocalFrame, report: Report, zero: int, now: int) -> Intrude
     return Intruder(placed(frame, report), age, position_std=report.position_std, velocity_std=report.velocity_std)
 
 
-def _due(before: Report | None, track: Track) -> Report | None:
+def _due(before: Report | None, track: Track, limits: Thresholds) -> Report | None:
     """Return the report to hand over: the newest, unless it follows the one before closely and says nothing new.
 
     Returns:
@@ -237,13 +281,14 @@ def _due(before: Report | None, track: Track) -> Report | None:
     newest = track.estimate
     if newest is None or track.fault is not None:
         return None
-    if before is None or not 0 <= newest.time - before.time < _SPACING:
+    seconds = 0.0 if before is None else (newest.time - before.time) / SECOND
+    if before is None or not 0.0 <= seconds < _SPACING * limits.options.aircraft.dt:
         return newest
-    seconds = (newest.time - before.time) / SECOND
     expected = carried(before.latitude, before.longitude, before.east, before.north, seconds)
     off = distance(*expected, newest.latitude, newest.longitude)
     faster = math.hypot(newest.east - before.east, newest.north - before.north)
-    return newest if off > _NEWS[0] or faster > _NEWS[1] else before
+    news = off > _NEWS * limits.intruder_position or faster > _NEWS * limits.intruder_velocity
+    return newest if news else before
 
 
 def _far(frame: LocalFrame, published: Published) -> bool:

@@ -9,9 +9,6 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from agents.assurance.thresholds import Thresholds
-from agents.planner.options import Options
-from envs.aircraft import PAPER
 from ros_bridge.core.estimates import Estimate, first, improved
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.geodesy import displacement
@@ -27,14 +24,14 @@ _SHORTEST = 2.0
 """Least time over which they are compared, s."""
 
 _LEAST = 60.0
-"""Difference that is always allowed, m: rounded digits, stamps set on reception, positions held for a second."""
+"""Difference that is always allowed, m: rounded digits, stamps set on reception, positions held for a second. Like the
+windows it describes receivers and the traffic's aircraft, so that nothing of it follows from the ownship."""
 
 _SHARE = 0.4
 """Difference that is allowed besides, as a share of the way flown; velocities in knots for m/s differ by 0.49."""
 
 _SIGMAS = 3.0
 _TURN_BASELINE = (0.2, 5.0)  # s between two reports that a turn may be read from
-_THRESHOLDS = Thresholds.for_plans(Options.for_aircraft(PAPER))
 
 
 class _Window(NamedTuple):
@@ -119,5 +116,4 @@ def _turning(course: Course, report: Report) -> tuple[Report, float]:
     rate = math.remainder(turn, 2.0 * math.pi) / seconds
     speed = max(math.hypot(report.east, report.north), 1.0)
     noise = math.hypot(report.velocity_std, before.velocity_std) / (speed * seconds)
-    least = max(_THRESHOLDS.turn_rate_min, _SIGMAS * noise)
-    return report, rate if least <= abs(rate) <= _THRESHOLDS.turn_rate_max else 0.0
+    return report, rate if abs(rate) >= _SIGMAS * noise else 0.0

@@ -21,13 +21,10 @@ if TYPE_CHECKING:
 
     from envs.formats.local_frame import Place
 
-__all__ = ["ACCURATE", "REACH", "Geodetic", "LocalFrame", "carried", "displacement", "distance"]
+__all__ = ["ACCURATE", "Geodetic", "LocalFrame", "carried", "displacement", "distance"]
 
 ACCURATE = 100_000.0
-"""Distance from the origin, m, up to which ownship and route are accepted."""
-
-REACH = 300_000.0
-"""Distance from the origin, m, beyond which an intruder cannot meet an ownship within ACCURATE of it in 400 s."""
+"""Distance from the origin, m, up to which ownship and route are accepted; it follows from the map's errors."""
 
 
 def _wgs84() -> "Geod":

@@ -17,9 +17,6 @@ from ros_bridge.core.tracks import Track, Verdict
 
 __all__ = ["Reach", "level", "out_of_reach"]
 
-_LEAST_SPEED = 150.0
-"""An aircraft may fly as fast as this whatever it last reported, m/s."""
-
 _CLIMB = 30.0
 """Vertical speed that may have been taken up since the last report, m/s."""
 
@@ -39,6 +36,8 @@ class Reach:
     """Vertical separation beyond which an aircraft is left out, m."""
     speed: float
     """Highest of the ownship, m/s."""
+    traffic: float
+    """An aircraft may fly as fast as this whatever it last reported, m/s."""
     undulation: float | None = None
     """Height of the geoid above the ellipsoid, m; None: unknown."""
     limit: float = math.inf
@@ -69,11 +68,11 @@ def out_of_reach(track: Track, reach: Reach) -> str | None:
     """Return why an aircraft cannot come near by any of its last places, or None."""
     if track.last is None and any(one.sighting.place is None for one in track.sightings):
         return None  # a second aircraft without a place may bear the name
-    reasons = [_beyond(place, reach) for place in _places(track)]
+    reasons = [_beyond(place, reach) for place in _places(track, reach.traffic)]
     return reasons[0] if reasons and all(reasons) else None
 
 
-def _places(track: Track) -> Iterator[_Place]:
+def _places(track: Track, least: float) -> Iterator[_Place]:
     """Yield where the aircraft may have been: by unusable messages, by its last good report, and by a rival's."""
     fault = track.fault
     for one in track.sightings:
@@ -84,7 +83,7 @@ def _places(track: Track) -> Iterator[_Place]:
         if report is not None:
             # Where places and velocities contradict each other, neither is believed.
             doubtful = fault is not None and fault.verdict is Verdict.CONTRADICTION
-            speed = FASTEST if doubtful else max((report.east**2 + report.north**2) ** 0.5, _LEAST_SPEED)
+            speed = FASTEST if doubtful else max(math.hypot(report.east, report.north), least)
             yield _Place(report.time, report.latitude, report.longitude, speed, report.altitude)
 
 

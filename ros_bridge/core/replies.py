@@ -1,7 +1,8 @@
 """Plans of the local frame as points on the ellipsoid, and back."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -15,39 +16,18 @@ from ros_bridge.core.fields import SECOND
 from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.situation import Task
 
-__all__ = ["START_INDEX", "backup_points", "flown", "plan_points", "start_point"]
-
-START_INDEX = 0
-"""Of a plan's start, which is no waypoint; the number means nothing."""
+__all__ = ["flown", "geodetic_points", "plan_points", "start_point"]
 
 
 def plan_points(plan: Plan, task: Task) -> tuple[PlanPoint, ...]:
-    """Return the waypoints of a plan on the ellipsoid, times of arrival to the nanosecond.
-
-    A plan is horizontal: its waypoints repeat the ownship's altitude; those of the route keep the route's.
-    """
+    """Return the waypoints of a plan on the ellipsoid; those of the route keep the route's altitude."""
     filed = {point.index: point.altitude for point in task.route.points}
-    return _points(task.frame, plan.waypoints, task.time, task.own_altitude, filed)
-
-
-def backup_points(
-    frame: LocalFrame, waypoints: Sequence[Waypoint], time: int, altitude: Altitude | None
-) -> tuple[PlanPoint, ...]:
-    """Return a manoeuvre that is no part of a route on the ellipsoid.
-
-    Args:
-        frame: that it was made in.
-        waypoints: with times from ``time``.
-        time: ns.
-        altitude: of the ownship.
-    """
-    return _points(frame, waypoints, time, altitude, {})
+    return geodetic_points(task.frame, plan.waypoints, task.time, task.own_altitude, filed)
 
 
 def start_point(frame: LocalFrame, own: VehicleState, time: int, altitude: Altitude | None) -> PlanPoint:
-    """Return where a plan starts, on the ellipsoid."""
-    waypoint = Waypoint(START_INDEX, own.x, own.y, own.heading, own.speed, 0.0)
-    return _points(frame, [waypoint], time, altitude, {})[0]
+    """Return where a plan starts, on the ellipsoid; its index means nothing."""
+    return geodetic_points(frame, [Waypoint(0, own.x, own.y, own.heading, own.speed, 0.0)], time, altitude)[0]
 
 
 def flown(
@@ -73,13 +53,22 @@ def flown(
     return VehicleState(first.x, first.y, first.heading, first.speed), tuple(waypoints[1:])
 
 
-def _points(
+def geodetic_points(
     frame: LocalFrame,
     waypoints: Sequence[Waypoint],
     time: int,
     altitude: Altitude | None,
-    filed: dict[int, Altitude | None],
+    filed: Mapping[int, Altitude | None] = MappingProxyType({}),
 ) -> tuple[PlanPoint, ...]:
+    """Return waypoints on the ellipsoid, times of arrival to the nanosecond.
+
+    Args:
+        frame: that they were made in.
+        waypoints: with times from ``time``.
+        time: ns.
+        altitude: of the ownship, which all keep.
+        filed: altitudes of the points of the route, by index.
+    """
     if not waypoints:
         return ()
     at = frame.geodetic([point.x for point in waypoints], [point.y for point in waypoints])

@@ -13,39 +13,36 @@ from types import MappingProxyType
 
 import numpy as np
 
-from agents.assurance.thresholds import Thresholds
 from agents.planner.answer import RequestError
 from agents.planner.request import Altitude, Intruder, Options
-from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from ros_bridge.core.conversions import Alert, Origin, Route
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.geodesy import ACCURATE, REACH, LocalFrame
+from ros_bridge.core.geodesy import ACCURATE, LocalFrame, distance
 from ros_bridge.core.reach import Reach, level, out_of_reach
 from ros_bridge.core.refusals import Code, Refusal
-from ros_bridge.core.reports import Report
+from ros_bridge.core.reports import FASTEST, Report
 from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict
 
-__all__ = ["Code", "Excluded", "Refusal", "Settings", "Situation", "Task", "placed", "refusal_of", "task"]
+__all__ = ["Code", "Excluded", "Refusal", "Settings", "Situation", "Task", "placed", "refusal_of", "task", "turn_of"]
 
 
-_TURN_TIME = Thresholds.for_plans(Options.for_aircraft(PAPER)).turn_time
-"""For how long after its report an intruder is expected to go on with the turn that its reports show, s: as the monitor
-expects it."""
-
-
-_HORIZON = 400.0  # s; how long a plan lasts before its last leg
-_EXTENSION = 5_000.0  # m; of a route's last leg
+_EXTENSION = 5.0  # of a route's last leg, separations
 _COPY_DISTANCE, _COPY_SPEED, _COPY_TURN = 250.0, 10.0, 0.2
-"""Within so many m, m/s and rad an intruder is like the ownship."""
+"""Within so many m, m/s and rad an intruder is like the ownship: what delays and roundings make of an echo."""
 
 
 @dataclass(frozen=True)
 class Settings:
     """How old things may be, and how plans shall be."""
 
+    options: Options
+    turn_time: float
+    """For how long after its report an intruder is expected to go on with the turn that its reports show, s."""
+    turn_rates: tuple[float, float]
+    """Least and greatest turn rates that count as a turn, rad/s."""
     ownship_age: float = 1.5
     """Oldest own state, s."""
     intruder_age: float = 5.0
@@ -58,7 +55,6 @@ class Settings:
     """By how much a stamp may lie ahead of the clock, s."""
     wind_max: float = 20.0
     """Strongest wind that is planned in, m/s."""
-    options: Options = field(default_factory=lambda: Options.for_aircraft(PAPER))
 
 
 @dataclass(frozen=True)
@@ -123,7 +119,7 @@ def task(situation: Situation, now: int, settings: Settings, asked_route: Route 
         raise Refusal(Code.NO_GEO_REFERENCE, "geo_reference", "geo_reference has not been received")
     frame = situation.origin.frame
     report = _usable(situation.own, "ownship", now, settings.ownship_age, settings.future)
-    own = _now(frame, situation.own, report, now)
+    own = _now(placed(frame, report), turn_of(situation.own, settings), (now - report.time) / SECOND)
     far = math.hypot(own.x, own.y)
     if far > ACCURATE:
         raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", f"ownship.position {_too_far(far)}")
@@ -132,8 +128,10 @@ def task(situation: Situation, now: int, settings: Settings, asked_route: Route 
     route, points = _route(situation, frame, asked_route)
     separation = options.requirement.separation + options.requirement.margin
     speed, undulation = options.limits.speed_max, situation.origin.undulation
-    horizon = _latest_end(points, options)
-    reach = Reach(report, now, horizon, separation, options.vertical_filter, speed, undulation, REACH + far)
+    horizon, fast = _latest_end(points, options), options.aircraft.traffic_speed_max
+    # From further away no aircraft comes near before the plan's last leg, however long that is.
+    beyond = (FASTEST + speed) * options.waypoints * options.interval
+    reach = Reach(report, now, horizon, separation, options.vertical_filter, speed, fast, undulation, beyond)
     identifiers, intruders, excluded = _intruders(situation, frame, now, settings, alerted, reach)
     copies = [name for name, one in zip(identifiers, intruders, strict=True) if _like(own, one.state)]
     if copies:
@@ -187,10 +185,15 @@ def placed(frame: LocalFrame, report: Report) -> VehicleState:
     return VehicleState(float(at.x), float(at.y), float(wrap(heading, np)), math.hypot(report.east, report.north))
 
 
-def _now(frame: LocalFrame, track: Track, report: Report, now: int) -> VehicleState:
-    """Return a reported state in the local frame, advanced to the present along the turn that its track shows."""
-    state, seconds = placed(frame, report), (now - report.time) / SECOND
-    turn = track.turn_rate * seconds
+def turn_of(track: Track, settings: Settings) -> float:
+    """Return the turn rate of an aircraft, rad/s; 0 where it is too small to count, or too large to be believed."""
+    least, most = settings.turn_rates
+    return track.turn_rate if least <= abs(track.turn_rate) <= most else 0.0
+
+
+def _now(state: VehicleState, rate: float, seconds: float) -> VehicleState:
+    """Return a state some seconds later, along a turn (rad/s)."""
+    turn = rate * seconds
     # The chord of an arc points half-way through its turn; numpy's sinc(x) is sin(pi x) / (pi x).
     reach, course = state.speed * seconds * float(np.sinc(turn / (2.0 * math.pi))), state.heading + 0.5 * turn
     x, y = state.x + reach * math.cos(course), state.y + reach * math.sin(course)
@@ -214,7 +217,8 @@ def _alerted(situation: Situation, now: int, settings: Settings) -> frozenset[st
 def _latest_end(points: tuple[RoutePoint, ...], options: Options) -> float:
     """Return a time that no plan along a route outlasts, s: its last leg is the route's longest at most."""
     legs = [math.hypot(b.x - a.x, b.y - a.y) for a, b in itertools.pairwise(points)]
-    return _HORIZON + max(*legs, _EXTENSION) / options.limits.speed_min
+    longest = max(*legs, _EXTENSION * options.aircraft.separation)
+    return options.waypoints * options.interval + longest / options.manoeuvre.speed_min
 
 
 def _like(own: VehicleState, other: VehicleState) -> bool:
@@ -239,18 +243,18 @@ def _intruders(
             continue
         report = track.estimate
         assert report is not None, "there is one beside every usable report"
-        state = placed(frame, report)
-        far = math.hypot(state.x, state.y)
-        if far > REACH and name not in alerted:
-            excluded.append(Excluded(name, f"is {far / 1e3:.0f} km from the geo-reference, out of reach"))
+        own = reach.own
+        away = distance(own.latitude, own.longitude, report.latitude, report.longitude)
+        if away > reach.limit and name not in alerted:
+            excluded.append(Excluded(name, f"is {away / 1e3:.0f} km away, out of reach"))
             continue
+        state = placed(frame, report)
         # The planner advances the report over its age; only the altitude's reference is settled here.
         height = level(report.altitude, 0, reach.undulation)
         age = (now - report.time) / SECOND
-        turn_time = _TURN_TIME if track.turn_rate else 0.0
-        intruders.append(
-            Intruder(state, age, track.turn_rate, turn_time, report.position_std, report.velocity_std, height)
-        )
+        turn = turn_of(track, settings)
+        lasts = settings.turn_time if turn else 0.0
+        intruders.append(Intruder(state, age, turn, lasts, report.position_std, report.velocity_std, height))
         names.append(name)
     return tuple(names), tuple(intruders), tuple(excluded)
 
@@ -291,4 +295,7 @@ def _in_wind(report: Report, settings: Settings) -> tuple[Options, tuple[str, ..
     flown = flown._replace(
         speed_min=max(flown.speed_min, legs.speed_min), speed_max=min(flown.speed_max - wind, legs.speed_max)
     )
+    if flown.speed_min >= flown.speed_max:
+        what = f"is {wind:.1f} m/s, which leaves no ground speed between {legs.speed_min:g} and {flown.speed_max:g} m/s"
+        raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", f"ownship.wind {what}")
     return replace(options, limits=legs, manoeuvre=flown), ()

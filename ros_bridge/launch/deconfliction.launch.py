@@ -10,7 +10,7 @@ from ros_bridge.transport import launching
 
 
 def _nodes(context: Any) -> list[Any]:
-    shared = {name: float(launching.value(context, name)) for name in launching.SHARED}
+    shared = launching.shared(context)
     # A runner that has died is started again; until it answers the monitor has its backup.
     nodes = [
         launching.node(context, "runner", shared, respawn=True, respawn_delay=1.0),

@@ -18,8 +18,8 @@ _MORE = (
 
 
 def _nodes(context: Any) -> list[Any]:
-    shared = {name: float(launching.value(context, name)) for name in launching.SHARED}
-    flown = {
+    shared = launching.shared(context)
+    flown = launching.shared(context, plans=False) | {
         "scenario": launching.value(context, "scenario"),
         "seed": int(launching.value(context, "seed")),
         "encounters": int(launching.value(context, "encounters")),

@@ -19,31 +19,36 @@ What shall be flown is AssuranceStatus.fly. Parameters:
 """
 
 import math
-import uuid
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
-from rlcas_msgs.msg import AircraftState, AssuranceStatus, GeoReference, Trajectory
+from rlcas_msgs.msg import AssuranceStatus, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 
 from agents.assurance import single as watch
 from agents.assurance.single import Ask, Verdict
 from agents.assurance.state import Flown, State
 from agents.assurance.thresholds import Cause
-from ros_bridge.core import updates
-from ros_bridge.core.assurance import INITIAL, Published, activated, answered, stepped, to_fly, withdrawn
+from ros_bridge.core.assurance import (
+    Published,
+    activated,
+    answered,
+    backup,
+    initial,
+    published,
+    stepped,
+    to_fly,
+    withdrawn,
+)
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.situation import Situation
-from ros_bridge.core.tracks import forgotten
-from ros_bridge.transport import parameters, process, qos, views
-from ros_bridge.transport.messages import header
-from ros_bridge.transport.monitor_messages import backup_message, published_of
+from ros_bridge.transport import process, qos, views
+from ros_bridge.transport.messages import header, point_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode
-from ros_bridge.transport.settings import aircraft_text, monitor_thresholds, report_rules
+from ros_bridge.transport.settings import monitor_thresholds
 
 __all__ = ["Monitor", "main"]
 
@@ -55,14 +60,13 @@ class Monitor(ListeningNode):
     """The node; what it decides is decided in :mod:`ros_bridge.core.assurance` and :mod:`agents.assurance.single`."""
 
     def __init__(self, **more: Any) -> None:
-        super().__init__("rlcas_monitor", **more)
-        self._declare(parameters.MONITOR_NUMBERS, parameters.MONITOR_OTHERS)
+        super().__init__("monitor", **more)
         self._start()
 
     def _start(self) -> None:
         """Forget everything."""
         self._situation = Situation()
-        self._supervision = replace(INITIAL, watch=watch.begin(monitor_thresholds(self)))
+        self._supervision = initial(monitor_thresholds(self._value, self._aircraft))
         self._verdict: Verdict | None = None
         self._latest = 0
         self._heard_runner = 0
@@ -76,10 +80,8 @@ class Monitor(ListeningNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to listen."""
         self._start()
-        self.get_logger().info(f"aircraft {aircraft_text(self)}")
-        self._subscribe(AircraftState, f"{_RUNNER}/input/ownship", self._on_ownship, qos.SENSOR)
-        self._subscribe(AircraftState, f"{_RUNNER}/input/traffic", self._on_traffic, qos.TRAFFIC)
-        self._subscribe(GeoReference, f"{_RUNNER}/input/geo_reference", self._on_geo_reference, qos.LATCHED)
+        self.get_logger().info(f"aircraft {self._flown}")
+        self._listen(_RUNNER)
         self._subscribe(Trajectory, f"{_RUNNER}/output/trajectory", self._on_trajectory, qos.LATCHED)
         self._subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.EVENTS)
         self._statuses = self._advertise(AssuranceStatus, "~/output/status", qos.LATCHED)
@@ -87,8 +89,8 @@ class Monitor(ListeningNode):
         self._health = self._advertise(DiagnosticArray, "/diagnostics", qos.EVENTS)
         self._client = self.create_client(GenerateTrajectory, f"{_RUNNER}/generate_trajectory")
         self._entities.append(lambda: self.destroy_client(self._client))
-        self._call_every(self.get_parameter("period").value, self._on_timer)
-        self._call_every(self.get_parameter("diagnostics_period").value, self._on_health)
+        self._call_every(self._value("period"), self._on_timer)
+        self._call_every(self._value("diagnostics_period"), self._on_health)
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -112,18 +114,6 @@ class Monitor(ListeningNode):
     def _stepped_back(self) -> None:
         self._start()
 
-    def _on_ownship(self, message: AircraftState) -> None:
-        now = self._now()
-        self._situation = updates.ownship(self._situation, message, now, report_rules(self))
-
-    def _on_traffic(self, message: AircraftState) -> None:
-        now = self._now()
-        self._situation = updates.traffic(self._situation, message, now, report_rules(self))
-
-    def _on_geo_reference(self, message: GeoReference) -> None:
-        now = self._now()
-        self._situation = updates.geo_reference(self._situation, message, now)
-
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         name = self.resolve_topic_name(_RUNNER)
         if any(status.name == name for status in message.status):
@@ -135,15 +125,15 @@ class Monitor(ListeningNode):
             self._supervision = withdrawn(self._supervision, message.revision)
             return
         try:
-            published = published_of(message)
+            taken = published(message, self._value("waypoints"))
         except FieldError as error:
             self.get_logger().error(str(error))
             return
         if self._pending is not None:
             # It may be the answer that is on its way; if not, its turn comes when that is settled.
-            self._waiting = published
+            self._waiting = taken
         else:
-            self._supervision = activated(self._supervision, self._situation, published)
+            self._supervision = activated(self._supervision, self._situation, taken)
 
     # Judgement.
 
@@ -153,10 +143,8 @@ class Monitor(ListeningNode):
         now = self._now()
         if now <= 0:
             return
-        traffic, _ = forgotten(self._situation.traffic, now, self.get_parameter("forget_after").value)
-        self._situation = replace(self._situation, traffic=traffic)
-        limit = self.get_parameter("vertical_filter").value
-        self._supervision, verdict = stepped(self._supervision, self._situation, now, limit)
+        self._forget(now)
+        self._supervision, verdict = stepped(self._supervision, self._situation, now)
         self._verdict = verdict
         if verdict is not None:
             self._settle(now)
@@ -169,7 +157,7 @@ class Monitor(ListeningNode):
             self._answer(ask.number, None)
             return
         request = GenerateTrajectory.Request(reason=GenerateTrajectory.Request.REASON_REPLAN)
-        request.header = header(now, self.get_parameter("map_frame").value)
+        request.header = header(now, self._value("map_frame"))
         future = self._client.call_async(request)
         self._pending = ask.number, future, now
         future.add_done_callback(self._on_answer)
@@ -180,21 +168,21 @@ class Monitor(ListeningNode):
         number = self._pending[0]
         self._heard_runner = self._now()
         response = future.result()
-        published = None
+        taken = None
         if response.status == GenerateTrajectory.Response.STATUS_SAFE:
             try:
-                published = published_of(response.trajectory)
+                taken = published(response.trajectory, self._value("waypoints"))
             except FieldError as error:
                 self.get_logger().error(str(error))
         else:
             self.get_logger().warning(f"no plan: {response.message}")
         self._pending = None
-        self._answer(number, published)
+        self._answer(number, taken)
         self._take_waiting()
 
-    def _answer(self, number: int, published: Published | None) -> None:
+    def _answer(self, number: int, taken: Published | None) -> None:
         before = to_fly(self._supervision)
-        self._supervision, _ = answered(self._supervision, number, published)
+        self._supervision, _ = answered(self._supervision, number, taken)
         if to_fly(self._supervision) is not before:
             self._publish(self._latest)
 
@@ -203,7 +191,7 @@ class Monitor(ListeningNode):
         if self._pending is None:
             return
         _, future, since = self._pending
-        if (now - since) / SECOND > self.get_parameter("answer_time").value:
+        if (now - since) / SECOND > self._value("answer_time"):
             self._client.remove_pending_request(future)
             self._pending = None
             self._take_waiting()
@@ -226,15 +214,16 @@ class Monitor(ListeningNode):
             self._supervision.watch.monitor.backup.started[0]
         ):
             self._backup_at, self._backups = now, self._backups + 1
-            own = self._situation.own.last
-            frame = self.get_parameter("map_frame").value
-            altitude = None if own is None else own.altitude
-            self._backup.publish(backup_message(self._supervision, altitude, frame, self._backups, uuid.uuid4()))
+            own, frame = self._situation.own.last, self._value("map_frame")
+            began, (start, *points) = backup(self._supervision, None if own is None else own.altitude)
+            message = trajectory_message(Trajectory.STATUS_BACKUP, began, frame, self._backups)
+            message.start, message.waypoints = point_message(start), [point_message(point) for point in points]
+            self._backup.publish(message)
 
     def _status(self, now: int) -> AssuranceStatus:
-        limits = monitor_thresholds(self)
+        limits = self._supervision.watch.thresholds
         message = AssuranceStatus(
-            header=header(now, self.get_parameter("map_frame").value),
+            header=header(now, self._value("map_frame")),
             cross_track_limit=limits.cross_track,
             along_track_limit=limits.along_track,
             time_error_limit=limits.time_error,
@@ -281,13 +270,13 @@ class Monitor(ListeningNode):
         if state in (State.DENIED, State.BACKUP):
             level, message = DiagnosticStatus.WARN, state.name
         silence = self._silence(now)
-        if not 0.0 <= silence <= self.get_parameter("runner_silence").value:
+        if not 0.0 <= silence <= self._value("runner_silence"):
             level, message = DiagnosticStatus.ERROR, "the runner is silent"
         if not self._active:
             level, message = DiagnosticStatus.WARN, "not active"
         if self._qos_problems:
             level, message = DiagnosticStatus.ERROR, "; ".join(self._qos_problems.values())
-        values = {"aircraft": aircraft_text(self)}
+        values = {"aircraft": self._flown}
         values |= {
             "state": state.name,
             "flown": to_fly(self._supervision).name,
@@ -298,5 +287,4 @@ class Monitor(ListeningNode):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node."""
-    text = parameters.help_text(parameters.MONITOR_NUMBERS, parameters.MONITOR_OTHERS)
-    return process.main(Monitor, "python -m ros_bridge.monitor", f"{__doc__}{text}", arguments)
+    return process.main(Monitor, "monitor", __doc__, arguments)

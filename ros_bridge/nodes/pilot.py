@@ -24,7 +24,6 @@ from rclpy.node import Node
 from rlcas_msgs.msg import AircraftState, AssuranceStatus, Trajectory
 
 from envs.follower import PERIOD, guidance
-from envs.kinematics import C208_PUBLISHED
 from envs.waypoints import Legs
 from ros_bridge.core import updates
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
@@ -32,9 +31,9 @@ from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.situation import Situation, placed
 from ros_bridge.core.tracks import Rules
 from ros_bridge.sim.guidance import Guidance, curve
-from ros_bridge.transport import parameters, process, qos
+from ros_bridge.transport import process, qos
 from ros_bridge.transport.messages import uuid_of
-from ros_bridge.transport.settings import declare
+from ros_bridge.transport.settings import declare, limits_of
 
 __all__ = ["Pilot", "main"]
 
@@ -47,7 +46,7 @@ class Pilot(Node):
 
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_pilot", **more)
-        declare(self, parameters.PILOT_NUMBERS, parameters.PILOT_OTHERS)
+        declare(self, "pilot")
         self._guidance = Guidance(monitored=bool(self.get_parameter("monitor").value))
         self._situation = Situation()
         self._line: tuple[int, LocalFrame, Legs, int] | None = None
@@ -96,7 +95,7 @@ class Pilot(Node):
         reach = state.speed * age
         state = state._replace(x=state.x + reach * math.cos(state.heading), y=state.y + reach * math.sin(state.heading))
         acceleration, turn = guidance(legs, state, np.float64((now - began) / SECOND))
-        limits = C208_PUBLISHED
+        limits = limits_of(lambda name: self.get_parameter(name).value)
         acceleration = min(max(float(acceleration), limits.acceleration_min), limits.acceleration_max)
         turn = min(max(float(turn), -limits.yaw_rate_max), limits.yaw_rate_max)
         speed = min(max(state.speed + acceleration * PERIOD, limits.speed_min), limits.speed_max)
@@ -107,5 +106,4 @@ class Pilot(Node):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node."""
-    text = parameters.help_text(parameters.PILOT_NUMBERS, parameters.PILOT_OTHERS)
-    return process.main(Pilot, "python -m ros_bridge.pilot", f"{__doc__}{text}", arguments)
+    return process.main(Pilot, "pilot", __doc__, arguments)

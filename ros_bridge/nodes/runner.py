@@ -2,9 +2,7 @@
 """The node of the runner; :mod:`ros_bridge.runner` lists its topics, and runs it."""
 
 import time
-import uuid
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from typing import Any
 
 import rclpy
@@ -15,26 +13,23 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.task import Future
-from rlcas_msgs.msg import AircraftState, GeoReference, TrafficAlert, Trajectory
+from rlcas_msgs.msg import TrafficAlert, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from agents.planner.answer import Plan, RequestError
-from agents.planner.planner import plan
-from agents.policy.file import PolicyFileError
+from agents.planner.publish import rechecked
 from agents.policy.inference import Policy
-from envs.kinematics import VehicleState
-from envs.waypoints import RoutePoint
-from ros_bridge.core import conversions, geodesy, updates
+from ros_bridge.core import conversions, updates
+from ros_bridge.core.aircraft import loaded
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.lateness import revalidated
 from ros_bridge.core.situation import Code, Refusal, Situation, Task, refusal_of, task
-from ros_bridge.core.tracks import Verdict, forgotten
-from ros_bridge.nodes.requests import NO_PLAN, check, pinned, planned
+from ros_bridge.core.tracks import Verdict
+from ros_bridge.nodes.requests import NO_PLAN, check, pinned, planned, rehearsed
 from ros_bridge.transport import qos, views
-from ros_bridge.transport.messages import header, identity, plan_message
+from ros_bridge.transport.messages import plan_message, trajectory_message, uuid_of
 from ros_bridge.transport.node_base import ListeningNode
-from ros_bridge.transport.settings import aircraft_text, planning_settings, report_rules
+from ros_bridge.transport.settings import planning_settings, report_rules
 
 __all__ = ["Runner"]
 
@@ -45,9 +40,7 @@ class Runner(ListeningNode):
     """The node; everything that can be decided without ROS is decided in :mod:`ros_bridge.core.situation`."""
 
     def __init__(self, **more: Any) -> None:
-        super().__init__("rlcas_runner", **more)
-        self._declare()
-        self._situation = Situation()
+        super().__init__("runner", **more)
         self._policy: Policy | None = None
         self._revision = 0
         self._unique = NO_PLAN
@@ -62,20 +55,18 @@ class Runner(ListeningNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load the policy and begin to listen."""
-        file = self.get_parameter("policy_file").value
-        durability = self.get_parameter("route_durability").value
+        file = self._value("policy_file")
         try:
-            route_quality = qos.route_input(durability)
-            self._policy = pinned(Policy.load(file or None), file, self.get_parameter("policy_sha256").value)
-        except (PolicyFileError, OSError, ValueError) as error:
+            route_quality = qos.route_input(self._value("route_durability"))
+            policy = pinned(loaded(file), file, self._value("policy_sha256"))
+            self._policy = policy = policy.for_aircraft(self._aircraft, outside=self._value("outside_domain"))
+        except ValueError as error:
             self.get_logger().error(f"cannot be configured: {error}")
             return TransitionCallbackReturn.FAILURE
-        self.get_logger().info(f"policy {self._policy.sha256}; aircraft {aircraft_text(self)}")
-        self._subscribe(AircraftState, "~/input/ownship", self._on_ownship, qos.SENSOR)
-        self._subscribe(AircraftState, "~/input/traffic", self._on_traffic, qos.TRAFFIC)
+        self.get_logger().info(f"policy {policy.sha256}; aircraft {self._flown}")
+        self._listen("~")
         self._subscribe(TrafficAlert, "~/input/alerts", self._on_alert, qos.EVENTS)
         self._subscribe(Trajectory, "~/input/route", self._on_route, route_quality)
-        self._subscribe(GeoReference, "~/input/geo_reference", self._on_geo_reference, qos.LATCHED)
         self._trajectories = self._advertise(Trajectory, "~/output/trajectory", qos.LATCHED)
         self._advice = self._advertise(Trajectory, "~/output/advisory", qos.EVENTS)
         self._paths = self._advertise(Path, "~/output/path", qos.LATCHED)
@@ -86,7 +77,7 @@ class Runner(ListeningNode):
         group = ReentrantCallbackGroup()
         service = self.create_service(GenerateTrajectory, "~/generate_trajectory", answering, callback_group=group)
         self._entities.append(lambda: self.destroy_service(service))
-        self._call_every(self.get_parameter("diagnostics_period").value, self._on_timer)
+        self._call_every(self._value("diagnostics_period"), self._on_timer)
         self._call_every(_VIEWS_EVERY, self._on_views)
         # Not before: while it plans, this node and the others come to know each other.
         self._warm_up_timer = self.create_timer(0.0, self._warm_up, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -96,11 +87,8 @@ class Runner(ListeningNode):
     def _warm_up(self) -> None:
         """Plan once, so that the first request is answered as fast as the others."""
         self._warm_up_timer.cancel()
-        if self._policy is None:
-            return
-        route = [RoutePoint(index, 5_000.0 * (index + 1), 0.0) for index in range(9)]
-        plan(VehicleState(0.0, 0.0, 0.0, 75.0), [VehicleState(9_000.0, 0.0, 3.1, 75.0)], route, self._policy)
-        geodesy.distance(0.0, 0.0, 0.0, 1.0)  # loads the ellipsoid
+        if self._policy is not None:
+            rehearsed(self._policy, planning_settings(self._value, self._aircraft).options)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Withdraw the plan, because it would not be replaced, and stop answering."""
@@ -136,29 +124,15 @@ class Runner(ListeningNode):
         self._era += 1
         self._withdraw()
 
-    def _on_ownship(self, message: AircraftState) -> None:
-        now = self._now()  # may reset the situation
-        self._situation = updates.ownship(self._situation, message, now, report_rules(self))
-
-    def _on_traffic(self, message: AircraftState) -> None:
-        now = self._now()  # may reset the situation
-        self._situation = updates.traffic(self._situation, message, now, report_rules(self))
-
     def _on_alert(self, message: TrafficAlert) -> None:
         now = self._now()  # may reset the situation
-        self._situation = updates.alert(self._situation, message, now, report_rules(self))
+        self._situation = updates.alert(self._situation, message, now, report_rules(self._value))
 
     def _on_route(self, message: Trajectory) -> None:
         now = self._now()
         self._situation = updates.route(self._situation, message, now)
         if self._situation.route_fault is not None:
             self.get_logger().error(self._situation.route_fault.message)
-
-    def _on_geo_reference(self, message: GeoReference) -> None:
-        now = self._now()
-        self._situation = updates.geo_reference(self._situation, message, now)
-        if self._situation.origin_fault is not None:
-            self.get_logger().error(self._situation.origin_fault.message)
 
     def _on_timer(self) -> None:
         now = self._now()
@@ -171,15 +145,9 @@ class Runner(ListeningNode):
         if self._views is None or not self._active:
             return
         (result, wanted), self._views = self._views, None
-        frame = self.get_parameter("map_frame").value
+        frame = self._value("map_frame")
         self._paths.publish(views.path(result, wanted, frame))
         self._markers.publish(views.markers(result, wanted, frame))
-
-    def _forget(self, now: int) -> None:
-        traffic, silent = forgotten(self._situation.traffic, now, self.get_parameter("forget_after").value)
-        if silent:
-            self._situation = replace(self._situation, traffic=traffic)
-            self.get_logger().info(f"silent, and forgotten: {', '.join(silent)}")
 
     # Answers.
 
@@ -206,7 +174,7 @@ class Runner(ListeningNode):
         if not self._active or self._policy is None:
             raise Refusal(Code.NOT_ACTIVE, "node", "node is not active, expected it to be activated first")
         self._forget(now)
-        settings = planning_settings(self)
+        settings = planning_settings(self._value, self._aircraft)
         check(request, now, settings, self._unique)
         try:
             asked = conversions.route(request.route, "request.route") if request.route else None
@@ -243,7 +211,10 @@ class Runner(ListeningNode):
         found = job.result()
         if not found.safe:
             return found
-        return revalidated(found, wanted, task(self._situation, now, planning_settings(self), asked))
+        # SAFE only if it still is from the present states on.
+        then = task(self._situation, now, planning_settings(self._value, self._aircraft), asked)
+        late = (then.time - wanted.time) / SECOND
+        return rechecked(found, late, then.own, then.intruders, then.points, then.options, then.own_altitude)
 
     def _wake(self, done: Future) -> None:
         """Let the node go on with an answer; called from the other thread."""
@@ -253,11 +224,9 @@ class Runner(ListeningNode):
             executor.wake()
 
     def _publish(self, result: Plan, wanted: Task, response: GenerateTrajectory.Response) -> None:
-        frame = self.get_parameter("map_frame").value
-        revision, unique = self._next(wanted.time), uuid.uuid4()
-        certified = self.get_parameter("certificate").value
-        message = plan_message(result, wanted, frame, revision, unique, certified=certified)
-        self._revision = revision
+        frame = self._value("map_frame")
+        self._revision = self._next(wanted.time)
+        message = plan_message(result, wanted, frame, self._revision, certified=self._value("certificate"))
         response.trajectory = message
         response.status = int(Code.SAFE if result.safe else Code.UNRESOLVED)
         response.message = "; ".join(reason.message for reason in result.reasons)
@@ -270,7 +239,7 @@ class Runner(ListeningNode):
         if not result.safe:
             self._advice.publish(message)
             return
-        self._unique = unique
+        self._unique = uuid_of(message.id)
         self._trajectories.publish(message)
         # The answer does not wait for path and markers.
         self._views = result, wanted
@@ -285,15 +254,8 @@ class Runner(ListeningNode):
             return
         now = self.get_clock().now().nanoseconds
         self._revision, self._unique = self._next(now), NO_PLAN
-        withdrawal = Trajectory(
-            header=header(now, self.get_parameter("map_frame").value),
-            id=identity(uuid.uuid4()),
-            revision=self._revision,
-            status=Trajectory.STATUS_WITHDRAWN,
-            min_separation=-1.0,
-            time_of_min_separation=-1.0,
-            rejoin_index=-1,
-        )
+        frame = self._value("map_frame")
+        withdrawal = trajectory_message(Trajectory.STATUS_WITHDRAWN, now, frame, self._revision)
         if self._active and rclpy.ok(context=self.context):
             self._trajectories.publish(withdrawal)
 
@@ -301,7 +263,7 @@ class Runner(ListeningNode):
         """Return whether a request would be answered now, and what is known."""
         situation = self._situation
         try:
-            task(situation, now, planning_settings(self))
+            task(situation, now, planning_settings(self._value, self._aircraft))
             level, message = DiagnosticStatus.OK, "ready"
         except Refusal as refusal:
             level, message = DiagnosticStatus.WARN, refusal.message
@@ -310,7 +272,7 @@ class Runner(ListeningNode):
         if self._qos_problems:
             level, message = DiagnosticStatus.ERROR, "; ".join(self._qos_problems.values())
         values = {"policy sha256": "" if self._policy is None else self._policy.sha256}
-        values |= {"aircraft": aircraft_text(self)}
+        values |= {"aircraft": self._flown}
         values |= {"own age, s": f"{situation.own.age(now):.3f}", "intruders": str(len(situation.traffic))}
         values |= {f"age of {name}, s": f"{track.age(now):.3f}" for name, track in sorted(situation.traffic.items())}
         values |= {f"answers {name}": str(count) for name, count in sorted(self._answers.items())}

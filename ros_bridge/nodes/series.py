@@ -3,14 +3,13 @@
 from collections.abc import Sequence
 from typing import Any
 
-from envs.aircraft import PAPER
 from envs.encounters import EncounterError, scenario
 from envs.starts import numbered
 from envs.trees import take
 from ros_bridge.nodes import simulator
 from ros_bridge.nodes.simulator import Simulator
 from ros_bridge.sim.flight_log import kept, table
-from ros_bridge.transport import parameters, process
+from ros_bridge.transport import process
 
 __all__ = ["Series", "main"]
 
@@ -26,7 +25,7 @@ class Series(Simulator):
             raise ValueError(f"encounters is {count}, expected 1 or more")
         self._name, self._first, self._seed = self._value("scenario"), first, seed
         try:
-            self._encounters = numbered(scenario(self._name, PAPER), seed, first, count)
+            self._encounters = numbered(scenario(self._name, self.aircraft), seed, first, count)
         except EncounterError as error:
             raise ValueError(str(error)) from error
         self._left = list(range(count))
@@ -51,5 +50,4 @@ class Series(Simulator):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node."""
-    text = parameters.help_text(parameters.SIMULATOR_NUMBERS, parameters.SIMULATOR_OTHERS)
-    return process.main(Series, "python -m ros_bridge.simulator", f"{simulator.__doc__}{text}", arguments)
+    return process.main(Series, "simulator", simulator.__doc__, arguments)

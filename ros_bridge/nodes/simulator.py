@@ -17,7 +17,7 @@ It stands for everything around runner and monitor, which must run with use_sim_
 Each encounter begins with a clock that steps back, which makes both nodes forget the one before. The clock never runs
 ahead of the monitor's status by more than two ticks, and while a plan is asked for it keeps to deciding_rate:
 what answers cost in time, they cost in flight. Without --ros-args -p encounters:=N one encounter is flown; then the
-table is printed, and the exit code is 0 if every plan called SAFE kept 1000 m, else 1. Parameters:
+table is printed, and the exit code is 0 if every plan called SAFE kept the separation, else 1. Parameters:
 """
 
 import importlib.util
@@ -44,9 +44,9 @@ from ros_bridge.sim.flight_log import FlightLog
 from ros_bridge.sim.guidance import Guidance, curve
 from ros_bridge.sim.receivers import Quality, Receiver
 from ros_bridge.sim.world import OWN, VEHICLES, EncounterFlight, SimulationError, Truth
-from ros_bridge.transport import parameters, qos
+from ros_bridge.transport import qos
 from ros_bridge.transport.messages import header, uuid_of
-from ros_bridge.transport.settings import declare
+from ros_bridge.transport.settings import declare, limits_of
 
 __all__ = ["Simulator"]
 
@@ -72,7 +72,10 @@ class Simulator(Node):
 
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_simulator", **more)
-        declare(self, parameters.SIMULATOR_NUMBERS, parameters.SIMULATOR_OTHERS)
+        aircraft = declare(self, "simulator")
+        assert aircraft is not None
+        self.aircraft = aircraft
+        """The ownship and its task."""
         self._frame = LocalFrame(self._value("origin_latitude"), self._value("origin_longitude"))
         self._monitored = bool(self._value("monitor"))
         if self._value("vehicle") not in VEHICLES:
@@ -134,17 +137,17 @@ class Simulator(Node):
         One that cannot be flown is over at once, and its log holds the reason.
         """
         try:
-            self._flight = EncounterFlight(encounter, self._value("vehicle"))
+            self._flight = EncounterFlight(encounter, self.aircraft, limits_of(self._value), self._value("vehicle"))
         except SimulationError as error:
-            self.logs.append(FlightLog(name, failure=str(error)))
+            self.logs.append(FlightLog(name, self._value("separation"), failure=str(error)))
             return
         own, traffic = self._qualities(encounter)
         self._receivers = Receiver(own, 2 * seed), Receiver(traffic, 2 * seed + 1)
-        self._log = FlightLog(name)
+        self._log = FlightLog(name, self._value("separation"))
         self._forget()
         self._clock = _START
         self._phase, self._since = _Phase.SETTLING, time.perf_counter()
-        self._routes.publish(route_of(self._flight, self._frame))
+        self._routes.publish(route_of(self._flight, self._frame, self.aircraft.separation))
         self._origins.publish(GeoReference(latitude=self._frame.latitude, longitude=self._frame.longitude))
 
     def _qualities(self, encounter: Encounter) -> tuple[Quality, Quality]:

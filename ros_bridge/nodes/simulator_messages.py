@@ -15,15 +15,15 @@ from ros_bridge.transport.messages import aircraft_message
 
 __all__ = ["route_of", "state_message"]
 
-_SPACING, _BEYOND = 5_000.0, 45_000.0  # of the route's points, and how far it goes on beyond the goal, m
+_SPACING, _BEYOND = 5.0, 45.0  # of the route's points, and how far it goes on beyond the goal, separations
 
 
-def route_of(flight: EncounterFlight, frame: LocalFrame) -> Trajectory:
-    """Return the filed route: the goal, and points every 5 km on the same line to 45 km beyond it."""
+def route_of(flight: EncounterFlight, frame: LocalFrame, separation: float) -> Trajectory:
+    """Return the filed route: the goal, and points every 5 separations (m) on the same line to 45 beyond it."""
     own = flight.own
     dx, dy = flight.goal[0] - own.x, flight.goal[1] - own.y
     length = max(math.hypot(dx, dy), 1.0)
-    reach = [_SPACING * number for number in range(round(_BEYOND / _SPACING) + 1)]
+    reach = [_SPACING * separation * number for number in range(round(_BEYOND / _SPACING) + 1)]
     at = frame.geodetic(
         [flight.goal[0] + dx / length * far for far in reach], [flight.goal[1] + dy / length * far for far in reach]
     )

@@ -35,7 +35,7 @@ from ros_bridge.core import adapters
 from ros_bridge.core.conversions import ALTITUDE_CODES
 from ros_bridge.core.fields import SECOND, FieldError, stamp
 from ros_bridge.core.reports import Report
-from ros_bridge.transport import parameters, process, qos, views
+from ros_bridge.transport import process, qos, views
 from ros_bridge.transport.messages import aircraft_message, sighting_message
 from ros_bridge.transport.settings import declare
 
@@ -83,7 +83,7 @@ class Translator(Node):
 
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_translator", **more)
-        declare(self, parameters.TRANSLATOR_NUMBERS, parameters.TRANSLATOR_OTHERS)
+        declare(self, "translator")
         own, traffic = self._choice("own_source", _OWN), self._choice("traffic_source", _TRAFFIC)
         self._reference = self._choice("own_altitude_reference", dict.fromkeys(ALTITUDE_CODES.values()))
         self._references = {
@@ -171,5 +171,4 @@ def _kind(source: str, known: dict[str, Any]) -> Any:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node."""
-    text = parameters.help_text(parameters.TRANSLATOR_NUMBERS, parameters.TRANSLATOR_OTHERS)
-    return process.main(Translator, "python -m ros_bridge.translator", f"{__doc__}{text}", arguments)
+    return process.main(Translator, "translator", __doc__, arguments)

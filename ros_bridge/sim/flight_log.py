@@ -5,10 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-__all__ = ["NEVER_ASKED", "SEPARATION", "FlightLog", "kept", "table"]
-
-SEPARATION = 1_000.0
-"""What a plan called SAFE must keep, m."""
+__all__ = ["NEVER_ASKED", "FlightLog", "kept", "table"]
 
 NEVER_ASKED = "no alert"
 """The first answer where no plan was requested."""
@@ -34,6 +31,8 @@ class FlightLog:
     """How one encounter went."""
 
     name: str
+    required: float
+    """Separation that a plan called SAFE must keep, m."""
     first: str = NEVER_ASKED
     """Status of the first answer."""
     source: str = ""
@@ -66,7 +65,7 @@ class FlightLog:
     @property
     def kept(self) -> bool:
         """Whether a plan called SAFE kept the separation; true where none was called so."""
-        return not self.failure and (self.safe_at is None or self.separation >= SEPARATION)
+        return not self.failure and (self.safe_at is None or self.separation >= self.required)
 
 
 def kept(logs: Iterable[FlightLog]) -> bool:
@@ -87,7 +86,7 @@ def table(logs: Sequence[FlightLog]) -> str:
         least = min(safe, key=lambda log: log.separation)
         lines.append(
             f"{len(safe)} of {len(logs)} encounters had a plan called SAFE; the closest of them: "
-            f"{least.separation:.1f} m ({least.name}); below {SEPARATION:g} m: {', '.join(below) or 'none'}"
+            f"{least.separation:.1f} m ({least.name}); below {least.required:g} m: {', '.join(below) or 'none'}"
         )
     else:
         lines.append(f"none of {len(logs)} encounters had a plan called SAFE")

@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from envs import intruder
+from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.follower import PERIOD, KinematicVehicle, Vehicle, guidance
-from envs.kinematics import C208_PUBLISHED, VehicleState
+from envs.kinematics import C208_PUBLISHED, Limits, VehicleState
 from envs.relative import leg_separation, straight_cpa
 from envs.trees import take
 from envs.waypoints import Legs, Waypoint, at, knots, legs
@@ -38,7 +39,6 @@ OWN = "own"
 VEHICLES = ("kinematic", "point_mass", "c208")
 """Ownships: limits without lags, the aircraft's lags and powers, and the aircraft in JSBSim."""
 
-GOAL_RADIUS = 500.0  # m
 _LONGEST = 1_000.0  # s; no encounter lasts longer
 
 
@@ -86,16 +86,21 @@ class FlightPath:
         return float(acceleration), float(yaw_rate)
 
 
-def vehicle(name: str, state: VehicleState) -> Vehicle:
-    """Return an ownship; JSBSim is loaded for those that need it alone.
+def vehicle(name: str, state: VehicleState, limits: Limits) -> Vehicle:
+    """Return an ownship of these limits; JSBSim is loaded for those that need it alone.
 
     Raises:
         SimulationError: the name is unknown, what it needs is not installed, or it cannot fly so.
     """
     if name == "kinematic":
-        return KinematicVehicle(state, C208_PUBLISHED)
+        return KinematicVehicle(state, limits)
     if name not in VEHICLES:
         raise SimulationError(f"vehicle is {name!r}, expected one of {', '.join(VEHICLES)}")
+    if limits.speed_min < C208_PUBLISHED.speed_min or limits.speed_max > C208_PUBLISHED.speed_max:
+        raise SimulationError(
+            f"vehicle {name!r} is a Cessna 208B of {C208_PUBLISHED.speed_min:g} to {C208_PUBLISHED.speed_max:g} m/s, "
+            f"expected no aircraft of {limits.speed_min:g} to {limits.speed_max:g} m/s"
+        )
     try:
         from envs.c208.point_mass import PointMassVehicle
         from envs.c208.vehicle import C208Vehicle, FlightError
@@ -123,15 +128,18 @@ class EncounterFlight:
 
     Args:
         encounter: one, own fields ``[1]``, intruders ``[1, K]``.
+        aircraft: the ownship and its task.
+        limits: what the ownship's vehicle can do.
         kind: of the ownship's vehicle, one of :data:`VEHICLES`.
 
     Raises:
         SimulationError: as :func:`vehicle` has it.
     """
 
-    def __init__(self, encounter: Encounter, kind: str = "kinematic") -> None:
+    def __init__(self, encounter: Encounter, aircraft: Aircraft, limits: Limits, kind: str = "kinematic") -> None:
         start = VehicleState(*(float(field[0]) for field in encounter.own))
-        self.vehicle = vehicle(kind, start)
+        self.vehicle = vehicle(kind, start, limits)
+        self._goal_radius = aircraft.goal_radius
         self.lags = kind != "kinematic"
         self.time = 0.0
         """s since the beginning."""
@@ -189,7 +197,7 @@ class EncounterFlight:
         if self.reached is None:
             east, north = after.x - self.goal[0], after.y - self.goal[1]
             beyond = east * math.cos(self.course) + north * math.sin(self.course) > 0.0
-            if beyond or math.hypot(east, north) <= GOAL_RADIUS:
+            if beyond or math.hypot(east, north) <= self._goal_radius:
                 self.reached = self.time
 
     def over(self) -> bool:

@@ -4,14 +4,7 @@ The names are imported when they are used: most modules need ROS, :mod:`domains`
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from ros_bridge.transport.children import started, stopped
-    from ros_bridge.transport.domains import free_domain
-    from ros_bridge.transport.messages import aircraft_message, plan_message
-    from ros_bridge.transport.node_base import ListeningNode
-    from ros_bridge.transport.recording import Recorder, RecordingError
+from typing import Any
 
 _MODULES = {
     "ListeningNode": "node_base",
@@ -24,16 +17,7 @@ _MODULES = {
     "stopped": "children",
 }
 
-__all__ = [
-    "ListeningNode",
-    "Recorder",
-    "RecordingError",
-    "aircraft_message",
-    "free_domain",
-    "plan_message",
-    "started",
-    "stopped",
-]
+__all__ = list(_MODULES)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:

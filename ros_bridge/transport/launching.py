@@ -13,23 +13,22 @@ from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from ros_bridge.transport.parameters import MARGIN
-
-__all__ = ["ARGUMENTS", "SHARED", "declared", "node", "value"]
+__all__ = ["ARGUMENTS", "declared", "node", "shared", "value"]
 
 ARGUMENTS = (
     ("namespace", "", "of all nodes, such as n123; empty: none"),
     ("use_sim_time", "false", "whether the nodes take the time from /clock"),
     ("params_file", "", "YAML with parameters of the nodes, which go before those given here; empty: none"),
     ("log_level", "info", "debug, info, warn, error or fatal"),
-    ("separation", "1000.0", "m, least distance to every intruder; of runner and monitor"),
-    ("margin", str(MARGIN), "m, added for what the autopilot leaves of the plan; of runner and monitor"),
-    ("sigmas", "2.0", "standard deviations of the intruders' positions added; of runner and monitor"),
+    ("aircraft", "", "file of the aircraft and its task, of all nodes; empty: the policy's"),
+    ("policy_file", "", "of all nodes; empty: the one that ships"),
+    ("separation", "", "m, least distance to every intruder, of all nodes; empty: the aircraft's"),
+    ("margin", "", "m, added for what the autopilot leaves of the plan, of runner and monitor; empty: the usual"),
+    ("sigmas", "", "standard deviations of the intruders' positions added, of runner and monitor; empty: the usual"),
 )
 """Name, default and meaning of the arguments of every launch file."""
 
-SHARED = ("separation", "margin", "sigmas")
-"""Those that are parameters of runner and monitor alike."""
+_TEXTS, _NUMBERS = ("aircraft", "policy_file"), ("separation", "margin", "sigmas")
 
 
 def declared(*more: tuple[str, str, str], **other: str) -> list[DeclareLaunchArgument]:
@@ -43,6 +42,13 @@ def declared(*more: tuple[str, str, str], **other: str) -> list[DeclareLaunchArg
 def value(context: Any, name: str) -> str:
     """Return an argument's value."""
     return LaunchConfiguration(name).perform(context)
+
+
+def shared(context: Any, *, plans: bool = True) -> dict[str, Any]:
+    """Return what all nodes must agree on, with ``plans`` all that make or check plans; what is empty is left out."""
+    given: dict[str, Any] = {name: value(context, name) for name in _TEXTS if value(context, name)}
+    numbers = _NUMBERS if plans else _NUMBERS[:1]
+    return given | {name: float(value(context, name)) for name in numbers if value(context, name)}
 
 
 def node(context: Any, name: str, parameters: Mapping[str, Any] | None = None, **more: Any) -> Node:

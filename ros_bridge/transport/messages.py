@@ -3,7 +3,7 @@
 
 import uuid
 from array import array
-from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -42,6 +42,7 @@ __all__ = [
     "point_message",
     "sighting_message",
     "time_message",
+    "trajectory_message",
     "uuid_of",
 ]
 
@@ -92,9 +93,22 @@ def point_message(point: PlanPoint) -> Waypoint:
     return message
 
 
-def plan_message(
-    plan: Plan, task: Task, frame: str, revision: int, unique: uuid.UUID, *, certified: bool = False
-) -> Trajectory:
+def trajectory_message(status: int, time: int, frame: str, revision: int, **more: Any) -> Trajectory:
+    """Return a trajectory with an id of its own; what is not given there is none of.
+
+    Args:
+        status: of Trajectory.
+        time: of its start, ns.
+        frame: that the header names.
+        revision: of the trajectory.
+        **more: other fields.
+    """
+    none = {"min_separation": -1.0, "time_of_min_separation": -1.0, "rejoin_index": -1}
+    given = {"id": identity(uuid.uuid4())} | none | more
+    return Trajectory(header=header(time, frame), status=status, revision=revision, **given)
+
+
+def plan_message(plan: Plan, task: Task, frame: str, revision: int, *, certified: bool = False) -> Trajectory:
     """Return a plan, safe or not, as a trajectory; one without waypoints has the status UNRESOLVED and none.
 
     Args:
@@ -102,24 +116,29 @@ def plan_message(
         task: that was planned.
         frame: that the header names.
         revision: of the trajectory.
-        unique: its id.
         certified: whether a SAFE plan carries its certificate.
     """
-    separated = bool(np.isfinite(plan.min_separation) and np.isfinite(plan.time_of_min_separation))
-    return Trajectory(
-        header=header(task.time, frame),
-        id=identity(unique),
-        revision=revision,
-        status=Trajectory.STATUS_SAFE if plan.safe else Trajectory.STATUS_UNRESOLVED,
+    out = {one.number for one in plan.excluded}
+    more: dict[str, Any] = {}
+    if np.isfinite(plan.min_separation) and np.isfinite(plan.time_of_min_separation):
+        more = {
+            "min_separation": float(plan.min_separation),
+            "time_of_min_separation": float(plan.time_of_min_separation),
+        }
+    if plan.goal_index is not None:
+        more["rejoin_index"] = plan.goal_index
+    return trajectory_message(
+        Trajectory.STATUS_SAFE if plan.safe else Trajectory.STATUS_UNRESOLVED,
+        task.time,
+        frame,
+        revision,
         source=_SOURCES[plan.source],
-        intruder_ids=_kept(plan, task),
-        min_separation=float(plan.min_separation) if separated else -1.0,
-        time_of_min_separation=float(plan.time_of_min_separation) if separated else -1.0,
-        rejoin_index=-1 if plan.goal_index is None else plan.goal_index,
+        intruder_ids=[name for number, name in enumerate(task.identifiers) if number not in out],
         start=point_message(start_point(task.frame, task.own, task.time, task.own_altitude)),
         waypoints=[point_message(point) for point in plan_points(plan, task)],
         # An array of bytes is taken as it is; other sequences are looked at byte by byte.
         certificate=array("B", (plan.certificate if certified else None) or b""),
+        **more,
     )
 
 
@@ -166,8 +185,3 @@ def sighting_message(sighting: Sighting, frame: str = "") -> AircraftState:
         message.valid |= ALTITUDE
         message.altitude, message.altitude_reference = sighting.altitude.value, _CODES[sighting.altitude.reference]
     return message
-
-
-def _kept(plan: Plan, task: Task) -> Iterable[str]:
-    out = {one.number for one in plan.excluded}
-    return [name for number, name in enumerate(task.identifiers) if number not in out]

@@ -1,15 +1,20 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""What runner and monitor share: a lifecycle node that gives back what it made, and a clock that may step back."""
+"""What runner and monitor share: what they hear, giving back what was made, and a clock that may step back."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rlcas_msgs.msg import AircraftState, GeoReference
 
+from ros_bridge.core import updates
 from ros_bridge.core.fields import SECOND
+from ros_bridge.core.situation import Situation
+from ros_bridge.core.tracks import forgotten
 from ros_bridge.transport import qos
-from ros_bridge.transport.settings import declare, vehicle_limits
+from ros_bridge.transport.settings import aircraft_text, declare, planning_options, report_rules
 
 __all__ = ["ListeningNode"]
 
@@ -19,32 +24,41 @@ _BACKWARD = SECOND // 2  # by how much the clock may step back before everything
 class ListeningNode(LifecycleNode):
     """A lifecycle node whose subscriptions, publishers and timers last from its configuration to its cleaning up."""
 
-    def __init__(self, name: str, **more: Any) -> None:
-        super().__init__(name, **more)
+    def __init__(self, kind: str, **more: Any) -> None:
+        super().__init__(f"rlcas_{kind}", **more)
         self._entities: list[Callable[[], Any]] = []
         """How each of them is destroyed."""
         self._qos_problems: dict[str, str] = {}
         """Sentences on qualities of service that do not fit, by topic; kept until the node is configured anew."""
         self._active = False
         self._latest = 0
-
-    def _declare(self, *declared: Any) -> None:
-        """Declare parameters; limits that contradict each other are refused, now and whenever they are set.
-
-        Raises:
-            ValueError: they do.
-        """
-        declare(self, *declared)
-        vehicle_limits(lambda name: self.get_parameter(name).value)
+        self._situation = Situation()
+        aircraft = declare(self, kind)
+        assert aircraft is not None, "runner and monitor have an aircraft"
+        self._aircraft = aircraft
+        try:
+            planning_options(self._value, aircraft)
+        except ValueError:
+            self.destroy_node()
+            raise
         self.add_on_set_parameters_callback(self._fitting)
+
+    def _value(self, name: str) -> Any:
+        """Return a parameter's value; None for one that this node does not have."""
+        return self.get_parameter(name).value if self.has_parameter(name) else None
 
     def _fitting(self, wanted: list[Any]) -> SetParametersResult:
         given = {one.name: one.value for one in wanted}
         try:
-            vehicle_limits(lambda name: given.get(name, self.get_parameter(name).value))
+            planning_options(lambda name: given.get(name, self._value(name)), self._aircraft)
         except ValueError as problem:
             return SetParametersResult(successful=False, reason=str(problem))
         return SetParametersResult(successful=True)
+
+    @property
+    def _flown(self) -> str:
+        """The aircraft, as a text."""
+        return aircraft_text(planning_options(self._value, self._aircraft))
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to work."""
@@ -75,6 +89,33 @@ class ListeningNode(LifecycleNode):
     def _call_every(self, period: float, callback: Callable[[], None]) -> None:
         timer = self.create_timer(period, callback)
         self._entities.append(lambda: self.destroy_timer(timer))
+
+    def _listen(self, name: str) -> None:
+        """Subscribe to ownship, traffic and geo-reference under the runner's name."""
+        self._subscribe(AircraftState, f"{name}/input/ownship", self._on_ownship, qos.SENSOR)
+        self._subscribe(AircraftState, f"{name}/input/traffic", self._on_traffic, qos.TRAFFIC)
+        self._subscribe(GeoReference, f"{name}/input/geo_reference", self._on_geo_reference, qos.LATCHED)
+
+    def _on_ownship(self, message: AircraftState) -> None:
+        now = self._now()  # may reset the situation
+        self._situation = updates.ownship(self._situation, message, now, report_rules(self._value))
+
+    def _on_traffic(self, message: AircraftState) -> None:
+        now = self._now()
+        self._situation = updates.traffic(self._situation, message, now, report_rules(self._value))
+
+    def _on_geo_reference(self, message: GeoReference) -> None:
+        now = self._now()
+        self._situation = updates.geo_reference(self._situation, message, now)
+        if self._situation.origin_fault is not None:
+            self.get_logger().error(self._situation.origin_fault.message)
+
+    def _forget(self, now: int) -> None:
+        """Forget the aircraft that have fallen silent."""
+        traffic, silent = forgotten(self._situation.traffic, now, self._value("forget_after"))
+        if silent:
+            self._situation = replace(self._situation, traffic=traffic)
+            self.get_logger().info(f"silent, and forgotten: {', '.join(silent)}")
 
     def _on_qos_problem(self, topic: str, sentence: str) -> None:
         self._qos_problems[topic] = sentence

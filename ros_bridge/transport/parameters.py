@@ -1,224 +1,214 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""Parameters of the nodes: name, default, range, unit and meaning."""
+"""Parameters of the nodes: name, default, range, unit and meaning.
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+Numbers that follow from the aircraft are in its units: D is its separation, V its greatest speed, T its time step. A
+default that is a word is what the aircraft has of that name.
+"""
 
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from envs.aircraft import Aircraft
 from envs.edge.command import Parser, run_cli
-from envs.kinematics import C208_PUBLISHED
 
-__all__ = [
-    "MARGIN",
-    "MONITOR_NUMBERS",
-    "MONITOR_OTHERS",
-    "NODES",
-    "NUMBERS",
-    "OTHERS",
-    "PILOT_NUMBERS",
-    "PILOT_OTHERS",
-    "SIMULATOR_NUMBERS",
-    "SIMULATOR_OTHERS",
-    "TRANSLATOR_NUMBERS",
-    "TRANSLATOR_OTHERS",
-    "Number",
-    "help_text",
-    "reference",
-]
+__all__ = ["NODES", "PARAMETERS", "Parameter", "help_text", "of", "reference"]
+
+NODES = ("runner", "monitor", "simulator", "translator", "pilot")
+"""Names of the nodes; the node of each is called ``rlcas_`` and the name."""
+
+_UNITS = {"D": "m", "V": "m/s", "T": "s"}
 
 
-@dataclass(frozen=True, slots=True)
-class Number:
-    """A parameter that is a number."""
+class Parameter(NamedTuple):
+    """One parameter of some nodes."""
 
+    nodes: str
+    """Names with blanks."""
     name: str
-    default: float
-    low: float
-    high: float
-    unit: str
+    default: Any
+    """A number or a switch in the unit, or a text; a text beside a range is the aircraft's field of that name."""
     meaning: str
+    low: float | None = None
+    """None: it is no number."""
+    high: float | None = None
+    unit: str = ""
+
+    @property
+    def fixed(self) -> bool:
+        """Whether it is read once, when the node starts."""
+        return (isinstance(self.default, str) and self.low is None) or "read at the start" in self.meaning
+
+    def resolved(self, aircraft: Aircraft | None, known: dict[str, float]) -> "Parameter":
+        """Return the parameter in SI units.
+
+        Args:
+            aircraft: whose units are meant; None for nodes without one.
+            known: what the aircraft has, by name.
+        """
+        if self.low is None or self.high is None:
+            return self
+        default = known[self.default] if isinstance(self.default, str) else self.default
+        if self.unit not in _UNITS or aircraft is None:
+            return self._replace(default=default)
+        size = {"D": aircraft.separation, "V": aircraft.limits.speed_max, "T": aircraft.dt}[self.unit]
+        low, high = self.low * size, self.high * size
+        return self._replace(
+            default=default if isinstance(self.default, str) else default * size,
+            low=low,
+            high=high,
+            unit=_UNITS[self.unit],
+        )
 
 
-MARGIN = 145.0
-"""Default margin, m: 99 % of the flights of a Cessna 208B in moderate turbulence stay so close to their plans, at 95 %
-confidence (docs/howto/hifi.md)."""
+_ALL, _BOTH = "runner monitor simulator pilot", "runner monitor"
+_MAP, _START = "frame that headers name, x east, y north of the geo-reference; read at the start", "; read at the start"
 
-_YAW_RATE = round(math.degrees(C208_PUBLISHED.yaw_rate_max), 9)
-
-_MARGIN_MEANING = (
-    "added to it for what the autopilot leaves of the plan; the default is the Cessna 208B's in turbulence"
-)
-NUMBERS = (
-    Number("ownship_max_age", 1.5, 0.05, 10.0, "s", "oldest state of the ownship that is planned with"),
-    Number("intruder_max_age", 5.0, 0.1, 60.0, "s", "oldest state of an intruder that is planned with"),
-    Number("alert_max_age", 10.0, 1.0, 600.0, "s", "for how long an alert holds"),
-    Number("request_max_age", 1.0, 0.05, 60.0, "s", "oldest request that is answered"),
-    Number("future_tolerance", 0.5, 0.0, 0.5, "s", "by how much a stamp may lie ahead of the clock"),
-    Number("forget_after", 30.0, 5.0, 600.0, "s", "silence after which an intruder is forgotten"),
-    Number("jump_distance", 500.0, 10.0, 10_000.0, "m", "largest distance of a report from where it is expected ..."),
-    Number("jump_speed", 50.0, 0.0, 400.0, "m/s", "... which grows so fast with the time between reports"),
-    Number("wind_max", 20.0, 0.0, 20.0, "m/s", "strongest wind that is planned in"),
-    Number("separation", 1000.0, 1000.0, 20_000.0, "m", "least distance to every intruder"),
-    Number("margin", MARGIN, 0.0, 5_000.0, "m", _MARGIN_MEANING),
-    Number("sigmas", 2.0, 0.0, 10.0, "", "standard deviations of the intruders' positions added to it"),
-    Number("speed_min", C208_PUBLISHED.speed_min, 10.0, 190.0, "m/s", "lowest air speed of the aircraft"),
-    Number("speed_max", C208_PUBLISHED.speed_max, 20.0, 200.0, "m/s", "highest; wind narrows both"),
-    Number("acceleration_min", C208_PUBLISHED.acceleration_min, -5.0, -0.05, "m/s^2", "hardest braking"),
-    Number("acceleration_max", C208_PUBLISHED.acceleration_max, 0.05, 5.0, "m/s^2", "that is there at every speed"),
-    Number("yaw_rate_max", _YAW_RATE, 0.5, 30.0, "deg/s", "fastest turn that is there at every speed"),
-    Number("vertical_filter", 600.0, 300.0, 50_000.0, "m", "vertical separation beyond which an intruder is left out"),
-    Number("rejoin_by", 300.0, 20.0, 340.0, "s", "latest time at which the route is rejoined"),
-    Number("diagnostics_period", 1.0, 0.1, 60.0, "s", "between two states of health; read at the start"),
-)
-OTHERS: tuple[tuple[str, Any, str], ...] = (
-    ("extend_route", False, "whether a route that ends before the plan may be extended in its last direction"),
-    (
-        "exhaustive",
-        True,
-        "whether the slow stages of the search are tried before giving up, but for the monitor's requests",
+PARAMETERS = (
+    Parameter(_ALL, "aircraft", "", "file of the aircraft and its task (configs/aircraft/*.yaml); empty: the policy's"),
+    Parameter(_ALL, "policy_file", "", "policy file; empty: the one that ships"),
+    Parameter("runner", "policy_sha256", "", "digest that the policy must have, 64 digits; empty: any"),
+    Parameter("runner", "outside_domain", "refuse", "an aircraft outside the policy's family: refuse or allow"),
+    Parameter(_ALL, "speed_min", "speed_min", "lowest air speed that the vehicle itself can fly", 0.0, 400.0, "m/s"),
+    Parameter(_ALL, "speed_max", "speed_max", "highest; wind narrows both", 1.0, 400.0, "m/s"),
+    Parameter(_ALL, "acceleration_min", "acceleration_min", "hardest braking", -40.0, -1e-4, "m/s^2"),
+    Parameter(_ALL, "acceleration_max", "acceleration_max", "that is there at every speed", 1e-4, 40.0, "m/s^2"),
+    Parameter(_ALL, "yaw_rate_max", "yaw_rate_max", "fastest turn that is there at every speed", 0.01, 114.0, "deg/s"),
+    Parameter(_ALL, "separation", "separation", "least distance to every intruder", 1.0, 1e6, "m"),
+    Parameter(_BOTH, "goal_radius", "goal_radius", "within which a point of the route is rejoined", 0.1, 1e6, "m"),
+    Parameter(
+        _BOTH, "margin", 0.145, "added for what the autopilot leaves of the plan (default: C208B)", 0.0, 5.0, "D"
     ),
-    ("certificate", True, "whether SAFE plans carry what `python -m agents.check` proves them from; 3 ms an answer"),
-    ("policy_file", "", "policy file; empty: the one that ships; read at the configuration"),
-    ("policy_sha256", "", "digest that the policy must have, 64 digits; empty: any; read at the configuration"),
-    ("map_frame", "map", "frame of path and markers: x east, y north of the geo-reference; read at the configuration"),
-    (
-        "route_durability",
-        "transient_local",
-        "of the route input: transient_local or volatile; read at the configuration",
+    Parameter(_BOTH, "sigmas", 2.0, "standard deviations of the intruders' positions added to it", 0.0, 10.0),
+    Parameter(_BOTH, "waypoints", 20, "of a plan, the last of them a point of the route; read at the start", 4, 400),
+    Parameter(
+        _BOTH,
+        "spacing",
+        20,
+        "time steps from waypoint to waypoint, a multiple of 5; read at the start",
+        5,
+        400,
+        "steps",
+    ),
+    Parameter("runner", "rejoin_by", 0.0, "latest time at which the route is rejoined; 0: the plan's", 0.0, 4e4, "T"),
+    Parameter("runner", "deadline", 0.05, "computation after which the best plan so far is taken", 0.001, 60.0, "s"),
+    Parameter(
+        _BOTH, "vertical_filter", 600.0, "vertical separation beyond which an intruder is left out", 300.0, 5e4, "m"
+    ),
+    Parameter("runner", "wind_max", 0.2, "strongest wind that is planned in", 0.0, 1.0, "V"),
+    Parameter(f"{_BOTH} pilot", "ownship_max_age", 1.5, "oldest state of the ownship that is used", 0.05, 10.0, "T"),
+    Parameter(_BOTH, "intruder_max_age", 5.0, "oldest state of an intruder that is planned with", 0.1, 60.0, "T"),
+    Parameter("runner", "alert_max_age", 10.0, "for how long an alert holds", 1.0, 600.0, "T"),
+    Parameter("runner", "request_max_age", 1.0, "oldest request that is answered", 0.05, 60.0, "s"),
+    Parameter(_BOTH, "future_tolerance", 0.5, "by how much a stamp may lie ahead of the clock", 0.0, 0.5, "s"),
+    Parameter(_BOTH, "forget_after", 30.0, "silence after which an intruder is forgotten", 5.0, 600.0, "s"),
+    Parameter(
+        _BOTH, "jump_distance", 500.0, "largest distance of a report from where it is expected ...", 10.0, 1e4, "m"
+    ),
+    Parameter(_BOTH, "jump_speed", 50.0, "... which grows so fast with the time between reports", 0.0, 400.0, "m/s"),
+    Parameter("runner", "extend_route", False, "whether a route that ends before the plan may be extended"),
+    Parameter("runner", "exhaustive", True, "whether slow searches go on before giving up; not for the monitor"),
+    Parameter("runner", "certificate", True, "whether SAFE plans carry what `python -m agents.check` proves; 3 ms"),
+    Parameter("runner", "route_durability", "transient_local", "of the route input: transient_local or volatile"),
+    Parameter("monitor", "period", 0.05, f"between two checks{_START}", 0.02, 0.09, "s"),
+    Parameter("monitor", "answer_time", 3.0, "in which the runner must answer", 0.1, 10.0, "s"),
+    Parameter("monitor", "replan_interval", 2.0, "least time between two requests", 0.5, 60.0, "T"),
+    Parameter("monitor", "cross_track", 0.025, "largest distance from the path", 1e-3, 1.0, "D"),
+    Parameter("monitor", "along_track", 0.05, "largest distance ahead of or behind the plan", 1e-3, 1.0, "D"),
+    Parameter("monitor", "time_error", 1.0, "largest delay or lead", 0.1, 60.0, "T"),
+    Parameter(
+        "monitor", "intruder_position", 0.05, "largest deviation of an intruder, besides 3 sigmas", 1e-3, 1.0, "D"
+    ),
+    Parameter("monitor", "intruder_velocity", 0.05, "largest deviation of its velocity, likewise", 1e-3, 1.0, "V"),
+    Parameter("monitor", "runner_silence", 3.0, "silence of the runner that is reported as a fault", 1.5, 60.0, "s"),
+    Parameter(
+        f"{_BOTH} translator", "diagnostics_period", 1.0, f"between two states of health{_START}", 0.1, 60.0, "s"
+    ),
+    Parameter(f"{_BOTH} simulator", "map_frame", "map", _MAP),
+    Parameter("simulator", "scenario", "crossing_left", "family of encounters: a name in envs.encounters"),
+    Parameter("simulator", "seed", 0, f"of the encounters{_START}"),
+    Parameter("simulator", "encounter", 0, f"number of the first{_START}"),
+    Parameter("simulator", "encounters", 1, f"how many are flown, one after the other{_START}"),
+    Parameter("simulator", "vehicle", "kinematic", "kinematic, point_mass or c208 (JSBSim)"),
+    Parameter(
+        "simulator pilot", "monitor", True, f"whether to fly what the monitor selects; else the newest plan{_START}"
+    ),
+    Parameter("simulator", "rate", 20.0, "times real time, at most, while no plan is sought", 0.1, 1_000.0),
+    Parameter("simulator", "deciding_rate", 1.0, "times real time while a plan is sought", 0.1, 1_000.0),
+    Parameter("simulator", "longest", 300.0, "after which an encounter ends", 10.0, 900.0, "T"),
+    Parameter("simulator", "origin_latitude", 47.0, "of the geo-reference", -89.0, 89.0, "deg"),
+    Parameter("simulator", "origin_longitude", 8.0, "of the geo-reference", -180.0, 180.0, "deg"),
+    Parameter("simulator", "alert_distance", 2.0, "an alert is given where aircraft would pass closer", 0.0, 50.0, "D"),
+    Parameter("simulator", "ask_again", 5.0, "between requests while there is an alert and no plan", 1.0, 60.0, "s"),
+    *(
+        Parameter("simulator", f"{kind}_{name}", default, f"{meaning} of {whose}", span[0], span[1], unit)
+        for kind, whose, numbers in (
+            ("own", "the ownship's reports", ((10.0, 0.5, 10.0), (0.05, 0.0, 2.0), (0.0, 0.0, 1.0))),
+            ("traffic", "each intruder's reports", ((1.0, 0.1, 10.0), (0.4, 0.0, 5.0), (0.05, 0.0, 1.0))),
+        )
+        for name, (default, *span), unit, meaning in (
+            ("rate", numbers[0], "Hz", "rate"),
+            ("latency", numbers[1], "s", "latency"),
+            ("dropout", numbers[2], "", "share that is lost"),
+            ("position_std", (0.0, 0.0, 500.0), "m", "noise of the position, one sigma per axis,"),
+            ("velocity_std", (0.0, 0.0, 50.0), "m/s", "noise of the velocity, one sigma per axis,"),
+        )
+    ),
+    Parameter("translator", "velocity_apart", 0.2, "largest time between a fix and its velocity", 0.0, 2.0, "s"),
+    Parameter("translator", "own_source", "none", "none, nav_sat_fix, inspva or inspvax"),
+    Parameter("translator", "own_id", "", "the ownship's name, such as its 24-bit address in hexadecimal"),
+    Parameter("translator", "own_altitude_reference", "wgs84", "what fixes' altitudes are above: wgs84, msl, pressure"),
+    Parameter("translator", "traffic_source", "none", "none, adsb or nav_sat_fix"),
+    Parameter("translator", "traffic_id", "", "the intruder's name, where its source is a fix"),
+    *(
+        Parameter("translator", f"adsb_{kind}_reference", "", f"what {kind} ADS-B altitudes are above; empty: unknown")
+        for kind in ("barometric", "geometric")
     ),
 )
 
 
-_SHARED = (
-    "ownship_max_age",
-    "intruder_max_age",
-    "future_tolerance",
-    "forget_after",
-    "jump_distance",
-    "jump_speed",
-    "separation",
-    "margin",
-    "sigmas",
-    "speed_min",
-    "speed_max",
-    "acceleration_min",
-    "acceleration_max",
-    "yaw_rate_max",
-    "vertical_filter",
-    "diagnostics_period",
-)
-MONITOR_NUMBERS = (
-    *(one for one in NUMBERS if one.name in _SHARED),
-    Number("period", 0.05, 0.02, 0.09, "s", "between two checks; read at the configuration"),
-    Number("answer_time", 3.0, 0.1, 10.0, "s", "in which the runner must answer"),
-    Number("replan_interval", 2.0, 0.5, 60.0, "s", "least time between two requests"),
-    Number("cross_track", 25.0, 1.0, 1_000.0, "m", "largest distance from the path"),
-    Number("along_track", 50.0, 1.0, 1_000.0, "m", "largest distance ahead of or behind the plan"),
-    Number("time_error", 1.0, 0.1, 60.0, "s", "largest delay or lead"),
-    Number(
-        "intruder_position",
-        50.0,
-        1.0,
-        1_000.0,
-        "m",
-        "largest deviation of an intruder, besides 3 sigmas",
-    ),
-    Number("intruder_velocity", 5.0, 0.1, 100.0, "m/s", "largest deviation of its velocity, likewise"),
-    Number("runner_silence", 3.0, 1.5, 60.0, "s", "silence of the runner that is reported as a fault"),
-)
-MONITOR_OTHERS: tuple[tuple[str, Any, str], ...] = (
-    ("map_frame", "map", "frame that headers name; read at the configuration"),
-)
-SIMULATOR_NUMBERS = (
-    Number("rate", 20.0, 0.1, 1_000.0, "", "times real time, at most, while no plan is sought"),
-    Number("deciding_rate", 1.0, 0.1, 1_000.0, "", "times real time while a plan is sought"),
-    Number("longest", 300.0, 10.0, 900.0, "s", "after which an encounter ends"),
-    Number("origin_latitude", 47.0, -89.0, 89.0, "deg", "of the geo-reference"),
-    Number("origin_longitude", 8.0, -180.0, 180.0, "deg", "of the geo-reference"),
-    Number("alert_distance", 2_000.0, 0.0, 50_000.0, "m", "an alert is given where aircraft would pass closer"),
-    Number("ask_again", 5.0, 1.0, 60.0, "s", "between requests while there is an alert and no plan"),
-    Number("own_rate", 10.0, 0.5, 10.0, "Hz", "of the ownship's reports"),
-    Number("own_latency", 0.05, 0.0, 2.0, "s", "of the ownship's reports"),
-    Number("own_dropout", 0.0, 0.0, 1.0, "", "share of the ownship's reports that are lost"),
-    Number("own_position_std", 0.0, 0.0, 100.0, "m", "noise of the ownship's position, one sigma per axis"),
-    Number("own_velocity_std", 0.0, 0.0, 10.0, "m/s", "noise of the ownship's velocity, one sigma per axis"),
-    Number("traffic_rate", 1.0, 0.1, 10.0, "Hz", "of each intruder's reports"),
-    Number("traffic_latency", 0.4, 0.0, 5.0, "s", "of the intruders' reports"),
-    Number("traffic_dropout", 0.05, 0.0, 1.0, "", "share of the intruders' reports that are lost"),
-    Number("traffic_position_std", 0.0, 0.0, 500.0, "m", "noise of the intruders' positions, one sigma per axis"),
-    Number("traffic_velocity_std", 0.0, 0.0, 50.0, "m/s", "noise of the intruders' velocities, one sigma per axis"),
-)
-SIMULATOR_OTHERS: tuple[tuple[str, Any, str], ...] = (
-    ("scenario", "crossing_left", "family of encounters: a name in envs.encounters; read at the start"),
-    ("seed", 0, "of the encounters; read at the start"),
-    ("encounter", 0, "number of the first; read at the start"),
-    ("encounters", 1, "how many are flown, one after the other; read at the start"),
-    ("vehicle", "kinematic", "kinematic, point_mass or c208 (JSBSim); read at the start"),
-    ("monitor", True, "whether to fly what the monitor selects; else the newest plan; read at the start"),
-    ("map_frame", "map", "frame that headers name; read at the start"),
-)
-TRANSLATOR_NUMBERS = (
-    Number("velocity_apart", 0.2, 0.0, 2.0, "s", "largest time between a fix and the velocity that belongs to it"),
-    next(one for one in NUMBERS if one.name == "diagnostics_period"),
-)
-TRANSLATOR_OTHERS: tuple[tuple[str, Any, str], ...] = (
-    ("own_source", "none", "none, nav_sat_fix, inspva or inspvax; read at the start"),
-    ("own_id", "", "the ownship's name, such as its 24-bit address in hexadecimal; read at the start"),
-    (
-        "own_altitude_reference",
-        "wgs84",
-        "what altitudes of fixes are above: wgs84, msl or pressure; read at the start",
-    ),
-    ("traffic_source", "none", "none, adsb or nav_sat_fix; read at the start"),
-    ("traffic_id", "", "the intruder's name, where its source is a fix; read at the start"),
-    ("adsb_barometric_reference", "", "what ADS-B's barometric altitudes are above; empty: unknown; read at the start"),
-    ("adsb_geometric_reference", "", "what ADS-B's geometric altitudes are above; empty: unknown; read at the start"),
-)
-PILOT_NUMBERS = (next(one for one in NUMBERS if one.name == "ownship_max_age"),)
-PILOT_OTHERS: tuple[tuple[str, Any, str], ...] = (
-    ("monitor", True, "whether to fly what the monitor selects; else the newest plan; read at the start"),
-)
-NODES = (
-    ("runner", NUMBERS, OTHERS),
-    ("monitor", MONITOR_NUMBERS, MONITOR_OTHERS),
-    ("simulator", SIMULATOR_NUMBERS, SIMULATOR_OTHERS),
-    ("translator", TRANSLATOR_NUMBERS, TRANSLATOR_OTHERS),
-    ("pilot", PILOT_NUMBERS, PILOT_OTHERS),
-)
-"""Names of the nodes with their parameters."""
+def of(node: str) -> Iterator[Parameter]:
+    """Yield the parameters of a node."""
+    return (one for one in PARAMETERS if node in one.nodes.split())
 
 
-def help_text(numbers: Sequence[Number] = NUMBERS, others: Sequence[tuple[str, Any, str]] = OTHERS) -> str:
-    """Return parameters for ``--help``."""
-    lines = [f"  {n.name:20} {n.default:g} {n.unit} ({n.low:g} to {n.high:g}): {n.meaning}" for n in numbers]
-    lines += [f"  {name:20} {default!r}: {meaning}" for name, default, meaning in others]
-    return "\n".join(lines)
+def help_text(node: str) -> str:
+    """Return a node's parameters for ``--help``; D, V and T are explained where they are used."""
+    lines = [f"  {one.name:20} {_shown(one)} {one.unit}{_range(one)}: {one.meaning}" for one in of(node)]
+    scaled = any(one.unit in _UNITS for one in of(node))
+    return "\n".join(
+        [*lines, *(["D, V, T: separation, greatest speed and time step of the aircraft"] if scaled else [])]
+    )
 
 
 def reference() -> str:
     """Return all parameters as tables in Markdown, each once, as they stand in docs/reference/ros-parameters.md."""
     parts: list[str] = []
-    known: set[Any] = set()
-    for node, numbers, others in NODES:
-        again = [f"`{one.name}`" for one in numbers if one in known]
-        again += [f"`{one[0]}`" for one in others if one in known]
+    known: set[Parameter] = set()
+    for node in NODES:
+        mine = list(of(node))
+        again = [f"`{one.name}`" for one in mine if one in known]
         rows = [f"**{node}**", ""]
         rows += [f"As above: {', '.join(again)}.", ""] if again else []
         rows += ["| parameter | default | range | unit | meaning |", "|---|---|---|---|---|"]
         rows += [
-            f"| `{n.name}` | {n.default:g} | {n.low:g} to {n.high:g} | {n.unit} | {n.meaning} |"
-            for n in numbers
-            if n not in known
+            f"| `{one.name}` | {_shown(one)} | {_range(one)[2:-1]} | {one.unit} | {one.meaning} |"
+            for one in mine
+            if one not in known
         ]
-        rows += [f"| `{one[0]}` | `{_shown(one[1])}` | | | {one[2]} |" for one in others if one not in known]
-        known |= {*numbers, *others}
+        known.update(mine)
         parts.append("\n".join(rows))
     return "\n\n".join(parts) + "\n"
 
 
-def _shown(default: Any) -> str:
-    return str(default).lower() if isinstance(default, bool) else str(default) or '""'
+def _range(one: Parameter) -> str:
+    return "" if one.low is None else f" ({one.low:g} to {one.high:g})"
+
+
+def _shown(one: Parameter) -> str:
+    if isinstance(one.default, str):
+        text = one.default or '""'
+        return f"`{text}`" if one.low is None else "the aircraft's"
+    return str(one.default).lower() if isinstance(one.default, bool) else f"{one.default:g}"
 
 
 def main() -> None:

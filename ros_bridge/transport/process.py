@@ -24,25 +24,26 @@ __all__ = ["main"]
 _LOOK = 1.0  # s between two looks at whether the node has finished
 
 
-def main(make: Callable[[], Any], program: str, text: str, arguments: Sequence[str] | None = None) -> int:
+def main(make: Callable[[], Any], name: str, text: str | None, arguments: Sequence[str] | None = None) -> int:
     """Run a node until it is stopped, and return the exit code.
 
     A lifecycle node is configured and activated first. A node that ends by itself has ``finished``, and then ``code``.
 
     Args:
         make: makes the node, after ROS has been initialised; ValueError where its parameters contradict each other.
-        program: such as ``python -m ros_bridge.runner``.
-        text: for ``--help``.
+        name: of the kind of nodes, such as ``runner``.
+        text: for ``--help``, before the parameters.
         arguments: of the command line, without the program's name; None: those of this process.
     """
     gc.disable()  # until everything that stays is there
     try:
-        return _run(make, program, text, arguments)
+        return _run(make, name, f"{text}{parameters.help_text(name)}", arguments)
     finally:
         gc.enable()
 
 
-def _run(make: Callable[[], Any], program: str, text: str, arguments: Sequence[str] | None) -> int:
+def _run(make: Callable[[], Any], name: str, text: str, arguments: Sequence[str] | None) -> int:
+    program = f"python -m ros_bridge.{name}"
     given = [program, *(sys.argv[1:] if arguments is None else arguments)]
     parser = Parser(prog=program, description=text)
     parser.add_argument(FLAG, action="store_true", help="end when standard input is closed")
@@ -53,7 +54,7 @@ def _run(make: Callable[[], Any], program: str, text: str, arguments: Sequence[s
         options = parser.parse_args(remove_ros_args(given)[1:])
         if options.end_with_parent:
             end_with_parent()
-        refuse_unknown_nodes(given, [f"rlcas_{name}" for name, *_ in parameters.NODES])
+        refuse_unknown_nodes(given, [f"rlcas_{one}" for one in parameters.NODES])
         configure_dds()
         rclpy.init(args=given)
         with reserved_ports():

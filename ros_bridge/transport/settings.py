@@ -2,133 +2,171 @@
 """Parameters declared on a node, and read back as the settings of what decides."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
 from agents.assurance.thresholds import Thresholds
-from agents.planner.options import Options
+from agents.planner.answer import RequestError
+from agents.planner.options import Options, check, vehicle_limits
 from agents.planner.traffic import Requirement
-from envs.aircraft import PAPER
-from envs.kinematics import SURROGATE, Limits, within
+from envs.aircraft import Aircraft
+from envs.kinematics import Limits
+from ros_bridge.core.aircraft import aircraft_of
 from ros_bridge.core.situation import Settings
 from ros_bridge.core.tracks import Rules
 from ros_bridge.transport.overrides import refuse_unknown_parameters
-from ros_bridge.transport.parameters import NUMBERS, OTHERS, Number
+from ros_bridge.transport.parameters import Parameter, of
 
-__all__ = ["aircraft_text", "declare", "monitor_thresholds", "planning_settings", "report_rules", "vehicle_limits"]
+__all__ = [
+    "aircraft_text",
+    "declare",
+    "limits_of",
+    "monitor_thresholds",
+    "planning_options",
+    "planning_settings",
+    "report_rules",
+    "resolved",
+]
 
 _KEPT = 0.5
 """Share of the sigmas planned with that must be left before a new plan is asked for: what is believed of an intruder
 wanders inside its uncertainty, and a plan that needs all of it would be void with every second report."""
 
+_RENAMED = {"aircraft.goal_radius": "goal_radius", "max_age": "intruder_max_age", "deadline_s": "deadline"}
+"""Parameters that the planner's options have by other names."""
 
-def declare(node: Any, numbers: Sequence[Number] = NUMBERS, others: Sequence[tuple[str, Any, str]] = OTHERS) -> None:
-    """Declare parameters on a node; a value out of its range, NaN too, is refused by ROS.
+
+def declare(node: Any, kind: str) -> Aircraft | None:
+    """Declare the parameters of a kind of nodes; a value out of its range, NaN too, is refused by ROS.
+
+    Returns:
+        The aircraft that the parameters name; None for nodes that have none.
 
     Raises:
-        ValueError: a value was given for a parameter that the node does not have.
+        ValueError: a value was given for a parameter that the node does not have, or there is no such aircraft.
     """
-    for one in numbers:
-        unit = f", {one.unit}" if one.unit else ""
-        span = FloatingPointRange(from_value=float(one.low), to_value=float(one.high))
-        descriptor = ParameterDescriptor(description=one.meaning + unit, floating_point_range=[span])
-        node.declare_parameter(one.name, float(one.default), descriptor)
-    for name, default, meaning in others:
-        fixed = isinstance(default, str) or "read at the start" in meaning
-        node.declare_parameter(name, default, ParameterDescriptor(description=meaning, read_only=fixed))
     try:
-        refuse_unknown_parameters(node, [*(one.name for one in numbers), *(name for name, *_ in others)])
-    except ValueError:
+        mine, aircraft = list(of(kind)), None
+        if mine[0].name == "aircraft":
+            # The numbers follow from it.
+            for one in mine[:2]:
+                node.declare_parameter(one.name, one.default, _descriptor(one))
+            aircraft = aircraft_of(*(node.get_parameter(one.name).value for one in mine[:2]))
+        for one in resolved(kind, aircraft):
+            if not node.has_parameter(one.name):
+                node.declare_parameter(one.name, one.default, _descriptor(one))
+        refuse_unknown_parameters(node, [one.name for one in mine])
+    except Exception:
         node.destroy_node()
         raise
+    return aircraft
 
 
-def aircraft_text(node: Any) -> str:
-    """Return the aircraft that a node's parameters describe, and what it keeps from others, as a text."""
+def resolved(kind: str, aircraft: Aircraft | None) -> Iterator[Parameter]:
+    """Yield the parameters of a kind of nodes for an aircraft, in SI units and degrees."""
+    known: dict[str, float] = {}
+    if aircraft is not None:
+        legs = vehicle_limits(aircraft.limits)
+        known = legs._asdict() | {"yaw_rate_max": round(math.degrees(legs.yaw_rate_max), 9)}
+        known |= {name: getattr(aircraft, name) for name in ("separation", "goal_radius")}
+    return (one.resolved(aircraft, known) for one in of(kind))
 
-    def value(name: str) -> float:
-        return node.get_parameter(name).value
 
-    speed, acceleration = (
-        f"{value(f'{name}_min'):g} to {value(f'{name}_max'):g}" for name in ("speed", "acceleration")
+def _descriptor(one: Parameter) -> ParameterDescriptor:
+    made = ParameterDescriptor(description=f"{one.meaning}{', ' * bool(one.unit)}{one.unit}", read_only=one.fixed)
+    if one.low is not None and one.high is not None:
+        if isinstance(one.default, int):
+            made.integer_range = [IntegerRange(from_value=int(one.low), to_value=int(one.high), step=1)]
+        else:
+            made.floating_point_range = [FloatingPointRange(from_value=float(one.low), to_value=float(one.high))]
+    return made
+
+
+def limits_of(value: Callable[[str], Any]) -> Limits:
+    """Return what the vehicle can do by the parameters' values."""
+    limits = Limits(**{name: value(name) for name in Limits._fields})
+    return limits._replace(yaw_rate_max=math.radians(limits.yaw_rate_max))
+
+
+def aircraft_text(options: Options) -> str:
+    """Return the aircraft that plans are made for, and what it keeps from others, as a text."""
+    limits, wanted = options.limits, options.requirement
+    return (
+        f"{limits.speed_min:g} to {limits.speed_max:g} m/s, {limits.acceleration_min:g} to "
+        f"{limits.acceleration_max:g} m/s^2, {math.degrees(limits.yaw_rate_max):g} deg/s; "
+        f"separation {wanted.separation:g} m, margin {wanted.margin:g} m"
     )
-    kept = f"separation {value('separation'):g} m, margin {value('margin'):g} m"
-    return f"{speed} m/s, {acceleration} m/s^2, {value('yaw_rate_max'):g} deg/s; {kept}"
 
 
-def vehicle_limits(value: Callable[[str], Any]) -> tuple[Limits, Limits]:
-    """Return what legs must obey, the aircraft's limits, and those that are the surrogate's, too, for manoeuvres.
+def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options:
+    """Return how plans shall be.
 
     Args:
-        value: the value of a parameter by its name.
+        value: of a parameter by its name; None for one that the node does not have.
+        aircraft: that the node was started for.
 
     Raises:
-        ValueError: the aircraft and the surrogate have no speeds in common.
+        ValueError: the values contradict each other; the message begins with a parameter's name.
     """
-    legs = Limits(
-        *(value("speed_min"), value("speed_max"), value("acceleration_min"), value("acceleration_max")),
-        math.radians(value("yaw_rate_max")),
-    )
+    legs = limits_of(value)
+    wanted = {"max_age": value("intruder_max_age"), "deadline_s": value("deadline"), "rejoin_by": value("rejoin_by")}
+    wanted |= {name: value(name) for name in ("waypoints", "spacing", "extend_route", "vertical_filter", "exhaustive")}
+    wanted["requirement"] = Requirement(value("separation"), value("margin"), value("sigmas"))
+    if not 0.0 < value("goal_radius") <= value("separation"):
+        raise ValueError(
+            f"goal_radius is {value('goal_radius'):g} m, expected at most the separation, {value('separation'):g} m"
+        )
+    if legs.speed_min >= legs.speed_max:
+        raise ValueError(f"speed_min is {legs.speed_min:g} m/s, expected less than speed_max, {legs.speed_max:g} m/s")
     try:
-        return legs, within(SURROGATE, legs)
+        # A false "rejoin_by" or what a node does not have leaves the usual value.
+        given = {name: one for name, one in wanted.items() if one is not None and (name != "rejoin_by" or one)}
+        options = Options.for_aircraft(aircraft._replace(goal_radius=value("goal_radius")), legs, **given)
+        check(options)
+    except RequestError as problem:
+        text = str(problem).removeprefix("options.")
+        for prefix in ("requirement.", "limits.", "manoeuvre."):
+            text = text.removeprefix(prefix)
+        field = text.partition(" ")[0]
+        raise ValueError(text.replace(field, _RENAMED.get(field, field), 1)) from None
     except ValueError as problem:
         raise ValueError(f"speed_min, speed_max: {problem}") from None
+    return options
 
 
-def planning_settings(node: Any) -> Settings:
-    """Return how plans shall be, from a node's parameters."""
-
-    def value(name: str) -> Any:
-        return node.get_parameter(name).value
-
-    legs, _ = vehicle_limits(value)
-    options = Options.for_aircraft(
-        PAPER,
-        legs,
-        requirement=Requirement(value("separation"), value("margin"), value("sigmas")),
-        rejoin_by=value("rejoin_by"),
-        extend_route=value("extend_route"),
-        vertical_filter=value("vertical_filter"),
-        max_age=value("intruder_max_age"),
-        exhaustive=value("exhaustive"),
-    )
+def planning_settings(value: Callable[[str], Any], aircraft: Aircraft) -> Settings:
+    """Return how old things may be, and how plans shall be; arguments as :func:`planning_options` has them."""
+    options = planning_options(value, aircraft)
+    usual = Thresholds.for_plans(options)
     return Settings(
+        options=options,
+        turn_time=usual.turn_time,
+        turn_rates=(usual.turn_rate_min, usual.turn_rate_max),
         ownship_age=value("ownship_max_age"),
         intruder_age=value("intruder_max_age"),
         alert_age=value("alert_max_age"),
         request_age=value("request_max_age"),
         future=value("future_tolerance"),
         wind_max=value("wind_max"),
-        options=options,
     )
 
 
-def report_rules(node: Any) -> Rules:
+def report_rules(value: Callable[[str], Any]) -> Rules:
     """Return what reports must keep to, from a node's parameters."""
-    names = {"future": "future_tolerance", "jump_distance": "jump_distance", "jump_speed": "jump_speed"}
-    return Rules(**{field: node.get_parameter(name).value for field, name in names.items()})
+    return Rules(value("future_tolerance"), value("jump_distance"), value("jump_speed"))
 
 
-def monitor_thresholds(node: Any) -> Thresholds:
-    """Return when the monitor acts, from a node's parameters."""
-
-    def value(name: str) -> Any:
-        return node.get_parameter(name).value
-
-    legs, flown = vehicle_limits(value)
-    wanted = Requirement(value("separation"), value("margin"), _KEPT * value("sigmas"))
+def monitor_thresholds(value: Callable[[str], Any], aircraft: Aircraft) -> Thresholds:
+    """Return when the monitor acts; arguments as :func:`planning_options` has them."""
+    options = planning_options(value, aircraft)
+    wanted = options.requirement
+    names = ("cross_track", "along_track", "time_error", "intruder_position", "intruder_velocity")
     return Thresholds.for_plans(
-        Options.for_aircraft(PAPER, legs, requirement=wanted),
-        manoeuvre=flown,
-        cross_track=value("cross_track"),
-        along_track=value("along_track"),
-        time_error=value("time_error"),
-        intruder_position=value("intruder_position"),
-        intruder_velocity=value("intruder_velocity"),
-        replan_interval=value("replan_interval"),
-        answer_time=value("answer_time"),
+        replace(options, requirement=wanted._replace(sigmas=_KEPT * wanted.sigmas)),
+        **{name: value(name) for name in (*names, "replan_interval", "answer_time")},
         own_age=value("ownship_max_age"),
         intruder_age=value("intruder_max_age"),
     )

@@ -9,7 +9,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Vector3
 from nav_msgs.msg import Path
-from std_msgs.msg import ColorRGBA, Header
+from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from agents.planner.answer import Plan
@@ -48,42 +48,29 @@ def markers(plan: Plan, task: Task, frame: str) -> MarkerArray:
     """Return the line of flight, the waypoints with their indices, and the intruders with the distance to keep."""
     stamp = header(task.time, frame)
     result = [Marker(header=stamp, action=Marker.DELETEALL)]
-    colour = _colour(_SAFE if plan.safe else _UNSAFE)
+
+    def add(name: str, kind: int, colour: ColorRGBA, size: float, **more: Any) -> Marker:
+        number = sum(marker.ns == name for marker in result)
+        scale = Vector3(x=size, y=size, z=size)
+        result.append(Marker(header=stamp, ns=name, id=number, type=kind, color=colour, scale=scale, **more))
+        return result[-1]
+
+    def label(name: str, text: str, at: tuple[float, float], colour: ColorRGBA, unit: float) -> None:
+        add(name, Marker.TEXT_VIEW_FACING, colour, unit, text=text, pose=_pose(*at, z=unit))
+
+    colour, unit = _colour(_SAFE if plan.safe else _UNSAFE), 0.25 * task.options.aircraft.separation
     if plan.waypoints:
-        line = [Point(x=x, y=y) for x, y in _line(plan, task)]
-        result.append(_marker(stamp, "plan", 0, Marker.LINE_STRIP, colour, 40.0, points=line))
+        add("plan", Marker.LINE_STRIP, colour, 0.16 * unit, points=[Point(x=x, y=y) for x, y in _line(plan, task)])
         dots = [Point(x=float(point.x), y=float(point.y)) for point in plan.waypoints]
-        result.append(_marker(stamp, "waypoints", 0, Marker.SPHERE_LIST, colour, 150.0, points=dots))
-        for number, point in enumerate(plan.waypoints):
-            where = Pose(position=Point(x=float(point.x), y=float(point.y), z=200.0))
-            text = _marker(stamp, "indices", number, Marker.TEXT_VIEW_FACING, colour, 250.0, pose=where)
-            text.text = str(point.index)
-            result.append(text)
-    keep = 2.0 * task.options.requirement.separation
-    for number, (name, intruder) in enumerate(zip(task.identifiers, task.intruders, strict=True)):
+        add("waypoints", Marker.SPHERE_LIST, colour, 0.6 * unit, points=dots)
+        for point in plan.waypoints:
+            label("indices", str(point.index), (point.x, point.y), colour, unit)
+    for name, intruder in zip(task.identifiers, task.intruders, strict=True):
         now = advanced(*reported([intruder])).state
-        x, y = float(now.x[0, 0]), float(now.y[0, 0])
-        disc = _marker(
-            stamp,
-            "traffic",
-            number,
-            Marker.CYLINDER,
-            _colour(_TRAFFIC, 0.35),
-            keep,
-            pose=Pose(position=Point(x=x, y=y)),
-        )
-        disc.scale.z = 1.0
-        text = _marker(
-            stamp,
-            "names",
-            number,
-            Marker.TEXT_VIEW_FACING,
-            _colour(_TRAFFIC),
-            300.0,
-            pose=Pose(position=Point(x=x, y=y, z=300.0)),
-        )
-        text.text = name
-        result += [disc, text]
+        at = float(now.x[0, 0]), float(now.y[0, 0])
+        keep = 2.0 * task.options.requirement.separation
+        add("traffic", Marker.CYLINDER, _colour(_TRAFFIC, 0.35), keep, pose=_pose(*at)).scale.z = 1.0
+        label("names", name, at, _colour(_TRAFFIC), unit)
     return MarkerArray(markers=result)
 
 
@@ -112,6 +99,5 @@ def _colour(rgb: tuple[float, float, float], alpha: float = 1.0) -> ColorRGBA:
     return ColorRGBA(r=rgb[0], g=rgb[1], b=rgb[2], a=alpha)
 
 
-def _marker(stamp: Header, name: str, number: int, kind: int, colour: ColorRGBA, size: float, **more: Any) -> Marker:
-    scale = Vector3(x=size, y=size, z=size)
-    return Marker(header=stamp, ns=name, id=number, type=kind, action=Marker.ADD, color=colour, scale=scale, **more)
+def _pose(x: float, y: float, z: float = 0.0) -> Pose:
+    return Pose(position=Point(x=float(x), y=float(y), z=z))

@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agents.assurance.thresholds import Thresholds
+from agents.planner.request import Options
+from envs.aircraft import PAPER
 from ros_bridge.core import updates
 from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.situation import Code, Refusal, Settings, Situation, task
@@ -17,8 +20,11 @@ from ros_bridge.core.tracks import Rules
 __all__ = [
     "FRAME",
     "NOW",
+    "OPTIONS",
     "RULES",
     "SECOND",
+    "SETTINGS",
+    "THRESHOLDS",
     "aircraft",
     "alert",
     "crossing",
@@ -38,6 +44,9 @@ SECOND = 1_000_000_000
 NOW = 1_700_000_000 * SECOND + 250_000_000
 FRAME = LocalFrame(47.0, 8.0)
 RULES = Rules()
+OPTIONS = Options.for_aircraft(PAPER)
+THRESHOLDS = Thresholds.for_plans(OPTIONS)
+SETTINGS = Settings(OPTIONS, THRESHOLDS.turn_time, (THRESHOLDS.turn_rate_min, THRESHOLDS.turn_rate_max))
 _NUMBERS = {
     **{f"{sign}int{bits}": int for sign in ("", "u") for bits in (8, 16, 32, 64)},
     "float32": lambda value: float(np.float32(value)),
@@ -133,7 +142,7 @@ def heard(
 def refusal(situation: Situation, now: int = NOW, settings: Settings | None = None) -> tuple[Code, str]:
     """Return the code and the field with which a request is refused."""
     with pytest.raises(Refusal) as caught:
-        task(situation, now, settings or Settings())
+        task(situation, now, settings or SETTINGS)
     assert caught.value.message.startswith(caught.value.field)
     return caught.value.code, caught.value.field
 

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from agents.assurance import single as watch
 from agents.assurance.state import Flown, State
 from agents.assurance.thresholds import Thresholds
 from agents.planner.planner import plan
@@ -23,20 +22,20 @@ from envs.kinematics import VehicleState
 from envs.waypoints import at, knots, legs
 from ros_bridge.core import updates
 from ros_bridge.core.assurance import (
-    INITIAL,
     Published,
     Supervision,
     activated,
     answered,
     apart,
+    initial,
     stepped,
     to_fly,
     withdrawn,
 )
 from ros_bridge.core.replies import flown, plan_points, start_point
-from ros_bridge.core.situation import Settings, Situation, task
+from ros_bridge.core.situation import Situation, task
 from ros_bridge.core.tracks import Rules
-from tests.ros_bridge.scenes import FRAME, NOW, SECOND, aircraft, heard
+from tests.ros_bridge.scenes import FRAME, NOW, OPTIONS, SECOND, SETTINGS, THRESHOLDS, aircraft, heard
 
 RULES = Rules()
 FAR = 30_000.0
@@ -55,7 +54,7 @@ def own(situation: Situation, seconds: float) -> Situation:
 
 
 def published(situation: Situation, revision: int = 1, seconds: float = 0.0) -> Published:
-    wanted = task(situation, NOW + round(seconds * SECOND), Settings())
+    wanted = task(situation, NOW + round(seconds * SECOND), SETTINGS)
     result = plan(wanted.own, wanted.intruders, wanted.points, Policy.load(), wanted.options)
     assert result.safe
     start = start_point(wanted.frame, wanted.own, wanted.time, None)
@@ -66,11 +65,11 @@ def published(situation: Situation, revision: int = 1, seconds: float = 0.0) -> 
 def begun() -> tuple[Supervision, Situation]:
     """Return a monitor that has just begun to watch a plan, and what was heard."""
     situation = traffic(heard(), 0.0)
-    return activated(INITIAL, situation, published(situation)), situation
+    return activated(initial(THRESHOLDS), situation, published(situation)), situation
 
 
 def test_there_is_no_verdict_before_the_first_plan():
-    supervision, verdict = stepped(INITIAL, heard(), NOW, 600.0)
+    supervision, verdict = stepped(initial(THRESHOLDS), heard(), NOW)
     assert verdict is None
     assert to_fly(supervision) is Flown.NOTHING
     assert to_fly(withdrawn(supervision, 1)) is Flown.NOTHING
@@ -85,7 +84,7 @@ def test_report_handed_over_again_is_in_order(first: int, steps: list[int]):
         now += step
         if now - NOW - first > SECOND:
             break
-        supervision, verdict = stepped(supervision, situation, now, 600.0)
+        supervision, verdict = stepped(supervision, situation, now)
         assert verdict is not None
         assert [why.message for why in verdict.reasons] == []
         assert verdict.state is State.MONITORING
@@ -97,7 +96,7 @@ def test_reports_are_handed_over_far_enough_apart_to_show_a_turn():
     for tenth in range(1, 11):
         seconds = 0.1 * tenth
         situation = own(traffic(situation, seconds), seconds)
-        supervision, _ = stepped(supervision, situation, NOW + round(seconds * SECOND), 600.0)
+        supervision, _ = stepped(supervision, situation, NOW + round(seconds * SECOND))
         times_given.append(supervision.reported["4b1a2c"].time)
     times = sorted(set(times_given))
     assert len(times) >= 3
@@ -107,9 +106,9 @@ def test_reports_are_handed_over_far_enough_apart_to_show_a_turn():
 def test_changed_report_is_handed_over_at_once():
     supervision, situation = begun()
     situation = own(traffic(situation, 0.5), 0.5)
-    supervision, _ = stepped(supervision, situation, NOW + SECOND // 2, 600.0)
+    supervision, _ = stepped(supervision, situation, NOW + SECOND // 2)
     situation = own(traffic(situation, 0.6, heading=-0.5 * math.pi, x=FAR - 45.0), 0.6)
-    supervision, verdict = stepped(supervision, situation, NOW + round(0.6 * SECOND), 600.0)
+    supervision, verdict = stepped(supervision, situation, NOW + round(0.6 * SECOND))
     assert supervision.reported["4b1a2c"].time == NOW + round(0.6 * SECOND)
     assert verdict is not None and verdict.measured.intruder_velocity[0] > 50.0
 
@@ -125,10 +124,9 @@ def noisy(second: int, random: np.random.Generator) -> Any:
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_plan_survives_noise_that_is_declared(seed: int):
-    random, settings = np.random.default_rng(seed), Settings()
-    options = replace(settings.options, requirement=settings.options.requirement._replace(sigmas=1.0))
-    thresholds = Thresholds.for_plans(options)
-    situation, supervision = heard(), replace(INITIAL, watch=watch.begin(thresholds))
+    random, half = np.random.default_rng(seed), OPTIONS.requirement._replace(sigmas=1.0)
+    thresholds = Thresholds.for_plans(replace(OPTIONS, requirement=half))
+    situation, supervision = heard(), initial(thresholds)
     state, asked, curve = VehicleState(0.0, 0.0, 0.0, 75.0), 0, None
     for second in range(100):
         now = NOW + second * SECOND
@@ -142,7 +140,7 @@ def test_a_plan_survives_noise_that_is_declared(seed: int):
             taken = published(situation, seconds=5.0)
             supervision = activated(supervision, situation, taken)
             curve = legs(knots(*flown(FRAME, taken.began, taken.start, taken.points)))
-        supervision, verdict = stepped(supervision, situation, now, 600.0)
+        supervision, verdict = stepped(supervision, situation, now)
         asked += verdict is not None and verdict.ask is not None
     assert asked == 0
 
@@ -151,14 +149,14 @@ def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():
     supervision, situation = begun()
     bad = aircraft(0.0, 9_000.0, 0.0, 75.0, id="bad001", latitude=math.nan, time=NOW + SECOND)
     situation = updates.traffic(own(traffic(situation, 1.0), 1.0), bad, NOW + SECOND, RULES)
-    supervision, verdict = stepped(supervision, situation, NOW + SECOND, 600.0)
+    supervision, verdict = stepped(supervision, situation, NOW + SECOND)
     assert verdict is not None and verdict.state is State.DENIED
     assert any(why.message.startswith("intruders lack a report") for why in verdict.reasons)
     situation = replace(
         situation, traffic={name: track for name, track in situation.traffic.items() if name != "bad001"}
     )
     situation = own(traffic(situation, 2.0), 2.0)
-    _, verdict = stepped(supervision, situation, NOW + 2 * SECOND, 600.0)
+    _, verdict = stepped(supervision, situation, NOW + 2 * SECOND)
     assert verdict is not None and verdict.state is State.MONITORING
 
 
@@ -179,14 +177,14 @@ def test_an_answer_that_came_late_is_flown_on_its_own_times():
     situation = own(traffic(situation, 1.0), 1.0)
     ahead = aircraft(9_000.0, -9_000.0, 0.5 * math.pi, 75.0, id="new001", time=NOW + SECOND)
     situation = updates.traffic(situation, ahead, NOW + SECOND, RULES)
-    supervision, verdict = stepped(supervision, situation, NOW + SECOND, 600.0)
+    supervision, verdict = stepped(supervision, situation, NOW + SECOND)
     assert verdict is not None and verdict.ask is not None
     # The runner begins 80 ms after the monitor has asked.
     answer = published(situation, revision=2, seconds=1.08)
     supervision, taken_up = answered(supervision, verdict.ask.number, answer)
     assert taken_up and supervision.held == answer
     situation = own(traffic(situation, 1.1), 1.1)
-    supervision, verdict = stepped(supervision, situation, NOW + round(1.1 * SECOND), 600.0)
+    supervision, verdict = stepped(supervision, situation, NOW + round(1.1 * SECOND))
     assert verdict is not None and verdict.state is State.MONITORING
     assert abs(float(verdict.measured.along_track[0])) < 0.1
     assert abs(float(verdict.measured.time_error[0])) < 1e-3
@@ -197,7 +195,7 @@ def test_a_refusal_denies_the_plan():
     situation = own(traffic(situation, 1.0), 1.0)
     ahead = aircraft(9_000.0, -9_000.0, 0.5 * math.pi, 75.0, id="new001", time=NOW + SECOND)
     situation = updates.traffic(situation, ahead, NOW + SECOND, RULES)
-    supervision, verdict = stepped(supervision, situation, NOW + SECOND, 600.0)
+    supervision, verdict = stepped(supervision, situation, NOW + SECOND)
     assert verdict is not None and verdict.ask is not None
     supervision, taken_up = answered(supervision, verdict.ask.number, None)
     assert not taken_up
@@ -216,7 +214,7 @@ def test_a_refusal_denies_the_plan():
     ],
 )
 def test_only_comparable_altitudes_set_aircraft_apart(a, b, expected: bool):
-    assert apart(a, b, 600.0) is expected
+    assert apart(a, b, 600.0, 500.0) is expected
 
 
 def test_silent_aircraft_that_cannot_come_near_asks_for_nothing():
@@ -228,6 +226,6 @@ def test_silent_aircraft_that_cannot_come_near_asks_for_nothing():
         for second in range(1, 9):
             now = NOW + second * SECOND
             known = own(traffic(known, float(second)), float(second))
-            left, verdict = stepped(left, known, now, 600.0)
+            left, verdict = stepped(left, known, now)
         assert verdict is not None
         assert (verdict.state is State.MONITORING) == reached

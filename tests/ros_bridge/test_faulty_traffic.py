@@ -9,12 +9,13 @@ import pytest
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
 from ros_bridge.core import updates
-from ros_bridge.core.situation import Code, Refusal, Settings, Situation, placed, task
+from ros_bridge.core.situation import Code, Refusal, Situation, placed, task
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import (
     FRAME,
     NOW,
     SECOND,
+    SETTINGS,
     aircraft,
     alert,
     crossing,
@@ -53,7 +54,7 @@ def above(metres: float, **more):
 )
 def test_silent_aircraft_out_of_reach_is_excluded_by_name(message):
     situation, late = silent(message)
-    wanted = task(situation, late, Settings())
+    wanted = task(situation, late, SETTINGS)
     assert wanted.identifiers == () and [one.identifier for one in wanted.excluded] == ["4b1a2c"]
     assert wanted.excluded[0].reason
     # An alert about it makes it count.
@@ -82,7 +83,7 @@ def test_far_reports_do_not_hide_a_near_aircraft_of_the_same_name():
     for first, second in ((far, near), (near, far)):
         assert refusal(*silent(first, second, seconds=1.0)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.position")
     beyond = aircraft(400_000.0, 0.0, math.pi, 75.0)
-    assert task(*silent(far, beyond, seconds=1.0), Settings()).identifiers == ()
+    assert task(*silent(far, beyond, seconds=1.0), SETTINGS).identifiers == ()
 
 
 def test_fault_of_an_aircraft_under_the_own_id_holds():
@@ -127,7 +128,7 @@ def test_usable_reports_do_not_hide_an_unusable_aircraft_of_the_same_name(kind: 
 
 def answered(situation: Situation, now: int) -> bool:
     try:
-        task(situation, now, Settings())
+        task(situation, now, SETTINGS)
     except Refusal:
         return False
     return True
@@ -148,14 +149,14 @@ def test_far_aircraft_without_velocity_is_excluded_on_long_legs_too():
     far = aircraft(320_000.0, 0.0, math.pi, 75.0, valid=0x01)
     situation, late = silent(far, seconds=1.0)
     long = published(route_points(spacing=45_000.0, count=2))
-    wanted = task(updates.route(situation, long, late), late, Settings())
+    wanted = task(updates.route(situation, long, late), late, SETTINGS)
     assert [one.identifier for one in wanted.excluded] == ["4b1a2c"]
 
 
 # A hundred thousand aircraft states, a third of them damaged: what is planned with is where the aircraft is.
 
 ROWS, TICKS, EVERY = 100_000, 40, 0.5
-RULES, SETTINGS = Rules(), Settings()
+RULES = Rules()
 STARTS = {"own": (0.0, 0.0, 0.0, 75.0), "4b0001": (9_000.0, 300.0, math.pi, 80.0), "4b0002": (60e3, 9e3, -1.6, 50.0)}
 
 

@@ -10,13 +10,14 @@ import subprocess
 import sys
 import types
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from envs.aircraft import PAPER
 from ros_bridge.transport.discovery import CONFIGURED, PORTS, PROFILE, configure_dds, port, reserved_ports
 from tests.ros_bridge.graph import MISSING, Process, domain
 
@@ -24,21 +25,18 @@ pytest.importorskip("rclpy", reason=MISSING)
 
 import yaml
 
-from agents.assurance.thresholds import Thresholds
 from agents.config.load import load
+from agents.config.world import AircraftConfig
 from agents.planner.request import Options
-from envs.kinematics import SURROGATE, within
+from envs.aircraft import PAPER
 from eval.hifi.config import HifiConfig
 from ros_bridge.transport import parameters
 from ros_bridge.transport.recording import GrowingFile
-from ros_bridge.transport.settings import monitor_thresholds, planning_settings, vehicle_limits
+from ros_bridge.transport.settings import monitor_thresholds, planning_options, planning_settings, resolved
 
 PACKAGE = Path(parameters.__file__).parents[1]
 LAUNCH = sorted((PACKAGE / "launch").glob("*.launch.py"))
-DECLARED = {
-    f"rlcas_{name}": {one.name for one in numbers} | {one for one, *_ in others} | {"use_sim_time"}
-    for name, numbers, others in parameters.NODES
-}
+DECLARED = {f"rlcas_{name}": {one.name for one in parameters.of(name)} | {"use_sim_time"} for name in parameters.NODES}
 
 
 class _Action:
@@ -78,7 +76,8 @@ def test_launch_files_start_nodes_with_declared_parameters(stand_ins, file: Path
     context = {one.given[0]: one.named["default_value"] for one in declared}
     assert all(one.named["description"] for one in declared)
     assert {"namespace", "use_sim_time", "params_file"} <= set(context)
-    context |= {"params_file": params_file, "namespace": "n123"}
+    given = {"aircraft": "configs/aircraft/uas.yaml", "separation": "700", "sigmas": "1.0"}
+    context |= {"params_file": params_file, "namespace": "n123"} | given
     if "translate" in context:
         context["translate"] = "true"
     nodes = opaque.named["function"](context)
@@ -93,9 +92,10 @@ def test_launch_files_start_nodes_with_declared_parameters(stand_ins, file: Path
         assert files == ([params_file] if params_file else [])
         assert node.named["namespace"] == "n123"
         assert values["use_sim_time"] is (file.name == "simulation.launch.py")
-    shared = ("separation", "margin", "sigmas")
-    first, second = ({name: node.named["parameters"][0][name] for name in shared} for node in nodes[:2])
-    assert first == second
+    wanted = {"aircraft": "configs/aircraft/uas.yaml", "separation": 700.0, "sigmas": 1.0}
+    for node in nodes[:2]:
+        # What is empty is the node's own default.
+        assert node.named["parameters"][0] == wanted | {"use_sim_time": file.name == "simulation.launch.py"}
 
 
 @pytest.mark.skipif(importlib.util.find_spec("launch_ros") is None, reason="launch_ros is not installed")
@@ -112,13 +112,18 @@ def test_launch_files_are_understood_by_ros(file: Path):
 @pytest.mark.parametrize("file", ["parameters.yaml", "c208.yaml"])
 def test_params_files_name_parameters_that_exist(file: str):
     given = yaml.safe_load((PACKAGE / "launch" / file).read_text(encoding="utf-8"))
-    ranges = {f"rlcas_{name}": {one.name: one for one in numbers} for name, numbers, _ in parameters.NODES}
     for pattern, content in given.items():
         node = pattern.removeprefix("/**/")
+        ranges = {one.name: one for one in resolved(node.removeprefix("rlcas_"), PAPER)}
         for name, value in content["ros__parameters"].items():
             assert name in DECLARED[node]
-            if name in ranges[node]:
-                assert ranges[node][name].low <= value <= ranges[node][name].high
+            low, high = ranges[name].low, ranges[name].high
+            assert low is None or low <= value <= high
+
+
+def values_of(kind: str, **given: Any) -> Callable[[str], Any]:
+    """Return how a node of the paper's aircraft would read its parameters."""
+    return ({one.name: one.default for one in resolved(kind, PAPER)} | given).get
 
 
 def test_the_aircraft_in_flight_is_that_of_the_evaluations():
@@ -128,26 +133,51 @@ def test_the_aircraft_in_flight_is_that_of_the_evaluations():
     config = load(HifiConfig, PACKAGE.parent / "configs" / "flight_c208.yaml")
     assert runner["margin"] == config.planner.margin
     vehicle = config.planner.setting(PAPER).limits
-    assert vehicle_limits(runner.__getitem__) == (vehicle, within(SURROGATE, vehicle))
-    for name, read in (("runner", lambda node: planning_settings(node).options), ("monitor", monitor_thresholds)):
-        _, numbers, others = next(one for one in parameters.NODES if one[0] == name)
-        values = {one.name: one.default for one in numbers} | {each: default for each, default, _ in others} | runner
-        node = types.SimpleNamespace(
-            get_parameter=lambda each, values=values: types.SimpleNamespace(value=values[each])
-        )
-        assert read(node).limits == vehicle
-        assert read(node).manoeuvre.speed_max <= vehicle.speed_max
-        assert read(node).requirement.margin == config.planner.margin
+    for options in (
+        planning_settings(values_of("runner", **runner), PAPER).options,
+        monitor_thresholds(values_of("monitor", **monitor), PAPER).options,
+    ):
+        assert options.limits == vehicle and options.manoeuvre.speed_max <= vehicle.speed_max
+        assert options.requirement.margin == config.planner.margin
 
 
-def test_default_limits_are_the_papers_vehicle():
-    given = {one.name: one.default for one in parameters.NUMBERS}
-    assert vehicle_limits(given.__getitem__) == (
-        Options.for_aircraft(PAPER).limits,
-        Thresholds.for_plans(Options.for_aircraft(PAPER)).manoeuvre,
-    )
-    with pytest.raises(ValueError, match="speed_min, speed_max: allows 99 to 99\\.5 m/s; expected a range"):
-        vehicle_limits((given | {"speed_min": 99.0, "speed_max": 99.5}).__getitem__)
+def test_defaults_are_the_usual_options_of_the_aircraft():
+    usual = Options.for_aircraft(PAPER)
+    options = planning_options(values_of("runner"), PAPER)
+    assert options == replace(usual, requirement=usual.requirement._replace(margin=145.0))
+    for name in ("uas", "jet"):
+        aircraft = load(AircraftConfig, PACKAGE.parent / "configs" / "aircraft" / f"{name}.yaml").aircraft()
+        made = {one.name: one.default for one in resolved("runner", aircraft)}
+        options, usual = planning_options(made.get, aircraft), Options.for_aircraft(aircraft)
+        assert options.requirement.separation == aircraft.separation
+        assert options.max_age == pytest.approx(usual.max_age)
+        # The rate goes through degrees of nine digits.
+        np.testing.assert_allclose(options.limits, usual.limits, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"speed_min": 99.0, "speed_max": 99.5}, "speed_min, speed_max: allows 99 to 99.5 m/s; expected a range"),
+        ({"speed_min": 90.0, "speed_max": 80.0}, "speed_min is 90 m/s, expected less than speed_max, 80 m/s"),
+        ({"goal_radius": 1_001.0}, "goal_radius is 1001 m, expected at most the separation, 1000 m"),
+        ({"spacing": 7}, "spacing is 7, expected an integer from 5 to 400, a multiple of 5"),
+        ({"rejoin_by": 350.0}, "rejoin_by is 350, expected 20 to 340 s"),
+        ({"yaw_rate_max": 0.02}, "yaw_rate_max makes a full circle of 24000 s, expected at most the plan's 380 s"),
+        ({"waypoints": 5}, "yaw_rate_max makes a full circle"),
+    ],
+)
+def test_contradicting_parameters_are_refused_by_name(given: dict[str, Any], says: str):
+    with pytest.raises(ValueError) as caught:
+        planning_options(values_of("runner", **given), PAPER)
+    assert str(caught.value).startswith(says)
+
+
+def test_any_separation_and_limits_are_taken():
+    given = {"separation": 150.0, "goal_radius": 50.0, "waypoints": 30, "spacing": 10, "margin": 3.0, "speed_max": 95.0}
+    options = planning_options(values_of("runner", **given), PAPER)
+    assert options.requirement.separation == 150.0 and options.aircraft.goal_radius == 50.0
+    assert (options.waypoints, options.interval, options.limits.speed_max) == (30, 10.0, 95.0)
 
 
 def test_the_bridge_names_topics_of_the_world():

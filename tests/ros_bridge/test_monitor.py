@@ -18,9 +18,9 @@ from rlcas_msgs.msg import AssuranceStatus, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 
 from envs.waypoints import Legs, at, knots, legs
+from ros_bridge.core.assurance import published as plan_of
 from ros_bridge.core.replies import flown
 from ros_bridge.transport import qos
-from ros_bridge.transport.monitor_messages import published_of
 from tests.ros_bridge.scenes import FRAME
 
 WATCHER = "/rlcas_monitor"
@@ -63,7 +63,7 @@ class Flight:
         self.report()
         self.client.idle(0.1)
         if self.plans and self.plans[-1].status == Trajectory.STATUS_SAFE and self.plans[-1].revision > self.revision:
-            published = published_of(self.plans[-1])
+            published = plan_of(self.plans[-1], 20)
             own, waypoints = flown(FRAME, published.began, published.start, published.points)
             self.legs, self.began, self.revision = legs(knots(own, waypoints)), published.began, published.revision
 

@@ -14,7 +14,7 @@ from agents.planner.planner import plan
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.encounters import scenario
-from envs.kinematics import VehicleState
+from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.relative import straight_cpa
 from envs.starts import numbered
 from envs.waypoints import RoutePoint, knots, legs
@@ -31,7 +31,7 @@ def met(name: str = "crossing_left", number: int = 0):
 
 def test_straight_flights_come_as_close_as_their_cpa():
     encounter = met()
-    flight = EncounterFlight(encounter)
+    flight = EncounterFlight(encounter, PAPER, C208_PUBLISHED)
     expected = straight_cpa(flight.own, encounter.intruders, np)
     while not flight.over():
         flight.step()
@@ -50,7 +50,7 @@ def test_straight_flights_come_as_close_as_their_cpa():
 )
 def test_flown_plan_keeps_its_separation(kind: str, bound: float):
     encounter = met("head_on")
-    flight = EncounterFlight(encounter, kind)
+    flight = EncounterFlight(encounter, PAPER, C208_PUBLISHED, kind)
     own = flight.own
     east, north = (flight.goal[0] - own.x) / 10.0, (flight.goal[1] - own.y) / 10.0
     route = [RoutePoint(n, own.x + east * n, own.y + north * n) for n in range(10, 90, 10)]
@@ -65,7 +65,7 @@ def test_flown_plan_keeps_its_separation(kind: str, bound: float):
 
 def test_only_intruders_that_exist_fly():
     encounter = numbered(scenario("multi", PAPER), 0, 0, 1)
-    flight = EncounterFlight(encounter)
+    flight = EncounterFlight(encounter, PAPER, C208_PUBLISHED)
     assert len(flight.traffic) == int(encounter.mask.sum()) < encounter.mask.size
     flight.step()
     moved = {name: state.x for name, state in flight.traffic.items()}
@@ -74,19 +74,22 @@ def test_only_intruders_that_exist_fly():
 
 def test_unknown_vehicle_is_refused():
     with pytest.raises(SimulationError, match=r"vehicle is 'glider', expected one of kinematic, point_mass, c208"):
-        vehicle("glider", VehicleState(0.0, 0.0, 0.0, 70.0))
+        vehicle("glider", VehicleState(0.0, 0.0, 0.0, 70.0), C208_PUBLISHED)
 
 
 @NEEDS_JSBSIM
 def test_a_vehicle_that_cannot_fly_so_is_refused():
     with pytest.raises(SimulationError, match="c208"):
-        vehicle("c208", VehicleState(0.0, 0.0, 0.0, 300.0))
+        vehicle("c208", VehicleState(0.0, 0.0, 0.0, 300.0), C208_PUBLISHED)
+    with pytest.raises(SimulationError, match="expected no aircraft of 31 to 120 m/s"):
+        vehicle("point_mass", VehicleState(0.0, 0.0, 0.0, 70.0), C208_PUBLISHED._replace(speed_max=120.0))
 
 
 def test_jsbsim_is_loaded_for_vehicles_that_need_it():
     code = (
-        "import sys; from envs.kinematics import VehicleState; from ros_bridge.sim.world import vehicle; "
-        "vehicle('kinematic', VehicleState(0.0, 0.0, 0.0, 70.0)); "
+        "import sys; from envs.kinematics import C208_PUBLISHED, VehicleState; "
+        "from ros_bridge.sim.world import vehicle; "
+        "vehicle('kinematic', VehicleState(0.0, 0.0, 0.0, 70.0), C208_PUBLISHED); "
         "print('jsbsim' in sys.modules, 'rclpy' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -151,7 +154,17 @@ def test_losses_can_be_total_and_a_seed_repeats_itself():
 
 def flown(**more) -> FlightLog:
     return FlightLog(
-        **({"name": "x 0", "first": "SAFE", "safe_at": 1.2, "separation": 1_100.0, "duration": 90.0} | more)
+        **(
+            {
+                "name": "x 0",
+                "required": 1_000.0,
+                "first": "SAFE",
+                "safe_at": 1.2,
+                "separation": 1_100.0,
+                "duration": 90.0,
+            }
+            | more
+        )
     )
 
 

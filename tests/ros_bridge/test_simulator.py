@@ -2,6 +2,7 @@
 
 import importlib.util
 import math
+import re
 import subprocess
 import sys
 import time
@@ -10,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -27,11 +29,12 @@ from agents.planner.request import Altitude
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.encounters import scenario
+from envs.kinematics import C208_PUBLISHED
 from envs.starts import numbered
 from envs.waypoints import Waypoint as LocalWaypoint
 from ros_bridge import demo
 from ros_bridge.core import conversions
-from ros_bridge.core.replies import backup_points, start_point
+from ros_bridge.core.replies import geodetic_points, start_point
 from ros_bridge.core.tracks import Report
 from ros_bridge.nodes.pilot import Pilot
 from ros_bridge.nodes.series import main
@@ -61,8 +64,8 @@ def test_reports_come_back_from_their_messages_as_they_were(
 
 
 def test_route_passes_the_goal_and_is_long_enough_for_every_plan():
-    flight = EncounterFlight(numbered(scenario("circle", PAPER), 0, 3, 1))
-    route = conversions.published_route(route_of(flight, FRAME))
+    flight = EncounterFlight(numbered(scenario("circle", PAPER), 0, 3, 1), PAPER, C208_PUBLISHED)
+    route = conversions.published_route(route_of(flight, FRAME, 1_000.0))
     at = FRAME.place([one.latitude for one in route.points], [one.longitude for one in route.points])
     assert (float(at.x[0]), float(at.y[0])) == pytest.approx(flight.goal, abs=1e-3)
     # A plan at 100 m/s takes 400 s and goes no further.
@@ -149,7 +152,7 @@ def test_pilot_turns_to_the_plan_and_stops_without_an_ownship():
         # Straight east at 75 m/s, 20 s a leg; the ownship is 30 m to its right.
         points = [LocalWaypoint(n, 1_500.0 * n, 0.0, 0.0, 75.0, 20.0 * n) for n in range(1, 21)]
         start = start_point(FRAME, SimpleNamespace(x=0.0, y=0.0, heading=0.0, speed=75.0), now, None)
-        every: list[Waypoint] = [point_message(point) for point in backup_points(FRAME, points, now, None)]
+        every: list[Waypoint] = [point_message(point) for point in geodetic_points(FRAME, points, now, None)]
         name = identity(uuid.uuid4())
         plan = Trajectory(header=header(now, "map"), id=name, status=1, start=point_message(start), waypoints=every)
         client.say(Trajectory, f"{NODE}/output/trajectory", plan, qos.LATCHED)
@@ -268,6 +271,7 @@ def test_full_disk_ends_a_recording_in_one_sentence_and_keeps_it(tmp_path: Path)
         (["--scenarios", "none"], "expected something to fly"),
         (["--random", "-1"], "--random is -1, expected 0 or more"),
         (["--rate", "0"], "rate"),
+        (["--aircraft", "/nowhere.yaml"], "aircraft: /nowhere.yaml: there is no such file"),
         (["--margin", "-1"], "--margin is -1 m, expected 0 to 5000 m"),
         (["--record", "/nowhere/x.mcap"], "/nowhere/x.mcap cannot be written"),
     ],
@@ -278,6 +282,32 @@ def test_bad_input_ends_with_one_line_and_code_2(arguments: list[str], says: str
     assert demo.main(arguments) == 2
     error = capfd.readouterr().err
     assert says in error and "Traceback" not in error and error.startswith("python -m ros_bridge.demo: error: ")
+
+
+def rows(text: str) -> list[list[str]]:
+    """Return the cells of the demo's table, a list for each encounter."""
+    head, *lines = text[text.index("encounter  ") :].split("\n\n", 1)[0].splitlines()
+    starts = [match.start() for match in re.finditer(r"(?:^|(?<=  ))\S", head)]
+    return [[line[a:b].strip() for a, b in zip(starts, [*starts[1:], None], strict=True)] for line in lines]
+
+
+@pytest.mark.slow
+def test_noise_of_traffic_asks_for_few_new_plans():
+    """With 30 m and 3 m/s of noise and reports 1 to 2 s old."""
+    done = flown("--scenarios", "noisy", "--each", "5", seconds=900.0)
+    assert done.returncode == 0, done.stdout + done.stderr
+    table = rows(done.stdout)
+    assert len(table) == 5 and "5 of 5 encounters had a plan called SAFE" in done.stdout
+    assert np.median([int(row[7]) for row in table]) <= 3
+    assert max(float(row[8]) for row in table) <= 10.0
+
+
+@pytest.mark.slow
+def test_another_aircraft_is_flown_safely_at_its_own_separation():
+    uas = ("--aircraft", "configs/aircraft/uas.yaml", "--outside-domain", "allow")
+    done = flown(*uas, "--scenarios", "crossing_right", seconds=600.0)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "1 of 1 encounters had a plan called SAFE" in done.stdout and "below 610 m: none" in done.stdout
 
 
 @pytest.mark.slow

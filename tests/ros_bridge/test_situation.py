@@ -13,17 +13,18 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 
 from agents.planner.answer import Plan
 from agents.planner.planner import plan
+from agents.planner.publish import rechecked
 from agents.policy.inference import Policy
 from ros_bridge.core import updates
 from ros_bridge.core.geodesy import LocalFrame
-from ros_bridge.core.lateness import revalidated
 from ros_bridge.core.replies import flown, plan_points, start_point
-from ros_bridge.core.situation import Code, Settings, Situation, Task, task
+from ros_bridge.core.situation import Code, Situation, Task, task
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import (
     NOW,
     RULES,
     SECOND,
+    SETTINGS,
     aircraft,
     alert,
     crossing,
@@ -37,7 +38,7 @@ from tests.ros_bridge.scenes import (
 
 
 def test_complete_situation_is_a_task():
-    wanted = task(heard(crossing()), NOW, Settings())
+    wanted = task(heard(crossing()), NOW, SETTINGS)
     assert wanted.own == pytest.approx((0.0, 0.0, 0.0, 75.0), abs=1e-6)
     assert wanted.identifiers == ("4b1a2c",)
     assert wanted.intruders[0].state == pytest.approx((8_000.0, -8_000.0, math.pi / 2.0, 75.0), abs=1e-6)
@@ -56,7 +57,7 @@ def test_complete_situation_is_a_task():
 def test_the_ownship_is_carried_to_the_request(origin, x: float, y: float, heading: float, age: float):
     frame = LocalFrame(*origin)
     late = NOW + round(age * SECOND)
-    state = task(heard(own=aircraft(x, y, heading, 75.0, id="own", frame=frame), frame=frame), late, Settings()).own
+    state = task(heard(own=aircraft(x, y, heading, 75.0, id="own", frame=frame), frame=frame), late, SETTINGS).own
     assert state.x == pytest.approx(x + 75.0 * age * math.cos(heading), abs=1e-3)
     assert state.y == pytest.approx(y + 75.0 * age * math.sin(heading), abs=1e-3)
     assert abs(math.remainder(state.heading - heading, 2.0 * math.pi)) < 1e-9
@@ -65,7 +66,7 @@ def test_the_ownship_is_carried_to_the_request(origin, x: float, y: float, headi
 def test_intruder_keeps_its_position_and_gets_an_age():
     late = NOW + SECOND
     situation = heard(crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
-    [intruder] = task(situation, late, Settings()).intruders
+    [intruder] = task(situation, late, SETTINGS).intruders
     assert intruder.age == pytest.approx(1.0)
     assert intruder.state.y == pytest.approx(-8_000.0, abs=1e-6)
 
@@ -74,7 +75,7 @@ def test_turn_shown_by_reports_is_expected_to_go_on():
     later, late = math.pi / 2.0 + math.radians(3.0), NOW + SECOND
     turned = aircraft(8_000.0, -7_925.0, later, 75.0, time=late)
     situation = heard(crossing(), turned, own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
-    [intruder] = task(situation, late + SECOND // 2, Settings()).intruders
+    [intruder] = task(situation, late + SECOND // 2, SETTINGS).intruders
     assert intruder.turn_rate == pytest.approx(math.radians(3.0), rel=1e-3)
     assert (intruder.age, intruder.turn_time) == (pytest.approx(0.5), 15.0)  # the planner counts it from the report
 
@@ -83,7 +84,7 @@ def test_a_turning_ownship_is_advanced_along_its_arc():
     rate, age = math.radians(3.0), 1.2
     late, second = NOW + SECOND, aircraft(74.0, 2.0, rate, 75.0, id="own", time=NOW + SECOND)
     situation = updates.ownship(heard(), second, late, RULES)
-    state = task(situation, late + round(age * SECOND), Settings()).own
+    state = task(situation, late + round(age * SECOND), SETTINGS).own
     radius, turned = 75.0 / rate, rate + rate * age
     assert state.heading == pytest.approx(turned, abs=1e-4)
     assert state.x == pytest.approx(74.0 + radius * (math.sin(turned) - math.sin(rate)), abs=0.01)
@@ -123,7 +124,7 @@ def test_unreadable_input_is_named_until_it_is_replaced():
     assert refusal(heard(bad)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.latitude")
     assert refusal(heard(crossing(), bad)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.latitude")
     later = crossing(time=NOW + SECOND // 10)
-    assert task(heard(crossing(), bad, later), NOW + SECOND // 10, Settings()).identifiers == ("4b1a2c",)
+    assert task(heard(crossing(), bad, later), NOW + SECOND // 10, SETTINGS).identifiers == ("4b1a2c",)
 
     broken = aircraft(0.0, 0.0, 0.0, math.inf, id="own")
     assert refusal(heard(own=broken)) == (Code.INVALID_OWNSHIP, "ownship.velocity.x")
@@ -142,10 +143,10 @@ def test_places_far_from_the_geo_reference_are_refused_or_left_out():
     )
     assert refusal(heard(points=route_points(spacing=11_000.0))) == (Code.INVALID_ROUTE, "route.waypoints[9]")
     far = aircraft(301_000.0, 0.0, 0.0, 75.0)
-    wanted = task(heard(far), NOW, Settings())
+    wanted = task(heard(far), NOW, SETTINGS)
     assert wanted.identifiers == () and wanted.excluded[0].identifier == "4b1a2c"
     # An aircraft that an alert names is never left out for its distance.
-    assert task(heard(far, alerts=[alert("4b1a2c")]), NOW, Settings()).identifiers == ("4b1a2c",)
+    assert task(heard(far, alerts=[alert("4b1a2c")]), NOW, SETTINGS).identifiers == ("4b1a2c",)
 
 
 @pytest.mark.parametrize(
@@ -153,7 +154,7 @@ def test_places_far_from_the_geo_reference_are_refused_or_left_out():
 )
 def test_own_transmission_received_again_is_no_intruder(own_id: str, echo: str):
     own, copy = aircraft(0.0, 0.0, 0.0, 75.0, id=own_id), aircraft(0.0, 0.0, 0.0, 75.0, id=echo)
-    assert task(heard(copy, own=own), NOW, Settings()).identifiers == ()
+    assert task(heard(copy, own=own), NOW, SETTINGS).identifiers == ()
     before = updates.traffic(Situation(), copy, NOW, RULES)
     assert list(before.traffic) == ["4b1a2c" if own_id != "own" else "own"]
     assert not updates.ownship(before, own, NOW, RULES).traffic
@@ -162,20 +163,20 @@ def test_own_transmission_received_again_is_no_intruder(own_id: str, echo: str):
 def test_another_aircraft_with_the_ownships_id_counts():
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="4B1A2C")
     far = aircraft(8_000.0, 0.0, math.pi, 75.0, id="4b1a2c")
-    assert task(heard(far, own=own), NOW, Settings()).identifiers == ("4b1a2c",)
+    assert task(heard(far, own=own), NOW, SETTINGS).identifiers == ("4b1a2c",)
     before = updates.traffic(Situation(), far, NOW, RULES)
     assert list(updates.ownship(before, own, NOW, RULES).traffic) == ["4b1a2c"]
     # Without a place it is taken for the own transmission.
-    assert task(heard(aircraft(0.0, 0.0, 0.0, 75.0, id="4b1a2c", valid=0), own=own), NOW, Settings()).identifiers == ()
+    assert task(heard(aircraft(0.0, 0.0, 0.0, 75.0, id="4b1a2c", valid=0), own=own), NOW, SETTINGS).identifiers == ()
 
 
 def test_alert_names_an_aircraft_in_any_case():
-    wanted = task(heard(crossing(id="4B1A2C "), alerts=[alert("4b1A2c")]), NOW, Settings())
+    wanted = task(heard(crossing(id="4B1A2C "), alerts=[alert("4b1A2c")]), NOW, SETTINGS)
     assert wanted.identifiers == ("4b1a2c",)
 
 
 def test_copy_of_the_ownship_under_another_id_is_noted():
-    wanted = task(heard(aircraft(30.0, -20.0, 0.02, 76.0, id="tisb01"), crossing()), NOW, Settings())
+    wanted = task(heard(aircraft(30.0, -20.0, 0.02, 76.0, id="tisb01"), crossing()), NOW, SETTINGS)
     assert wanted.identifiers == ("4b1a2c", "tisb01")
     assert [note for note in wanted.notes if note.startswith("tisb01")]
 
@@ -183,17 +184,17 @@ def test_copy_of_the_ownship_under_another_id_is_noted():
 def test_msl_heights_are_comparable_with_the_undulation_only():
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x07, altitude=1_000.0, altitude_reference=1)
     other = crossing(valid=0x07, altitude=2_000.0, altitude_reference=2)
-    without = task(heard(other, own=own), NOW, Settings())
+    without = task(heard(other, own=own), NOW, SETTINGS)
     assert without.intruders[0].altitude is not None and without.intruders[0].altitude.reference == "msl"
     undulated = geo_reference(geoid_undulation_valid=True, geoid_undulation=47.5)
-    with_it = task(heard(other, own=own, reference=undulated), NOW, Settings())
+    with_it = task(heard(other, own=own, reference=undulated), NOW, SETTINGS)
     assert with_it.intruders[0].altitude is not None
     assert (with_it.intruders[0].altitude.value, with_it.intruders[0].altitude.reference) == (2_047.5, "wgs84")
 
 
 @given(st.floats(-14.0, 14.0), st.floats(-14.0, 14.0), st.floats(-math.pi, math.pi))
 def test_planned_ground_speeds_keep_the_airspeed_in_its_limits(east: float, north: float, way: float):
-    calm, wind = Settings(), SimpleNamespace(x=east, y=north, z=0.0)
+    calm, wind = SETTINGS, SimpleNamespace(x=east, y=north, z=0.0)
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x25, wind=wind)
     options = task(heard(own=own), NOW, calm).options
     for limits, free in ((options.limits, calm.options.limits), (options.manoeuvre, calm.options.manoeuvre)):
@@ -212,7 +213,7 @@ def test_too_strong_a_wind_is_refused():
 def test_a_plan_survives_its_way_over_the_ellipsoid(origin: tuple[float, float]):
     frame = LocalFrame(*origin)
     situation = heard(aircraft(8_000.0, -8_000.0, math.pi / 2.0, 75.0, frame=frame), frame=frame)
-    wanted = task(situation, NOW, Settings())
+    wanted = task(situation, NOW, SETTINGS)
     result = plan(wanted.own, wanted.intruders, wanted.points, Policy.load(), wanted.options)
     points = plan_points(result, wanted)
     assert len(points) == 20
@@ -249,7 +250,12 @@ def at(seconds: float, intruder: tuple[float, float, float], own: tuple[float, f
     place = own or (75.0 * seconds, 0.0, 0.0)
     situation = updates.ownship(situation, aircraft(*place, 75.0, time=now, id="own"), now, rules)
     situation = updates.traffic(situation, aircraft(*intruder, 75.0, time=now), now, rules)
-    return task(situation, now, Settings())
+    return task(situation, now, SETTINGS)
+
+
+def revalidated(plan: Plan, asked: Task, present: Task) -> Plan:
+    late, now = (present.time - asked.time) / SECOND, present
+    return rechecked(plan, late, now.own, now.intruders, now.points, now.options, now.own_altitude)
 
 
 @pytest.fixture(scope="module")

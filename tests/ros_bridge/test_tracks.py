@@ -14,8 +14,9 @@ from envs import kinematics
 from envs.kinematics import SURROGATE, VehicleState
 from ros_bridge.core.conversions import aircraft as read
 from ros_bridge.core.geodesy import LocalFrame
+from ros_bridge.core.situation import turn_of
 from ros_bridge.core.tracks import UNKNOWN, Rules, Track, Verdict, forgotten, refused, taken
-from tests.ros_bridge.scenes import NOW, SECOND, aircraft
+from tests.ros_bridge.scenes import NOW, SECOND, SETTINGS, aircraft
 
 RULES = Rules()
 START = VehicleState(np.float64(0.0), np.float64(0.0), np.float64(0.3), np.float64(75.0))
@@ -309,7 +310,8 @@ def test_a_turn_shows_in_the_reports_whatever_their_rate(degrees: float, side: f
 
 def test_noise_and_gaps_and_what_no_aircraft_can_do_show_no_turn():
     rate = math.radians(3.0)
-    assert turning(0.0, 1.0).turn_rate == 0.0
+    assert turn_of(turning(rate, 1.0), SETTINGS) == turning(rate, 1.0).turn_rate != 0.0
+    assert turn_of(turning(0.0, 1.0), SETTINGS) == 0.0
     assert turning(rate, 1.0, std=3.0).turn_rate == 0.0
     assert turning(rate, 6.0, count=3).turn_rate == 0.0
-    assert turning(math.radians(7.0), 1.0).turn_rate == 0.0
+    assert turn_of(turning(math.radians(7.0), 1.0), SETTINGS) == 0.0

@@ -1,0 +1,41 @@
+"""The policy and the aircraft that files name; the shipped policy and its aircraft where they name none."""
+
+from functools import cache
+from pathlib import Path
+
+from agents.policy.file import PolicyFileError
+from agents.policy.inference import Policy
+from envs.aircraft import Aircraft
+
+__all__ = ["aircraft_of", "loaded"]
+
+
+@cache
+def loaded(policy_file: str) -> Policy:
+    """Return the policy of a file; the one that ships for "".
+
+    Raises:
+        ValueError: there is none.
+    """
+    try:
+        return Policy.load(policy_file or None)
+    except (PolicyFileError, OSError) as error:
+        raise ValueError(f"policy_file: {error}") from error
+
+
+def aircraft_of(file: str, policy_file: str) -> Aircraft:
+    """Return the aircraft of a file of ``configs/aircraft``; the policy's for "".
+
+    Raises:
+        ValueError: there is none, or it cannot be.
+    """
+    if not file:
+        return loaded(policy_file).aircraft
+    # Not before it is asked for: these take a third of a node's start.
+    from agents.config.load import ConfigError, load
+    from agents.config.world import AircraftConfig
+
+    try:
+        return load(AircraftConfig, Path(file)).aircraft()
+    except ConfigError as error:
+        raise ValueError(f"aircraft: {error}") from error
