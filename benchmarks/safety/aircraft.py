@@ -14,12 +14,13 @@ __all__ = ["policy_for", "random_aircraft", "random_options", "scaled"]
 
 
 def random_aircraft(rng: np.random.Generator) -> Aircraft:
-    """Return an aircraft whose turn circle has a radius of 0.3 to 2.5 separations."""
-    separation = float(10.0 ** rng.uniform(2.6, 3.3))
-    fastest = 100.0
-    turn = min(fastest / (rng.uniform(0.3, 2.5) * separation), 0.3)
-    gain = fastest * fastest / separation * rng.uniform(0.02, 0.1)
-    return new_aircraft(Limits(50.0, fastest, -gain * rng.uniform(1.0, 1.5), gain, turn), separation)
+    """Return an aircraft of 25 to 240 m/s that flies 4 to 60 s for a separation, and turns in 0.3 to 2.5 of them."""
+    fastest = float(25.0 * (240.0 / 25.0) ** rng.uniform())
+    separation = fastest * float(4.0 * 15.0 ** rng.uniform())
+    turn = fastest / (float(rng.uniform(0.3, 2.5)) * separation)
+    push = fastest * fastest / separation * rng.uniform(0.02, 0.1, 2)
+    slowest = float(rng.uniform(0.3, 0.7)) * fastest
+    return new_aircraft(Limits(slowest, fastest, -1.5 * float(push[0]), float(push[1]), turn), separation)
 
 
 def random_options(aircraft: Aircraft, rng: np.random.Generator) -> Options:
@@ -36,8 +37,8 @@ def random_options(aircraft: Aircraft, rng: np.random.Generator) -> Options:
 
 
 def policy_for(aircraft: Aircraft) -> Policy:
-    """Return the policy that ships."""
-    return Policy.load()
+    """Return the policy that ships, for an aircraft that may be outside its family."""
+    return Policy.load().for_aircraft(aircraft, outside="allow")
 
 
 def scaled(request: Request, aircraft: Aircraft) -> Request:

@@ -183,16 +183,18 @@ class _Needs(NamedTuple):
     """At the request, m."""
     sigmas: Any
     std: Any
-    """One sigma of the position at the request, m."""
+    """One sigma of the position in the report, m."""
     velocity_std: Any
+    age: Any
+    """Of the report at the request, s."""
     separation: Any
     claim: Any
     """The certificate's own bound, m."""
 
     def at(self, pair: Any, time: Any) -> Any:
         """Return the distance below which a plan is wrong, m, ``[...]``."""
-        base, sigmas, std, drift, separation, claim = (field[pair] for field in self)
-        need = base + sigmas * (np.hypot(std, drift * time) - std)
+        base, sigmas, std, drift, age, separation, claim = (field[pair] for field in self)
+        need = base + sigmas * (np.hypot(std, drift * (age + time)) - np.hypot(std, drift * age))
         return np.maximum(np.maximum(need - _MARGIN, separation - _BELOW), claim)
 
 
@@ -202,11 +204,12 @@ def kept(certificates: list[dict[str, Any]], flight: Flight, owner: Any, traffic
         np.array([data["requirement"][name] for data in certificates])[owner]
         for name in ("separation", "margin", "sigmas")
     )
-    std = np.hypot(traffic[7], traffic[8] * traffic[4])
+    age = np.abs(traffic[4])
+    std = np.hypot(traffic[7], traffic[8] * age)
     zero = np.zeros(len(owner), dtype=int)
     away = np.abs(apart(flight, traffic, owner, zero, 0.0 * separation))
     base = np.maximum(separation, np.minimum(separation + margin + sigmas * std, away))
-    return _Needs(base, sigmas, std, traffic[8], separation, claim)
+    return _Needs(base, sigmas, traffic[7], traffic[8], age, separation, claim)
 
 
 def apart(flight: Flight, traffic: Any, row: Any, arc: Any, seconds: Any) -> Any:
