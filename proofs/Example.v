@@ -38,7 +38,7 @@ Proof.
   constructor; simpl.
   - lra.
   - lra.
-  - unfold Rmin; destruct (Rle_dec 30 80); lra.
+  - intros B [here | []]; subst B; simpl; lra.
   - unfold during; simpl; lra.
   - lra.
   - split; [|exact I]; unfold Rmin, Rmax; repeat destruct (Rle_dec _ _); lra.

@@ -364,7 +364,7 @@ Record checked (r : requirement) (L : limits) (T : tolerance) (slack slip eps ho
     (own_x0 own_y0 own_speed : R) (arcs : list arc) (traffic : list intruder) : Prop := {
   sigmas_pos : 0 <= sigmas r;
   tolerances : 0 <= tol_speed T;
-  forwards : tol_speed T + slack <= Rmin (speed_min L) own_speed;
+  forwards : forall A, In A arcs -> 0 <= speed A /\ 0 <= speed A + alpha A * duration A;
   no_gap : joined 0 arcs horizon;
   some : 0 < horizon;
   speeds_kept : speeds L (tol_speed T) own_speed own_speed arcs;
@@ -397,7 +397,7 @@ Proof.
     lra. }
   destruct (speeds_ends L (tol_speed T) slack own_speed own_speed own_speed own_speed arcs A) as [one two];
     try (destruct C; assumption); try lra.
-  assert (forward := forwards _ _ _ _ _ _ _ _ _ _ _ _ C).
+  destruct (forwards _ _ _ _ _ _ _ _ _ _ _ _ C A member) as [forward forward_end].
   assert (slack_pos : 0 <= slack).
   { destruct arcs as [|B rest]; [destruct member|].
     destruct (speeds_met _ _ _ _ _ _ _ _ _ _ _ _ C) as [join _].

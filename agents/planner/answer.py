@@ -99,6 +99,8 @@ class Excluded:
     number: int
     """Its place in the request."""
     reason: str
+    until: float
+    """Until when it stays out of the way, s after the request."""
 
 
 @dataclass(frozen=True, slots=True)

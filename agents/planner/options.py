@@ -8,6 +8,7 @@ from agents.manoeuvres.direct_to_goal import EVERY, Task
 from agents.planner.answer import WAYPOINTS, RequestError
 from agents.planner.fields import real, shown
 from agents.planner.traffic import Requirement
+from agents.planner.validator import LONGEST
 from envs.aircraft import Aircraft, AircraftError, new_aircraft
 from envs.kinematics import FASTEST, Limits, within
 
@@ -235,6 +236,9 @@ def _numbers(options: Options) -> None:
             raise RequestError(
                 f"options.{name}", f"is {shown(value)}, expected an integer from {low} to {high}{multiple}"
             )
+    if options.last_free > LONGEST:
+        what = f"makes plans of {options.last_free:g} s and more, expected {LONGEST:g} s at most"
+        raise RequestError("options.spacing", what)
     wanted, size = options.requirement, 50.0 * options.aircraft.separation
     for name, value, low, high, unit in (
         ("requirement.separation", wanted.separation, 1.0, 1e6, "m"),

@@ -63,6 +63,7 @@ def published(
     best = take(plans.proposals, 0)
     waypoints = _waypoints(best, route)
     slips = audit(waypoints, route, count=options.waypoints, extended=options.extend_route) if waypoints else []
+    slips += [_outlasting(one, waypoints[-1]) for one in excluded if waypoints and not waypoints[-1].time <= one.until]
     valid = bool(best.findings.safe)
     safe = valid and not slips
     reasons = tuple(slips) if valid else (*_reasons(request, best, kept, options), *slips)
@@ -86,6 +87,13 @@ def published(
         advisory,
         skipped,
     )
+
+
+def _outlasting(one: Excluded, end: Waypoint) -> Reason:
+    """Return that a plan goes on longer than an intruder is known to stay above or below."""
+    name = f"intruders[{one.number}]"
+    what = f"was left out until {one.until:.0f} s, expected until the plan's end at {end.time:.0f} s"
+    return Reason(Kind.SEPARATION, name, f"{name} {what}", end.time, end.x, end.y)
 
 
 def received(waypoints: tuple[Waypoint, ...]) -> Plan:
@@ -119,11 +127,14 @@ def rechecked(
     least = JOIN * options.aircraft.dt
     left = [replace(point, time=point.time - late) for point in plan.waypoints if point.time - late >= least]
     try:
-        request, _, _ = checked(own, intruders, route, options, own_altitude)
+        request, excluded, _ = checked(own, intruders, route, options, own_altitude)
     except RequestError as error:
         return _void(plan, late, str(error))
     curve = Knots(*(field[None] for field in knots_of(own, left)))
     found = validate(curve, request.traffic, options.requirement, options.limits)
+    outlasted = [_outlasting(one, left[-1]).message for one in excluded if left and not left[-1].time <= one.until]
+    if outlasted:
+        return _void(plan, late, outlasted[0])
     if bool(found.safe[0]):
         return plan
     wrong = ", ".join(CHECKS[number] for number in np.flatnonzero(found.wrong[0]))

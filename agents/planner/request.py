@@ -30,6 +30,9 @@ __all__ = [
 _FARTHEST = 1e6
 """Coordinates beyond this, m, belong to no local frame, whatever the aircraft."""
 
+_MOST_TURN = 32.0
+"""Of an intruder's declared turn, rad: so far the rounding of positions is bounded (proofs/Rounding.g)."""
+
 _LONGEST_EXTENSION = 5.0  # of a route's last leg, separations
 
 
@@ -105,7 +108,7 @@ def checked(
     x, y = _route(route)
     end = _latest_end(x, y, options)
     excluded = [
-        Excluded(number, why)
+        Excluded(number, why, end)
         for number, report in enumerate(reports)
         if (why := _apart(own_altitude, report, end, options)) is not None
     ]
@@ -207,11 +210,16 @@ def _report(name: str, report: Intruder, options: Options) -> Intruder:
     age = real(f"{name}.age", report.age, -0.5, math.inf, "s")
     if age > options.max_age:
         raise RequestError(f"{name}.age", f"is {age:g} s: the report is stale, expected {options.max_age:g} s at most")
+    rate = real(f"{name}.turn_rate", report.turn_rate, -0.5, 0.5, "rad/s")
+    lasts = real(f"{name}.turn_time", report.turn_time, 0.0, 1_000.0, "s")
+    if abs(rate) * lasts > _MOST_TURN:
+        what = f"is {lasts:g} s: a turn of {abs(rate) * lasts:.0f} rad, expected {_MOST_TURN:g} rad at most"
+        raise RequestError(f"{name}.turn_time", what)
     return Intruder(
         state,
         age,
-        real(f"{name}.turn_rate", report.turn_rate, -0.5, 0.5, "rad/s"),
-        real(f"{name}.turn_time", report.turn_time, 0.0, 1_000.0, "s"),
+        rate,
+        lasts,
         real(f"{name}.position_std", report.position_std, 0.0, 10_000.0, "m"),
         real(f"{name}.velocity_std", report.velocity_std, 0.0, 100.0, "m/s"),
         report.altitude,

@@ -16,7 +16,7 @@ from envs.kinematics import Limits
 from envs.trees import mapped, take
 from envs.waypoints import ARCS, CLOSED, Knots, Legs, legs
 
-__all__ = ["CHECKS", "CLOSE", "ROUNDING", "TOLERANCE", "Findings", "validate"]
+__all__ = ["CHECKS", "CLOSE", "LONGEST", "ROUNDING", "TOLERANCE", "Findings", "validate"]
 
 TOLERANCE = Limits(1e-6, 1e-6, 1e-6, 1e-6, 1e-9)
 """By how much limits may be passed for rounding's sake (m/s, m/s^2, rad/s)."""
@@ -27,6 +27,9 @@ part that begins there may be smaller by the part's bow."""
 
 ROUNDING = 1e-6
 """How much of the separation itself may be missing, m."""
+
+LONGEST = 16_384.0
+"""Time of a plan's last waypoint at most, s: so far the rounding of positions is bounded (proofs/Rounding.g)."""
 
 CHECKS = ("not_finite", "times", "leg", "speed", "acceleration", "turn_rate", "separation")
 """What is checked, in the order of the findings' last axis; names of :class:`agents.planner.answer.Kind`."""
@@ -117,6 +120,8 @@ def validate(
     lowest = np.minimum(limits.speed_min, np.maximum.accumulate(so_far, axis=-1)).reshape(speed.shape)
     highest = np.maximum(limits.speed_max, np.minimum.accumulate(so_far, axis=-1)).reshape(speed.shape)
     steady = (after >= lowest - TOLERANCE.speed_min) & (after <= highest + TOLERANCE.speed_max)
+    # The bound on the own acceleration is one for flight forwards.
+    steady &= (speed >= TOLERANCE.speed_min) & (after >= TOLERANCE.speed_min)
     gentle = (curves.acceleration >= limits.acceleration_min - TOLERANCE.acceleration_min) & (
         curves.acceleration <= limits.acceleration_max + TOLERANCE.acceleration_max
     )
@@ -124,7 +129,7 @@ def validate(
     closed = curves.miss <= CLOSED
     found, both = Findings.blank(count), finite[:, 1:] & finite[:, :-1]
     kept = [field | ~sound[:, None] for field in (closed, steady.all(-1), gentle.all(-1), turning.all(-1))]
-    for check, right in enumerate((both, ordered | ~both, *kept)):
+    for check, right in enumerate((both, (ordered & (knots.time[:, 1:] <= LONGEST)) | ~both, *kept)):
         rows = np.flatnonzero(~right.all(axis=-1))
         if rows.size:
             first = np.argmin(right[rows], axis=-1)

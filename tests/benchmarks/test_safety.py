@@ -198,7 +198,7 @@ def test_what_plan_publishes_is_judged_too(policy: Policy) -> None:
     assert published.faults(asked, with_index(3, asked.route[0].index), OPTIONS) == ["indices"]
     assert published.faults(asked, with_index(19, 10**6), OPTIONS) == ["last index"]
     assert published.faults(asked, replace(answer, waypoints=answer.waypoints[1:]), OPTIONS) == ["count"]
-    left_out = replace(answer, excluded=(Excluded(0, "is far above"),))
+    left_out = replace(answer, excluded=(Excluded(0, "is far above", 1e3),))
     level = asked._replace(altitude=Altitude(2_000.0, "msl"))
 
     def above(height: float, climb: float) -> list[Intruder]:

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agents.planner import request as requests
 from agents.planner.answer import WAYPOINTS, Kind, Plan, RequestError, Source, Status
 from agents.planner.options import task_of
 from agents.planner.planner import eligible, plan, plan_many
+from agents.planner.publish import rechecked
 from agents.planner.request import Altitude, Intruder, Options, Request
 from agents.planner.rollout import roll
 from agents.planner.traffic import Requirement, Traffic
@@ -244,6 +246,7 @@ def test_the_next_point_is_the_first_that_lies_ahead() -> None:
         ({"others": [Intruder(FAR, age=60.0)]}, "intruders[0].age"),
         ({"others": [Intruder(FAR, age=math.nan)]}, "intruders[0].age"),
         ({"others": [Intruder(FAR, position_std=-1.0)]}, "intruders[0].position_std"),
+        ({"others": [FAR, Intruder(FAR, turn_rate=-0.5, turn_time=65.0)]}, "intruders[1].turn_time"),
         ({"others": HEAD_ON}, "intruders"),
         ({"route": []}, "route"),
         ({"route": ROUTE[:1]}, "route"),
@@ -272,6 +275,7 @@ def test_bad_input_is_refused_by_name(policy: Policy, changes: dict[str, Any], f
             "options.limits.yaw_rate_max",
         ),
         (replace(OPTIONS, max_age=math.nan), "options.max_age"),
+        (replace(OPTIONS, waypoints=100, spacing=200), "options.spacing"),
         (replace(OPTIONS, goals=0), "options.goals"),
         (replace(OPTIONS, goals=1.5), "options.goals"),  # pyright: ignore[reportArgumentType]
         (replace(OPTIONS, rejoin_by=1e9), "options.rejoin_by"),
@@ -331,6 +335,18 @@ def test_an_intruder_far_above_is_left_out_and_said_so(policy: Policy) -> None:
         kept = answer(level, own)
         assert kept.excluded == ()
         assert max(abs(point.y) for point in kept.waypoints) > 100.0
+
+
+def test_no_plan_outlasts_what_an_intruder_was_left_out_for(policy: Policy, monkeypatch: pytest.MonkeyPatch) -> None:
+    here, above = Altitude(2_500.0, "msl"), [Intruder(FAR, altitude=Altitude(3_500.0, "msl"))]
+    good = plan(OWN, above, ROUTE, policy, own_altitude=here)
+    assert good.safe
+    monkeypatch.setattr(requests, "_latest_end", lambda *_: 300.0)
+    answer = plan(OWN, above, ROUTE, policy, own_altitude=here)
+    assert not answer.safe and answer.certificate is None
+    assert [(one.kind, one.field) for one in answer.reasons] == [(Kind.SEPARATION, "intruders[0]")]
+    late = rechecked(good, 20.0, OWN._replace(x=OWN.x + 20.0 * OWN.speed), above, ROUTE, OPTIONS, here)
+    assert not late.safe and "left out" in late.reasons[0].message
 
 
 def test_a_late_report_is_dead_reckoned(policy: Policy) -> None:

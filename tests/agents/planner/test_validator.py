@@ -104,6 +104,22 @@ def test_the_first_violation_has_time_and_place() -> None:
     assert found.time_of_min_separation[0] == pytest.approx(50.0, abs=0.1)
 
 
+@pytest.mark.parametrize(("end", "safe"), [(16_380.0, True), (16_400.0, False)])
+def test_plan_longer_than_its_rounding_is_bounded_for_is_not_safe(end: float, safe: bool) -> None:
+    times = np.array([[0.0, 20.0, 40.0, end]])
+    knots = Knots(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
+    found = validate(knots, traffic(1, 0, 0), Requirement(1_000.0), C208_PUBLISHED)
+    assert found.safe[0] == safe
+    assert found.wrong[0, CHECKS.index("times")] != safe
+
+
+def test_standing_still_is_not_safe() -> None:
+    times = 20.0 * np.arange(3.0)[None]
+    knots = Knots(*np.zeros((4, 1, 3)), times)
+    found = validate(knots, traffic(1, 0, 0), Requirement(1_000.0), C208_PUBLISHED._replace(speed_min=0.0))
+    assert [CHECKS[check] for check in np.flatnonzero(found.wrong[0])] == ["speed"]
+
+
 def spoilt(knots: Knots, name: str, change: Any) -> Knots:
     """Return the plans with one waypoint changed."""
     field = getattr(knots, name).copy()
