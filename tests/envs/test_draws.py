@@ -19,7 +19,7 @@ from envs.relative import straight_cpa
 from envs.sobol import REPLICATES, QuasiScenario, quasi, quasi_numbered, sobol
 from envs.starts import numbered
 from envs.trees import column, mapped
-from tests.strategies import angle_between
+from tests.support import angle_between
 
 both = pytest.mark.parametrize("draw", [uniforms, normals])
 shapes = st.lists(st.integers(1, 5), min_size=0, max_size=3).map(tuple)

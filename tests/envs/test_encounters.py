@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from envs.aircraft import PAPER
 from envs.encounters import SCENARIOS, Encounter, EncounterError, Scenario, choose, padded, sample, scenario
 from envs.kinematics import VehicleState
-from tests.strategies import angle_between
+from tests.support import angle_between
 
 CONFLICTS = ("crossing_left", "crossing_right", "head_on", "same_course")
 each_scenario = pytest.mark.parametrize("name", SCENARIOS)

@@ -14,7 +14,7 @@ from envs.intruder import Intent, IntruderState
 from envs.kinematics import Limits, VehicleState, advance
 from envs.perception import Sensor, carried_back, perceive
 from tests.envs.test_surrogate import COUNT, FEW, WORLD, encounters, observe, reset, step
-from tests.strategies import ARRAY_BACKENDS, Backend, angle_between, mirrored, random_states, states
+from tests.support import ARRAY_BACKENDS, Backend, angle_between, mirrored, random_states, states
 
 STEPS = 300
 HEADINGS = np.concatenate([np.linspace(-math.pi, math.pi, 97)[:-1], [-3.1415925, 3.1415925, 1e-6]])

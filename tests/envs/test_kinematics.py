@@ -18,7 +18,7 @@ from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, adv
 from envs.outcome import RULES, judge, reward
 from envs.trees import take
 from envs.world import World
-from tests.strategies import (
+from tests.support import (
     BACKENDS,
     Backend,
     accelerations,

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from envs.aircraft import PAPER
 from envs.kinematics import VehicleState
 from envs.observation import NAMES, SIZE, criticality, decode, most_critical, observe
-from tests.strategies import BACKENDS, Backend, mirrored, moved, one, random_states, stacked, states
+from tests.support import BACKENDS, Backend, mirrored, moved, one, random_states, stacked, states
 
 OWN_SPEED, OWN_HEADING, SPEED, HEADING, BEARING, DISTANCE, GOAL_BEARING, GOAL_DISTANCE = range(8)
 ANGLES = [OWN_HEADING, HEADING, BEARING, GOAL_BEARING]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from envs.angles import atan2, sincos, wrap
 from envs.kinematics import SURROGATE, Limits, VehicleState, advance
 from envs.relative import bearing, distance, leg_separation, straight_cpa
-from tests.strategies import (
+from tests.support import (
     ARRAY_BACKENDS,
     BACKENDS,
     Backend,

@@ -18,7 +18,7 @@ from envs.outcome import RULES
 from envs.perception import Sensor
 from envs.relative import leg_separation
 from envs.surrogate import State, StepResult, World
-from tests.strategies import angle_between, mirrored
+from tests.support import angle_between, mirrored
 
 WORLD = World(RULES, PAPER)
 COUNT, FEW, STEPS = 64, 4, 300

@@ -12,7 +12,7 @@ from envs.follower import PERIOD, KinematicVehicle, guidance
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState, advance
 from envs.tracking import deviation, offset
 from envs.waypoints import ARCS, CLOSED, Knots, Legs, RoutePoint, Waypoint, at, knots, leg, legs, locate
-from tests.strategies import accelerations, angle_between, random_states, states, yaw_rates
+from tests.support import accelerations, angle_between, random_states, states, yaw_rates
 
 SECONDS = 20
 

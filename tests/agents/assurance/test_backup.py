@@ -21,8 +21,8 @@ from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.trees import take
 from envs.waypoints import Knots, RoutePoint, at, legs
-from tests.agents.assurance.scenes import causes_of, flying, on_plan, other, tell
-from tests.strategies import random_states
+from tests.agents.scenes import causes_of, flying, on_plan, other, tell
+from tests.support import random_states
 
 REQUIREMENT = Requirement(1_000.0, margin=0.1)
 THRESHOLDS = Thresholds.for_plans(Options.for_aircraft(PAPER, requirement=REQUIREMENT))

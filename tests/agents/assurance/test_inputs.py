@@ -14,7 +14,7 @@ from agents.assurance.monitor import Cause, Flown, Inputs, State
 from agents.assurance.thresholds import BLIND
 from envs.kinematics import VehicleState
 from envs.trees import mapped, take
-from tests.agents.assurance.scenes import (
+from tests.agents.scenes import (
     NAN,
     THRESHOLDS,
     causes_of,

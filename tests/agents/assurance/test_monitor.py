@@ -10,7 +10,7 @@ from agents.assurance import monitor as assurance
 from agents.assurance.monitor import Cause, Flown, State
 from agents.planner.traffic import Traffic
 from envs.waypoints import Knots
-from tests.agents.assurance.scenes import (
+from tests.agents.scenes import (
     NAN,
     THRESHOLDS,
     causes_of,

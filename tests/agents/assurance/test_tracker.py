@@ -21,7 +21,7 @@ from envs.angles import wrap
 from envs.kinematics import SURROGATE, VehicleState, advance, velocity
 from envs.trees import mapped
 from envs.waypoints import RoutePoint, at, knots, legs
-from tests.agents.assurance.scenes import THRESHOLDS
+from tests.agents.scenes import THRESHOLDS
 
 POSITION, VELOCITY = 30.0, 3.0
 

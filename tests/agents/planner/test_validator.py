@@ -20,7 +20,7 @@ from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState, advance
 from envs.waypoints import Knots, RoutePoint, Waypoint, at, legs
-from tests.strategies import random_states
+from tests.support import random_states
 
 
 def plans(count: int, seed: int) -> Knots:

@@ -29,7 +29,7 @@ from envs.kinematics import SURROGATE, VehicleState, advance
 from envs.outcome import RULES
 from envs.starts import joined, numbered
 from envs.trees import take
-from tests.agents.resolvability.scenes import CLOSE, CROWDED, INTERVAL, check_witness, duel
+from tests.agents.scenes import CLOSE, CROWDED, INTERVAL, check_witness, duel
 
 DELTA = delta(RULES, SURROGATE)
 

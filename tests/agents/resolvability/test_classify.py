@@ -22,7 +22,7 @@ from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState
 from envs.outcome import RULES
 from envs.starts import joined, numbered
 from envs.trees import take
-from tests.agents.resolvability.scenes import CLOSE, CROWDED, check_witness, duel, reflected
+from tests.agents.scenes import CLOSE, CROWDED, check_witness, duel, reflected
 
 
 @pytest.mark.parametrize(
