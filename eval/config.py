@@ -17,7 +17,6 @@ from envs.aircraft import Aircraft
 from envs.encounters import SCENARIOS, Scenario
 from envs.kinematics import Limits
 from envs.sobol import REPLICATES
-from envs.traffic.replay import AHEAD
 
 __all__ = [
     "FILE",
@@ -100,7 +99,7 @@ class PlannerConfig(Strict):
 class TracksConfig(Strict):
     """How recorded tracks become encounters."""
 
-    ahead: float = Field(default=AHEAD, ge=10.0, le=3_600.0)
+    ahead: float = Field(default=220.0, ge=10.0, le=3_600.0)
     """The goal lies so many seconds ahead on the ownship's first course, at its first speed."""
     repair: bool = False
     """Whether rows that are incomplete, out of order or impossible are dropped, and gaps filled; else: refused."""
@@ -128,7 +127,7 @@ class TrafficConfig(Strict):
     """Largest distance there, m."""
     min_initial_separation: float = Field(default=1_000.0, ge=0.0, le=50_000.0)
     """Starts closer than this, m, are drawn again."""
-    ahead: float = Field(default=AHEAD, ge=10.0, le=400.0)
+    ahead: float = Field(default=220.0, ge=10.0, le=400.0)
     """The goal lies so many seconds ahead at the own speed, s."""
     attempts: int = Field(default=200, ge=1, le=10_000)
     """How many draws an encounter has to meet the conditions."""

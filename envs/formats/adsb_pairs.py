@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from envs.aircraft import Aircraft
 from envs.formats.adsb_file import ordered_flights
 from envs.formats.local_frame import geocentric
 from envs.formats.track_rows import Rows, place_of, track_of
-from envs.kinematics import SURROGATE, Limits
-from envs.traffic.replay import HORIZON
+from envs.traffic.replay import horizon
 from envs.traffic.tracks import Repairs, Track, TrackError, at_times, summed
 
 __all__ = ["APART", "Nearby", "adsb_pairs"]
@@ -30,9 +30,9 @@ _SHORTEST = 30.0  # seconds before the closest approach that both must be known 
 class Nearby(NamedTuple):
     """What counts as an encounter."""
 
-    within: float = 5_000.0  # smallest horizontal distance, m, at most
-    vertical: float = 300.0  # difference of the altitudes then, m, at most
-    lead: float = 120.0
+    within: float  # smallest horizontal distance, m, at most
+    vertical: float  # difference of the altitudes then, m, at most
+    lead: float
     """Seconds before the closest approach at which the encounter begins; later where one is not known so long."""
 
 
@@ -46,20 +46,20 @@ class _Flight(NamedTuple):
 
 def adsb_pairs(
     path: str | os.PathLike[str],
-    nearby: Nearby = Nearby(),  # noqa: B008  immutable
+    nearby: Nearby,
+    aircraft: Aircraft,
     *,
-    limits: Limits = SURROGATE,
     repair: bool = False,
     max_gap: float = 5.0,
 ) -> tuple[list[tuple[str, Track, Sequence[Track]]], Repairs]:
     """Return the encounters in a file of reports: name, the ownship's track and the intruder's, by time.
 
-    The ownship is the aircraft that begins within the limits' speeds; of two, the one with the smaller address.
+    The ownship is the one that begins within the aircraft's speeds; of two, the one with the smaller address.
 
     Args:
         path, repair, max_gap: as of :func:`envs.formats.adsb_file.read_adsb`.
         nearby: what counts as an encounter.
-        limits: of the ownship.
+        aircraft: what the ownship is taken for.
 
     Raises:
         TrackError: the file cannot be read or a report is not as expected; the message names file, report and field.
@@ -73,7 +73,7 @@ def adsb_pairs(
     if not flights:
         raise TrackError(f"{source}: no flight of {_SHORTEST:g} s, expected at least two")
     met = sorted(_met(flights, nearby), key=lambda one: (one[0], one[1].name, one[2].name))
-    return [_encounter(*one, nearby.lead, limits) for one in met], summed(repairs)
+    return [_encounter(*one, nearby.lead, aircraft) for one in met], summed(repairs)
 
 
 def _flight(name: str, rows: Rows) -> _Flight:
@@ -105,14 +105,14 @@ def _met(flights: Sequence[_Flight], nearby: Nearby) -> Iterator[tuple[float, _F
 
 
 def _encounter(
-    time: float, one: _Flight, other: _Flight, lead: float, limits: Limits
+    time: float, one: _Flight, other: _Flight, lead: float, aircraft: Aircraft
 ) -> tuple[str, Track, Sequence[Track]]:
     """Return an encounter, local to where its ownship begins."""
-    begin = max(time - lead, one.time[0], other.time[0])
+    limits, begin = aircraft.limits, max(time - lead, one.time[0], other.time[0])
     pair = sorted((one, other), key=lambda flight: flight.name)
     fits = [limits.speed_min <= _speed(flight, begin) <= limits.speed_max for flight in pair]
     pair = pair[::-1] if fits[1] and not fits[0] else pair
-    rows = [_during(flight.rows, begin) for flight in pair]
+    rows = [_during(flight.rows, begin, begin + horizon(aircraft)) for flight in pair]
     tracks = [track_of(each.name, some, place_of(rows[0][0])) for each, some in zip(pair, rows, strict=True)]
     tracks = [at_times(track, np.concatenate([[begin], track.time[track.time > begin]])) for track in tracks]
     x, y = tracks[0].x[0], tracks[0].y[0]
@@ -120,10 +120,10 @@ def _encounter(
     return f"{mine.name}-{theirs.name}-{time:.0f}", mine, [theirs]
 
 
-def _during(rows: Rows, begin: float) -> Rows:
-    """Return the rows from the last one before a time on, as long as a replay lasts."""
+def _during(rows: Rows, begin: float, end: float) -> Rows:
+    """Return the rows from the last one before a time to the first one after another."""
     times = [values["time"] for _, values in rows]
-    return rows[max(bisect_right(times, begin) - 1, 0) : bisect_left(times, begin + HORIZON) + 1]
+    return rows[max(bisect_right(times, begin) - 1, 0) : bisect_left(times, end) + 1]
 
 
 def _speed(flight: _Flight, time: float) -> float:

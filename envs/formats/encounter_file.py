@@ -16,11 +16,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.edge.files import written
 from envs.encounters import Encounter, EncounterError
-from envs.intruder import INTRUDER_LIMITS, Intent
-from envs.kinematics import SURROGATE, Limits, VehicleState
+from envs.intruder import Intent
+from envs.kinematics import FASTEST, VehicleState
 from envs.perception import Sensor
 from envs.traffic.text_file import number_of, text_of
 
@@ -48,13 +49,13 @@ COLUMNS = (
     Column("own_x_m", -_FAR, _FAR, None, True, "start of the ownship, east"),
     Column("own_y_m", -_FAR, _FAR, None, True, "start of the ownship, north"),
     Column("own_heading_deg", -360.0, 360.0, None, True, "its heading, counter-clockwise from east", _DEGREES),
-    Column("own_speed_m_s", SURROGATE.speed_min, SURROGATE.speed_max, None, True, "its speed"),
+    Column("own_speed_m_s", 0.0, FASTEST.speed_max, None, True, "its speed"),
     Column("goal_x_m", -_FAR, _FAR, None, True, "goal, east"),
     Column("goal_y_m", -_FAR, _FAR, None, True, "goal, north"),
     Column("intruder_x_m", -_FAR, _FAR, None, False, "start of the intruder, east"),
     Column("intruder_y_m", -_FAR, _FAR, None, False, "start of the intruder, north"),
     Column("intruder_heading_deg", -360.0, 360.0, None, False, "its heading, as the ownship's", _DEGREES),
-    Column("intruder_speed_m_s", INTRUDER_LIMITS.speed_min, INTRUDER_LIMITS.speed_max, None, False, "its speed"),
+    Column("intruder_speed_m_s", 0.0, FASTEST.speed_max, None, False, "its speed"),
     Column("turn_onset_s", 0.0, 1e6, 0.0, False, "when the intruder changes its course"),
     Column("turn_change_deg", -180.0, 180.0, 0.0, False, "by how much, positive to the left; 0: not at all", _DEGREES),
     Column("turn_rate_deg_s", 0.0, 30.0, 3.0, False, "its largest turn rate", _DEGREES),
@@ -68,12 +69,12 @@ _KEY = "encounter"
 _ALL = (_KEY, *(column.name for column in COLUMNS))
 
 
-def read(path: str | os.PathLike[str], limits: Limits = SURROGATE) -> tuple[Encounter, list[str]]:
+def read(path: str | os.PathLike[str], aircraft: Aircraft | None = None) -> tuple[Encounter, list[str]]:
     """Read a file of encounters.
 
     Args:
         path: CSV in UTF-8 with a header line; lines that are empty or begin with ``#`` are skipped.
-        limits: of the ownship; a start outside its speeds is refused.
+        aircraft: whose encounters they are to be: speeds outside its own or its traffic's are refused; None: any.
 
     Returns:
         The encounters ``[N]`` in the order of their first rows, float64, and their names.
@@ -86,6 +87,7 @@ def read(path: str | os.PathLike[str], limits: Limits = SURROGATE) -> tuple[Enco
     lines = _lines(source)
     header_line, header = lines[0]
     _check_header(header, f"{source} line {header_line}")
+    columns = COLUMNS if aircraft is None else _columns_of(aircraft)
     groups: dict[str, list[tuple[int, list[float]]]] = {}
     for number, cells in lines[1:]:
         where = f"{source} line {number}"
@@ -96,7 +98,7 @@ def read(path: str | os.PathLike[str], limits: Limits = SURROGATE) -> tuple[Enco
         if not name:
             raise EncounterError(f"{where}, column {_KEY}: empty, expected a text that names the encounter")
         group = groups.setdefault(name, [])
-        values = [_number(row.get(column.name, ""), column, limits, where) for column in COLUMNS]
+        values = [_number(row.get(column.name, ""), column, where) for column in columns]
         if group:
             _check_shared(values, group[0], name, where)
         if len(group) == MOST_INTRUDERS:
@@ -188,19 +190,24 @@ def _check_header(header: list[str], where: str) -> None:
         raise EncounterError(f"{where}: column {missing[0]} is missing; required are {', '.join(required)}")
 
 
-def _number(cell: str, column: Column, limits: Limits, where: str) -> float:
+def _columns_of(aircraft: Aircraft) -> list[Column]:
+    speeds = {
+        "own_speed_m_s": {"low": float(aircraft.limits.speed_min), "high": float(aircraft.limits.speed_max)},
+        "intruder_speed_m_s": {"high": float(aircraft.traffic_speed_max)},
+    }
+    return [column._replace(**speeds.get(column.name, {})) for column in COLUMNS]
+
+
+def _number(cell: str, column: Column, where: str) -> float:
     """Return the value of a cell in the column's own unit."""
-    low, high = column.low, column.high
-    if column.name == "own_speed_m_s":
-        low, high = float(limits.speed_min), float(limits.speed_max)
-    wanted = f"expected a number from {low:g} to {high:g}"
     if not cell and column.default is not None:
         return column.default
     try:
         value = number_of(cell)
     except ValueError:
         value = math.nan
-    if not low <= value <= high:
+    if not column.low <= value <= column.high:
+        wanted = f"expected a number from {column.low:g} to {column.high:g}"
         raise EncounterError(f"{where}, column {column.name}: {repr(cell) if cell else 'empty'}, {wanted}")
     return value
 
@@ -237,8 +244,8 @@ def _encounters(groups: list[list[list[float]]]) -> Encounter:
 
 
 def _texts(values: Sequence[Any], where: str) -> list[str]:
-    """Return the cells of a row; the own speed is the reader's to check, because it depends on the aircraft."""
+    """Return the cells of a row; the aircraft's speeds are the reader's to check."""
     texts = [repr(float(value) / column.scale) for value, column in zip(values, COLUMNS, strict=True)]
     for text, column in zip(texts, COLUMNS, strict=True):
-        _number(text, column, SURROGATE._replace(speed_min=0.0, speed_max=1_000.0), where)
+        _number(text, column, where)
     return texts

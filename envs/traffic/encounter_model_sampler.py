@@ -7,7 +7,7 @@ was never seen has counts of 0 alone: all bins are then equally likely at first,
 
 Airspeed is taken for ground speed (no wind) and for its horizontal part; the vertical rate is drawn, because the others
 depend on it, and is not flown: co-altitude is assumed. The speed stays inside the edges of the model's own bins and
-below an intruder's limit, where it is held.
+below the traffic's greatest, where it is held.
 """
 
 import math
@@ -15,14 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.intruder import INTRUDER_LIMITS
 from envs.kinematics import Limits, VehicleState, advance
 from envs.traffic.encounter_model import ACCELERATION, CLIMB, SPEED, TURN, EncounterModel, Variable
 from envs.traffic.track_units import FOOT, KNOT
 
-__all__ = ["DURATION", "Sampled", "dimensions", "flown", "sample_model"]
+__all__ = ["Sampled", "dimensions", "flown", "sample_model"]
 
-DURATION = 400  # seconds that are drawn: longer than any plan
 
 _SI = {SPEED: KNOT, ACCELERATION: KNOT, CLIMB: FOOT / 60.0, TURN: -math.radians(1.0)}
 """SI value of one unit; turns are clockwise in the model and counter-clockwise here."""
@@ -38,12 +36,12 @@ class Sampled(NamedTuple):
     climb: np.ndarray  # m/s, [M, T]; 0 where the model has none
 
 
-def dimensions(model: EncounterModel, seconds: int = DURATION) -> int:
+def dimensions(model: EncounterModel, seconds: int) -> int:
     """Return the unit-uniform draws that one track takes."""
     return 2 * len(model.initial) + 3 * len(model.moving) * (seconds - 1)
 
 
-def sample_model(model: EncounterModel, draws: np.ndarray, seconds: int = DURATION) -> Sampled:
+def sample_model(model: EncounterModel, draws: np.ndarray, seconds: int) -> Sampled:
     """Return what unit-uniform draws ``[M, D]`` make of a model, D = :func:`dimensions`."""
     size = len(model.initial)
     bins = _initial(model, draws[:, :size])
@@ -79,7 +77,7 @@ def sample_model(model: EncounterModel, draws: np.ndarray, seconds: int = DURATI
     return Sampled(bins, of(SPEED)[:, 0], of(ACCELERATION), of(TURN), of(CLIMB))
 
 
-def flown(model: EncounterModel, sampled: Sampled) -> VehicleState:
+def flown(model: EncounterModel, sampled: Sampled, speed_max: float) -> VehicleState:
     """Fly what was drawn, from the origin and eastward.
 
     Each second's acceleration and turn rate are flown exactly. A first speed beyond the limits stays until it is
@@ -90,7 +88,7 @@ def flown(model: EncounterModel, sampled: Sampled) -> VehicleState:
     """
     edges = model.boundaries[model.place(SPEED)]
     assert edges is not None  # the reader refuses it
-    slowest, fastest = edges[0] * KNOT, min(edges[-1] * KNOT, INTRUDER_LIMITS.speed_max)
+    slowest, fastest = edges[0] * KNOT, min(edges[-1] * KNOT, speed_max)
     limits = Limits(slowest, fastest, -math.inf, math.inf, math.inf)
     zero = np.zeros(len(sampled.speed))
     states = [VehicleState(zero, zero, zero, sampled.speed)]

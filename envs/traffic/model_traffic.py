@@ -16,27 +16,29 @@ encounter's weight, m/s. Where it is not positive the distance has no minimum th
 another moment the encounter belongs to that one: both are drawn again, so that each encounter counts once.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from envs import draws as numbers
+from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter, EncounterError
-from envs.intruder import INTRUDER_LIMITS, Recording
-from envs.kinematics import VehicleState, advance
-from envs.perception import Sensor
+from envs.intruder import Recording
+from envs.kinematics import FASTEST, VehicleState, advance
 from envs.relative import distance, leg_separation
 from envs.traffic.encounter_model import EncounterModel
-from envs.traffic.encounter_model_sampler import DURATION, dimensions, flown, sample_model
-from envs.traffic.replay import AHEAD, encounters_of
+from envs.traffic.encounter_model_sampler import dimensions, flown, sample_model
+from envs.traffic.replay import encounters_of
 from envs.trees import scatter, take
 
 __all__ = ["ModelTraffic", "encounters_with"]
 
 _OWN_DRAWS = 5
 _STREAM = 1 << 32  # of the first attempt's draws: beyond those of starts and reports (envs.starts)
+_FREE = FASTEST._replace(speed_min=0.0)
 _SAME = 0.5  # the closest approach counts as found again within this, m
 
 
@@ -45,17 +47,18 @@ class ModelTraffic:
     """A family of encounters with one intruder of a model; pairs (low, high) are ranges of a uniform draw."""
 
     model: EncounterModel
-    own_speed: tuple[float, float] = (50.0, 100.0)  # m/s
-    cpa_time: tuple[float, float] = (30.0, 180.0)  # time of the closest approach without a resolver, s
-    miss: float = 1_000.0  # largest distance there, m
-    min_initial_separation: float = 1_000.0  # starts closer than this, m, are drawn again
-    ahead: float = AHEAD  # the goal lies so many seconds ahead at the own speed, s
+    aircraft: Aircraft
+    own_speed: tuple[float, float]  # m/s
+    cpa_time: tuple[float, float]  # time of the closest approach without a resolver, s
+    miss: float  # largest distance there, m
+    min_initial_separation: float  # starts closer than this, m, are drawn again
+    ahead: float  # the goal lies so many seconds ahead at the own speed, s
     attempts: int = 200  # how many draws an encounter has to meet the conditions
 
     @property
-    def sensor(self) -> Sensor:
-        """Quality of the intruders' reports: perfect."""
-        return Sensor(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
+    def duration(self) -> int:
+        """Whole seconds of traffic that are drawn: longer than any plan."""
+        return math.ceil(4.0 * self.aircraft.t_max / 3.0)
 
 
 class _Drawn(NamedTuple):
@@ -79,7 +82,7 @@ def encounters_with(traffic: ModelTraffic, seed: int, first: int, count: int) ->
         raise EncounterError(f"seed is {seed}; expected 0 <= seed < 2**64")
     if first < 0:
         raise EncounterError(f"encounter number is {first}; expected 0 or more")
-    wanted = dimensions(traffic.model) + _OWN_DRAWS
+    wanted = dimensions(traffic.model, traffic.duration) + _OWN_DRAWS
     whole: Any = None
     left = np.arange(count)
     for attempt in range(traffic.attempts):
@@ -96,26 +99,26 @@ def encounters_with(traffic: ModelTraffic, seed: int, first: int, count: int) ->
             f"encounter {first + int(left[0])} of seed {seed} does not meet the conditions in {traffic.attempts} "
             "attempts; allow more attempts or other conditions"
         )
-    recording = Recording(*(field[:, None] for field in whole.recording))
+    recording = Recording(*(field[:, None] for field in _at_steps(whole.recording, traffic.aircraft.dt)))
     return encounters_of(whole.own, recording, np.ones((count, 1), bool), traffic.ahead), whole.weight
 
 
 def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
     """Return one attempt at the encounters of draws ``[M, D]``."""
     rows = np.arange(len(uniform))
-    sampled = sample_model(traffic.model, uniform[:, _OWN_DRAWS:])
-    track = flown(traffic.model, sampled)
+    most = traffic.aircraft.traffic_speed_max
+    sampled = sample_model(traffic.model, uniform[:, _OWN_DRAWS:], traffic.duration)
+    track = flown(traffic.model, sampled, most)
     speed = _between(traffic.own_speed, uniform[:, 0])
     course, turned = (wrap(2.0 * np.pi * uniform[:, i], np) for i in (1, 2))
     time = _between(traffic.cpa_time, uniform[:, 3])
     miss = _between((-traffic.miss, traffic.miss), uniform[:, 4])
 
-    second = np.minimum(time.astype(int), DURATION - 1)
+    second = np.minimum(time.astype(int), traffic.duration - 1)
     # What the speed did, not what was drawn: it may have been held at a limit.
     acceleration = track.speed[rows, second + 1] - track.speed[rows, second]
     turn_rate = sampled.turn_rate[rows, second]
-    limits = INTRUDER_LIMITS._replace(speed_min=0.0, speed_max=np.inf)
-    there = advance(take(track, (rows, second)), acceleration, turn_rate, time - second, limits, np)
+    there = advance(take(track, (rows, second)), acceleration, turn_rate, time - second, _FREE, np)
     heading = there.heading + turned
     ahead_x, ahead_y = np.cos(heading), np.sin(heading)
     vx, vy = there.speed * ahead_x - speed * np.cos(course), there.speed * ahead_y - speed * np.sin(course)
@@ -134,7 +137,7 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
     recording = VehicleState(x + shift_x[:, None], y + shift_y[:, None], heading, track.speed)
     accepted = (
         (weight > 0.0)
-        & (sampled.speed <= INTRUDER_LIMITS.speed_max)
+        & (sampled.speed <= most)
         & (distance(recording.x[:, 0], recording.y[:, 0], np) >= traffic.min_initial_separation)
         & (np.abs(_closest(own, recording, traffic.ahead) - np.abs(miss)) <= _SAME)
     )
@@ -143,13 +146,25 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
 
 def _closest(own: VehicleState, recording: VehicleState, until: float) -> np.ndarray:
     """Return the smallest distance of the ownship, straight on, and a recording until a time, m, ``[M]``."""
-    last = min(round(until), DURATION)
+    last = min(round(until), recording.x.shape[-1] - 1)
     along = own.speed[:, None] * np.arange(last + 1)
     x, y = along * np.cos(own.heading)[:, None], along * np.sin(own.heading)[:, None]
     straight = VehicleState(x, y, *(np.broadcast_to(field[:, None], x.shape) for field in (own.heading, own.speed)))
     parts = np.s_[:, :last], np.s_[:, 1 : last + 1]
     (own_now, own_next), (now, after) = ([take(each, part) for part in parts] for each in (straight, recording))
     return leg_separation(own_now, own_next, now, after, 1.0, np).min(axis=-1)
+
+
+def _at_steps(recording: VehicleState, dt: float) -> VehicleState:
+    """Return a recording with a row a second, ``[M, T + 1]``, with a row a time step (s)."""
+    if dt == 1.0:
+        return recording
+    last = recording.x.shape[-1] - 1
+    times = dt * np.arange(math.floor(last / dt) + 1)
+    second = np.minimum(times.astype(int), last - 1)
+    before, after = take(recording, np.s_[:, second]), take(recording, np.s_[:, second + 1])
+    turn = wrap(after.heading - before.heading, np)
+    return advance(before, after.speed - before.speed, turn, times - second, _FREE, np)
 
 
 def _rotated(x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,17 +8,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter
-from envs.intruder import INTRUDER_LIMITS, Recording
-from envs.kinematics import SURROGATE, Limits, VehicleState, advance
+from envs.intruder import Recording
+from envs.kinematics import FASTEST, VehicleState, advance
 from envs.perception import Sensor
 from envs.traffic.tracks import Repairs, Track, TrackError, at_times
 
-__all__ = ["AHEAD", "HORIZON", "Replay", "encounters_of", "off_arcs", "replay"]
-
-AHEAD = 220.0  # seconds of flight from the start to the goal, by default
-HORIZON = 600.0  # seconds of a recording that are kept: longer than any plan
+__all__ = ["Replay", "encounters_of", "horizon", "off_arcs", "replay"]
 
 
 class Replay(NamedTuple):
@@ -30,19 +28,17 @@ class Replay(NamedTuple):
     left_out: tuple[str, ...] = ()  # sentences on encounters that cannot be flown, and why
     repairs: Repairs = Repairs()
 
-    @property
-    def sensor(self) -> Sensor:
-        """Quality of the intruders' reports: perfect."""
-        return self.starts.sensor
+
+def horizon(aircraft: Aircraft) -> float:
+    """Return how long a recording is kept, s: longer than any plan."""
+    return 2.0 * aircraft.t_max
 
 
 def replay(
     encounters: Sequence[tuple[str, Track, Sequence[Track]]],
+    aircraft: Aircraft,
+    ahead: float,
     *,
-    steps: int = round(HORIZON),
-    dt: float = 1.0,
-    ahead: float = AHEAD,
-    limits: Limits = SURROGATE,
     weights: Mapping[str, float] | None = None,
     repairs: Repairs = Repairs(),  # noqa: B008  immutable
 ) -> Replay:
@@ -50,9 +46,8 @@ def replay(
 
     Args:
         encounters: name, the ownship's track and those of its intruders, each at least a second long.
-        steps: time steps of the recordings, ``dt`` s each; they are flown straight on after them.
+        aircraft: the ownship; encounters outside its speeds or its traffic's are left out, with the reason.
         ahead: the goal lies so many seconds ahead on the ownship's first course, at its first speed.
-        limits: of the ownship; encounters that begin outside its speeds are left out, with the reason.
         weights: of the encounters by name; None: 1 each.
         repairs: what was done to the tracks.
 
@@ -61,7 +56,7 @@ def replay(
     """
     kept, left_out = [], []
     for name, own, others in encounters:
-        reason = _unfit(own, others, limits)
+        reason = _unfit(own, others, aircraft)
         if reason:
             left_out.append(f"{name}: {reason}")
         else:
@@ -69,7 +64,7 @@ def replay(
     if not kept:
         raise TrackError(f"no encounter can be flown; the first: {left_out[0] if left_out else 'there is none'}")
     most = max(len(others) for _, _, others in kept)
-    count = len(kept)
+    count, steps = len(kept), round(horizon(aircraft) / aircraft.dt)
     states = np.zeros((4, count, most, steps + 1))
     mask = np.zeros((count, most), bool)
     own = np.zeros((4, count))
@@ -77,7 +72,7 @@ def replay(
         own[:, i] = [mine.x[0], mine.y[0], np.arctan2(mine.vy[0], mine.vx[0]), np.hypot(mine.vx[0], mine.vy[0])]
         for k in range(most):
             # An absent intruder repeats the first one, so that it is finite everywhere.
-            states[:, i, k] = _states(others[k if k < len(others) else 0], mine.time[0], steps, dt)
+            states[:, i, k] = _states(others[k if k < len(others) else 0], mine.time[0], steps, aircraft.dt)
         mask[i, : len(others)] = True
     names = tuple(name for name, _, _ in kept)
     importance = np.ones(count) if weights is None else np.array([weights[name] for name in names])
@@ -104,22 +99,23 @@ def encounters_of(own: VehicleState, recording: Recording, mask: np.ndarray, ahe
     )
 
 
-def off_arcs(recording: Recording, mask: np.ndarray) -> np.ndarray:
+def off_arcs(recording: Recording, mask: np.ndarray, dt: float) -> np.ndarray:
     """Return how far recordings are from arcs at constant speed, m, ``[N]``: what is wrong by taking them for arcs.
 
-    That is the largest distance between a row and where the row before leads within 1 s when its speed and the turn
-    to the next heading are held.
+    That is the largest distance between a row and where the row before leads within ``dt`` s when its speed and the
+    turn to the next heading are held.
     """
     before = VehicleState(*(field[..., :-1] for field in recording))
     after = VehicleState(*(field[..., 1:] for field in recording))
     turn = wrap(after.heading - before.heading, np)
-    arc = advance(before, 0.0 * turn, turn, 1.0, INTRUDER_LIMITS, np)
+    arc = advance(before, 0.0 * turn, turn / dt, dt, FASTEST._replace(speed_min=0.0), np)
     apart = np.hypot(arc.x - after.x, arc.y - after.y).max(axis=-1, initial=0.0)
     return np.where(mask, apart, 0.0).max(axis=-1, initial=0.0)
 
 
-def _unfit(own: Track, others: Sequence[Track], limits: Limits) -> str:
+def _unfit(own: Track, others: Sequence[Track], aircraft: Aircraft) -> str:
     """Return why an encounter cannot be flown, nothing if it can."""
+    limits, most = aircraft.limits, aircraft.traffic_speed_max
     speed = float(np.hypot(own.vx[0], own.vy[0]))
     if not limits.speed_min <= speed <= limits.speed_max:
         wanted = f"expected {limits.speed_min:g} to {limits.speed_max:g} m/s"
@@ -130,8 +126,8 @@ def _unfit(own: Track, others: Sequence[Track], limits: Limits) -> str:
         if not other.time[0] <= own.time[0] < other.time[-1]:
             return f"the track of {other.name!r} begins after the ownship's or ends before it"
         fastest = float(np.max(np.hypot(other.vx, other.vy)))
-        if fastest > INTRUDER_LIMITS.speed_max:
-            return f"{other.name!r} flies at {fastest:.1f} m/s, expected at most {INTRUDER_LIMITS.speed_max:g} m/s"
+        if fastest > most:
+            return f"{other.name!r} flies at {fastest:.1f} m/s, expected at most {most:g} m/s"
     return ""
 
 

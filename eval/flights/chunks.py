@@ -221,5 +221,5 @@ def noise_of(evaluation: Evaluation, starts: Encounter, first: int) -> Callable[
     if isinstance(source, Scenario):
         flawed = source.position_std > 0.0 or source.velocity_std > 0.0 or source.latency[1] > 0.0
     else:
-        flawed = any(np.any(field) for field in source.sensor)
+        flawed = isinstance(source, Encounter) and any(np.any(field) for field in source.sensor)
     return sensor_noise(evaluation.seed, first, *starts.mask.shape) if flawed else None

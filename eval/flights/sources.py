@@ -15,7 +15,6 @@ from envs.formats.adsb_file import is_adsb
 from envs.formats.adsb_pairs import Nearby, adsb_pairs
 from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_files import read_daidalus
-from envs.kinematics import Limits
 from envs.sobol import QuasiScenario, quasi, quasi_numbered
 from envs.starts import numbered
 from envs.traffic.encounter_model import read_model
@@ -50,35 +49,34 @@ def read_source(config: MonteCarloConfig, aircraft: Aircraft) -> tuple[Source, t
     Raises:
         ConfigError, EncounterError, TrackError: the file cannot be used.
     """
-    limits = aircraft.limits
     if config.file is None:
         sampled = config.sampled(aircraft)
         return quasi(sampled) if config.draws == "sobol" else sampled, None
     if config.prefix == MODEL:
-        return read_model_traffic(config.file, config.traffic(), limits), None
+        return read_model_traffic(config.file, config.traffic(), aircraft), None
     if config.prefix == FILE:
-        source, names = encounter_file.read(config.file, limits)
+        source, names = encounter_file.read(config.file, aircraft)
         return source, tuple(names)
-    recorded = read_tracks(config.file, limits, config.tracks)
+    recorded = read_tracks(config.file, aircraft, config.tracks)
     return recorded, recorded.names
 
 
-def read_model_traffic(path: Path, how: TrafficConfig, limits: Limits) -> ModelTraffic:
+def read_model_traffic(path: Path, how: TrafficConfig, aircraft: Aircraft) -> ModelTraffic:
     """Return the traffic of a model's file.
 
     Raises:
         EncounterError: the file cannot be used, or the ownship's speeds are not all within its limits.
     """
-    low, high = how.own_speed
+    (low, high), limits = how.own_speed, aircraft.limits
     if low < limits.speed_min or high > limits.speed_max:
         raise EncounterError(
             f"own_speed is [{low:g}, {high:g}] m/s; expected a range within {limits.speed_min:g} to "
             f"{limits.speed_max:g} m/s, the ownship's limits"
         )
-    return ModelTraffic(read_model(path), **{name: getattr(how, name) for name in type(how).model_fields})
+    return ModelTraffic(read_model(path), aircraft, **{name: getattr(how, name) for name in type(how).model_fields})
 
 
-def read_tracks(path: Path, limits: Limits, how: TracksConfig) -> Replay:
+def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
     """Return the encounters of a file of recorded tracks; its name's end and its beginning say of which kind it is.
 
     Raises:
@@ -92,7 +90,7 @@ def read_tracks(path: Path, limits: Limits, how: TracksConfig) -> Replay:
     elif path.name.endswith((".json", ".json.gz")):
         if is_adsb(path):
             nearby = Nearby(how.within, how.vertical, how.lead)
-            encounters, repairs = adsb_pairs(path, nearby, limits=limits, repair=how.repair, max_gap=how.max_gap)
+            encounters, repairs = adsb_pairs(path, nearby, aircraft, repair=how.repair, max_gap=how.max_gap)
         else:
             found = read_lincoln(path, repair=how.repair)
             repairs = summed([each.repairs for each in found])
@@ -101,7 +99,7 @@ def read_tracks(path: Path, limits: Limits, how: TracksConfig) -> Replay:
             encounters = [(name, own, [other]) for name, (own, other) in flown]
     else:
         raise TrackError(f"{path} ends in {path.suffix!r}; expected .json, .json.gz, .daa or .xyz")
-    return replay(encounters, ahead=how.ahead, limits=limits, weights=weights, repairs=repairs)
+    return replay(encounters, aircraft, how.ahead, weights=weights, repairs=repairs)
 
 
 def drawn(source: Source, seed: int, first: int, count: int) -> tuple[Encounter, np.ndarray]:
@@ -125,7 +123,9 @@ def spread(source: Source) -> tuple[float, float]:
     """Return one sigma of reported positions, m, and velocities, m/s: the largest of the whole source."""
     if isinstance(source, Scenario):
         return source.position_std, source.velocity_std
-    return float(np.max(source.sensor.position_std)), float(np.max(source.sensor.velocity_std))
+    if isinstance(source, Encounter):
+        return float(np.max(source.sensor.position_std)), float(np.max(source.sensor.velocity_std))
+    return 0.0, 0.0
 
 
 def said(source: Source) -> dict[str, Any]:

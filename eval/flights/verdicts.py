@@ -26,7 +26,7 @@ def verdicts(encounters: Encounter, aircraft: Aircraft, solved: np.ndarray) -> R
         return classify(encounters, rules, limits, solved=solved)
     found = classify(encounters, rules, limits, solved=solved, reserve=LARGEST_OFF)
     between = np.isin(found.method, (Method.CONTAINMENT, Method.SPLITTING))
-    loose = between & (off_arcs(encounters.intent, encounters.mask) > LARGEST_OFF)
+    loose = between & (off_arcs(encounters.intent, encounters.mask, aircraft.dt) > LARGEST_OFF)
     return found._replace(
         verdict=np.where(loose, Verdict.UNDECIDED, found.verdict).astype(np.int8),
         method=np.where(loose, Method.NONE, found.method).astype(np.int8),

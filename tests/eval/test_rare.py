@@ -193,7 +193,7 @@ def test_files_of_an_estimate(tmp_path: Path, policy_path: Path) -> None:
         rows = list(csv.reader(file))
     assert len(rows) > 2
     # Straight flights of these encounters do lose 30 m.
-    starts, _ = encounter_file.read(out / "worst.csv", PAPER.limits)
+    starts, _ = encounter_file.read(out / "worst.csv", PAPER)
     flown = fly(starts, Direct(PAPER), PAPER, endless=True)
     assert flown.min_separation.max() < 30.0
 

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from envs.aircraft import PAPER
 from envs.formats.adsb_file import ordered_flights, read_adsb
-from envs.formats.adsb_pairs import adsb_pairs
+from envs.formats.adsb_pairs import Nearby, adsb_pairs
 from envs.traffic.replay import replay
 from envs.traffic.track_units import FOOT, KNOT
 from envs.traffic.tracks import Repairs, Track, TrackError, at_times
@@ -105,7 +106,7 @@ def test_a_recorded_pair_comes_as_close_as_published() -> None:
     times = np.arange(max(own.time[0], other.time[0]), min(own.time[-1], other.time[-1]))
     first, second = at_times(own, times), at_times(other, times)
     assert np.hypot(first.x - second.x, first.y - second.y).min() == pytest.approx(float(line[4]), abs=5.0)
-    made = replay([("pair", own, [other])], steps=100)
+    made = replay([("pair", own, [other])], PAPER, 220.0)
     assert np.isfinite(made.starts.intent.x).all()
 
 
@@ -118,8 +119,12 @@ def meeting(latitude: float, longitude: float, track: float = 90.0, after: float
     return flight("aaa001", latitude, longitude, track), flight("bbb002", y, x, back)
 
 
+def pairs_of(path: Path, **options):
+    return adsb_pairs(path, Nearby(5_000.0, 300.0, 120.0), PAPER, **options)
+
+
 def found(path: Path, **options) -> list[tuple[str, Track, Track]]:
-    return [(name, own, others[0]) for name, own, others in adsb_pairs(path, **options)[0]]
+    return [(name, own, others[0]) for name, own, others in pairs_of(path, **options)[0]]
 
 
 @pytest.mark.parametrize(
@@ -210,8 +215,8 @@ def test_one_impossible_report_is_refused_or_dropped(tmp_path: Path, kind: str, 
     two[row] |= OUTLIERS[kind]
     path = reports_file(tmp_path, one, two)
     with pytest.raises(TrackError, match=rf"report 24[2-4]|report {242 + row}"):
-        adsb_pairs(path)
-    pairs, repairs = adsb_pairs(path, repair=True)
+        pairs_of(path)
+    pairs, repairs = pairs_of(path, repair=True)
     assert repairs == Repairs(impossible=1)
     assert [pair[0] for pair in pairs] == [pair[0] for pair in usual]
     read = read_adsb(path, ("aaa001", "bbb002"), (0.0, 1e10), repair=True)
@@ -225,8 +230,8 @@ def test_two_aircraft_under_one_address_are_kept_apart(tmp_path: Path) -> None:
     for reports in (mixed, [pair[second % 2] for second, pair in enumerate(zip(two, twin, strict=True))]):
         path = reports_file(tmp_path, one, reports)
         with pytest.raises(TrackError, match="report 243"):
-            adsb_pairs(path)
-        pairs, repairs = adsb_pairs(path, repair=True)
+            pairs_of(path)
+        pairs, repairs = pairs_of(path, repair=True)
         assert [pair[0] for pair in pairs] == ["aaa001-bbb002-1600000060"]
         assert repairs == Repairs(split=1)
 
@@ -238,8 +243,8 @@ def test_a_clock_that_goes_back_is_refused_or_counted(tmp_path: Path, back: floa
         report["timestamp"] -= 1_000.0 * back
     path = reports_file(tmp_path, one, two)
     with pytest.raises(TrackError, match="report 342, field timestamp"):
-        adsb_pairs(path)
-    assert adsb_pairs(path, repair=True)[1] == Repairs(split=1)
+        pairs_of(path)
+    assert pairs_of(path, repair=True)[1] == Repairs(split=1)
 
 
 def test_a_frozen_position_with_jitter_is_refused(tmp_path: Path) -> None:
@@ -247,8 +252,8 @@ def test_a_frozen_position_with_jitter_is_refused(tmp_path: Path) -> None:
     for second in range(100, 126):
         two[second] |= {"latitude": two[100]["latitude"] + 1e-6 * second, "longitude": two[100]["longitude"]}
     with pytest.raises(TrackError, match=r"report 3\d\d, field latitude"):
-        adsb_pairs(reports_file(tmp_path, one, two))
-    assert adsb_pairs(reports_file(tmp_path, one, two), repair=True)[1] != Repairs()
+        pairs_of(reports_file(tmp_path, one, two))
+    assert pairs_of(reports_file(tmp_path, one, two), repair=True)[1] != Repairs()
 
 
 def test_flights_in_any_order_of_a_file_are_no_fault(tmp_path: Path) -> None:
@@ -262,8 +267,8 @@ def test_an_address_in_upper_and_lower_case_is_one(tmp_path: Path) -> None:
     one = flight("4b0001", 47.0, 8.0, 90.0)
     twice = [{**report, "icao24": " 4B0001"} for report in one]
     with pytest.raises(TrackError, match="of '4b0001'"):
-        adsb_pairs(reports_file(tmp_path, one, twice))
-    pairs, repairs = adsb_pairs(reports_file(tmp_path, one, twice), repair=True)
+        pairs_of(reports_file(tmp_path, one, twice))
+    pairs, repairs = pairs_of(reports_file(tmp_path, one, twice), repair=True)
     assert (pairs, repairs) == ([], Repairs(out_of_order=241))
     path = reports_file(tmp_path, one[::2], twice[1::2])
     assert len(read_adsb(path, ("4B0001",), (0.0, 1e10), repair=True).tracks) == 1
@@ -295,7 +300,7 @@ def test_what_is_neither_true_nor_false_is_refused(tmp_path: Path, value: object
     one, two = meeting(47.0, 8.0)
     two[7]["onground"] = value
     with pytest.raises(TrackError, match="report 249, field onground"):
-        adsb_pairs(reports_file(tmp_path, one, two))
+        pairs_of(reports_file(tmp_path, one, two))
 
 
 @pytest.mark.parametrize("latitude", [0.0, 47.0, -80.0])
@@ -331,9 +336,9 @@ def test_cases_of_public_reports(name: str) -> None:
     path, (plain, repaired) = case(f"adsb_{name}.json.gz"), CASES[name]
     if plain is None:
         with pytest.raises(TrackError, match=r"report \d+, field (latitude|altitude|timestamp)"):
-            adsb_pairs(path)
+            pairs_of(path)
     else:
         assert tuple(pair[0] for pair in found(path)) == plain
-    pairs, repairs = adsb_pairs(path, repair=True)
+    pairs, repairs = pairs_of(path, repair=True)
     assert tuple(pair[0] for pair in pairs) == repaired
     assert any(repairs) == (plain is None)

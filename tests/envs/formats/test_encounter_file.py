@@ -17,16 +17,16 @@ from envs.aircraft import PAPER
 from envs.draws import uniforms
 from envs.encounters import SCENARIOS, Encounter, EncounterError, sample, scenario
 from envs.formats import encounter_file
-from envs.formats.adsb_pairs import adsb_pairs
 from envs.formats.encounter_file import COLUMNS, MOST_INTRUDERS, read, write
 from envs.formats.lincoln_file import read_lincoln
 from envs.formats.track_files import read_daidalus
 from envs.intruder import Intent
-from envs.kinematics import Limits, VehicleState
+from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from envs.traffic.encounter_model import read_model
 from envs.traffic.text_file import json_of, lines_of, text_of
 from envs.traffic.tracks import TrackError
+from tests.envs.formats.test_adsb_file import pairs_of
 
 HEADER = (
     "encounter,own_x_m,own_y_m,own_heading_deg,own_speed_m_s,goal_x_m,goal_y_m,"
@@ -133,9 +133,10 @@ def test_own_speed_range_follows_the_vehicle(tmp_path: Path) -> None:
     path = tmp_path / "e.csv"
     path.write_text(f"{HEADER}\n{ROW.replace(',75,5000', ',40,5000')}\n", encoding="utf-8")
     with pytest.raises(EncounterError, match="own_speed_m_s: '40', expected a number from 50 to 100"):
-        read(path)
-    encounters, _ = read(path, Limits(31.0, 100.0, -0.8, 0.5, 0.08))
-    assert encounters.own.speed[0] == 40.0
+        read(path, PAPER)
+    slower = PAPER._replace(limits=PAPER.limits._replace(speed_min=31.0))
+    for encounters, _ in (read(path, slower), read(path)):
+        assert encounters.own.speed[0] == 40.0
 
 
 def replaced(column: str, text: str) -> str:
@@ -148,7 +149,7 @@ MISTAKES = {
     "inf": (replaced("goal_y_m", "inf"), "line 2, column goal_y_m: 'inf', expected"),
     "text": (
         replaced("intruder_speed_m_s", "fast"),
-        "column intruder_speed_m_s: 'fast', expected a number from 0 to 150",
+        "column intruder_speed_m_s: 'fast', expected a number from 0 to 400",
     ),
     "underscore": (replaced("own_y_m", "1_0"), "column own_y_m: '1_0'"),
     "range": (replaced("own_heading_deg", "361"), "column own_heading_deg: '361', expected a number from -360 to 360"),
@@ -219,7 +220,7 @@ READERS: dict[str, tuple[Callable[[Any], Any], type[Exception]]] = {
     "csv": (encounter_file.read, EncounterError),
     "lincoln": (read_lincoln, TrackError),
     "daidalus": (read_daidalus, TrackError),
-    "adsb": (adsb_pairs, TrackError),
+    "adsb": (pairs_of, TrackError),
     "model": (read_model, EncounterError),
 }
 MIB = 2**20

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from envs.aircraft import PAPER
 from envs.formats.lincoln_file import EVENTS, LincolnEncounter, read_lincoln, tracks_of
-from envs.kinematics import SURROGATE
 from envs.traffic.replay import replay
 from envs.traffic.tracks import TrackError
 from tests.support import recorded
@@ -132,7 +132,7 @@ def test_what_is_no_file_of_encounters(tmp_path: Path) -> None:
 def test_a_replay_is_the_track_and_straight_on_after_it(tmp_path: Path) -> None:
     (one,) = read_lincoln(written(tmp_path, [ONE]))
     own, other = tracks_of(one)
-    made = replay([("seven", own, [other])], steps=100, ahead=100.0)
+    made = replay([("seven", own, [other])], PAPER, 100.0)
     assert made.names == ("seven",)
     assert made.left_out == ()
     starts, recorded_states = made.starts, made.starts.intent
@@ -142,7 +142,7 @@ def test_a_replay_is_the_track_and_straight_on_after_it(tmp_path: Path) -> None:
     assert recorded_states.x[0, 0, :61] == pytest.approx(other.x[10 * seconds])
     assert recorded_states.y[0, 0, :61] == pytest.approx(other.y[10 * seconds])
     beyond = np.arange(1, 41)
-    assert recorded_states.y[0, 0, 61:] == pytest.approx(other.y[-1] + other.vy[-1] * beyond)
+    assert recorded_states.y[0, 0, 61:101] == pytest.approx(other.y[-1] + other.vy[-1] * beyond)
     assert recorded_states.speed[0, 0, 100] == pytest.approx(np.hypot(other.vx[-1], other.vy[-1]))
 
 
@@ -155,9 +155,9 @@ def test_what_cannot_be_flown_is_left_out_with_the_reason(tmp_path: Path) -> Non
     encounters = [
         (name, *((own, [other]) for own, other in [tracks_of(one)])) for name, one in zip("abc", found, strict=True)
     ]
-    made = replay([(name, *pair) for name, pair in encounters], steps=10, limits=SURROGATE)
+    made = replay([(name, *pair) for name, pair in encounters], PAPER, 220.0)
     assert made.names == ("a",)
     assert "b: the ownship begins with 30.5 m/s over the ground, expected 50 to 100 m/s" in made.left_out[0]
     assert "c: 'intruder' flies at" in made.left_out[1]
     with pytest.raises(TrackError, match="no encounter can be flown; the first: b"):
-        replay([(name, *pair) for name, pair in encounters[1:]], steps=10)
+        replay([(name, *pair) for name, pair in encounters[1:]], PAPER, 220.0)

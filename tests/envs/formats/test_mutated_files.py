@@ -15,7 +15,6 @@ from envs import draws
 from envs.encounters import EncounterError
 from envs.formats import encounter_file
 from envs.formats.adsb_file import read_adsb
-from envs.formats.adsb_pairs import adsb_pairs
 from envs.formats.consistency import ACCELERATION, CLIMB, HEIGHT, POSITION, VELOCITY, WINDOW
 from envs.formats.encounter_exchange import scenes_of
 from envs.formats.lincoln_file import read_lincoln, tracks_of
@@ -24,6 +23,7 @@ from envs.traffic.encounter_model import read_model
 from envs.traffic.encounter_model_sampler import dimensions, flown, sample_model
 from envs.traffic.track_units import FOOT, KNOT
 from envs.traffic.tracks import DISTANT, Track, TrackError
+from tests.envs.formats.test_adsb_file import pairs_of
 from tests.envs.formats.test_encounter_file import HEADER, ROW
 from tests.envs.formats.test_lincoln_file import EVENTS, ONE
 from tests.envs.traffic.test_encounter_model import SMALL
@@ -120,7 +120,7 @@ class Reports:
 
     def read(self, path: Path, repair: bool) -> list[Track]:
         if self.pairs:
-            found, _ = adsb_pairs(path, repair=repair)
+            found, _ = pairs_of(path, repair=repair)
             return [track for _, own, others in found for track in (own, *others)]
         return list(read_adsb(path, ("aaa001", "bbb002"), (0.0, 1e10), repair=repair).tracks)
 
@@ -230,7 +230,7 @@ class Model:
         model = read_model(path)
         if dimensions(model, 20) > 2_000:
             return []
-        state = flown(model, sample_model(model, draws.uniforms(1, 0, 3, (dimensions(model, 20),)), 20))
+        state = flown(model, sample_model(model, draws.uniforms(1, 0, 3, (dimensions(model, 20),)), 20), 150.0)
         times, zero = np.arange(21.0), np.zeros(21)
         rows = range(len(state.x))
         return [

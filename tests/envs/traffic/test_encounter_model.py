@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from envs import draws, intruder
+from envs.aircraft import PAPER
 from envs.encounters import EncounterError
 from envs.kinematics import VehicleState
 from envs.traffic.encounter_model import EncounterModel, Variable, read_model
-from envs.traffic.encounter_model_sampler import DURATION, dimensions, flown, sample_model
+from envs.traffic.encounter_model_sampler import dimensions, flown, sample_model
 from envs.traffic.model_traffic import ModelTraffic, encounters_with
 from envs.traffic.replay import off_arcs
 from envs.traffic.track_units import KNOT
@@ -202,7 +203,7 @@ def test_values_change_as_the_rates_say_and_stay_in_their_bins(tmp_path: Path) -
 def test_a_track_is_what_was_drawn(tmp_path: Path) -> None:
     model = read_model(written(tmp_path))
     sampled = sample_model(model, draws.uniforms(1, 0, 50, (dimensions(model, 60),)), 60)
-    track = flown(model, sampled)
+    track = flown(model, sampled, 150.0)
     assert track.x.shape == (50, 61)
     assert (track.speed >= 100 * KNOT - 1e-9).all()
     assert (track.speed <= 150.0).all()
@@ -217,9 +218,27 @@ def test_a_track_is_what_was_drawn(tmp_path: Path) -> None:
     assert (track.x[0, 1], track.y[0, 1]) == pytest.approx((x, y), abs=0.01)
 
 
+DURATION = 400
+RANGES: dict[str, Any] = {"own_speed": (50.0, 100.0), "cpa_time": (30.0, 180.0)}
+DISTANCES = {"miss": 1_000.0, "min_initial_separation": 1_000.0, "ahead": 220.0}
+
+
+def family(model: EncounterModel, **changes: Any) -> ModelTraffic:
+    return ModelTraffic(model, PAPER, **RANGES | DISTANCES | changes)
+
+
 @pytest.fixture(scope="module")
 def traffic(tmp_path_factory: pytest.TempPathFactory) -> ModelTraffic:
-    return ModelTraffic(read_model(written(tmp_path_factory.mktemp("model"))))
+    return family(read_model(written(tmp_path_factory.mktemp("model"))))
+
+
+def test_recordings_have_a_row_a_time_step_of_the_aircraft(traffic: ModelTraffic) -> None:
+    usual, _ = encounters_with(traffic, 7, 0, 10)
+    halved, _ = encounters_with(replace(traffic, aircraft=PAPER._replace(dt=0.5)), 7, 0, 10)
+    for one, other in zip(usual.intent, halved.intent, strict=True):
+        assert other.shape[-1] == 2 * DURATION + 1
+        np.testing.assert_allclose(np.cos(other[..., ::2]), np.cos(one), atol=1e-5)
+    assert off_arcs(halved.intent, halved.mask, 0.5).max() < 0.75
 
 
 def test_encounters_follow_from_seed_and_number_alone(traffic: ModelTraffic) -> None:
@@ -236,7 +255,7 @@ def test_every_encounter_meets_its_conditions(traffic: ModelTraffic) -> None:
     found, weights = encounters_with(traffic, 2, 0, 300)
     assert (weights > 0.0).all()
     recording = recording_of(found)
-    assert off_arcs(recording, found.mask).max() < 0.75
+    assert off_arcs(recording, found.mask, 1.0).max() < 0.75
     start = np.hypot(recording.x[:, 0, 0] - found.own.x, recording.y[:, 0, 0] - found.own.y)
     assert start.min() >= 1_000.0
     # Without a resolver, on a fine grid: the closest approach is below the miss distance and inside the window.
@@ -271,7 +290,7 @@ def straight(speed_kt: float) -> EncounterModel:
 def test_weights_make_the_traffic_even() -> None:
     """Against the definition: intruders thrown evenly over the plane, and kept where they meet the conditions."""
     knots, seed, size = 120.0, 11, 1_500
-    traffic = ModelTraffic(straight(knots), own_speed=(60.0, 60.0), cpa_time=(60.0, 120.0))
+    traffic = family(straight(knots), own_speed=(60.0, 60.0), cpa_time=(60.0, 120.0))
     found, weights = encounters_with(traffic, seed, 0, size)
     relative = _relative_course(found.own.heading, found.intruders.heading[:, 0])
 
