@@ -184,7 +184,7 @@ reports = st.builds(
     vehicles,
     st.floats(-0.5, 5.1),
     st.sampled_from([0.0, 0.0, 0.05, -0.5, 1e-9, 1e-12]),
-    st.sampled_from([0.0, 1e-9, 20.0, 1_000.0]),
+    st.sampled_from([0.0, 1e-9, 20.0, 60.0, 1_000.0]),
     st.sampled_from([0.0, 0.0, 50.0, 10_000.0]),
     st.sampled_from([0.0, 0.0, 2.0, 100.0]),
     st.one_of(st.none(), st.builds(Altitude, st.floats(0.0, 4_000.0), st.sampled_from(["msl", "pressure"]))),
