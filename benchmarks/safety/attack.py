@@ -18,10 +18,12 @@ from agents.planner.planner import plan_many
 from agents.planner.request import Options, Request
 from agents.policy.inference import Policy
 from benchmarks.safety import published
-from benchmarks.safety.adversary import FAMILIES, VARIANTS, Drawn, drawn
+from benchmarks.safety.adversary import FAMILIES, VARIANTS, Drawn, drawn, variants
+from benchmarks.safety.aircraft import random_aircraft, scaled
 from benchmarks.safety.reflight import refly
 from benchmarks.safety.resimulation import CHECKS, Route, resimulate
 from envs import draws
+from envs.aircraft import PAPER, Aircraft
 from envs.kinematics import Limits
 from envs.trees import mapped, take
 from envs.waypoints import ARCS, Knots, legs
@@ -51,6 +53,13 @@ class Batch(NamedTuple):
     """Whether they go through ``plan`` one by one."""
     family: str = ""
     """Name of the only family that is planned; empty: all are."""
+    any_aircraft: bool = False
+    """Whether the requests are scaled to an aircraft drawn by the batch's first number; else the paper's."""
+
+    @property
+    def aircraft(self) -> Aircraft:
+        """Whose requests they are."""
+        return random_aircraft(np.random.default_rng([self.seed, self.hundreds[0]])) if self.any_aircraft else PAPER
 
 
 @dataclass
@@ -66,8 +75,8 @@ class Tally:
     """SAFE plans re-flown, and those of them that came closer than 1000 m because they began or were asked to be
     closer than the follower's error beyond it."""
     violations: list[dict[str, Any]] = field(default_factory=list)
-    separation: float = np.inf
-    """Smallest of a SAFE plan, m."""
+    spare: float = np.inf
+    """Smallest separation of a SAFE plan less the required one, m."""
     flown: float = np.inf
     """Smallest as flown by the follower, m."""
     error: float = 0.0
@@ -80,7 +89,7 @@ class Tally:
         for name in ("requests", "safe", "single", "counts"):
             getattr(self, name).update(getattr(other, name))
         self.violations += other.violations
-        self.separation = min(self.separation, other.separation)
+        self.spare = min(self.spare, other.spare)
         self.flown, self.error = min(self.flown, other.flown), max(self.error, other.error)
         self.use = {name: max(self.use.get(name, 0.0), value) for name, value in other.use.items()} or self.use
 
@@ -103,7 +112,7 @@ class Tally:
             "violations_by_check": {
                 name: {"count": len(numbers), "first": sorted(numbers)[:_SHOWN]} for name, numbers in checks.items()
             },
-            "smallest_spare_separation_m": self.separation - 1000.0 if np.isfinite(self.separation) else None,
+            "smallest_spare_separation_m": self.spare if np.isfinite(self.spare) else None,
             "largest_limit_use": self.use,
             "reflown_share": reflown / max(self.safe.total() + self.single["safe"], 1),
             "reflown": reflown,
@@ -113,17 +122,19 @@ class Tally:
         }
 
 
-def tasks(seed: int, first: int, count: int, single: int, block: int, family: str = "") -> Iterator[Batch]:
+def tasks(
+    seed: int, first: int, count: int, single: int, block: int, family: str = "", *, any_aircraft: bool = False
+) -> Iterator[Batch]:
     """Return the batches of requests ``first .. first + count - 1``, the first ``single`` of them one by one too."""
     for hundred in range(first // HUNDRED * HUNDRED, first + single if single else 0, HUNDRED):
-        yield Batch(seed, (hundred,), first, first + single, True, family)
+        yield Batch(seed, (hundred,), first, first + single, True, family, any_aircraft)
     for begin in range(first // block * block, first + count, block):
         alike: dict[int, list[int]] = {}
         for hundred in range(begin, begin + block, HUNDRED):
             alike.setdefault(_variant(hundred), []).append(hundred)
         for hundreds in alike.values():
             if any(first < hundred + HUNDRED and hundred < first + count for hundred in hundreds):
-                yield Batch(seed, tuple(hundreds), first, first + count, False, family)
+                yield Batch(seed, tuple(hundreds), first, first + count, False, family, any_aircraft)
 
 
 def attack(batch: Batch, policy: Policy) -> Tally:
@@ -138,7 +149,10 @@ def attack(batch: Batch, policy: Policy) -> Tally:
             if requests.number.size == 0:
                 return tally
         wanted = (requests.number >= batch.first) & (requests.number < batch.end)
-        options = list(VARIANTS.values())[requests.variant[0]]
+        aircraft = batch.aircraft
+        options = list(variants(aircraft).values())[requests.variant[0]]
+        if batch.any_aircraft:
+            requests = requests._replace(request=scaled(requests.request, aircraft))
         if batch.single:
             _one_by_one(tally, batch.seed, take(requests, wanted), policy, options)
             return tally
@@ -170,7 +184,7 @@ def judge(tally: Tally, seed: int, requests: Drawn, knots: Knots, last: Any, opt
         verdict = resimulate(plans, part.own, part.traffic, route, options, own_limits)
         for check, row in np.argwhere(verdict.wrong).tolist():
             _blame(tally, CHECKS[check], requests, rows[row], separation=float(verdict.min_separation[row]))
-        tally.separation = min(tally.separation, float(verdict.min_separation.min()))
+        tally.spare = min(tally.spare, float(verdict.min_separation.min()) - options.requirement.separation)
         for name, value in _use(plans, own_limits).items():
             tally.use[name] = max(tally.use.get(name, 0.0), value)
         # ... but no vehicle of ours gets back to a speed beyond it that it has left (envs.kinematics.advance).
@@ -178,8 +192,8 @@ def judge(tally: Tally, seed: int, requests: Drawn, knots: Knots, last: Any, opt
             _blame(tally, "speed beyond the limit regained", requests, rows[row])
     chosen = np.array([draws.uniforms(seed, int(number), 1, (1,), 1)[0, 0] for number in requests.number]) < REFLOWN
     rows = np.flatnonzero(chosen & np.isfinite(np.stack(knots)).all(axis=(0, 2)))
-    if rows.size == 0:
-        return
+    if rows.size == 0 or options.aircraft != PAPER:
+        return  # the follower of this attack is tuned to time steps of 1 s
     flight = refly(take(knots, rows), take(request, rows), options.requirement, limits)
     tally.counts.update({"reflown": rows.size, "below 1000 m": int(np.sum(flight.separation < 1000.0))})
     tally.flown = min(tally.flown, float(flight.separation.min()))

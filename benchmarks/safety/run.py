@@ -69,6 +69,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the requests (default 0)")
     parser.add_argument("--first", type=int, default=0, help="number of the first request (default 0)")
     parser.add_argument("--family", default="", help="plan only the requests of this family (default: of all)")
+    parser.add_argument("--any-aircraft", action="store_true", help="another aircraft, drawn at random, for each batch")
     parser.add_argument("--workers", type=int, default=cores(), help="processes (default: one for every core)")
     parser.add_argument("--block", type=int, default=BLOCK, help=f"requests planned side by side (default {BLOCK})")
     parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
@@ -82,7 +83,8 @@ def main(arguments: list[str] | None = None) -> int:
     if options.family not in ("", *(one.name for one in FAMILIES)):
         parser.error(f"--family is {options.family!r}, expected one of {', '.join(one.name for one in FAMILIES)}")
     single = min(options.single, options.requests)
-    batches = list(tasks(options.seed, options.first, options.requests, single, options.block, options.family))
+    asked = options.seed, options.first, options.requests, single, options.block, options.family
+    batches = list(tasks(*asked, any_aircraft=options.any_aircraft))
     path = None
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
@@ -107,6 +109,7 @@ def main(arguments: list[str] | None = None) -> int:
         progress.stop()
         signal.signal(signal.SIGTERM, before)
     figures = {"benchmark": "safety", "seed": options.seed, "first": options.first, "complete": complete}
+    figures["any_aircraft"] = options.any_aircraft
     figures |= {"block": options.block} | tally.figures()
     for name, (asked, safe) in figures["families"].items():
         print(f"{name:20} {asked:9} requests {safe:9} SAFE")
