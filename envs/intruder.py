@@ -13,8 +13,8 @@ from envs.angles import atan2, sincos, wrap
 from envs.kinematics import Limits, VehicleState, advance
 
 __all__ = [
+    "COASTING",
     "GAINS",
-    "INTRUDER_LIMITS",
     "LOOKAHEAD",
     "Gains",
     "Intent",
@@ -29,11 +29,8 @@ LOOKAHEAD = 10_000_000.0
 displacement does not bend the course flown after it (with 50 km, a change of 120 degrees at 1 degree/s would end at
 131)."""
 
-INTRUDER_LIMITS = Limits(0.0, 150.0, -0.5, 0.5, math.radians(3.0))
-"""Of the paper's traffic."""
-
-_COASTING = Limits(0.0, math.inf, 0.0, 0.0, math.inf)
-"""An intruder keeps its speed, so that no limit is ever met."""
+COASTING = Limits(0.0, math.inf, 0.0, 0.0, math.inf)
+"""Of an intruder, which keeps its speed, so that no limit is ever met."""
 
 
 class Gains(NamedTuple):
@@ -135,14 +132,14 @@ def step(
     command = gains.proportional * error + gains.integral * error_sum + gains.derivative * change
     command = command * (1.0 / response)
     yaw_rate = xp.clip(command, -intent.turn_rate, intent.turn_rate)
-    moved = advance(vehicle, error * 0.0, yaw_rate, dt, _COASTING, xp)
+    moved = advance(vehicle, error * 0.0, yaw_rate, dt, COASTING, xp)
     return IntruderState(moved, waypoint_x, waypoint_y, error, error_sum)
 
 
 def _recorded(vehicle: VehicleState, recording: Recording, time: Any, dt: float) -> VehicleState:
     """Return the vehicles after the step that begins at ``time``, ``[..., K]``."""
     still = vehicle.heading * 0.0
-    straight = advance(vehicle, still, still, dt, _COASTING, np)
+    straight = advance(vehicle, still, still, dt, COASTING, np)
     row = np.broadcast_to(np.rint(np.asarray(time) / dt).astype(int) + 1, still.shape)
     last = recording.x.shape[-1] - 1
     index = np.minimum(row, last)[..., None]

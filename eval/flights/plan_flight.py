@@ -133,7 +133,7 @@ def fly_step(
         yaw_rate = np.clip(yaw_rate, -limits.yaw_rate_max, limits.yaw_rate_max)
         moved = advance(own, acceleration, yaw_rate, period, limits, np)
         # Over a step the intruder's controller holds its yaw rate.
-        other_next = advance(other, other.speed * 0.0, turn / dt, period, intruder.INTRUDER_LIMITS, np)
+        other_next = advance(other, other.speed * 0.0, turn / dt, period, intruder.COASTING, np)
         apart = leg_separation(column(own), column(moved), other, other_next, period, np)
         flown = ((number + (step + 1) * PERIOD) * dt <= air.ends + 1e-6)[:, None]
         separation = np.minimum(separation, np.min(np.where(mask & flown, apart, np.inf), axis=-1, initial=np.inf))

@@ -113,7 +113,7 @@ class Traffic:
         # Over a second the intruder's controller holds its yaw rate.
         turn = wrap(following.vehicle.heading - began.heading, np)
         times = PERIOD * np.arange(SUBSTEPS + 1)[:, None]
-        moved = advance(began, began.speed * 0.0, turn, times, intruder.INTRUDER_LIMITS, np)
+        moved = advance(began, began.speed * 0.0, turn, times, intruder.COASTING, np)
         whole = VehicleState(*(np.broadcast_to(field, (SUBSTEPS + 1, turn.shape[-1])) for field in moved))
         self._previous = began, self._previous[0]
         self._state = following
