@@ -217,7 +217,7 @@ def _found(
     """Return the content of family.json, but for the policy."""
     from envs.aircraft import ratios
     from eval.metrics.summary import summarise
-    from eval.stats.plain import share
+    from eval.stats.intervals import share
 
     rows = []
     for number, (one, table) in enumerate(zip(aircraft, tables, strict=True)):

@@ -96,8 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "wall_s": time.perf_counter() - begun,
         "versions": versions("numpy", "scipy", "pyarrow"),
     }
-    from eval.compare.figure import draw
-    from eval.compare.table import show
+    from eval.compare.table import draw, show
 
     picture_folder.write(out, "summary", summary)
     with written(out / "encounters.parquet") as path:

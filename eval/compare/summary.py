@@ -9,9 +9,8 @@ import numpy as np
 from eval.compare.deciders import REFERENCE, WITNESS, Entry
 from eval.metrics.field import ratio
 from eval.metrics.volumes import ALERTS, VOLUMES
-from eval.stats.intervals import mean_interval
+from eval.stats.intervals import interval, mean_interval, number, share
 from eval.stats.paired import mcnemar_exact, pairs, tango
-from eval.stats.plain import interval, number, share
 
 __all__ = ["SCHEMA_VERSION", "summarise"]
 

@@ -12,10 +12,12 @@ from envs.outcome import Rules
 from eval.flights.conditions import conditions
 from eval.flights.plan_flight import SUBSTEPS
 from eval.flights.plan_mode import SOURCES, STATUSES
+from eval.hifi.config import HifiConfig
 from eval.hifi.flights import Campaign, Flown, LoadedCampaign, flown
 from eval.hifi.pilots import Assured
+from eval.runner.outputs import RunFolder
 
-__all__ = ["HIFI_OUTCOMES", "WAYPOINTS", "columns", "row_of"]
+__all__ = ["HIFI_OUTCOMES", "WAYPOINTS", "HifiFolder", "columns", "row_of"]
 
 HIFI_OUTCOMES = ("reached", "violation", "timeout", "failed", "refused")
 """How a flight can end: ``failed`` is an aircraft lost, ``refused`` one that never began, both with a reason."""
@@ -194,3 +196,11 @@ def _scene(campaign: Campaign, one: Flown) -> dict[str, Any]:
         "t_cpa_s": float(begun.t_cpa[0]),
         "d_cpa_m": float(begun.d_cpa[0]),
     }
+
+
+class HifiFolder(RunFolder):
+    """The files of one run of flights."""
+
+    model = HifiConfig
+    table = "flights.parquet"
+    schema = b"hifi 1"

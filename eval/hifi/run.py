@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from envs.aircraft import Aircraft
     from eval.hifi.config import HifiConfig
     from eval.hifi.flights import Campaign
-    from eval.hifi.folder import HifiFolder
+    from eval.hifi.rows import HifiFolder
 
 __all__ = ["campaign_of", "main"]
 
@@ -78,8 +78,7 @@ def _run(options: argparse.Namespace) -> int:
     begun = time.perf_counter()
     config = _config(options)
     from eval.hifi.flights import LoadedCampaign
-    from eval.hifi.folder import HifiFolder
-    from eval.hifi.rows import columns
+    from eval.hifi.rows import HifiFolder, columns
     from eval.runner.workers import DECISIVE, Task, cores
 
     with cluster_of(options, _DECISIVE) as cluster:

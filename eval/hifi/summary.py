@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from eval.hifi.rows import HIFI_OUTCOMES, WAYPOINTS
-from eval.stats.plain import quantiles, share
+from eval.stats.intervals import quantiles, share
 
 __all__ = ["SCHEMA_VERSION", "summarise"]
 

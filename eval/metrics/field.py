@@ -11,8 +11,7 @@ from envs.relative import distance
 from eval.flights.simulate import Flights
 from eval.flights.trajectories import Trajectories
 from eval.metrics.volumes import Relative, Volume, lost
-from eval.stats.bootstrap import percentiles, resampled_sums
-from eval.stats.intervals import clopper_pearson
+from eval.stats.intervals import clopper_pearson, percentiles, resampled_sums
 
 __all__ = ["Cost", "Ratio", "costs", "losses", "ratio", "relative"]
 

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from eval.metrics.summary import summarise
-from eval.stats.intervals import Interval, clopper_pearson
-from eval.stats.plain import ends
+from eval.stats.intervals import Interval, clopper_pearson, ends
 
 __all__ = ["ratio_interval", "replicated"]
 

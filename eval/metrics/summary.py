@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from eval.metrics.field import ratio
-from eval.stats.intervals import Interval, mean_interval
-from eval.stats.plain import ends, number, quantiles, share
+from eval.stats.intervals import Interval, ends, mean_interval, number, quantiles, share
 
 __all__ = ["SCHEMA_VERSION", "summarise"]
 

@@ -6,9 +6,7 @@ from typing import Any
 import numpy as np
 
 from eval.metrics.field import ratio
-from eval.stats.bootstrap import percentiles, resampled_sums
-from eval.stats.intervals import clopper_pearson
-from eval.stats.plain import number
+from eval.stats.intervals import clopper_pearson, number, percentiles, resampled_sums
 
 __all__ = ["summarise_weighted"]
 

@@ -181,7 +181,7 @@ def _found(
 ) -> dict[str, Any]:
     """Return the content of rare.json, without policy and wall time."""
     from agents.policy.versions import versions
-    from eval.stats.plain import share
+    from eval.stats.intervals import share
 
     by_level = np.stack([one.probability for one in made])
     first = np.concatenate([one.first for one in made])

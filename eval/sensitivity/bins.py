@@ -11,7 +11,7 @@ from agents.config.load import ConfigError
 from agents.config.yaml import YamlError, read
 from envs.aircraft import PAPER, Aircraft
 from eval.metrics.table import read_table
-from eval.stats.plain import share
+from eval.stats.intervals import share
 
 __all__ = ["Quantity", "Run", "binned", "mapped", "quantities", "rates", "read_run", "successes"]
 

@@ -194,7 +194,7 @@ def _draw(options: argparse.Namespace, run: "Run | None", found: dict[str, Any])
 
 def _show(found: dict[str, Any]) -> None:
     """Print the success of the run's mode in each bin of a quantity, or of every mode at each value of a sweep."""
-    from eval.stats.plain import percent
+    from eval.stats.intervals import percent
 
     print(f"{found['label']}:")
     for cell in found.get("bins") or found["values"]:

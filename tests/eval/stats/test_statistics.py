@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from scipy.stats import binom, multinomial
 
 from eval.metrics.replicated import ratio_interval, replicated
-from eval.stats.intervals import clopper_pearson, mean_interval
+from eval.stats.intervals import clopper_pearson, mean_interval, percent, share
 from eval.stats.paired import Pairs, mcnemar_exact, pairs, tango
-from eval.stats.plain import percent, share
 
 
 @pytest.mark.parametrize(
