@@ -28,6 +28,7 @@ __all__ = [
     "Setting",
     "TracksConfig",
     "TrafficConfig",
+    "usual_setting",
 ]
 
 FILE, TRACKS, MODEL = "file:", "tracks:", "lincoln:"
@@ -46,6 +47,12 @@ class Setting(NamedTuple):
     options: Options
     limits: Limits
     """Of the vehicle that follows."""
+
+
+def usual_setting(aircraft: Aircraft) -> Setting:
+    """Return how plans are made and flown where nothing is said."""
+    options = Options.for_aircraft(aircraft)
+    return Setting(options, options.limits)
 
 
 class PlannerConfig(Strict):

@@ -9,14 +9,12 @@ import numpy as np
 
 from agents.baselines.acas_nnet import load_logic
 from agents.baselines.baselines import BASELINES, Baseline, Sight
-from agents.planner.request import Options
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict
-from envs.aircraft import PAPER, Aircraft
+from envs.aircraft import Aircraft
 from envs.encounters import Encounter
-from envs.kinematics import C208_PUBLISHED
 from envs.traffic.replay import Replay
-from eval.config import Setting
+from eval.config import Setting, usual_setting
 from eval.flights.chunks import Evaluation, Pilot, noise_of
 from eval.flights.optimal import WitnessSearch, fly_witnesses
 from eval.flights.recorded import fly_in_mode
@@ -29,7 +27,6 @@ from eval.metrics.volumes import ALERTS, VOLUMES, alerted, lead_times, lost, sev
 
 __all__ = [
     "REFERENCE",
-    "SETTING",
     "WITNESS",
     "Comparison",
     "Entry",
@@ -41,9 +38,6 @@ __all__ = [
 
 REFERENCE = "none"  # the flight without a resolver, which is always flown: risk ratios need it
 WITNESS = "witness"  # name and kind of the entry that flies the least-cost witness: a mark, not a resolver
-SETTING = Setting(Options.for_aircraft(PAPER), C208_PUBLISHED)
-"""How plans are made and flown: as in eval.monte_carlo without more being said."""
-
 _SEVERE = "do365_en_route"
 
 
@@ -97,7 +91,10 @@ def policy_entries(path: Path | None, name: str, aircraft: Aircraft, modes: Sequ
     return (
         Entry(name, "policy", ByPolicy(policy), policy.sha256),
         Entry(f"{name}, speed held", "policy", _SpeedHeld(policy), policy.sha256),
-        *(Entry(f"{name}, {mode}", "policy", Plans(policy, SETTING, mode), policy.sha256) for mode in modes),
+        *(
+            Entry(f"{name}, {mode}", "policy", Plans(policy, usual_setting(aircraft), mode), policy.sha256)
+            for mode in modes
+        ),
     )
 
 
@@ -149,7 +146,7 @@ def _flown(
         flights = fly(starts, decider, evaluation.aircraft, noise=noise, recorder=recorder, endless=True)
         return flights, recorder.stack()
     policy, setting, mode = decider
-    pilot = Pilot(evaluation._replace(setting=setting, mode=mode), policy)
+    pilot = Pilot(evaluation._replace(given=setting, mode=mode), policy)
     _, flights = fly_in_mode(pilot, starts, noise, recorder, endless=True)
     return flights, until(recorder.stack(), flights.duration, evaluation.aircraft.dt)
 

@@ -15,15 +15,14 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.baselines.baselines import BASELINES, Baseline
-from agents.planner.request import Options
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Method, Verdict
-from envs.aircraft import PAPER, Aircraft
+from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
-from envs.kinematics import C208_PUBLISHED, Limits
+from envs.kinematics import Limits
 from envs.outcome import Rules
 from envs.starts import joined
-from eval.config import Setting
+from eval.config import Setting, usual_setting
 from eval.flights.assured_mode import Reports, fly_assured
 from eval.flights.conditions import conditions
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start
@@ -57,10 +56,15 @@ class Evaluation(NamedTuple):
     aircraft: Aircraft
     mode: str = "policy"
     """One of :data:`MODES`."""
-    setting: Setting = Setting(Options.for_aircraft(PAPER), C208_PUBLISHED)
-    """How plans are made and flown, in the other modes."""
+    given: Setting | None = None
+    """How plans are made and flown, in the other modes; None: as is usual for the aircraft."""
     baseline: str = "none"
     """One of :data:`agents.baselines.BASELINES` that decides in the policy's place in mode policy; none: the policy."""
+
+    @property
+    def setting(self) -> Setting:
+        """How plans are made and flown."""
+        return usual_setting(self.aircraft) if self.given is None else self.given
 
     @property
     def rules(self) -> Rules:

@@ -158,7 +158,7 @@ def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["circle", "noisy"])
 def test_plans_and_the_assured_loop_fly_as_in_the_evaluation(name: str) -> None:
     entries = policy_entries(None, "ours", PAPER, ("plan", "assured"))
-    evaluation = Evaluation(None, scenario(name, PAPER), None, 4, PAPER, "assured", comparison.SETTING)
+    evaluation = Evaluation(None, scenario(name, PAPER), None, 4, PAPER, "assured")
     ours = comparison.columns(Comparison((*entries, baseline_entry("none", PAPER)), evaluation), 20, 25)
     theirs = chunks.columns(Pilot.load(evaluation), 20, 25)
     for mode, columns in (("assured", ""), ("plan", "plan_")):
