@@ -139,7 +139,7 @@ class EncounterFlight:
     def __init__(self, encounter: Encounter, aircraft: Aircraft, limits: Limits, kind: str = "kinematic") -> None:
         start = VehicleState(*(float(field[0]) for field in encounter.own))
         self.vehicle = vehicle(kind, start, limits)
-        self._goal_radius = aircraft.goal_radius
+        self._goal_radius, self._response = aircraft.goal_radius, aircraft.dt
         self.lags = kind != "kinematic"
         self.time = 0.0
         """s since the beginning."""
@@ -184,7 +184,7 @@ class EncounterFlight:
         acceleration, yaw_rate = self.line.commands(before, self.time)
         self.vehicle.step(acceleration, yaw_rate, PERIOD)
         after = self.own
-        self._intruders = intruder.step(self._intruders, self._intent, self.time, PERIOD, np, response=1.0)
+        self._intruders = intruder.step(self._intruders, self._intent, self.time, PERIOD, np, response=self._response)
         self.time = round(self.time + PERIOD, 6)
         apart = leg_separation(before, after, others, self._intruders.vehicle, PERIOD, np)
         least = float(np.min(apart, initial=math.inf))
