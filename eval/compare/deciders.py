@@ -13,7 +13,6 @@ from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
-from envs.traffic.replay import Replay
 from eval.config import Setting, usual_setting
 from eval.flights.chunks import Evaluation, Pilot, noise_of
 from eval.flights.optimal import WitnessSearch, fly_witnesses
@@ -25,16 +24,7 @@ from eval.flights.verdicts import verdicts
 from eval.metrics.field import costs, losses, relative
 from eval.metrics.volumes import ALERTS, VOLUMES, alerted, lead_times, lost, severity
 
-__all__ = [
-    "REFERENCE",
-    "WITNESS",
-    "Comparison",
-    "Entry",
-    "Plans",
-    "baseline_entry",
-    "columns",
-    "policy_entries",
-]
+__all__ = ["REFERENCE", "WITNESS", "Comparison", "Entry", "Plans", "baseline_entry", "columns", "policy_entries"]
 
 REFERENCE = "none"  # the flight without a resolver, which is always flown: risk ratios need it
 WITNESS = "witness"  # name and kind of the entry that flies the least-cost witness: a mark, not a resolver
@@ -64,22 +54,12 @@ class Comparison(NamedTuple):
     entries: tuple[Entry, ...]
     evaluation: Evaluation  # source, seed and aircraft; nothing else of it counts
 
-    @property
-    def replayed(self) -> bool:
-        """Whether the intruders are recorded ones."""
-        return isinstance(self.evaluation.source, Replay)
-
 
 def policy_entries(path: Path | None, name: str, aircraft: Aircraft, modes: Sequence[str] = ()) -> tuple[Entry, ...]:
     """Return the entries of a policy file: as it is, and with the speed held, as most published resolvers hold it.
 
-    A ``.nnet`` file is a logic that holds the speed anyway, and of which no plans are made.
-
-    Args:
-        path: of the file; None: the policy that ships.
-        name: of the entries.
-        aircraft: of the ownship.
-        modes: in which it is flown besides: plan, assured.
+    It is flown besides in the modes plan and assured, where they are named. A ``.nnet`` file is a logic that holds the
+    speed anyway, and of which no plans are made. Without a path it is the policy that ships.
 
     Raises:
         PolicyFileError, NnetError: the file cannot be used.
@@ -88,13 +68,11 @@ def policy_entries(path: Path | None, name: str, aircraft: Aircraft, modes: Sequ
         logic = load_logic(path, aircraft)
         return (Entry(name, "nnet", logic),)
     policy = Policy.load(path)
+    setting = usual_setting(aircraft)
     return (
         Entry(name, "policy", ByPolicy(policy), policy.sha256),
         Entry(f"{name}, speed held", "policy", _SpeedHeld(policy), policy.sha256),
-        *(
-            Entry(f"{name}, {mode}", "policy", Plans(policy, usual_setting(aircraft), mode), policy.sha256)
-            for mode in modes
-        ),
+        *(Entry(f"{name}, {mode}", "policy", Plans(policy, setting, mode), policy.sha256) for mode in modes),
     )
 
 

@@ -58,29 +58,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     begun = time.perf_counter()
-    from eval.compare.setup import prepare
-    from eval.flights.aircraft import described
-    from eval.flights.sources import said, say
-
-    comparison, total = prepare(options)
-    out = options.out or Path("runs") / time.strftime("compare_%Y%m%d_%H%M%S")
-    picture_folder.create(out, _FIGURE_BYTES + _ROW_BYTES * total * len(comparison.entries))
-    say(comparison.evaluation.source)
-
     import pyarrow.parquet as pq
     from threadpoolctl import threadpool_limits
 
+    from agents.policy.versions import versions
+    from envs.traffic.replay import Replay
+    from eval.compare.setup import prepare
+    from eval.compare.summary import SCHEMA_VERSION, summarise
+    from eval.compare.table import draw, show
+    from eval.flights.aircraft import described
+    from eval.flights.sources import said, say
     from eval.runner.outputs import arrow_table
 
+    comparison, total = prepare(options)
+    entries, evaluation = comparison
+    out = options.out or Path("runs") / time.strftime("compare_%Y%m%d_%H%M%S")
+    picture_folder.create(out, _FIGURE_BYTES + _ROW_BYTES * total * len(entries))
+    say(evaluation.source)
     # One thread: the network's rows would be rounded otherwise with another.
     with threadpool_limits(1):
         table = _flown(comparison, total)
     weighted = bool((table["weight"] != 1.0).any())
-    chosen = table["weight"] if weighted else None
-    from agents.policy.versions import versions
-    from eval.compare.summary import SCHEMA_VERSION, summarise
-
-    aircraft = comparison.evaluation.aircraft
+    weights = table["weight"] if weighted else None
     summary = {
         "schema_version": SCHEMA_VERSION,
         "scenario": options.scenario,
@@ -88,16 +87,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "seed": options.seed,
         "confidence": options.confidence,
         "resamples": options.resamples,
-        "ahead_s": options.ahead if comparison.replayed else None,
+        "ahead_s": options.ahead if isinstance(evaluation.source, Replay) else None,
         "weighted": weighted,
-        **summarise(table, comparison.entries, chosen, options.confidence, options.resamples, options.seed),
-        **said(comparison.evaluation.source),
-        **described(aircraft, None),
+        **summarise(table, entries, weights, options.confidence, options.resamples, options.seed),
+        **said(evaluation.source),
+        **described(evaluation.aircraft, None),
         "wall_s": time.perf_counter() - begun,
         "versions": versions("numpy", "scipy", "pyarrow"),
     }
-    from eval.compare.table import draw, show
-
     picture_folder.write(out, "summary", summary)
     with written(out / "encounters.parquet") as path:
         pq.write_table(arrow_table(table), path)

@@ -53,11 +53,9 @@ def _config(options: argparse.Namespace) -> MonteCarloConfig:
 
 
 def _aircraft(policies: Sequence[Path], digests: Sequence[str]) -> Aircraft:
-    """Return the aircraft: the one that the policies were trained for, on which they must agree.
+    """Return the aircraft that the policies were trained for, on which they must agree.
 
-    Args:
-        policies: their files.
-        digests: SHA-256 that the files must have, of each one but the ``.nnet`` files, or none.
+    The digests, SHA-256, are those of each policy but the ``.nnet`` files, or none.
     """
     files = [path for path in policies if path.suffix != ".nnet"] or ([] if policies else [None])
     if digests and len(digests) != len(files):

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from agents.config.load import Parser
 from eval.runner.command import cluster_of, concluded, flown_on, run_in, whole_table
-from eval.runner.options import first_options, last_options, loaded, named_policy, named_source, whole
+from eval.runner.options import first_options, last_options, loaded, named_evaluation, whole
 
 if TYPE_CHECKING:
     from agents.policy.inference import Policy
     from eval.config import MonteCarloConfig
-    from eval.flights.chunks import Evaluation
 
 __all__ = ["main"]
 
@@ -92,7 +91,9 @@ def _evaluate(options: argparse.Namespace) -> int:
     packages = ("scipy",) if config.draws == "sobol" else ()  # it makes those points
     with cluster_of(options, packages) as cluster:
         workers = config.workers or cores() if cluster is None else cluster.size()
-        evaluation, policy, config = _prepare(config, workers)
+        evaluation, policy, resolved = named_evaluation(config)
+        resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
+        config = config.model_copy(update=resolved)
         say(evaluation.source)
         folder = RunFolder(options.out or Path("runs") / time.strftime("monte_carlo_%Y%m%d_%H%M%S"), config)
         task = Task(Pilot, columns, (*DECISIVE, *packages))
@@ -117,20 +118,6 @@ def _config(options: argparse.Namespace) -> "MonteCarloConfig":
 
     keys = {key: key for key in ("mode", "encounters", "seed", "baseline", "workers")}
     return loaded(MonteCarloConfig, options, keys | {"repair": "tracks.repair"}, "--")
-
-
-def _prepare(config: "MonteCarloConfig", workers: int) -> "tuple[Evaluation, Policy, MonteCarloConfig]":
-    """Load what the configuration names and return it with the configuration as resolved for so many workers."""
-    from eval.flights.chunks import Evaluation
-
-    policy = named_policy(config)
-    aircraft = config.flown_aircraft(policy)
-    source, names, resolved = named_source(config, aircraft, "encounters")
-    resolved |= {"policy_sha256": policy.sha256}
-    resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
-    setting = config.planner.setting(aircraft)
-    evaluation = Evaluation(config.policy, source, names, config.seed, aircraft, config.mode, setting, config.baseline)
-    return evaluation, policy, config.model_copy(update=resolved)
 
 
 def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: float, flown: int) -> dict[str, Any]:

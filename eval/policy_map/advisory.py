@@ -41,15 +41,7 @@ class Advisory(NamedTuple):
 
 
 def advise(policy: Policy, scene: Scene, extent: float, cells: int, aircraft: Aircraft) -> Advisory:
-    """Ask a policy what it commands.
-
-    Args:
-        policy: that decides.
-        scene: what is fixed.
-        extent: the map reaches this far ahead, back and to either side, m.
-        cells: along each side, C.
-        aircraft: of the ownship.
-    """
+    """Ask a policy what it commands on a map of C by C cells that reaches so far, m, ahead, back and to either side."""
     place = extent * ((2.0 * np.arange(cells) + 1.0) / cells - 1.0)
     y, x = (side.ravel() for side in np.meshgrid(place, place, indexing="ij"))
     zero = np.zeros_like(x)

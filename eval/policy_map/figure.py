@@ -11,15 +11,15 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.patheffects import Normal, Stroke
 
-from envs.kinematics import Limits
+from envs.aircraft import Aircraft
 from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION, arrow, legend, sample
 from eval.policy_map.advisory import Advisory, Scene, name_of, relative_velocity
 
 __all__ = ["policy_map"]
 
 _KM = 1e-3
-_WAY_S = 12.0  # arrows show what is flown in this time, s
-_SLOW = 2.0  # relative speeds below this, m/s, have no line of approach
+_WAY = 1.2  # arrows show what is flown in so many times of a separation at the greatest speed
+_SLOW = 0.02  # relative speeds below this share of the greatest have no line of approach
 # Okabe and Ito's colours at both ends; darkest at full deflection, white where nothing is commanded.
 _TURN = LinearSegmentedColormap.from_list("turn", ["#8A3B00", VERMILION, "#F7F7F7", BLUE, "#003A5C"])
 _SPEED = LinearSegmentedColormap.from_list("speed", ["#946200", ORANGE, "#F7F7F7", GREEN, "#00543E"])
@@ -30,15 +30,12 @@ _RING: dict[str, Any] = {"linestyle": "--", "linewidth": 1.2}
 _EDGE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.2}
 
 
-def policy_map(advisories: Sequence[Advisory], limits: Limits, separation: float, policy: str) -> Figure:
-    """Return the figure: a column for each map, turn rate above acceleration.
+def policy_map(advisories: Sequence[Advisory], aircraft: Aircraft, policy: str) -> Figure:
+    """Return the figure: a column for each map, turn rate above acceleration; full deflection is darkest.
 
-    Args:
-        advisories: maps of the same extent that differ in relative heading, at least one.
-        limits: full deflection of the commands, the ends of the colour scales.
-        separation: required, m.
-        policy: its name for the title.
+    The maps, at least one, are of the same extent and differ in relative heading; the policy's name is for the title.
     """
+    limits = aircraft.limits
     columns = len(advisories)
     figure = Figure(figsize=(max(3.5 * columns + 1.9, 8.0), 8.4), layout="constrained")
     axes = figure.subplots(2, columns, sharex=True, sharey=True, squeeze=False)
@@ -51,7 +48,7 @@ def policy_map(advisories: Sequence[Advisory], limits: Limits, separation: float
         turns = _cells(above, np.degrees(advisory.yaw_rate), advisory, _TURN, turn_scale)
         speeds = _cells(below, advisory.acceleration, advisory, _SPEED, speed_scale)
         for panel in (above, below):
-            _geometry(panel, advisory, separation)
+            _geometry(panel, advisory, aircraft)
         degrees = math.degrees(advisory.scene.relative_heading)
         above.set_title(f"{name_of(advisory.scene.relative_heading)} ({_signed(degrees)}°)", fontsize=11)
         below.set_xlabel("intruder to the right, km")
@@ -67,7 +64,7 @@ def policy_map(advisories: Sequence[Advisory], limits: Limits, separation: float
         "in brackets: heading of the intruder less own heading, counter-clockwise",
         fontsize=11,
     )
-    legend(figure, _handles(separation), 4 if columns > 2 else 2, 10)
+    legend(figure, _handles(aircraft), 4 if columns > 2 else 2, 10)
     return figure
 
 
@@ -79,17 +76,17 @@ def _cells(axes: Any, values: np.ndarray, advisory: Advisory, colours: Any, scal
     )
 
 
-def _geometry(axes: Any, advisory: Advisory, separation: float) -> None:
+def _geometry(axes: Any, advisory: Advisory, aircraft: Aircraft) -> None:
     """Draw the aircraft, the required separation, the conflicts on straight courses and the goal."""
     edge, scene = _extent_km(advisory), advisory.scene
-    radius = _KM * separation
+    radius = _KM * aircraft.separation
     # Inside, the separation is lost already and the flight is over: the advice is shown faintly.
     axes.add_patch(Circle((0.0, 0.0), radius, facecolor="white", alpha=0.45, linewidth=0.0))
     axes.add_patch(Circle((0.0, 0.0), radius, fill=False, edgecolor="black", path_effects=_HALO, **_RING))
     east, north = relative_velocity(scene)
     speed = math.hypot(east, north)
     place = (-0.62 * edge, 0.62 * edge)
-    if speed > _SLOW:
+    if speed > _SLOW * aircraft.limits.speed_max:
         # From here straight courses lead into the circle.
         back = np.array([-east, -north]) / speed
         for side in (-1.0, 1.0):
@@ -101,7 +98,7 @@ def _geometry(axes: Any, advisory: Advisory, separation: float) -> None:
         ((0.0, 0.0), 0.0, scene.own_speed, "own"),
         (place, scene.relative_heading, scene.intruder_speed, "intruder"),
     ):
-        way = _KM * _WAY_S * speed
+        way = _KM * _WAY * aircraft.time_unit * speed
         arrow(axes, start, heading + math.pi / 2.0, way, name, xytext=(6.0, -11.0), path_effects=_HALO)
     _goal(axes, edge, scene)
     axes.set_xlim(-edge, edge)
@@ -129,12 +126,18 @@ def _bar(figure: Figure, cells: Any, row: Any, full: float, label: str, ends: tu
     bar.set_label(label)
 
 
-def _handles(separation: float) -> list[Line2D]:
+def _handles(aircraft: Aircraft) -> list[Line2D]:
     tick: dict[str, Any] = {"marker": "|", "markersize": 10.0, "markeredgewidth": 3.5, "linestyle": ""}
     return [
-        sample(f"{separation:.0f} m around the ownship", color="black", **_RING),
+        sample(f"{aircraft.separation:.0f} m around the ownship", color="black", **_RING),
         sample("between: conflict if both fly on straight", color="black", **_EDGE),
-        sample(f"velocity: way in {_WAY_S:.0f} s", color="black", marker="o", markersize=4.5, linewidth=2.0),
+        sample(
+            f"velocity: way in {_WAY * aircraft.time_unit:.0f} s",
+            color="black",
+            marker="o",
+            markersize=4.5,
+            linewidth=2.0,
+        ),
         sample("towards the goal", color="black", **tick),
     ]
 

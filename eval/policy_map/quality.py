@@ -23,8 +23,6 @@ CONFLICT, HORIZON = 2.0, 30.0
 """Straight courses that pass closer than so many separations, sooner than so many times the time that the ownship takes
 for one at its greatest speed, count as around a conflict."""
 
-_PERCENTILE = 95.0
-
 
 class Scenes(NamedTuple):
     """What a policy is asked, with one intruder; fields ``[M]``."""
@@ -64,15 +62,8 @@ def mirror_error(policy: Policy, scenes: Scenes, aircraft: Aircraft) -> dict[str
     A policy that treats both sides alike has zero. Where a scene is its own mirror image it must then fly straight,
     so that a policy that breaks the tie of a head-on encounter has a large error there, rightly.
 
-    Args:
-        policy: that decides.
-        scenes: ``[M]``, M > 0.
-        aircraft: of the ownship.
-
-    Returns:
-        ``observations``; ``mean``, ``p95`` and ``max`` of ``yaw_rate_deg_s`` and ``acceleration_m_s2``; and
-        ``same_side_share``: how often both turns go to one side, each by
-        :func:`eval.flights.simulate.reversal_rate` or more.
+    ``same_side_share`` is how often both turns go to one side, each by :func:`eval.flights.simulate.reversal_rate` or
+    more.
     """
     limits = aircraft.limits
     acceleration, yaw_rate = commands(scenes.actions(policy).T, limits, np)
@@ -127,17 +118,11 @@ def record(policy: Policy, encounters: int, seed: int, aircraft: Aircraft) -> Re
 
 
 def chatter(recorded: Recorded, aircraft: Aircraft) -> dict[str, Any]:
-    """Return how much the commands change from one time step to the next, over all steps of all flights.
-
-    Args:
-        recorded: of at least one flight.
-        aircraft: of the ownship.
-    """
+    """Return how much the commands change from one time step to the next, over all steps of all flights."""
     acceleration, yaw_rate = commands((recorded.action[..., 0], recorded.action[..., 1]), aircraft.limits, np)
-    flights = {name: int(np.sum(recorded.outcome == code)) for code, name in enumerate(OUTCOMES)}
     return {
         "flights": len(recorded.outcome),
-        **flights,
+        **{name: int(np.sum(recorded.outcome == code)) for code, name in enumerate(OUTCOMES)},
         "yaw_rate_change_deg_s_per_s": math.degrees(_change(yaw_rate, aircraft.dt)),
         "acceleration_change_m_s2_per_s": _change(acceleration, aircraft.dt),
         "mean_yaw_rate_deg_s": math.degrees(float(np.nanmean(np.abs(yaw_rate)))),
@@ -147,22 +132,21 @@ def chatter(recorded: Recorded, aircraft: Aircraft) -> dict[str, Any]:
 
 def lines_of(errors: Mapping[str, Mapping[str, Any]], calm: Mapping[str, Any]) -> list[str]:
     """Return mirror errors by the name of their observations, and the chatter, in words."""
-    lines = []
-    for name, error in errors.items():
-        turn, throttle = error["yaw_rate_deg_s"], error["acceleration_m_s2"]
-        lines.append(
-            f"mirror error, {name} ({error['observations']} observations): "
-            f"yaw rate mean {turn['mean']:.3f}, 95 % {turn['p95']:.3f}, max {turn['max']:.2f} deg/s; "
-            f"acceleration mean {throttle['mean']:.3f}, 95 % {throttle['p95']:.3f}, max {throttle['max']:.2f} m/s^2; "
-            f"both to one side {100.0 * error['same_side_share']:.2f} %"
-        )
-    reversals = calm["reversals_per_flight"]
-    lines.append(
+    form = "mean {mean:.3f}, 95 % {p95:.3f}, max {max:.2f}"
+    lines = [
+        f"mirror error, {name} ({error['observations']} observations): "
+        f"yaw rate {form.format(**error['yaw_rate_deg_s'])} deg/s; "
+        f"acceleration {form.format(**error['acceleration_m_s2'])} m/s^2; "
+        f"both to one side {100.0 * error['same_side_share']:.2f} %"
+        for name, error in errors.items()
+    ]
+    reversals = "mean {mean:.2f}, 95 % {p95:.0f}, max {max:.0f}".format(**calm["reversals_per_flight"])
+    return [
+        *lines,
         f"chatter, {calm['flights']} circle flights: yaw rate {calm['yaw_rate_change_deg_s_per_s']:.3f} deg/s and "
         f"acceleration {calm['acceleration_change_m_s2_per_s']:.3f} m/s^2 per second; heading reversals per flight "
-        f"mean {reversals['mean']:.2f}, 95 % {reversals['p95']:.0f}, max {reversals['max']:.0f}"
-    )
-    return lines
+        f"{reversals}",
+    ]
 
 
 def _change(command: np.ndarray, dt: float) -> float:
@@ -173,8 +157,4 @@ def _change(command: np.ndarray, dt: float) -> float:
 
 
 def _spread(values: np.ndarray) -> dict[str, float]:
-    return {
-        "mean": float(np.mean(values)),
-        "p95": float(np.percentile(values, _PERCENTILE)),
-        "max": float(np.max(values)),
-    }
+    return {"mean": float(np.mean(values)), "p95": float(np.percentile(values, 95.0)), "max": float(np.max(values))}

@@ -13,7 +13,7 @@ import numpy as np
 from agents.config.load import ConfigError, Parser
 from envs.edge.files import write_file
 from eval.plots import save as picture_folder
-from eval.runner.options import loaded, named_policy, whole
+from eval.runner.options import loaded, named_evaluation, real, whole
 
 if TYPE_CHECKING:
     from eval.config import MonteCarloConfig
@@ -53,15 +53,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.
     """
     options = _parser().parse_args(arguments)
-    _check(options)
+    if options.particles * options.share < 2.0:
+        raise ConfigError(
+            f"--particles: {options.particles} of which {options.share:g} pass a level; expected at least two that do"
+        )
     config, mode = _config(options)
-    problem, policy_sha256, aircraft = _problem(config, mode, options)
-    picture_folder.create(options.out)
-
     from threadpoolctl import threadpool_limits
 
+    from eval.flights.aircraft import described
+    from eval.flights.chunks import Pilot
+    from eval.rare.problem import FlightProblem
     from eval.rare.splitting import SplittingError, pilot, repetition
 
+    evaluation, policy, _ = named_evaluation(config)
+    how = {"resolvable_only": options.resolvable_only, "closer_than": options.closer_than}
+    problem = FlightProblem(Pilot(evaluation, policy), mode, **how)
+    picture_folder.create(options.out)
     begun = time.perf_counter()
     seeds = np.random.SeedSequence((config.seed, _STREAM)).spawn(options.repetitions + 1)
     level = problem.level
@@ -79,14 +86,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _say(f"repetition {number} of {options.repetitions}: {made[-1].probability[-1]:.3g}")
         blamed = [_blamed(problem, one) for one in made]
         found = _found(options, config, mode, plan, made, blamed)
-        found |= {"policy_sha256": policy_sha256} | aircraft
+        found |= {"policy_sha256": policy.sha256}
+        found |= described(evaluation.aircraft, policy)
         _write_worst(options.out, problem, made, blamed)
     from agents.config.load import dump
     from eval.rare.figure import levels_figure
 
     found["wall_s"] = time.perf_counter() - begun
     write_file(options.out / "config.yaml", dump(config))
-    picture_folder.write(options.out, "rare", found, levels_figure(found), dpi=130)
+    picture_folder.write(options.out, "rare", found, levels_figure(found))
     _show(found, options.out)
     return 0
 
@@ -102,29 +110,25 @@ def _parser() -> argparse.ArgumentParser:
     add("--scenario", metavar="NAME", help="a sampled scenario (default: circle)")
     add("--seed", type=whole(0), metavar="N", help="of all draws (default: 0)")
     add("--resolvable-only", action="store_true", help="proven unresolvable encounters do not count")
-    add("--closer-than", type=float, metavar="M", help="count these; flights go on (default: the required separation)")
+    add(
+        "--closer-than",
+        type=real(1e-3, 1e6, "m"),
+        metavar="M",
+        help="count these; flights go on (default: the required separation)",
+    )
     add("--particles", type=whole(10), default=1_000, metavar="N", help="encounters at each level (default: 1000)")
     add("--moves", type=whole(1), default=5, metavar="N", help="steps of each at each level (default: 5)")
     add("--repetitions", type=whole(3), default=10, metavar="N", help="independent estimates (default: 10)")
-    add("--share", type=float, default=0.2, metavar="P", help="of the particles that passes a level (default: 0.2)")
-    add("--confidence", type=float, default=0.95, metavar="P", help="of all intervals (default: 0.95)")
+    add(
+        "--share",
+        type=real(0.02, 0.5),
+        default=0.2,
+        metavar="P",
+        help="of the particles that passes a level (default: 0.2)",
+    )
+    add("--confidence", type=real(0.5, 0.999999), default=0.95, metavar="P", help="of all intervals (default: 0.95)")
     add("--out", type=Path, required=True, metavar="DIR", help="folder for what is written, new or empty")
     return parser
-
-
-def _check(options: argparse.Namespace) -> None:
-    """Raise ``ConfigError`` for the first value that is out of its range."""
-    # Inverted, so that NaN is refused.
-    if not 0.02 <= options.share <= 0.5:
-        raise ConfigError(f"--share: {options.share:g}; expected 0.02 to 0.5")
-    if not 0.5 <= options.confidence < 1.0:
-        raise ConfigError(f"--confidence: {options.confidence:g}; expected 0.5 to less than 1")
-    if options.closer_than is not None and not 0.0 < options.closer_than <= 1e6:
-        raise ConfigError(f"--closer-than: {options.closer_than:g} m; expected more than 0 and at most 1e6 m")
-    if options.particles * options.share < 2.0:
-        raise ConfigError(
-            f"--particles: {options.particles} of which {options.share:g} pass a level; expected at least two that do"
-        )
 
 
 def _config(options: argparse.Namespace) -> "tuple[MonteCarloConfig, str]":
@@ -141,26 +145,9 @@ def _config(options: argparse.Namespace) -> "tuple[MonteCarloConfig, str]":
         raise ConfigError(
             f"--scenario: {config.scenario!r} is a file; expected a sampled scenario, whose draws can move"
         )
+    if config.draws != "random":
+        raise ConfigError(f"draws is {config.draws!r}; expected random: splitting moves draws of its own")
     return config, mode
-
-
-def _problem(
-    config: "MonteCarloConfig", mode: str, options: argparse.Namespace
-) -> "tuple[FlightProblem, str, dict[str, Any]]":
-    from eval.flights.aircraft import described
-    from eval.flights.chunks import Evaluation, Pilot
-    from eval.rare.problem import FlightProblem
-
-    policy = named_policy(config)
-    aircraft = config.flown_aircraft(policy)
-    setting = config.planner.setting(aircraft)
-    flown = "policy" if mode == "none" else mode
-    evaluation = Evaluation(
-        config.policy, config.sampled(aircraft), None, config.seed, aircraft, flown, setting, config.baseline
-    )
-    how = {"resolvable_only": options.resolvable_only, "closer_than": options.closer_than}
-    problem = FlightProblem(Pilot(evaluation, policy), mode, **how)
-    return problem, policy.sha256, described(aircraft, policy)
 
 
 def _blamed(problem: "FlightProblem", one: "Repetition") -> np.ndarray:
@@ -186,22 +173,22 @@ def _found(
     by_level = np.stack([one.probability for one in made])
     first = np.concatenate([one.first for one in made])
     shares = np.array([np.mean(each) if each.size else 0.0 for each in blamed])
+    accepted = np.stack([one.acceptance for one in made])
     levels = []
     for stage, level in enumerate(plan.levels):
-        below = int(np.count_nonzero(first < level))
-        taken = [float(one.acceptance[stage]) for one in made if stage < len(plan.steps)]
-        taken = [value for value in taken if not math.isnan(value)]
+        last = stage == len(plan.steps)
+        taken = np.empty(0) if last else accepted[np.isfinite(accepted[:, stage]), stage]
         levels.append(
             {
                 "level_m": level,
                 "rate": _estimate(by_level[:, stage], options.confidence),
-                "step": plan.steps[stage] if stage < len(plan.steps) else None,
-                "acceptance": float(np.mean(taken)) if taken else None,
-                "plain": share(below, first.size, options.confidence),
+                "step": None if last else plan.steps[stage],
+                "acceptance": float(np.mean(taken)) if taken.size else None,
+                "plain": share(np.count_nonzero(first < level), first.size, options.confidence),
             }
         )
-    whole_rate = _estimate(by_level[:, -1], options.confidence)
-    flights = sum(one.evaluations for one in made)
+    rate = _estimate(by_level[:, -1], options.confidence)
+    error = rate["relative_error"]
     found = {
         "schema_version": 1,
         "mode": mode,
@@ -209,19 +196,15 @@ def _found(
         "changes": config.changes,
         "seed": config.seed,
         "separation_m": plan.levels[-1],
-        "resolvable_only": options.resolvable_only,
-        "particles": options.particles,
-        "moves": options.moves,
-        "repetitions": options.repetitions,
-        "share": options.share,
+        **{key: getattr(options, key) for key in ("resolvable_only", "particles", "moves", "repetitions", "share")},
         "confidence": options.confidence,
-        "rate": whole_rate,
+        "rate": rate,
         "rate_not_unresolvable": _estimate(by_level[:, -1] * shares, options.confidence),
         "levels": levels,
         "ancestors": [one.ancestors for one in made],
-        "flights": flights,
+        "flights": sum(one.evaluations for one in made),
         "flights_of_the_pilot": plan.evaluations,
-        "plain_flights_for_the_same_error": _plain_flights(whole_rate),
+        "plain_flights_for_the_same_error": (1.0 - rate["value"]) / rate["value"] / error**2 if error else None,
         "versions": versions("numpy", "scipy", "safetensors"),
     }
     return found | {"warnings": _warnings(found)}
@@ -240,14 +223,6 @@ def _estimate(values: np.ndarray, confidence: float) -> dict[str, Any]:
         "relative_error": spread / math.sqrt(values.size) / interval.value if interval.value > 0.0 else None,
         "repetitions": values.tolist(),
     }
-
-
-def _plain_flights(rate: dict[str, Any]) -> float | None:
-    """Return how many plain flights would have the same standard error; None where it cannot be said."""
-    error = rate["relative_error"]
-    if not error:
-        return None
-    return (1.0 - rate["value"]) / rate["value"] / error**2
 
 
 def _warnings(found: dict[str, Any]) -> list[str]:
@@ -289,22 +264,17 @@ def _write_worst(
 def _show(found: dict[str, Any], out: Path) -> None:
     from eval.flights.aircraft import lines_about
 
-    what = "losses not proven unresolvable" if found["resolvable_only"] else "losses of separation"
     print(f"scenario {found['scenario']}, mode {found['mode']}, below {found['separation_m']:g} m")
-    for name, rate in ((what, found["rate"]), ("of them not proven unresolvable", found["rate_not_unresolvable"])):
-        if name != what and found["resolvable_only"]:
-            continue
-        ends = f"{rate['low']:.3g} .. {rate['high']:.3g}"
-        print(f"{name:34} {rate['value']:.3g}   {100.0 * found['confidence']:g} % interval {ends}")
-    print(f"flights {found['flights']}; plain sampling would take {_many(found['plain_flights_for_the_same_error'])}")
-    print("\n".join(lines_about(found)))
-    for sentence in found["warnings"]:
-        print(f"warning: {sentence}")
+    names = {"rate": "losses of separation", "rate_not_unresolvable": "of them not proven unresolvable"}
+    for key, name in ({"rate": "losses not proven unresolvable"} if found["resolvable_only"] else names).items():
+        ends = f"{found[key]['low']:.3g} .. {found[key]['high']:.3g}"
+        print(f"{name:34} {found[key]['value']:.3g}   {100.0 * found['confidence']:g} % interval {ends}")
+    plain = found["plain_flights_for_the_same_error"]
+    many = "an unknown number" if plain is None else f"{plain:.2g} for the same error"
+    print(f"flights {found['flights']}; plain sampling would take {many}")
+    for line in [*lines_about(found), *(f"warning: {sentence}" for sentence in found["warnings"])]:
+        print(line)
     print(f"written to {out}")
-
-
-def _many(value: float | None) -> str:
-    return "an unknown number" if value is None else f"{value:.2g} for the same error"
 
 
 def _say(text: str) -> None:

@@ -30,13 +30,7 @@ _NUMBERS = (
 
 
 def page_data(run: Run, shown: np.ndarray, flights: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
-    """Return all that the script reads, in JSON types.
-
-    Args:
-        run: the evaluation.
-        shown: numbers of the encounters that are points, ascending.
-        flights: by number, from :func:`flight_data`.
-    """
+    """Return all that the script reads, in JSON types: encounters that are points, ascending, and flights by number."""
     table, rules = run.table, run.rules
     kinds = list(MARKERS)
     codes = np.array([kinds.index(kind) for kind in run.kinds[shown]], np.uint8)

@@ -10,7 +10,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from agents.config.load import ConfigError
-from agents.policy.inference import Policy
 from agents.resolvability.classify import replay
 from agents.resolvability.witness import least_cost
 from envs.angles import wrap
@@ -21,8 +20,8 @@ from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.plan_mode import STATUSES
 from eval.flights.recorded import fly_recorded
 from eval.flights.simulate import OUTCOMES
-from eval.flights.sources import read_source
 from eval.report.folder import Run
+from eval.runner.options import named_evaluation
 
 __all__ = ["Replayed", "Witness", "evaluation_of", "fly_again"]
 
@@ -57,48 +56,23 @@ class Replayed(NamedTuple):
 
 
 def evaluation_of(run: Run, policy_path: Any = None) -> Evaluation:
-    """Return what a run flew, its policy and its file of encounters checked by their digests.
-
-    Args:
-        run: as read.
-        policy_path: file of the policy where it lies elsewhere than when the run was made.
+    """Return what a run flew, its policy (perhaps moved since) and its file of encounters checked by their digests.
 
     Raises:
         ConfigError: the policy or the file of encounters is another; ``PolicyFileError``, ``EncounterError``:
             it cannot be used.
     """
-    import hashlib
-
-    config = run.config
-    path = config.policy if policy_path is None else policy_path
-    policy = Policy.load(path)
-    if policy.sha256 != config.policy_sha256:
+    config = run.config if policy_path is None else run.config.model_copy(update={"policy": policy_path})
+    try:
+        return named_evaluation(config)[0]
+    except ConfigError as problem:
         raise ConfigError(
-            f"policy {path or 'that ships'} has SHA-256 {policy.sha256}, expected {config.policy_sha256} as in the run "
-            "(--policy names the file, --tracks 0 makes the page without tracks)"
-        )
-    aircraft = config.flown_aircraft(policy)
-    source, names = read_source(config, aircraft)
-    if config.file is not None:
-        digest = hashlib.sha256(config.file.read_bytes()).hexdigest()
-        if digest != config.scenario_sha256:
-            raise ConfigError(
-                f"{config.file} has SHA-256 {digest}, expected {config.scenario_sha256} as in the run "
-                "(--tracks 0 makes the page without tracks)"
-            )
-    setting = config.planner.setting(aircraft)
-    return Evaluation(path, source, names, config.seed, aircraft, config.mode, setting, config.baseline)
+            f"{problem}, as in the run (--policy names its policy; --tracks 0 makes the page without tracks)"
+        ) from None
 
 
 def fly_again(run: Run, evaluation: Evaluation, numbers: Sequence[int], witnesses: set[int]) -> Iterator[Replayed]:
-    """Yield the flights of some encounters in their order.
-
-    Args:
-        run: whose table says how they ended.
-        evaluation: what it flew.
-        numbers: of the encounters.
-        witnesses: numbers of those for which a flight that resolves them is looked for.
-    """
+    """Yield the flights of some encounters in their order, some of them with a witness: a flight that resolves them."""
     # One thread, as when they were flown for the table: BLAS rounds differently with several.
     with threadpool_limits(1):
         pilot = Pilot.load(evaluation)

@@ -37,14 +37,7 @@ class _Page(Template):
 
 
 def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -> str:
-    """Return the page's HTML.
-
-    Args:
-        run: the evaluation.
-        chosen: encounters that are replayed.
-        data: for the script, from :func:`eval.report.data.page_data`.
-        by: what made the page, with its version.
-    """
+    """Return the page's HTML, with data for its script and what made it, with its version."""
     library, script, style = (_asset(name) for name in ("echarts.min.js", "report.js", "report.css"))
     allowed = " ".join(f"'sha256-{_digest(code)}'" for code in (library, script))
     summary = run.summary

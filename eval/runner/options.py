@@ -13,8 +13,10 @@ if TYPE_CHECKING:
     from agents.policy.inference import Policy
     from envs.aircraft import Aircraft
     from eval.config import MonteCarloConfig
+    from eval.flights.chunks import Evaluation
 
-__all__ = ["check_digest", "first_options", "last_options", "loaded", "named_policy", "named_source", "real", "whole"]
+__all__ = ["check_digest", "first_options", "last_options", "loaded"]
+__all__ += ["named_evaluation", "named_policy", "named_source", "real", "whole"]
 
 Config = TypeVar("Config", bound="MonteCarloConfig")
 
@@ -170,3 +172,20 @@ def named_source(
     if count > len(names):
         raise ConfigError(f"{counted} is {count}; expected at most {len(names)}, as many as {config.file} holds")
     return source, names, {"scenario_sha256": digest, "encounters": count}
+
+
+def named_evaluation(config: "MonteCarloConfig") -> "tuple[Evaluation, Policy, dict[str, Any]]":
+    """Return what a configuration names: what is flown, the policy as its file has it, and what is resolved thereby.
+
+    Raises:
+        ConfigError: policy or file are not those expected; ``PolicyFileError``, ``EncounterError``, ``TrackError``:
+            they cannot be used.
+    """
+    from eval.flights.chunks import Evaluation
+
+    policy = named_policy(config)
+    aircraft = config.flown_aircraft(policy)
+    source, names, resolved = named_source(config, aircraft, "encounters")
+    setting = config.planner.setting(aircraft)
+    evaluation = Evaluation(config.policy, source, names, config.seed, aircraft, config.mode, setting, config.baseline)
+    return evaluation, policy, resolved | {"policy_sha256": policy.sha256}

@@ -1,5 +1,6 @@
 """Success as a function of what a run varies: its table cut into bins of one quantity, or of two."""
 
+import json
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -9,7 +10,8 @@ import numpy as np
 
 from agents.config.load import ConfigError
 from agents.config.yaml import YamlError, read
-from envs.aircraft import PAPER, Aircraft
+from envs.aircraft import Aircraft
+from eval.flights.aircraft import aircraft_of
 from eval.metrics.table import read_table
 from eval.stats.intervals import share
 
@@ -73,7 +75,7 @@ class Run(NamedTuple):
     path: Path
     settings: Mapping[str, Any]  # as its config.yaml has them
     table: Mapping[str, np.ndarray]  # columns [N]
-    aircraft: Aircraft = PAPER
+    aircraft: Aircraft  # that was flown
 
     @property
     def mode(self) -> str:
@@ -90,12 +92,13 @@ def read_run(path: Path) -> Run:
     file = next((path / name for name in _TABLES if (path / name).is_file()), None)
     if file is None:
         raise ConfigError(f"{path} holds no {' or '.join(_TABLES)}; expected the folder of a finished run")
+    name = "config.yaml"
     try:
-        settings = read(path / "config.yaml")
-    except (YamlError, OSError) as problem:
-        raise ConfigError(
-            f"{path / 'config.yaml'} cannot be read: {problem}; expected that of a finished run"
-        ) from None
+        settings = read(path / name)
+        name = "summary.json"
+        aircraft = aircraft_of(json.loads((path / name).read_text(encoding="utf-8")))
+    except (YamlError, OSError, ValueError, TypeError) as problem:
+        raise ConfigError(f"{path / name} cannot be read: {problem}; expected that of a finished run") from None
     found = read_table(file, "the table of a run")
     missing = [name for name in _NEEDED if name not in found.column_names]
     if missing:
@@ -105,9 +108,9 @@ def read_run(path: Path) -> Run:
     if not found.num_rows:
         raise ConfigError(f"{file} has no rows; expected one for each encounter")
     wanted = {*_NEEDED, "weight", "baseline_outcome", *(f"{name}_outcome" for name in _BESIDE)}
-    wanted |= {each.column for each in quantities(PAPER).values()}
+    wanted |= {each.column for each in quantities(aircraft).values()}
     columns = [name for name in found.column_names if name in wanted]
-    return Run(path, settings, {name: found[name].to_numpy(zero_copy_only=False) for name in columns})
+    return Run(path, settings, {name: found[name].to_numpy(zero_copy_only=False) for name in columns}, aircraft)
 
 
 def successes(run: Run) -> dict[str, np.ndarray]:

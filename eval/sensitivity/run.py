@@ -160,7 +160,7 @@ def _found(options: argparse.Namespace, run: "Run | None", sweeps: "Sequence[Swe
 
 
 def _described(run: "Run") -> dict[str, Any]:
-    known = ("scenario", "seed", "mode", "policy_sha256", "draws", "aircraft")
+    known = ("scenario", "seed", "mode", "policy_sha256", "draws", "vehicle")
     settings = {key: run.settings[key] for key in known if key in run.settings}
     weighted = "weight" in run.table and bool((run.table["weight"] != 1.0).any())
     return {"folder": run.path.name, "encounters": len(run.table["outcome"]), **settings, "weights_ignored": weighted}

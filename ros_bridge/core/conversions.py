@@ -18,6 +18,7 @@ from ros_bridge.core.fields import (
     number,
     readable,
     stamp,
+    std,
 )
 from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.reports import FASTEST, Report, Sighting
@@ -203,12 +204,8 @@ def _aircraft(message: Any, name: str, identity: str) -> Report:
         (message.latitude, message.longitude),
         (message.velocity.x, message.velocity.y),
         altitude=height,
-        position_std=number(f"{name}.position_std", message.position_std, 0.0, 1e4, "m")
-        if valid & POSITION_STD
-        else 0.0,
-        velocity_std=number(f"{name}.velocity_std", message.velocity_std, 0.0, 100.0, "m/s")
-        if valid & VELOCITY_STD
-        else 0.0,
+        position_std=std(f"{name}.position_std", message.position_std, 1e4, "m") if valid & POSITION_STD else 0.0,
+        velocity_std=std(f"{name}.velocity_std", message.velocity_std, 100.0, "m/s") if valid & VELOCITY_STD else 0.0,
         true_airspeed=airspeed,
         wind=wind,
     )

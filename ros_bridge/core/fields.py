@@ -21,6 +21,7 @@ __all__ = [
     "number",
     "readable",
     "stamp",
+    "std",
 ]
 
 SECOND = 1_000_000_000
@@ -85,6 +86,11 @@ def latitude(name: str, value: Any) -> float:
 def longitude(name: str, value: Any) -> float:
     """Return a longitude in degrees, or raise :class:`FieldError`."""
     return number(name, value, -180.0, 180.0, "degrees")
+
+
+def std(name: str, value: Any, high: float, unit: str) -> float:
+    """Return a standard deviation, or raise :class:`FieldError`."""
+    return number(name, value, 0.0, high, unit)
 
 
 def stamp(name: str, value: Any) -> int:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from envs.aircraft import PAPER, new_aircraft
 from envs.edge.command import run_cli
+from eval.flights.aircraft import described
 from eval.sensitivity import run as sensitivity
 from eval.sensitivity.bins import Quantity, Run, binned, mapped, quantities, rates, read_run
 from eval.sensitivity.sweep import PARAMETERS, Sweep, changed, swept
@@ -37,6 +38,7 @@ def made_up(path: Path, mode: str = "policy", table: str = "encounters.parquet",
     }
     path.mkdir()
     pq.write_table(pa.table(values), path / table)
+    (path / "summary.json").write_text(json.dumps(described(PAPER, None)), encoding="utf-8")
     (path / "config.yaml").write_text(f"mode: {mode}\nscenario: circle\nseed: 0\n", encoding="utf-8")
     return path
 
@@ -48,7 +50,7 @@ def numbers(values: list[float]) -> tuple[Run, Quantity]:
         "outcome": np.full(count, "reached", object),
         "verdict": np.full(count, "resolvable", object),
     }
-    return Run(Path("run"), {"mode": "policy"}, table), Quantity("x", "x", "m", "x", (0.0, 1.0, 5.0))
+    return Run(Path("run"), {"mode": "policy"}, table, PAPER), Quantity("x", "x", "m", "x", (0.0, 1.0, 5.0))
 
 
 @settings(deadline=None)
@@ -74,7 +76,7 @@ def test_rates_are_counted_by_hand() -> None:
         "policy_outcome": np.array(["reached", "violation", "timeout", "timeout", "reached"], object),
         "baseline_outcome": np.array(["violation", "violation", "reached", "reached", "violation"], object),
     }
-    found = rates(Run(Path("run"), {"mode": "plan"}, table), np.array([True, True, True, True, False]), 0.95)
+    found = rates(Run(Path("run"), {"mode": "plan"}, table, PAPER), np.array([True, True, True, True, False]), 0.95)
     assert found["encounters"] == 4
     assert (found["unresolvable_rate"]["count"], found["unresolvable_rate"]["total"]) == (1, 4)
     assert found["violation_rate"]["count"] == 1
@@ -211,6 +213,8 @@ def test_bad_input_is_one_sentence(tmp_path: Path, capsys, arguments: list[str],
         (lambda run: (run / "config.yaml").unlink(), "config.yaml"),
         (lambda run: (run / "config.yaml").write_text("seed: 0\n", encoding="utf-8"), "names no mode"),
         (lambda run: (run / "encounters.parquet").write_bytes(b"PAR1 no"), "cannot be read"),
+        (lambda run: (run / "summary.json").write_text("[", encoding="utf-8"), "summary.json cannot be read"),
+        (lambda run: (run / "summary.json").write_text("{}", encoding="utf-8"), "aircraft is None"),
         (lambda run: pq.write_table(pa.table({"x": [1]}), run / "encounters.parquet"), "has no column outcome"),
     ],
 )

@@ -26,7 +26,6 @@ from envs.waypoints import RoutePoint
 from eval.flights.plan_flight import fly_plans, request_of
 
 OPTIONS = Options.for_aircraft(PAPER)
-_SLUGGISH = new_aircraft(Limits(50.0, 100.0, -0.5, 0.5, math.radians(0.5)), 1_000.0)
 
 OWN = VehicleState(0.0, 0.0, 0.0, 80.0)
 ROUTE = [RoutePoint(100 + i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]
@@ -277,11 +276,6 @@ def test_bad_input_is_refused_by_name(policy: Policy, changes: dict[str, Any], f
         ),
         (replace(OPTIONS, max_age=math.nan), "options.max_age"),
         (replace(OPTIONS, waypoints=100, spacing=200), "options.spacing"),
-        (replace(OPTIONS, spacing=7), "options.spacing"),
-        (replace(OPTIONS, waypoints=3), "options.waypoints"),
-        (replace(OPTIONS, deadline_s=-1.0), "options.deadline_s"),
-        (replace(OPTIONS, aircraft=PAPER._replace(separation=100.0)), "options.aircraft"),
-        (Options.for_aircraft(_SLUGGISH), "options.manoeuvre.yaw_rate_max"),
         (replace(OPTIONS, goals=0), "options.goals"),
         (replace(OPTIONS, goals=1.5), "options.goals"),  # pyright: ignore[reportArgumentType]
         (replace(OPTIONS, rejoin_by=1e9), "options.rejoin_by"),
@@ -460,11 +454,3 @@ def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(policy: Policy, l
                 assert (two.x, two.y, two.heading, two.speed, two.time) == pytest.approx(expected, rel=1e-6, abs=1e-3)
             sources.add(answer.source)
     assert sources >= {Source.POLICY, Source.FALLBACK}
-
-
-def test_number_and_spacing_of_waypoints_are_data(policy: Policy) -> None:
-    often = replace(OPTIONS, waypoints=40, spacing=10, deadline_s=math.inf)
-    answer = plan(OWN, [HEAD_ON], ROUTE, policy, often)
-    assert answer.safe and len(answer.waypoints) == 40
-    assert [point.time for point in answer.waypoints[:-1]] == pytest.approx([10.0 * n for n in range(1, 40)])
-    assert answer.waypoints[-1].time > 390.0
