@@ -14,7 +14,7 @@ from agents.learning.networks import Actor
 from agents.policy import file as policy_file
 from agents.policy.file import PolicyFile, PolicyFileError
 from agents.policy.inference import Policy
-from agents.policy.scene import unpacked
+from agents.policy.scene import unpacked_rows
 from agents.policy.schema import new_metadata, new_set_metadata
 from agents.policy.set_features import set_inputs
 from agents.policy.versions import versions
@@ -115,7 +115,7 @@ def parity_observations() -> np.ndarray:
 
 
 def parity_scenes(most: int, family: Mapping[str, tuple[float, float]]) -> np.ndarray:
-    """Return the scenes of the parity vectors, float32 ``[P, 7 + 5 most]`` (:func:`agents.policy.scene.unpacked`).
+    """Return the scenes of the parity vectors, float32 ``[P, 7 + 5 most]`` (:func:`agents.policy.scene.unpacked_rows`).
 
     They are random over the family, with none to all of the intruders, whose velocities differ from the ownship's.
     """
@@ -176,5 +176,5 @@ def _flax_actions(tensors: Mapping[str, np.ndarray], actor: Actor, observations:
 @partial(jax.jit, static_argnames="actor")
 def _mean(variables: Any, observation: jax.Array, actor: Actor) -> jax.Array:
     """Return the actor's mean actions; compiled once, because a training run exports many times."""
-    seen = set_inputs(unpacked(observation), jnp) if actor.encoder else observation
+    seen = set_inputs(unpacked_rows(observation), jnp) if actor.encoder else observation
     return actor.apply(variables, seen)[0]

@@ -18,7 +18,7 @@ from agents.policy.domain import OutsideDomainError, check_domain
 from agents.policy.escapes import KeptByOne
 from agents.policy.features import features, mirror_sign
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read
-from agents.policy.scene import Scene, mirrored_one, scene, scene_of_one, unpacked
+from agents.policy.scene import Scene, mirrored_one, scene, scene_of_one, unpacked_rows
 from agents.policy.set_features import set_inputs_of_one
 from agents.policy.set_network import SetNetwork
 from envs.aircraft import PAPER, Aircraft, ratios
@@ -104,7 +104,7 @@ class Policy:
         """Build a network for any number of intruders and compare it with the file's parity vectors."""
         architecture = content.metadata["architecture"]
         sizes = len(architecture["encoder"]), len(architecture["hidden"])
-        seen = unpacked(content.parity_observation)
+        seen = unpacked_rows(content.parity_observation)
         exact = SetNetwork(content.actor, *sizes, np.float64)(mapped(_double, seen))
         _check_parity(np.clip(exact, -1.0, 1.0), content, PARITY_TOLERANCE, "in float64", source)
         self._set = SetNetwork(content.actor, *sizes, self.dtype)

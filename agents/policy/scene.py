@@ -14,7 +14,18 @@ from envs.backend import FLOATS
 from envs.kinematics import Limits, VehicleState
 from envs.relative import distance
 
-__all__ = ["FARTHEST", "Scene", "mirrored", "mirrored_one", "scene", "scene_of_one", "unpacked", "width"]
+__all__ = [
+    "FARTHEST",
+    "OWN_NUMBERS",
+    "Scene",
+    "mirrored",
+    "mirrored_one",
+    "scene",
+    "scene_of_one",
+    "unpacked",
+    "unpacked_rows",
+    "width",
+]
 
 FARTHEST = 20.0
 """Greatest distance that is seen, D; what is farther is seen there, in its direction."""
@@ -119,22 +130,30 @@ def scene_of_one(
     )
 
 
+OWN_NUMBERS = 7
+"""Own speed, the goal's x and y, and the four ratios."""
+
+
 def width(most: int) -> int:
-    """Return the length of a row that :func:`unpacked` takes, with so many places for intruders."""
-    return 7 + 5 * most
+    """Return the length of a parity vector with so many places for intruders."""
+    return OWN_NUMBERS + 5 * most
 
 
-def unpacked(rows: Any) -> Scene:
-    """Return the scenes of rows ``[..., 7 + 5 K]``: a policy file's parity vectors.
+def unpacked(own: Any, traffic: Any) -> Scene:
+    """Return the scenes of rows ``[..., 7]`` and ``[..., K, 5]``, as a policy file's parity vectors hold them.
 
-    A row holds own speed, the goal's x and y, the four ratios, and of each place for an intruder x, y, vx, vy and
-    whether there is one, 1 or 0.
+    Of the ownship they hold speed, the goal's x and y and the four ratios; of each place for an intruder x, y, vx, vy
+    and whether there is one, 1 or 0.
     """
-    speed, goal_x, goal_y = (rows[..., i] for i in range(3))
-    limits = Ratios(rows[..., 3], rows[..., 4], rows[..., 5], rows[..., 6])
-    each = rows[..., 7:].reshape(*rows.shape[:-1], -1, 5)
-    x, y, vx, vy, present = (each[..., i] for i in range(5))
+    speed, goal_x, goal_y = (own[..., i] for i in range(3))
+    limits = Ratios(own[..., 3], own[..., 4], own[..., 5], own[..., 6])
+    x, y, vx, vy, present = (traffic[..., i] for i in range(5))
     return Scene(speed, goal_x, goal_y, x, y, vx, vy, present > 0.5, limits)
+
+
+def unpacked_rows(rows: Any) -> Scene:
+    """Return the scenes of parity vectors ``[..., 7 + 5 K]``."""
+    return unpacked(rows[..., :OWN_NUMBERS], rows[..., OWN_NUMBERS:].reshape(*rows.shape[:-1], -1, 5))
 
 
 def mirrored(seen: Scene, xp: Any) -> tuple[Scene, Any]:

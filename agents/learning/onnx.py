@@ -1,0 +1,204 @@
+"""From a policy file to an ONNX model: ``python -m agents.export_onnx POLICY.safetensors OUT.onnx``.
+
+The model is the whole decision, with the derived inputs and the clip. It is converted from the training framework's own
+functions, so that there is no second definition.
+"""
+
+import importlib
+import logging
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from agents.learning.export import variables
+from agents.learning.networks import Actor
+from agents.policy.file import PolicyFile, read
+from agents.policy.inference import PARITY_TOLERANCE, TOLERANCE
+from agents.policy.scene import OWN_NUMBERS, unpacked
+from agents.policy.schema import canonical
+from agents.policy.set_features import set_inputs
+from agents.policy.versions import versions
+from envs.edge.command import InputError, Parser
+from envs.edge.files import check_regular, write_file
+from envs.observation import SIZE
+
+__all__ = ["OPSET", "ExportError", "export", "inputs_of", "main", "model"]
+
+OPSET = 21
+"""Of the operators, domain ``ai.onnx``."""
+
+_DESCRIPTION = """\
+Write a policy as an ONNX model, float32, N and K free, derived inputs and clip included. A policy for any number of
+intruders maps own [N, 7], traffic [N, K, 4] and present [N, K] (1 or 0) to action [N, 2]: the scene without dimension
+of docs/reference/policy-file.md. One of schema 1 maps observation [N, 8] to action [N, 2]. Input that is not finite, or
+an observation that leaves [-1, 1], gives NaN. The model is compared with the policy on its parity vectors before it is
+written."""
+
+_EPILOG = """\
+example:
+  python -m agents.export_onnx agents/data/policy.safetensors runs/policy.onnx
+
+Contracts, limits, architecture and digest are in the model's metadata (docs/reference/policy-file.md). The extra "onnx"
+installs what the export needs."""
+
+
+class ExportError(InputError):
+    """A model that cannot be made or written; the message says why."""
+
+
+def model(content: PolicyFile) -> Any:
+    """Return the ``onnx.ModelProto`` of a policy, checked by onnx; equal policies give equal bytes.
+
+    Args:
+        content: of the policy file.
+
+    Raises:
+        ExportError: the onnx package is not installed.
+    """
+    onnx, converter = _installed("onnx"), _installed("jax2onnx")
+    function, shapes = _decision(content)
+    names = list(inputs_of(content))
+    logging.getLogger("onnx_ir").setLevel(logging.ERROR)  # it warns of every shape that it leaves out
+    made = converter.to_onnx(function, shapes, model_name="rlcas_policy", opset=OPSET)
+    _renamed(made, names)
+    # The converter's shapes of what lies between are those of one batch; runtimes find them again.
+    del made.graph.value_info[:]
+    made.producer_name, made.producer_version = "rlcas-toolkit", versions()["rlcas-toolkit"]
+    onnx.helper.set_model_props(made, _properties(content))
+    onnx.checker.check_model(made, full_check=True)
+    return made
+
+
+def inputs_of(content: PolicyFile) -> dict[str, np.ndarray]:
+    """Return the model's inputs by name, with the values of the policy's parity vectors, float32."""
+    rows = content.parity_observation
+    if not content.of_set:
+        return {"observation": rows}
+    each = rows[:, OWN_NUMBERS:].reshape(len(rows), -1, 5)
+    return {"own": rows[:, :OWN_NUMBERS], "traffic": each[..., :4], "present": each[..., 4]}
+
+
+def export(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> float:
+    """Write the ONNX model of a policy file, whole or not at all.
+
+    Args:
+        source: the policy file.
+        target: the model's file; a model that is there is replaced, anything else is left alone.
+
+    Returns:
+        The largest difference of an action from the policy's parity vectors.
+
+    Raises:
+        PolicyFileError: the policy file is refused.
+        ExportError: the onnx package is not installed, the model disagrees, the target is the policy or another file
+            that is no ONNX model, or it cannot be written.
+    """
+    content = read(source)
+    _check_target(Path(source), Path(target))
+    made = model(content)
+    evaluator = importlib.import_module("onnx.reference").ReferenceEvaluator(made)
+    (actions,) = evaluator.run(None, inputs_of(content))
+    difference = float(np.abs(actions - content.parity_action).max())
+    # Inverted, so that NaN is refused.
+    if not difference <= PARITY_TOLERANCE:
+        raise ExportError(f"{source}: the model's actions differ by {difference:.1e}, expected {PARITY_TOLERANCE}")
+    try:
+        write_file(target, made.SerializeToString(deterministic=True))
+    except OSError as problem:
+        raise ExportError(f"{target}: cannot be written: {problem.strerror}") from None
+    return difference
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Export what the command line asks for and return the exit status.
+
+    Raises:
+        ConfigError: bad usage; also ``PolicyFileError`` and ``ExportError``.
+    """
+    parser = Parser(prog="python -m agents.export_onnx", description=_DESCRIPTION, epilog=_EPILOG)
+    parser.add_argument("policy", type=Path, metavar="POLICY.safetensors", help="policy file")
+    parser.add_argument("out", type=Path, metavar="OUT.onnx", help="model to write; replaced if one is there")
+    options = parser.parse_args(arguments)
+    difference = export(options.policy, options.out)
+    print(f"{options.out}: opset {OPSET}, largest difference from the policy {difference:.1e} on its parity vectors")
+    return 0
+
+
+def _decision(content: PolicyFile) -> tuple[Callable[..., jax.Array], list[tuple[int | str, ...]]]:
+    """Return the decision of a policy as a function of jax, and the shapes of its inputs."""
+    encoder = tuple(content.metadata["architecture"].get("encoder", ()))
+    actor = Actor(content.hidden, content.feature_set, encoder=encoder)
+    weights = variables({name: jnp.asarray(tensor) for name, tensor in content.actor.items()})
+
+    def clipped(seen: Any, nothing: jax.Array) -> jax.Array:
+        mean: Any = actor.apply(weights, seen)
+        return jnp.clip(mean[0], -1.0, 1.0) + nothing[:, None]
+
+    def of_scene(own: jax.Array, traffic: jax.Array, present: jax.Array) -> jax.Array:
+        rows = jnp.concatenate([traffic, present[..., None]], axis=-1)
+        seen = unpacked(own, rows)
+        # 0, but NaN where a number is not finite: comparisons inside would make a number of it.
+        nothing = 0.0 * (jnp.sum(own, axis=-1) + jnp.sum(rows, axis=(-2, -1)))
+        return clipped(set_inputs(seen, jnp), nothing)
+
+    def of_observation(observation: jax.Array) -> jax.Array:
+        inside = jnp.sqrt(1.0 + TOLERANCE - jnp.abs(observation))
+        return clipped(observation, 0.0 * jnp.sum(inside, axis=-1))
+
+    if content.of_set:
+        return of_scene, [("N", OWN_NUMBERS), ("N", "K", 4), ("N", "K")]
+    return of_observation, [("N", SIZE)]
+
+
+def _renamed(made: Any, names: list[str]) -> None:
+    """Give the model's inputs and its output their names, in place."""
+    new = dict(zip((value.name for value in made.graph.input), names, strict=True))
+    new[made.graph.output[0].name] = "action"
+    for value in (*made.graph.input, *made.graph.output):
+        value.name = new[value.name]
+    for node in made.graph.node:
+        node.input[:] = [new.get(name, name) for name in node.input]
+        node.output[:] = [new.get(name, name) for name in node.output]
+
+
+def _properties(content: PolicyFile) -> dict[str, str]:
+    """Return the model's metadata: what the policy's numbers mean and which policy it is, JSON but for the digests."""
+    kept = ("schema", "scene", "observation", "action", "limits", "task", "family")
+    parts = {name: canonical(content.metadata[name]) for name in kept if name in content.metadata}
+    return {
+        "policy_sha256": content.sha256,
+        "training_config_sha256": content.metadata["training"]["config_sha256"],
+        "architecture": canonical(content.metadata["architecture"]),
+        **parts,
+    }
+
+
+def _check_target(source: Path, target: Path) -> None:
+    """Refuse to replace what is no ONNX model, the policy itself first."""
+    if not target.exists():
+        return
+    if target.samefile(source):
+        raise ExportError(f"{target}: is the policy file itself; expected another file for the model")
+    onnx = _installed("onnx")
+    try:
+        check_regular(target)
+        found = onnx.load(target, load_external_data=False)
+        is_model = bool(found.opset_import) and bool(found.graph.node)
+    except Exception:  # what decodes a foreign file can fail in any way
+        is_model = False
+    if not is_model:
+        raise ExportError(f"{target}: holds something that is no ONNX model; expected a new file or a model to replace")
+
+
+def _installed(package: str) -> Any:
+    try:
+        return importlib.import_module(package)
+    except ImportError:
+        raise ExportError(
+            f"{package} is not installed, expected the extra 'onnx': pip install 'rlcas-toolkit[onnx]'"
+        ) from None
