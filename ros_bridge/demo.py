@@ -22,8 +22,7 @@ from typing import TYPE_CHECKING, Any
 from envs.aircraft import Aircraft
 from envs.edge.command import Parser, run_cli
 from ros_bridge.core.aircraft import aircraft_of, loaded
-from ros_bridge.transport.children import started, stopped
-from ros_bridge.transport.domains import free_domain
+from ros_bridge.transport.children import free_domain, started, stopped
 
 if TYPE_CHECKING:
     from ros_bridge.nodes.simulator import Simulator

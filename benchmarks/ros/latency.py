@@ -32,7 +32,7 @@ from envs.kinematics import VehicleState
 from envs.starts import numbered
 from envs.trees import take
 from eval.flights.plan_flight import request_of
-from ros_bridge.transport.domains import free_domain
+from ros_bridge.transport.children import free_domain
 
 NODE, TRANSLATOR = "/rlcas_runner", "/rlcas_translator"
 OWN_RATE, TRAFFIC_RATE = 100.0, 20.0  # Hz

@@ -24,7 +24,7 @@ from benchmarks.ros.graph import ORIGIN, PATIENCE, ahead, placed, resident, star
 from envs.angles import wrap
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import VehicleState
-from ros_bridge.transport.domains import free_domain
+from ros_bridge.transport.children import free_domain
 
 RUNNER, MONITOR = "/rlcas_runner", "/rlcas_monitor"
 TICK = 0.1  # s

@@ -15,12 +15,12 @@ from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from eval.config import Setting, usual_setting
 from eval.flights.chunks import Evaluation, Pilot, noise_of
+from eval.flights.conditions import verdicts
 from eval.flights.optimal import WitnessSearch, fly_witnesses
 from eval.flights.recorded import fly_in_mode
 from eval.flights.simulate import OUTCOMES, ByPolicy, Flights, fly
 from eval.flights.sources import drawn
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder, until
-from eval.flights.verdicts import verdicts
 from eval.metrics.field import costs, losses, relative
 from eval.metrics.volumes import ALERTS, VOLUMES, alerted, lead_times, lost, severity
 

@@ -24,11 +24,10 @@ from envs.outcome import Rules
 from envs.starts import joined
 from eval.config import Setting, usual_setting
 from eval.flights.assured_mode import Reports, fly_assured
-from eval.flights.conditions import conditions
+from eval.flights.conditions import conditions, verdicts
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start
 from eval.flights.simulate import OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
 from eval.flights.sources import Source, drawn, spread
-from eval.flights.verdicts import verdicts
 
 __all__ = [
     "MODES",

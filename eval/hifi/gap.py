@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from agents.config.load import ConfigError, Parser
-from eval.metrics.table import read_table
+from eval.runner.outputs import read_table
 
 __all__ = ["gap", "main", "upper_bound"]
 

@@ -8,9 +8,9 @@ from agents.resolvability.classify import Verdict
 from envs.encounters import Encounter, Scenario, sample
 from envs.trees import take
 from eval.flights.chunks import Pilot
+from eval.flights.conditions import verdicts
 from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import Direct, Flights, fly
-from eval.flights.verdicts import verdicts
 from eval.rare.splitting import Draws
 
 __all__ = ["RARE_MODES", "FlightProblem"]

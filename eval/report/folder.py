@@ -15,8 +15,8 @@ from eval.config import MonteCarloConfig
 from eval.flights.aircraft import aircraft_of
 from eval.flights.simulate import OUTCOMES
 from eval.metrics.summary import SCHEMA_VERSION
-from eval.metrics.table import read_table
 from eval.plots.style import kinds_of
+from eval.runner.outputs import read_table
 
 __all__ = ["FIGURES", "POINT_COLUMNS", "Run", "read_run"]
 

@@ -19,7 +19,7 @@ from agents.policy.versions import versions
 from envs.edge.files import write_file, written
 from eval.config import MonteCarloConfig
 
-__all__ = ["RunFolder", "arrow_table"]
+__all__ = ["RunFolder", "arrow_table", "read_table"]
 
 _PARTS, _CONFIG, _SUMMARY = "parts", "config.yaml", "summary.json"
 _ROW_GROUP = 65_536
@@ -222,3 +222,29 @@ def arrow_table(columns: Mapping[str, np.ndarray]) -> Any:
 
     kinds = {name: pa.string() if values.dtype == object else None for name, values in columns.items()}
     return pa.table({name: pa.array(values, type=kinds[name]) for name, values in columns.items()})
+
+
+def read_table(path: Path, what: str, schema: bytes | None = None) -> Any:
+    """Return a table of pyarrow.
+
+    Args:
+        path: of the file.
+        what: it shall be, for the messages.
+        schema: that its metadata must name; None: any.
+
+    Raises:
+        ConfigError: it cannot be read, or is of another schema.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        read = pq.read_table(path)
+    except (OSError, pa.ArrowException) as problem:
+        raise ConfigError(f"{path}: cannot be read as parquet ({problem}), expected {what}") from None
+    found = (read.schema.metadata or {}).get(b"rlcas_schema", b"none")
+    if schema is not None and found != schema:
+        raise ConfigError(
+            f"{path}: has the schema {found.decode(errors='replace')!r}, expected {schema.decode()!r}, {what}"
+        )
+    return read

@@ -12,7 +12,7 @@ from agents.config.load import ConfigError
 from agents.config.yaml import YamlError, read
 from envs.aircraft import Aircraft
 from eval.flights.aircraft import aircraft_of
-from eval.metrics.table import read_table
+from eval.runner.outputs import read_table
 from eval.stats.intervals import share
 
 __all__ = ["Quantity", "Run", "binned", "mapped", "quantities", "rates", "read_run", "successes"]

@@ -1,6 +1,6 @@
 """ROS 2 itself: qualities of service, parameters, messages, processes and recordings.
 
-The names are imported when they are used: most modules need ROS, :mod:`domains` and :mod:`children` do not.
+The names are imported when they are used: most modules need ROS, :mod:`children` does not.
 """
 
 from importlib import import_module
@@ -11,7 +11,7 @@ _MODULES = {
     "Recorder": "recording",
     "RecordingError": "recording",
     "aircraft_message": "messages",
-    "free_domain": "domains",
+    "free_domain": "children",
     "plan_message": "messages",
     "started": "children",
     "stopped": "children",

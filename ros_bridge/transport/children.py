@@ -1,22 +1,26 @@
-"""Nodes as child processes that end with their parent, however that ends.
+"""Nodes as child processes that end with their parent, however that ends, and a DDS domain for them alone.
 
 A child reads its standard input, which only its parent can write to. The system closes it when the parent is gone,
 killed by SIGKILL too, on every platform; the child then ends in order.
 """
 
+import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
 
-__all__ = ["FLAG", "end_with_parent", "started", "stopped"]
+__all__ = ["FLAG", "end_with_parent", "free_domain", "started", "stopped"]
 
 FLAG = "--end-with-parent"
 """With which a node is started that shall end when its standard input is closed."""
 
+_FIRST, _END = 20, 200  # domains
+_PORT = 23_000  # a port that stands for a domain, kept while it is used
 _IN_ORDER = 10.0  # s in which a child without a parent must end in order
 _PATIENCE = 15.0  # s in which a child must end once it is asked to
 
@@ -53,3 +57,21 @@ def _watch() -> None:
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(_IN_ORDER)
     os._exit(1)
+
+
+@contextlib.contextmanager
+def free_domain() -> Generator[int]:
+    """Reserve a domain id until the block ends.
+
+    Raises:
+        RuntimeError: none is free.
+    """
+    for number in range(_FIRST, _END):
+        with socket.socket() as lock:
+            try:
+                lock.bind(("127.0.0.1", _PORT + number))
+            except OSError:
+                continue
+            yield number
+            return
+    raise RuntimeError(f"none of the domains {_FIRST} to {_END - 1} is free")

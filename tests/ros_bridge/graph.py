@@ -33,7 +33,7 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rlcas_msgs.msg import AircraftState, GeoReference, TrafficAlert, Trajectory, Waypoint  # noqa: E402
 
 from ros_bridge.transport import qos  # noqa: E402
-from ros_bridge.transport.domains import free_domain  # noqa: E402
+from ros_bridge.transport.children import free_domain  # noqa: E402
 from ros_bridge.transport.messages import time_message  # noqa: E402
 from tests.ros_bridge.scenes import FRAME  # noqa: E402
 from tests.ros_bridge.scenes import aircraft as plain_aircraft  # noqa: E402

@@ -18,7 +18,7 @@ from envs.kinematics import VehicleState
 from envs.traffic.replay import encounters_of
 from envs.traffic.tracks import Repairs, TrackError
 from eval.compare import run as compare
-from eval.flights import verdicts
+from eval.flights import conditions
 from eval.metrics.weighted import summarise_weighted
 from eval.monte_carlo import run as monte_carlo
 from eval.report import run as report
@@ -184,7 +184,7 @@ def test_a_loose_recording_is_not_proven_unresolvable() -> None:
     loose[1, 60] = 5.0
     recording = Recording(*np.stack([straight, loose], axis=1)[:, :, None])
     starts = encounters_of(own, recording, np.ones((2, 1), bool), 220.0)
-    found = verdicts.verdicts(starts, PAPER, np.zeros(2, bool))
+    found = conditions.verdicts(starts, PAPER, np.zeros(2, bool))
     assert found.verdict.tolist() == [Verdict.UNRESOLVABLE, Verdict.UNDECIDED]
     assert found.method[0] in (Method.CONTAINMENT, Method.SPLITTING)
     assert found.method[1] == Method.NONE
