@@ -71,13 +71,9 @@ def test_safe_plan_is_accepted_within_a_second(data: dict[str, Any]) -> None:
         (("waypoints", 19, 1), 0.01),
         (("controls", 0, 4), 1e-7),
         (("controls", 5, 15), 1e-6),
-        (("intruders", 0, 0), -20.0),
-        (("intruders", 0, 4), 0.5),
         (("bounds", 0), 0.01),
         (("bounds", 1), 0.01),
         (("excluded", 0, 2), -2_900.0),
-        (("requirement", "margin"), 200.0),
-        (("requirement", "separation"), 200.0),
         (("limits", "yaw_rate_max"), -0.08),
         (("limits", "speed_max"), -40.0),
         (("limits", "acceleration_max"), -0.7),
@@ -90,6 +86,26 @@ def test_an_edit_that_matters_is_refused(data: dict[str, Any], path: tuple[Any, 
         place = place[key]
     place[path[-1]] += change
     assert refusal(edited)
+
+
+@pytest.mark.parametrize("name", ["separation", "margin"])
+def test_a_requirement_above_the_least_distance_is_refused(data: dict[str, Any], name: str) -> None:
+    edited = copy.deepcopy(data)
+    edited["requirement"][name] += data["bounds"][0] - data["requirement"]["separation"] + 1.0
+    assert "intruder 0" in refusal(edited)
+
+
+@pytest.mark.parametrize(("field", "change"), [(0, 20.0), (1, 1.0), (2, 0.01), (3, 1.0), (4, 0.5)])
+def test_an_intruder_reported_nearer_is_refused(data: dict[str, Any], field: int, change: float) -> None:
+    # The bound is exact: of more and less one leads nearer than it, on whichever side the plan passes.
+    edited = [copy.deepcopy(data), copy.deepcopy(data)]
+    for one, sign in zip(edited, (1.0, -1.0), strict=True):
+        one["intruders"][0][field] += sign * change
+    faults = wrong(edited)
+    assert "distance" in faults
+    for one, fault in zip(edited, faults, strict=True):
+        if fault:
+            assert "intruder 0" in refusal(one)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from agents.config.load import ConfigError, Strict, dump, load
 from agents.config.world import AircraftConfig, ScenarioConfig, VehicleConfig
 from envs.aircraft import PAPER, new_aircraft
 from envs.encounters import SCENARIOS, Scenario, scenario
-from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits
+from envs.kinematics import SURROGATE
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 
@@ -17,9 +17,9 @@ class World(Strict):
     vehicle: VehicleConfig = VehicleConfig()
 
 
-@pytest.mark.parametrize(("name", "limits"), [("surrogate", SURROGATE), ("c208_published", C208_PUBLISHED)])
-def test_vehicle_files_hold_the_published_limits(name: str, limits: Limits):
-    assert load(VehicleConfig, CONFIGS / f"vehicle_{name}.yaml").limits() == limits
+def test_the_c208_has_the_same_limits_as_vehicle_and_as_aircraft():
+    vehicle = load(VehicleConfig, CONFIGS / "vehicle_c208.yaml")
+    assert vehicle.limits() == load(AircraftConfig, CONFIGS / "aircraft" / "c208.yaml").limits()
 
 
 def test_the_default_vehicle_is_the_surrogate():

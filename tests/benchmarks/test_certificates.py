@@ -50,7 +50,6 @@ def test_judgement_is_good_to_some_micrometres(data: dict[str, Any], nearer: flo
         (("limits", "acceleration_max"), -0.6, "acceleration"),
         (("limits", "yaw_rate_max"), -0.08, "turn rate"),
         (("bounds", 0), 0.1, "distance"),
-        (("requirement", "margin"), 100.0, "distance"),
         (("intruders", 0, 7), -6.0, "negative"),
         (("excluded", 0, 2), -2_500.0, "excluded"),
     ],
@@ -64,6 +63,13 @@ def test_judgement_finds_each_fault(data: dict[str, Any], path: tuple[Any, ...],
     found, good = judgement.wrong([edited, data])
     assert fault in found.split(", ")
     assert not good
+
+
+@pytest.mark.parametrize("name", ["separation", "margin"])
+def test_judgement_finds_a_requirement_above_the_distance(data: dict[str, Any], name: str) -> None:
+    edited = copy.deepcopy(data)
+    edited["requirement"][name] += data["bounds"][0] - data["requirement"]["separation"] + 1.0
+    assert judgement.wrong([edited]) == ["distance"]
 
 
 def test_sampled_flight_is_the_legs(data: dict[str, Any]) -> None:

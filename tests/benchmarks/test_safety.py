@@ -101,6 +101,10 @@ def all_towards_the_intruder(plans: Plans) -> Plans:
     return plans._replace(request=plans.request._replace(traffic=plans.request.traffic._replace(state=moved)))
 
 
+def too_fast(plans: Plans) -> Plans:
+    return changed(plans, "speed", 10, OPTIONS.limits.speed_max + 20.0 - plans.knots.speed[:, 10])
+
+
 def later(plans: Plans) -> Plans:
     return plans._replace(knots=plans.knots._replace(time=1.01 * plans.knots.time))
 
@@ -114,7 +118,7 @@ MUTATIONS: dict[str, tuple[Callable[[Plans], Plans], set[str]]] = {
     "times scaled": (later, {"times"}),
     "the last time": (a_second_later, set()),
     "times in disorder": (lambda plans: changed(plans, "time", 5, 30.0), {"not finite"}),
-    "a speed beyond the limit": (lambda plans: changed(plans, "speed", 10, 40.0), {"speed", "acceleration"}),
+    "a speed beyond the limit": (too_fast, {"speed", "acceleration"}),
     "a reversed heading": (lambda plans: changed(plans, "heading", 10, 3.0), {"turn rate"}),
     "not a number": (lambda plans: changed(plans, "y", 7, math.nan), {"not finite"}),
     "infinite": (lambda plans: changed(plans, "speed", 19, math.inf), {"not finite"}),
