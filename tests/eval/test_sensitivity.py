@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 
 from agents.config.load import load
 from agents.config.world import AircraftConfig
-from agents.policy.inference import Policy
+from agents.policy.inference import OutsideDomainError, Policy
 from envs.aircraft import PAPER, Aircraft, Ratios, new_aircraft, ratios
 from envs.edge.command import InputError, run_cli
 from envs.encounters import scenario
 from envs.kinematics import Limits
-from eval import family
 from eval.flights.aircraft import described
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.monte_carlo import run as monte_carlo
+from eval.sensitivity import family
 from eval.sensitivity import run as sensitivity
 from eval.sensitivity.bins import Quantity, Run, binned, mapped, quantities, rates, read_run
 from eval.sensitivity.sweep import PARAMETERS, Sweep, changed, swept
@@ -321,7 +321,6 @@ def test_a_family_is_judged_and_its_aircraft_can_be_flown_again(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ([], "outside_domain: "),
         (["--intruders", "4", "2"], "--intruders: expected the fewest first"),
         (["--mode", "hope"], "--mode: 'hope'"),
         (["--policy", "none.safetensors"], "no such policy file"),
@@ -330,4 +329,10 @@ def test_a_family_is_judged_and_its_aircraft_can_be_flown_again(tmp_path: Path) 
 def test_bad_input_flies_nothing(tmp_path: Path, arguments: list[str], sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         family.main([*arguments, "--out", str(tmp_path / "none")])
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_family_outside_the_policy_flies_nothing(tmp_path: Path, policy_path: Path) -> None:
+    with pytest.raises(OutsideDomainError):  # a policy of one intruder serves its own aircraft alone
+        family.main(["--policy", str(policy_path), "--out", str(tmp_path / "none")])
     assert not (tmp_path / "none").exists()
