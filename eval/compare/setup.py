@@ -30,7 +30,10 @@ def prepare(options: argparse.Namespace) -> tuple[Comparison, int]:
     config = _config(options)
     aircraft = _aircraft(options.policy, options.policy_sha256)
     entries = _entries(options, aircraft)
-    source, names, resolved = named_source(config, aircraft, "--encounters")
+    try:
+        source, names, resolved = named_source(config, aircraft, "--encounters")
+    except ConfigError as problem:  # a change that suits no flight of this aircraft
+        raise _by_option(problem) from None
     evaluation = Evaluation(None, source, names, config.seed, aircraft)
     return Comparison(entries, evaluation), resolved["encounters"]
 
@@ -48,8 +51,14 @@ def _config(options: argparse.Namespace) -> MonteCarloConfig:
     try:
         return load(MonteCarloConfig, None, [*sets, *(f"changes.{change}" for change in options.change)])
     except ConfigError as problem:
-        sentence = str(problem).removeprefix("--set: ").replace("tracks.", "").replace("changes", "change", 1)
-        raise ConfigError(f"--{sentence}") from None
+        sentence = str(problem).removeprefix("--set: ").replace("tracks.", "")
+        raise _by_option(ConfigError(sentence if sentence.startswith("changes") else f"--{sentence}")) from None
+
+
+def _by_option(problem: ConfigError) -> ConfigError:
+    """Return an error about a scenario's changes with the option that says them; another one as it is."""
+    sentence = str(problem)
+    return ConfigError(f"--change{sentence.removeprefix('changes')}") if sentence.startswith("changes") else problem
 
 
 def _aircraft(policies: Sequence[Path], digests: Sequence[str]) -> Aircraft:
