@@ -226,7 +226,7 @@ class MonteCarloConfig(Strict):
     def _drawable(cls, value: str) -> str:
         known = ("random", "sobol") if cls.quasi else ("random",)
         if value not in known:
-            raise ConfigError(f"{value!r} is not available here; expected one of {', '.join(known)}")
+            raise ConfigError(f"{value!r} is not available here; expected {' or '.join(known)}")
         return value
 
     @field_validator("policy")

@@ -280,10 +280,14 @@ def test_a_quasi_random_run_takes_its_intervals_from_the_randomisations(tmp_path
 @pytest.mark.parametrize(
     ("model", "overrides", "said"),
     [
-        (MonteCarloConfig, ["draws=halton"], "draws: 'halton' is not available here; expected random or sobol"),
-        (MonteCarloConfig, ["draws=sobol", "encounters=1000"], "encounters is 1000; expected a multiple of 16"),
-        (MonteCarloConfig, ["draws=sobol", "scenario=file:x.csv", "encounters=16"], "is a file; expected random"),
-        (HifiConfig, ["draws=sobol"], "draws: 'sobol' is not available here; expected random"),
+        (MonteCarloConfig, ["draws=halton"], "draws: 'halton' .* random or sobol"),
+        (MonteCarloConfig, ["draws=sobol", "encounters=1000"], "encounters is 1000.* 16"),
+        (
+            MonteCarloConfig,
+            ["draws=sobol", "scenario=file:x.csv", "encounters=16"],
+            "draws is 'sobol'.*expected random",
+        ),
+        (HifiConfig, ["draws=sobol"], "draws: 'sobol'.*random$"),
     ],
 )
 def test_draws_that_cannot_be_had_are_refused(model: type[MonteCarloConfig], overrides: list[str], said: str) -> None:
