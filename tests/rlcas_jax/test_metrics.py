@@ -316,7 +316,7 @@ def test_a_kill_in_either_phase_loses_nothing(whole: Run, file: Path, tmp_path: 
     assert newest[0].read_bytes() == newest[1].read_bytes()
 
 
-def test_the_best_configuration_has_two_phases() -> None:
-    first, second = load(TrainConfig, ROOT / "configs" / "best.yaml").in_phases()
-    assert first.steps < second.steps
-    assert (first.network, first.family) == (second.network, second.family)
+def test_the_best_configuration_trains_one_policy_in_phases() -> None:
+    phases = load(TrainConfig, ROOT / "configs" / "best.yaml").in_phases()
+    assert len(phases) > 1
+    assert {(phase.network, phase.family) for phase in phases} == {(phases[0].network, phases[0].family)}
