@@ -152,7 +152,7 @@ def _write(options: argparse.Namespace, scenes: "list[Scene]") -> None:
                 again = _read(new, form, longest, repair=False)
                 check_same(scenes, again, own=form != ".csv", altitudes=form != ".csv")
             except (EncounterError, TrackError) as problem:
-                raise EncounterError(str(problem).replace(str(new), f"{target}, as it would be:")) from None
+                raise EncounterError(str(problem).replace(str(new), f"{target}, as it would be")) from None
     except OSError as problem:
         raise ConfigError(f"{target}: cannot be written: {problem.strerror}") from None
 
