@@ -17,10 +17,10 @@ import numpy as np
 
 from agents.learning.export import variables
 from agents.learning.networks import Actor
+from agents.policy.digest import canonical
 from agents.policy.file import PolicyFile, read
 from agents.policy.inference import TOLERANCE
 from agents.policy.scene import OWN_NUMBERS, unpacked
-from agents.policy.schema import canonical
 from agents.policy.set_features import set_inputs
 from agents.policy.versions import versions
 from envs.edge.command import InputError, Parser

@@ -17,15 +17,14 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import load, save
 
+from agents.policy.digest import canonical, digest
 from agents.policy.schema import (
     PARITY_ACTION,
     PARITY_OBSERVATION,
     SET_SCHEMA,
     PolicyFileError,
-    canonical,
     check_metadata,
     check_values,
-    digest,
     tensor_shapes,
 )
 from envs.aircraft import PAPER, Aircraft

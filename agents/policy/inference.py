@@ -5,7 +5,7 @@ array overhead would cost ten times its arithmetic (the planner rolls hundreds o
 """
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from importlib import resources
 from math import isfinite
@@ -15,19 +15,18 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from agents.policy.domain import OutsideDomainError, check_domain
+from agents.policy.eight_network import NOT_FINITE, EightNetwork, each_row, observed, observed_by_one, scaled
 from agents.policy.escapes import KeptByOne
-from agents.policy.features import features, mirror_sign
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read
 from agents.policy.scene import Scene, mirrored_one, scene, scene_of_one, unpacked_rows
 from agents.policy.set_features import set_inputs_of_one
 from agents.policy.set_network import SetNetwork
 from envs.aircraft import PAPER, Aircraft, ratios
-from envs.angles import atan2, sincos, wrap
+from envs.angles import atan2
 from envs.backend import FLOATS
 from envs.kinematics import Limits, VehicleState
-from envs.observation import NAMES, SIZE, criticality, decode, most_critical, observe
+from envs.observation import NAMES, SIZE, decode
 from envs.relative import distance
-from envs.trees import mapped
 
 __all__ = ["PARITY_TOLERANCE", "TOLERANCE", "OutsideDomainError", "Policy"]
 
@@ -41,8 +40,6 @@ TOLERANCE = 1e-5
 
 _SHIPPED = "data/policy.safetensors"
 _BOUND = 1.0 + TOLERANCE
-_NOT_FINITE = "the policy gives an action that is not finite; expected bounded weights"
-_BEHIND = 20.0  # separations
 _BLOCK = 256  # rows at a time, whose activations stay in cache; changes no bit
 
 
@@ -91,10 +88,9 @@ class Policy:
         if content.of_set:
             self._take_set(content, source)
             return
-        self._feature_set = content.feature_set
-        self._layers = _layers(content, self.dtype)
+        self._one_intruder = EightNetwork(content, self.dtype)
         # In float64 so that a difference is one of meaning, never of rounding.
-        exact = _forward(content.parity_observation.astype(np.float64), _layers(content, np.float64), self._feature_set)
+        exact = EightNetwork(content, np.float64).many(content.parity_observation.astype(np.float64))
         _check_parity(exact, content, PARITY_TOLERANCE, "in float64", source)
         _check_parity(self(content.parity_observation), content, _ROUNDING_TOLERANCE, f"in {self.dtype}", source)
         single = np.array([self.decide(row) for row in content.parity_observation.tolist()])
@@ -105,7 +101,7 @@ class Policy:
         architecture = content.metadata["architecture"]
         sizes = len(architecture["encoder"]), len(architecture["hidden"])
         seen = unpacked_rows(content.parity_observation)
-        exact = SetNetwork(content.actor, *sizes, np.float64)(mapped(_double, seen))
+        exact = SetNetwork(content.actor, *sizes, np.float64)(seen)
         _check_parity(np.clip(exact, -1.0, 1.0), content, PARITY_TOLERANCE, "in float64", source)
         self._set = SetNetwork(content.actor, *sizes, self.dtype)
         self._kept = KeptByOne(ratios(self.limits, self.aircraft.separation))
@@ -130,7 +126,7 @@ class Policy:
         other.aircraft, other.limits = aircraft, aircraft.limits
         other._kept = KeptByOne(ratios(aircraft.limits, aircraft.separation))
         trained = self._content.aircraft
-        other._scales = _scaled(
+        other._scales = scaled(
             PAPER,
             aircraft.separation / trained.separation,
             aircraft.limits.speed_max / trained.limits.speed_max,
@@ -170,7 +166,7 @@ class Policy:
             return np.empty((*array.shape[:-1], 2), self.dtype)
         if self._set is not None:
             return self._of_observations(array.reshape(-1, SIZE)).reshape(*array.shape[:-1], 2)
-        actions = _forward(array.reshape(-1, SIZE), self._layers, self._feature_set)
+        actions = self._one_intruder.many(array.reshape(-1, SIZE))
         return actions.reshape(*array.shape[:-1], 2)
 
     def command(
@@ -199,10 +195,7 @@ class Policy:
             wide = own.x.size, present.shape[-1]
             each, places = VehicleState(*(field.reshape(wide) for field in seen)), present.reshape(wide)
             return self._of_states(one, each, places, goal_x.reshape(-1), goal_y.reshape(-1)).reshape(*shape, 2)
-        if not present.any(axis=-1).all():
-            seen, present = _never_alone(own, seen, present, self._scales)
-        chosen = most_critical(own, seen, present, self._scales, np)
-        observation = observe(own, chosen, goal_x, goal_y, self._scales, np)
+        observation = observed(own, seen, present, goal_x, goal_y, self._scales)
         actions = self.rowwise(observation.reshape(-1, SIZE).astype(np.float32)).astype(float)
         return actions.reshape(*shape, 2)
 
@@ -221,13 +214,7 @@ class Policy:
         """
         if self._set is not None:
             return self._one_of_set(own, intruders, goal_x, goal_y)
-        if len(intruders) == 1:
-            other = intruders[0]
-        elif intruders:
-            other = min(intruders, key=lambda one: criticality(own, one, self._scales, FLOATS))
-        else:
-            other = _absent(own, self._scales, FLOATS)
-        return self.decide(observe(own, other, goal_x, goal_y, self._scales, FLOATS))
+        return self.decide(observed_by_one(own, intruders, goal_x, goal_y, self._scales))
 
     def _one_of_set(
         self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
@@ -237,7 +224,7 @@ class Policy:
         seen, sign = mirrored_one(scene_of_one(own, intruders, goal_x, goal_y, limits, separation))
         throttle, steering = self._set.one(*set_inputs_of_one(seen, self._kept(seen)), sign)
         if not (isfinite(throttle) and isfinite(steering)):
-            raise ValueError(_NOT_FINITE)
+            raise ValueError(NOT_FINITE)
         return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
 
     def _of_states(
@@ -255,7 +242,7 @@ class Policy:
         assert self._set is not None
         actions = self._set(seen)
         if not np.isfinite(actions).all():
-            raise ValueError(_NOT_FINITE)
+            raise ValueError(NOT_FINITE)
         return np.clip(actions, -1.0, 1.0)
 
     def _of_observations(self, observation: np.ndarray) -> np.ndarray:
@@ -312,7 +299,7 @@ class Policy:
         actions = np.empty((len(array), 2), self.dtype)
         for first in range(0, len(array), _BLOCK):
             block = slice(first, first + _BLOCK)
-            actions[block] = _forward(array[block], self._layers, self._feature_set, _each_row)
+            actions[block] = self._one_intruder.many(array[block], each_row)
         return actions
 
     def _checked(self, observation: Any) -> np.ndarray:
@@ -337,92 +324,7 @@ class Policy:
         if self._set is not None:
             throttle, steering = self._of_observations(np.array([values], self.dtype))[0].tolist()
             return throttle, steering
-        x = np.array(features(values, self._feature_set, FLOATS), self.dtype)
-        *hidden, (kernel, bias) = self._layers
-        for hidden_kernel, hidden_bias in hidden:
-            x = x.dot(hidden_kernel)  # the method: a tenth faster than the function for so little work
-            x += hidden_bias
-            np.tanh(x, x)
-        throttle, steering = (x.dot(kernel) + bias).tolist()
-        steering *= mirror_sign(values, self._feature_set, FLOATS)
-        if not (isfinite(throttle) and isfinite(steering)):
-            raise ValueError(_NOT_FINITE)
-        return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
-
-
-def _scaled(aircraft: Aircraft, length: float, speed: float) -> Aircraft:
-    """Return an aircraft whose lengths and speeds are so many times as large."""
-    limits = aircraft.limits._replace(
-        speed_min=speed * aircraft.limits.speed_min, speed_max=speed * aircraft.limits.speed_max
-    )
-    return aircraft._replace(
-        limits=limits,
-        separation=length * aircraft.separation,
-        traffic_speed_max=speed * aircraft.traffic_speed_max,
-    )
-
-
-def _absent(own: VehicleState, scales: Aircraft, xp: Any) -> VehicleState:
-    """Return an intruder without effect: as far behind as an observation can say, flying away."""
-    sine, cosine = sincos(own.heading, xp)
-    away = wrap(own.heading + np.pi, xp)
-    behind, speed = _BEHIND * scales.separation, scales.limits.speed_min
-    return VehicleState(own.x - behind * cosine, own.y - behind * sine, away, own.speed * 0.0 + speed)
-
-
-def _never_alone(
-    own: VehicleState, seen: VehicleState, present: np.ndarray, scales: Aircraft
-) -> tuple[VehicleState, np.ndarray]:
-    """Return intruders ``[..., K]`` and which exist, with one without effect where there was none."""
-    behind = _absent(own, scales, np)
-    if present.shape[-1] == 0:
-        return VehicleState(*(field[..., None] for field in behind)), np.ones((*own.x.shape, 1), bool)
-    alone = ~present.any(axis=-1, keepdims=True)
-    fields = (np.where(alone, other[..., None], field) for field, other in zip(seen, behind, strict=True))
-    return VehicleState(*fields), present | alone
-
-
-def _double(field: Any) -> Any:
-    return field if field.dtype == bool else field.astype(float)
-
-
-_Layers = list[tuple[np.ndarray, np.ndarray]]
-
-
-def _layers(content: PolicyFile, dtype: DTypeLike) -> _Layers:
-    """Return kernel ``[in, out]`` and bias ``[out]`` of the hidden layers and the head."""
-
-    def layer(name: str) -> tuple[np.ndarray, np.ndarray]:
-        return content.actor[f"{name}/kernel"].astype(dtype), content.actor[f"{name}/bias"].astype(dtype)
-
-    return [*(layer(f"hidden_{i}") for i in range(len(content.hidden))), layer("head")]
-
-
-def _forward(
-    observation: np.ndarray,
-    layers: _Layers,
-    feature_set: str,
-    product: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.matmul,
-) -> np.ndarray:
-    """Return the actions ``[N, 2]`` for observations ``[N, 8]``, in the precision of both."""
-    # Components become contiguous rows: elementwise work on strided columns is twice as slow.
-    components = list(np.ascontiguousarray(observation.T))
-    x = np.stack(features(components, feature_set, np)).T
-    *hidden, (kernel, bias) = layers
-    for hidden_kernel, hidden_bias in hidden:
-        x = product(x, hidden_kernel)
-        x += hidden_bias
-        np.tanh(x, out=x)
-    x = product(x, kernel) + bias
-    x[:, 1] *= mirror_sign(components, feature_set, np)
-    if not np.isfinite(x).all():
-        raise ValueError(_NOT_FINITE)
-    return np.clip(x, -1.0, 1.0)
-
-
-def _each_row(x: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-    """Return ``x @ kernel`` ``[N, out]`` of N vector products: numpy hands each to BLAS alone."""
-    return np.matmul(np.ascontiguousarray(x)[:, np.newaxis, :], kernel)[:, 0, :]
+        return self._one_intruder.single(values)
 
 
 def _refuse(array: np.ndarray) -> NoReturn:

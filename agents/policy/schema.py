@@ -4,7 +4,6 @@ The observation and action contracts are written into every file, so that a poli
 another meaning of the eight numbers is refused instead of flown.
 """
 
-import hashlib
 import json
 import math
 from collections.abc import Mapping
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.policy.digest import canonical, sha256
 from agents.policy.features import FEATURE_SETS, size
 from agents.policy.scene import width
 from agents.policy.set_network import layer_shapes
@@ -29,10 +29,8 @@ __all__ = [
     "SCHEMA",
     "SET_SCHEMA",
     "PolicyFileError",
-    "canonical",
     "check_metadata",
     "check_values",
-    "digest",
     "new_metadata",
     "new_set_metadata",
     "tensor_shapes",
@@ -98,15 +96,6 @@ _SET_FIELDS: dict[str, Any] = _COMMON | {
 }
 
 
-def canonical(document: Any) -> str:
-    """Return the one JSON text of a document: sorted keys, no white space, ASCII, no NaN or infinity.
-
-    Raises:
-        ValueError, TypeError: the document holds something that JSON has no word for.
-    """
-    return json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
-
-
 def new_set_metadata(  # noqa: PLR0913 - it describes a file
     encoder: tuple[int, ...],
     hidden: tuple[int, ...],
@@ -132,27 +121,21 @@ def new_set_metadata(  # noqa: PLR0913 - it describes a file
     Raises:
         PolicyFileError: something of it is of a type, or a value, that a policy file cannot hold.
     """
-    return _written(
-        {
-            "schema": dict(SET_SCHEMA),
-            "scene": SCENE,
-            "limits": {name: float(value) for name, value in aircraft.limits._asdict().items()},
-            "task": {name: float(getattr(aircraft, name)) for name in _OF_AIRCRAFT},
-            "family": {name: [float(bound) for bound in family[name]] for name in Ratios._fields},
-            "architecture": {
-                "hidden": [int(width) for width in hidden],
-                "encoder": [int(width) for width in encoder],
-                "intruders": int(intruders),
-                "activation": "tanh",
-                "output": "clip",
-            },
+    own = {
+        "schema": dict(SET_SCHEMA),
+        "scene": SCENE,
+        "limits": {name: float(value) for name, value in aircraft.limits._asdict().items()},
+        "task": {name: float(getattr(aircraft, name)) for name in _OF_AIRCRAFT},
+        "family": {name: [float(bound) for bound in family[name]] for name in Ratios._fields},
+        "architecture": {
+            "hidden": [int(width) for width in hidden],
+            "encoder": [int(width) for width in encoder],
+            "intruders": int(intruders),
+            "activation": "tanh",
+            "output": "clip",
         },
-        config,
-        steps,
-        score,
-        versions,
-        notes,
-    )
+    }
+    return _written(own, config, steps, score, versions, notes)
 
 
 def new_metadata(
@@ -181,24 +164,18 @@ def new_metadata(
     Raises:
         PolicyFileError: something of it is of a type, or a value, that a policy file cannot hold.
     """
-    return _written(
-        {
-            "schema": dict(SCHEMA),
-            "observation": OBSERVATION,
-            "limits": {name: float(value) for name, value in limits._asdict().items()},
-            "architecture": {
-                "hidden": [int(width) for width in hidden],
-                "activation": "tanh",
-                "feature_set": feature_set,
-                "output": "clip",
-            },
+    own = {
+        "schema": dict(SCHEMA),
+        "observation": OBSERVATION,
+        "limits": {name: float(value) for name, value in limits._asdict().items()},
+        "architecture": {
+            "hidden": [int(width) for width in hidden],
+            "activation": "tanh",
+            "feature_set": feature_set,
+            "output": "clip",
         },
-        config,
-        steps,
-        score,
-        versions,
-        notes,
-    )
+    }
+    return _written(own, config, steps, score, versions, notes)
 
 
 def _written(
@@ -216,7 +193,7 @@ def _written(
             "action": ACTION,
             "training": {
                 "config": config,
-                "config_sha256": _sha256(canonical(config)),
+                "config_sha256": sha256(canonical(config)),
                 "steps": int(steps),
                 "score": None if score is None else float(score),
             },
@@ -269,7 +246,7 @@ def check_metadata(document: Any, source: str) -> None:
         )
 
     training = document["training"]
-    expected = _sha256(canonical(training["config"]))
+    expected = sha256(canonical(training["config"]))
     _expect(training["config_sha256"], expected, "metadata.training.config_sha256", source)
     if training["steps"] < 0:
         raise PolicyFileError(f"{source}: metadata.training.steps is {training['steps']}, expected 0 or more")
@@ -334,22 +311,6 @@ def check_values(tensors: Mapping[str, np.ndarray], source: str) -> None:
             raise PolicyFileError(f"{source}: tensor {name} leaves [{-most:g}, {most:g}]")
 
 
-def digest(tensors: Mapping[str, np.ndarray], document: Mapping[str, Any]) -> str:
-    """Return the SHA-256 (hex) over all tensors and the metadata.
-
-    Hashed are, for each tensor in the order of its name, the canonical JSON of ``[name, dtype, shape]``, a line
-    feed and its bytes (little-endian, C order); then the canonical JSON of the metadata without ``sha256``.
-    """
-    total = hashlib.sha256()
-    for name in sorted(tensors):
-        tensor = np.ascontiguousarray(tensors[name])
-        tensor = tensor.astype(tensor.dtype.newbyteorder("<"), copy=False)
-        total.update(canonical([name, tensor.dtype.name, list(tensor.shape)]).encode() + b"\n")
-        total.update(tensor.tobytes())
-    total.update(canonical({key: value for key, value in document.items() if key != "sha256"}).encode())
-    return total.hexdigest()
-
-
 def _check_fields(value: Mapping[str, Any], fields: Mapping[str, Any], path: str, source: str) -> None:
     """Raise unless an object has exactly these fields, of these types."""
     missing, unexpected = sorted(fields.keys() - value.keys()), sorted(value.keys() - fields.keys())
@@ -382,7 +343,3 @@ def _words(kind: Any) -> str:
 def _brief(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 160 else text[:160] + "..."
-
-
-def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()

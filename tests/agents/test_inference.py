@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from agents.learning.export import to_policy_file
 from agents.learning.networks import Actor
-from agents.policy import inference
+from agents.policy import eight_network
 from agents.policy.file import PolicyFileError, write
 from agents.policy.inference import PARITY_TOLERANCE, Policy
 from envs import surrogate
@@ -150,8 +150,8 @@ def test_observation_is_not_written_to_and_calls_repeat():
 
 def test_an_action_that_is_not_finite_is_refused():
     spoilt = Policy(content())
-    kernel, bias = spoilt._layers[-1]
-    spoilt._layers[-1] = kernel, bias + np.float32(np.nan)
+    kernel, bias = spoilt._one_intruder.layers[-1]
+    spoilt._one_intruder.layers[-1] = kernel, bias + np.float32(np.nan)
     for call in (spoilt, spoilt.rowwise, lambda rows: spoilt.decide(rows[0].tolist())):
         with pytest.raises(ValueError, match="not finite"):
             call(random_observations()[:3])
@@ -308,12 +308,12 @@ def test_parity_vectors_are_checked(tmp_path):
 
 def test_other_features_are_noticed(monkeypatch):
     """A later release that computes a derived input differently must not fly an older policy."""
-    monkeypatch.setattr(inference, "features", lambda *a: [1.01 * f for f in original(*a)])
+    monkeypatch.setattr(eight_network, "features", lambda *a: [1.01 * f for f in original(*a)])
     with pytest.raises(PolicyFileError, match="the network in float64"):
         Policy(content())
 
 
-original = inference.features
+original = eight_network.features
 
 
 def test_single_path_is_checked_too(monkeypatch):

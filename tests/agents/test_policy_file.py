@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from safetensors.numpy import load, save
 
 from agents.policy import file as policy_file
+from agents.policy.digest import canonical, digest
 from agents.policy.features import size
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read, serialise, write
-from agents.policy.schema import OBSERVATION, canonical, digest, new_metadata
+from agents.policy.schema import OBSERVATION, new_metadata
 from envs.kinematics import SURROGATE
 
 KEY = "rlcas_policy"

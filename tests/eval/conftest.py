@@ -57,12 +57,12 @@ def hand_made() -> PolicyFile:
 
 def completed(actor: dict[str, np.ndarray], hidden: tuple[int, ...]) -> PolicyFile:
     """Return the policy file of an actor, its parity vectors computed here in float64."""
-    from agents.policy.inference import _forward, _layers
+    from agents.policy.eight_network import EightNetwork
 
     observations = np.random.default_rng(0).uniform(-1.0, 1.0, (16, 8)).astype(np.float32)
     metadata = new_metadata(hidden, "cpa", SURROGATE, {}, steps=0, score=None, versions={}, notes="made by hand")
     blank = PolicyFile(actor, observations, np.zeros((16, 2), np.float32), metadata)
-    actions = _forward(observations.astype(np.float64), _layers(blank, np.float64), "cpa").astype(np.float32)
+    actions = EightNetwork(blank, np.float64).many(observations.astype(np.float64)).astype(np.float32)
     return PolicyFile(actor, observations, actions, metadata)
 
 
