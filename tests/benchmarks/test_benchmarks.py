@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from agents.config.load import ConfigError, dump, load
+from agents.learning.networks import Derived
 from agents.policy import features
 from benchmarks import gemm, measure, training
 from benchmarks.learning import run as learning
@@ -199,9 +200,8 @@ def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: st
     @jax.jit
     def seen_by_networks(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
         seen = ours.observe(state, jax.random.key(0))
-        components = [seen[:, i] for i in range(8)]
-        hand = jnp.broadcast_to(features.mirror_sign(components, feature_set, jnp), (8,))
-        return jnp.stack(features.features(components, feature_set, jnp), axis=-1), hand
+        assert isinstance(seen, Derived)
+        return seen.inputs, seen.mirror_sign
 
     step, restart = jax.jit(ours.step), jax.jit(ours.restart)
     generator, statistics, action = np.random.default_rng(0), [], np.zeros((8, 2), np.float32)
@@ -286,7 +286,7 @@ def test_a_peer_that_diverges_says_so(peer: str, tmp_path: Path):
 def test_a_peer_learns_in_a_process_of_its_own(peer: str, tmp_path: Path):
     config = tmp_path / "run.yaml"
     config.write_text(dump(tiny("steps=640")))
-    learning._process(peer, config, 60.0, tmp_path / "run.jsonl")
+    learning._process(peer, config, 60.0, tmp_path / "run.jsonl", None)
     log = learning_run.read(tmp_path / "run.jsonl")
     assert log is not None
     assert log.ended == "steps"

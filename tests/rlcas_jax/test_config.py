@@ -221,7 +221,6 @@ CHANGED: dict[str, str] = {
     "aircraft.yaw_rate_max_deg_s": "5.0",
     "aircraft.separation_m": "900.0",
     "aircraft.goal_radius_m": "400.0",
-    "aircraft.traffic_speed_max_mps": "200.0",
     "aircraft.dt_s": "0.5",
     "world.separation_spread": "0.1",
     "world.reward_violation": "-50.0",
@@ -249,6 +248,7 @@ CHANGED: dict[str, str] = {
     "shaping.path_excess_cost": "0.1",
 }
 ELSEWHERE = {
+    "aircraft.traffic_speed_max_mps": "what scenarios are refused, and observations of eight numbers",
     "phases": "the configuration of each phase (test_metrics)",
     **dict.fromkeys(
         ("family.speed_min", "family.acceleration", "family.turn_radius", "family.traffic_speed"),
@@ -306,6 +306,7 @@ def test_the_program_does_not_change_by_itself(base: str) -> None:
 def test_a_key_changes_the_program(key: str, base: str) -> None:
     more = {
         "scenarios.0.intruders": "ppo.minibatch=16",
+        "scenarios.0.heading_change_deg": "scenarios.0.turn_rate_deg_s=2.0",
     }.get(key)
     if more is None:
         assert program(f"{key}={CHANGED[key]}") != base
