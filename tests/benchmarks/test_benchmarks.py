@@ -137,7 +137,7 @@ def test_peer_sees_the_inputs_of_our_networks_and_our_scaled_rewards(feature_set
 
 @needs_peers
 def test_peer_has_our_networks():
-    config = load(TrainConfig, None, ["ppo.epochs=4"])
+    config = load(TrainConfig, None, ["ppo.epochs=4", "network.feature_set=cpa"])
     model = sb3_task.algorithm(config, sb3_task.Cell(environments=4, steps=8, batch=16, epochs=4))
     kernels = sum(p.numel() for name, p in model.policy.named_parameters() if name.endswith("weight"))
     assert kernels == gemm.weights(training.networks(config))
