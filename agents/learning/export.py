@@ -4,7 +4,7 @@ import os
 from collections.abc import Mapping
 from functools import partial
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,10 +15,10 @@ from agents.policy import file as policy_file
 from agents.policy.file import PolicyFile, PolicyFileError
 from agents.policy.inference import Policy
 from agents.policy.scene import unpacked_rows
-from agents.policy.schema import new_metadata, new_set_metadata
+from agents.policy.schema import SetOf, new_metadata
 from agents.policy.set_features import set_inputs
 from agents.policy.versions import versions
-from envs.aircraft import Aircraft, Ratios
+from envs.aircraft import Ratios
 from envs.kinematics import Limits
 from envs.observation import SIZE
 
@@ -26,18 +26,6 @@ __all__ = ["SetOf", "parity_observations", "parity_scenes", "to_policy_file", "v
 
 _RANDOM_VECTORS = 64
 _SEED = 20
-
-
-class SetOf(NamedTuple):
-    """What a policy for any number of intruders needs besides."""
-
-    encoder: tuple[int, ...]
-    """Widths of the layers that each intruder passes."""
-    intruders: int
-    """Most of them in training."""
-    aircraft: Aircraft
-    family: Mapping[str, tuple[float, float]]
-    """Bounds of each of :class:`envs.aircraft.Ratios` in training."""
 
 
 def to_policy_file(  # noqa: PLR0913 - it describes a file
@@ -71,13 +59,10 @@ def to_policy_file(  # noqa: PLR0913 - it describes a file
     """
     made_with = versions("jax", "flax", "optax", "numpy", "safetensors")
     described: dict[str, Any] = {"steps": steps, "score": score, "versions": made_with, "notes": notes}
-    if of_set is None:
-        metadata = new_metadata(hidden, feature_set, limits, config, **described)
-        encoder, observations = (), parity_observations()
-    else:
-        encoder, most, aircraft, family = of_set
-        metadata = new_set_metadata(encoder, hidden, most, aircraft, family, config, **described)
-        observations = parity_scenes(most, family)
+    metadata = new_metadata(hidden, feature_set, limits, config, **described, of_set=of_set)
+    encoder, observations = (), parity_observations()
+    if of_set is not None:
+        encoder, observations = of_set.encoder, parity_scenes(of_set.intruders, of_set.family)
     actor = _tensors(actor_variables)
     for name, tensor in actor.items():
         if not np.isfinite(tensor).all():

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from agents.policy.features import MIRRORED, features, mirror_sign
+from agents.policy.features import features, mirror_sign
 from agents.policy.set_features import SetInputs
 
 __all__ = ["Actor", "Critic", "Derived", "Seen", "derived"]
@@ -85,10 +85,7 @@ class Actor(nn.Module):
         """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
         seen = _derived(observation, self.feature_set)
         mean = Trunk(self.hidden, 2, 0.01, self.encoder, name="trunk")(seen)
-        if isinstance(seen, SetInputs):
-            mean = mean * jnp.stack([jnp.ones_like(seen.sign), seen.sign], axis=-1)
-        elif self.feature_set in MIRRORED:
-            mean = mean * jnp.stack([jnp.ones_like(seen.mirror_sign), seen.mirror_sign], axis=-1)
+        mean = mean * jnp.stack([jnp.ones_like(seen.mirror_sign), seen.mirror_sign], axis=-1)
         log_std = self.param("log_std", nn.initializers.constant(self.log_std_initial), (2,))
         return mean, log_std
 

@@ -20,7 +20,7 @@ from agents.learning.networks import Actor
 from agents.policy.digest import canonical
 from agents.policy.file import PolicyFile, read
 from agents.policy.inference import TOLERANCE
-from agents.policy.scene import OWN_NUMBERS, unpacked
+from agents.policy.scene import OWN_NUMBERS, parts, unpacked
 from agents.policy.set_features import set_inputs
 from agents.policy.versions import versions
 from envs.edge.command import InputError, Parser
@@ -82,8 +82,8 @@ def inputs_of(content: PolicyFile) -> dict[str, np.ndarray]:
     rows = content.parity_observation
     if not content.of_set:
         return {"observation": rows}
-    each = rows[:, OWN_NUMBERS:].reshape(len(rows), -1, 5)
-    return {"own": rows[:, :OWN_NUMBERS], "traffic": each[..., :4], "present": each[..., 4]}
+    own, each = parts(rows)
+    return {"own": own, "traffic": each[..., :4], "present": each[..., 4]}
 
 
 def export(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> float:

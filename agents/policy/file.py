@@ -63,7 +63,7 @@ class PolicyFile:
     """Float32 tensors by name without ``actor/``: ``hidden_0/kernel`` [in, out], ``hidden_0/bias`` [out], ...,
     ``head/kernel``, ``head/bias``, and ``log_std`` [2] (exploration noise of training; flying ignores it)."""
     parity_observation: np.ndarray
-    """Observations, float32 ``[P, 8]``, or rows of scenes (:func:`agents.policy.scene.unpacked`), and"""
+    """Observations, float32 ``[P, 8]``, or rows of scenes (:func:`agents.policy.scene.unpacked_rows`), and"""
     parity_action: np.ndarray
     """the actions ``[P, 2]`` that the training framework computes for them."""
     metadata: Mapping[str, Any]

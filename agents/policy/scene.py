@@ -20,6 +20,7 @@ __all__ = [
     "Scene",
     "mirrored",
     "mirrored_one",
+    "parts",
     "scene",
     "scene_of_one",
     "unpacked",
@@ -151,9 +152,14 @@ def unpacked(own: Any, traffic: Any) -> Scene:
     return Scene(speed, goal_x, goal_y, x, y, vx, vy, present > 0.5, limits)
 
 
+def parts(rows: Any) -> tuple[Any, Any]:
+    """Return what :func:`unpacked` takes of parity vectors ``[..., 7 + 5 K]``."""
+    return rows[..., :OWN_NUMBERS], rows[..., OWN_NUMBERS:].reshape(*rows.shape[:-1], -1, 5)
+
+
 def unpacked_rows(rows: Any) -> Scene:
     """Return the scenes of parity vectors ``[..., 7 + 5 K]``."""
-    return unpacked(rows[..., :OWN_NUMBERS], rows[..., OWN_NUMBERS:].reshape(*rows.shape[:-1], -1, 5))
+    return unpacked(*parts(rows))
 
 
 def mirrored(seen: Scene, xp: Any) -> tuple[Scene, Any]:

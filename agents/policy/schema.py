@@ -7,7 +7,7 @@ another meaning of the eight numbers is refused instead of flown.
 import json
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,10 +29,10 @@ __all__ = [
     "SCHEMA",
     "SET_SCHEMA",
     "PolicyFileError",
+    "SetOf",
     "check_metadata",
     "check_values",
     "new_metadata",
-    "new_set_metadata",
     "tensor_shapes",
 ]
 
@@ -96,49 +96,19 @@ _SET_FIELDS: dict[str, Any] = _COMMON | {
 }
 
 
-def new_set_metadata(  # noqa: PLR0913 - it describes a file
-    encoder: tuple[int, ...],
-    hidden: tuple[int, ...],
-    intruders: int,
-    aircraft: Aircraft,
-    family: Mapping[str, tuple[float, float]],
-    config: Mapping[str, Any],
-    *,
-    steps: int,
-    score: float | None,
-    versions: Mapping[str, str],
-    notes: str = "",
-) -> dict[str, Any]:
-    """Return the metadata of a policy for any number of intruders.
+class SetOf(NamedTuple):
+    """What a policy for any number of intruders needs besides."""
 
-    Args:
-        encoder, hidden: widths of the layers of either kind.
-        intruders: most of them that it was trained with.
-        aircraft: that it was trained for first, SI.
-        family: lowest and highest of each of :class:`envs.aircraft.Ratios` that it was trained for.
-        config, steps, score, versions, notes: as for :func:`new_metadata`.
-
-    Raises:
-        PolicyFileError: something of it is of a type, or a value, that a policy file cannot hold.
-    """
-    own = {
-        "schema": dict(SET_SCHEMA),
-        "scene": SCENE,
-        "limits": {name: float(value) for name, value in aircraft.limits._asdict().items()},
-        "task": {name: float(getattr(aircraft, name)) for name in _OF_AIRCRAFT},
-        "family": {name: [float(bound) for bound in family[name]] for name in Ratios._fields},
-        "architecture": {
-            "hidden": [int(width) for width in hidden],
-            "encoder": [int(width) for width in encoder],
-            "intruders": int(intruders),
-            "activation": "tanh",
-            "output": "clip",
-        },
-    }
-    return _written(own, config, steps, score, versions, notes)
+    encoder: tuple[int, ...]
+    """Widths of the layers that each intruder passes."""
+    intruders: int
+    """Most of them in training."""
+    aircraft: Aircraft
+    family: Mapping[str, tuple[float, float]]
+    """Bounds of each of :class:`envs.aircraft.Ratios` in training."""
 
 
-def new_metadata(
+def new_metadata(  # noqa: PLR0913 - it describes a file
     hidden: tuple[int, ...],
     feature_set: str,
     limits: Limits,
@@ -148,49 +118,42 @@ def new_metadata(
     score: float | None,
     versions: Mapping[str, str],
     notes: str = "",
+    of_set: SetOf | None = None,
 ) -> dict[str, Any]:
     """Return the metadata of a policy under the present contracts.
 
     Args:
         hidden: widths of the hidden layers.
-        feature_set: one of :data:`agents.policy.features.FEATURE_SETS`.
+        feature_set: ``set``, or one of :data:`agents.policy.features.FEATURE_SETS`.
         limits: of the vehicle that the policy was trained for; floats, SI.
         config: the resolved training configuration, of JSON types.
         steps: environment steps of training.
         score: mean sparse reward per encounter, None if it was not evaluated.
         versions: of the software that made the policy.
         notes: free text.
+        of_set: for the feature set ``set``.
 
     Raises:
         PolicyFileError: something of it is of a type, or a value, that a policy file cannot hold.
     """
-    own = {
-        "schema": dict(SCHEMA),
-        "observation": OBSERVATION,
-        "limits": {name: float(value) for name, value in limits._asdict().items()},
-        "architecture": {
-            "hidden": [int(width) for width in hidden],
-            "activation": "tanh",
-            "feature_set": feature_set,
-            "output": "clip",
-        },
-    }
-    return _written(own, config, steps, score, versions, notes)
-
-
-def _written(
-    own: dict[str, Any],
-    config: Mapping[str, Any],
-    steps: int,
-    score: float | None,
-    versions: Mapping[str, str],
-    notes: str,
-) -> dict[str, Any]:
-    """Return a document with what every policy says, checked."""
+    architecture: dict[str, Any] = {"hidden": [int(width) for width in hidden], "activation": "tanh", "output": "clip"}
+    if of_set is None:
+        own = {"schema": dict(SCHEMA), "observation": OBSERVATION}
+        architecture["feature_set"] = feature_set
+    else:
+        own = {
+            "schema": dict(SET_SCHEMA),
+            "scene": SCENE,
+            "task": {name: float(getattr(of_set.aircraft, name)) for name in _OF_AIRCRAFT},
+            "family": {name: [float(bound) for bound in of_set.family[name]] for name in Ratios._fields},
+        }
+        architecture |= {"encoder": [int(width) for width in of_set.encoder], "intruders": int(of_set.intruders)}
     try:
         config = json.loads(canonical(config))
         document = own | {
             "action": ACTION,
+            "limits": {name: float(value) for name, value in limits._asdict().items()},
+            "architecture": architecture,
             "training": {
                 "config": config,
                 "config_sha256": sha256(canonical(config)),

@@ -34,7 +34,7 @@ class SetInputs(NamedTuple):
     """``[..., K, 16]``; of absent intruders anything finite."""
     present: Any
     """bool ``[..., K]``."""
-    sign: Any
+    mirror_sign: Any
     """Factor of the network's yaw rate, -1 where the scene is seen mirrored, ``[...]``."""
 
 
