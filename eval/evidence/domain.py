@@ -1,0 +1,87 @@
+"""Cells of the operating domain (course difference, speed ratio, intruders): trials, failures and a lower bound."""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from envs.edge.files import written
+from eval.evidence.listed import Evidence
+from eval.stats.intervals import share
+
+__all__ = ["PICTURE", "cells", "draw", "rows_of_cells"]
+
+_COURSES = (0.0, 45.0, 90.0, 135.0, 180.0)
+_RATIOS = (0.4, 0.7, 0.9, 1.1, 1.5, 2.6)
+_GEOMETRIES = [f"{low:g} to {high:g} deg" for low, high in pairwise(_COURSES)]
+_SPEEDS = [f"{low:g} to {high:g}" for low, high in pairwise(_RATIOS)]
+_ENOUGH = 100
+"""Trials of a cell: even without a failure fewer show no more than 97 %."""
+PICTURE = "docs/assets/figures/domain.png"
+
+
+def cells(folder: Path) -> dict[str, Any]:
+    """Return success of each cell, of the encounters not proven unresolvable, from the folder of a finished run.
+
+    The geometry is that of the most critical intruder at the start. The lower end is the one-sided 95 % bound.
+    """
+    from eval.runner.outputs import read_table
+
+    table = read_table(folder / "encounters.parquet", "the table of a run")
+    course, own, other = (
+        table[name].to_numpy() for name in ("relative_heading_deg", "own_speed_m_s", "intruder_speed_m_s")
+    )
+    outcome, verdict = (table[name].to_numpy(zero_copy_only=False) for name in ("outcome", "verdict"))
+    row = np.clip(np.searchsorted(_COURSES, np.abs(course), "right") - 1, 0, len(_GEOMETRIES) - 1)
+    column = np.clip(np.searchsorted(_RATIOS, other / own, "right") - 1, 0, len(_SPEEDS) - 1)
+    tried = verdict != "unresolvable"
+    found = {}
+    for i, geometry in enumerate(_GEOMETRIES):
+        for j, speed in enumerate(_SPEEDS):
+            inside = tried & (row == i) & (column == j)
+            reached = np.count_nonzero(inside & (outcome == "reached"))
+            found[f"cells/{geometry}/{speed}"] = share(reached, np.count_nonzero(inside), 0.9)
+    return found
+
+
+def rows_of_cells(listed: Evidence, results: Mapping[str, Any], names: Sequence[str]) -> list[list[str]]:
+    """Return a table with a row for each geometry of each result, and its head."""
+    rows = [["", "courses differ by", *(f"speed ratio {speed}" for speed in _SPEEDS)]]
+    for name in names:
+        for geometry in _GEOMETRIES:
+            found = [results[name]["figures"][f"cells/{geometry}/{speed}"] for speed in _SPEEDS]
+            rows.append([listed.results[name].title, geometry, *map(_said, found)])
+    return rows
+
+
+def _said(cell: Mapping[str, Any]) -> str:
+    lost = f"{cell['total'] - cell['count']} of {cell['total']}"
+    return f"{lost}; >= {100.0 * cell['low']:.1f} %" if cell["total"] >= _ENOUGH else f"{lost}; too few"
+
+
+def draw(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Path]:
+    """Draw the lower bounds, a panel for each result with cells; return the file, nothing without such results."""
+    names = [name for name, entry in listed.results.items() if entry.cells and name in results]
+    if not names:
+        return []
+    from matplotlib.figure import Figure
+
+    figure = Figure((4.6 * len(names), 3.4), layout="constrained")
+    panels = figure.subplots(1, len(names), squeeze=False)[0]
+    for axes, name in zip(panels, names, strict=True):
+        found = [[results[name]["figures"][f"cells/{row}/{one}"] for one in _SPEEDS] for row in _GEOMETRIES]
+        bound = np.array([[one["low"] if one["total"] >= _ENOUGH else np.nan for one in row] for row in found])
+        axes.imshow(100.0 * bound, vmin=80.0, vmax=100.0, cmap="cividis", aspect="auto")
+        for (i, j), low in np.ndenumerate(bound):
+            text = f"{100.0 * low:.1f}" if np.isfinite(low) else f"too few\n({found[i][j]['total']})"
+            axes.text(j, i, text, ha="center", va="center", fontsize=8, color="white" if low < 0.92 else "black")
+        axes.set_xticks(range(len(_SPEEDS)), _SPEEDS, fontsize=8)
+        axes.set_yticks(range(len(_GEOMETRIES)), _GEOMETRIES, fontsize=8)
+        axes.set(xlabel="intruder's speed / own speed", title=listed.results[name].title)
+    panels[0].set_ylabel("courses differ by")
+    figure.colorbar(panels[0].images[0], ax=panels, label="success, lower 95 % bound, %")
+    with written(root / PICTURE) as path:
+        figure.savefig(path, format="png", dpi=110)
+    return [root / PICTURE]

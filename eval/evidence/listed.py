@@ -1,0 +1,107 @@
+"""The list of evaluations (configs/evidence.yaml), and their results as they are stored and published."""
+
+import json
+from collections.abc import Mapping
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field
+
+from agents.config.load import ConfigError, Strict
+
+__all__ = ["Entry", "Evidence", "Reading", "Table", "found_in", "read_results", "written_results"]
+
+
+class Entry(Strict):
+    """An evaluation: the first cell of its row, module and options of a command, encounters in full size, a claim.
+
+    In the command ``{n}`` stands for the number of encounters and ``$RLCAS_DATA`` for the folder of public data. The
+    claim is a figure, ``>=`` or ``<=``, and a number. With ``cells`` its table is cut into cells of the domain.
+    """
+
+    title: str
+    command: str
+    n: int
+    claim: tuple[str, Literal[">=", "<="], float] | None = None
+    cells: bool = False
+
+
+class Reading(Strict):
+    """Where a command says its figures: in a JSON file of its folder ``--out``, or in the last line that it prints.
+
+    Kept are ``keys``: paths with ``/`` between their parts, ``*`` for any. A command that flies in ``chunks`` takes
+    ``--resume`` and ``--scheduler``.
+    """
+
+    file: str | None = None
+    keys: tuple[str, ...]
+    chunks: bool = False
+
+
+class Table(Strict):
+    """A table: the results of its rows (none: all), and cells with figures in braces (none: cells of the domain)."""
+
+    rows: tuple[str, ...] = ()
+    columns: dict[str, str] = Field(default_factory=dict)
+
+
+class Evidence(Strict):
+    """What is evaluated, in the order of importance; readings by module, results and tables by name."""
+
+    readings: dict[str, Reading]
+    results: dict[str, Entry]
+    tables: dict[str, Table]
+
+    def chosen(self, names: list[str]) -> list[str]:
+        """Return the names of results in the list's order, where names may be those of tables; of none, all.
+
+        Raises:
+            ConfigError: there is no result or table of a name.
+        """
+        wanted: set[str] = set()
+        for name in names:
+            if name not in self.results and name not in self.tables:
+                known = ", ".join([*self.tables, *self.results])
+                raise ConfigError(f"--only: {name!r} is no table and no result; expected some of {known}")
+            wanted |= {name} if name in self.results else set(self.rows(name))
+        return [name for name in self.results if name in wanted or not names]
+
+    def rows(self, table: str) -> tuple[str, ...]:
+        """Return the names of the results of a table."""
+        return self.tables[table].rows or tuple(self.results)
+
+
+def found_in(said: Mapping[str, Any], keys: tuple[str, ...], prefix: str = "") -> dict[str, Any]:
+    """Return the figures that match one of the keys, by path; a rate with its interval is one figure.
+
+    Objects of a list that have names are found by these.
+    """
+    found: dict[str, Any] = {}
+    for key, value in said.items():
+        path, listed = f"{prefix}{key}", isinstance(value, list) and value and isinstance(value[0], dict)
+        group = {str(one.get("name")): one for one in value} if listed else value
+        if isinstance(group, dict) and "value" not in group:
+            found |= found_in(group, keys, f"{path}/")
+        elif any(fnmatchcase(path, one) for one in keys):
+            found[path] = {k: v for k, v in group.items() if k != "repetitions"} if isinstance(group, dict) else group
+    return found
+
+
+def read_results(path: Path) -> dict[str, Any]:
+    """Return results by name; none where there is no file.
+
+    Raises:
+        ConfigError: the file holds something else.
+    """
+    try:
+        found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        return {name: one | {"n": int(one["n"])} for name, one in found.items() if one["policy"] and one["command"]}
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        raise ConfigError(f"{path}: is not a file of results; expected what python -m eval.evidence wrote") from None
+
+
+def written_results(results: Mapping[str, Any]) -> str:
+    """Return the text of a file of results: a line for each."""
+    lines = (f"{json.dumps(name)}: {json.dumps(one, allow_nan=False)}" for name, one in results.items())
+    return "{\n" + ",\n".join(lines) + "\n}\n"

@@ -1,0 +1,168 @@
+"""All published figures by one command: ``python -m eval.evidence``, then ``python -m eval.evidence --tables``."""
+
+import argparse
+import json
+import os
+import platform
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from agents.config.load import Parser, load
+from envs.edge.files import write_file
+from eval.evidence.listed import Entry, Evidence, Reading, found_in, read_results, written_results
+from eval.runner.options import real
+
+__all__ = ["ROOT", "main", "published"]
+
+ROOT = Path(__file__).resolve().parents[2]
+"""The checkout: list, results and pages are its."""
+
+_LEAST = 20  # encounters of a size
+_DESCRIPTION = """\
+Run the evaluations of configs/evidence.yaml for the policy that ships, the most important first. Written to --out:
+NAME.json of each result, and the folders of the commands. A result that is there already, of this policy and command
+and at least as large, is not run again; Ctrl-C keeps what is finished. More: docs/reference/evidence.md."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run or publish what the command line asks for and return the exit status.
+
+    Raises:
+        ConfigError: bad input.
+    """
+    options = _parser().parse_args(arguments)
+    listed = load(Evidence, options.list)
+    names = listed.chosen(options.only)
+    from agents.policy.inference import Policy
+
+    policy = Policy.load().sha256
+    if options.tables:
+        from eval.evidence.tables import publish
+
+        store = ROOT / "docs/reference/evidence.json"
+        results = published(listed, policy, read_results(store), options.out)
+        write_file(store, written_results(results))
+        print("\n".join(f"written: {path.relative_to(ROOT)}" for path in publish(ROOT, listed, results)))
+        return 0
+    options.out.mkdir(parents=True, exist_ok=True)
+    failed = 0
+    for name in names:
+        try:
+            said = _result(name, listed, policy, options)
+        except KeyboardInterrupt:
+            print(f"interrupted in {name}; what is finished is kept: run the same command again", file=sys.stderr)
+            return 130
+        print(f"{name}: {said or 'FAILED'}", flush=True)
+        failed += not said
+    return 1 if failed else 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m eval.evidence", description=_DESCRIPTION)
+    add = parser.add_argument
+    add("--only", nargs="+", default=[], metavar="NAME", help="results, or tables, whose rows they are (default: all)")
+    size = parser.add_mutually_exclusive_group()
+    size.add_argument("--quick", action="store_const", const=0.01, dest="scale", help="the same as --scale 0.01")
+    size.add_argument("--scale", type=real(1e-4, 100.0), metavar="S", help="times the listed encounters (default: 1)")
+    add("--tables", action="store_true", help="run nothing: write the tables of README and docs from --out")
+    add("--scheduler", metavar="ADDRESS", help="of a Dask cluster, for the commands that take one")
+    add("--list", type=Path, default=ROOT / "configs/evidence.yaml", metavar="FILE", help="what is evaluated")
+    add("--out", type=Path, default=ROOT / "runs/evidence", metavar="DIR", help="folder (default: runs/evidence)")
+    parser.set_defaults(scale=1.0)
+    return parser
+
+
+def published(listed: Evidence, policy: str, before: Mapping[str, Any], out: Path) -> dict[str, Any]:
+    """Return the results of this policy and the listed commands, the larger one of before and of a folder."""
+    found: dict[str, Any] = {}
+    for name, entry in listed.results.items():
+        for one in (before.get(name), read_results(out / f"{name}.json").get(name)):
+            if _size(one, entry, policy) >= max(_size(found.get(name), entry, policy), 1):
+                found[name] = one
+    return found
+
+
+def _size(result: Any, entry: Entry, policy: str) -> int:
+    """Return the size of a result; 0 of none, and of one of another policy or command."""
+    if result is None or (result["policy"], result["command"]) != (policy, entry.command.format(n=result["n"])):
+        return 0
+    return result["n"]
+
+
+def _result(name: str, listed: Evidence, policy: str, options: argparse.Namespace) -> str:
+    """Make a result where it is wanted, and return what was done; nothing where its command failed."""
+    entry, path = listed.results[name], options.out / f"{name}.json"
+    n = max(round(entry.n * options.scale), min(entry.n, _LEAST)) if "{n}" in entry.command else entry.n
+    if _size(read_results(path).get(name), entry, policy) >= n:
+        return "there already"
+    if "$RLCAS_DATA" in entry.command and not os.environ.get("RLCAS_DATA"):
+        return "skipped: RLCAS_DATA names no folder of public data"
+    reading = listed.readings[entry.command.split()[0]]
+    command = entry.command.format(n=n)
+    folder = options.out / f"{name}-{sha256(f'{policy} {command}'.encode()).hexdigest()[:8]}"
+    begun = time.perf_counter()
+    said = _said(command, reading, folder, options.scheduler)
+    if said is None:
+        return ""
+    figures = found_in(said, reading.keys)
+    if entry.cells:
+        from eval.evidence.domain import cells
+
+        figures |= cells(folder)
+    seconds = round(time.perf_counter() - begun, 1)
+    made = {"policy": policy, "commit": _commit(), "machine": _machine(), "command": command, "n": n}
+    write_file(path, written_results({name: made | {"seconds": seconds, "figures": figures}}))
+    return f"{seconds:g} s"
+
+
+def _said(command: str, reading: Reading, folder: Path, scheduler: str | None) -> dict[str, Any] | None:
+    """Run a command and return what it says in JSON; None where it fails."""
+    words = [sys.executable, "-m", *shlex.split(os.path.expandvars(command))]
+    if reading.file is not None:
+        words += ["--out", str(folder.absolute())]
+        if reading.chunks and (folder / "config.yaml").exists():
+            words += ["--resume"]
+        elif folder.exists():
+            shutil.rmtree(folder)  # what was begun there cannot be gone on with
+        words += ["--scheduler", scheduler] if reading.chunks and scheduler else []
+    print(f"$ python {shlex.join(words[1:])}", flush=True)
+    output = None if reading.file is not None else subprocess.PIPE
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # In a session of its own, so that an interrupt reaches it once, from here.
+    with subprocess.Popen(words, cwd=ROOT, stdout=output, text=True, start_new_session=True) as child:
+        try:
+            printed, _ = child.communicate()
+        except KeyboardInterrupt:
+            child.send_signal(signal.SIGINT)
+            child.wait()
+            raise
+        finally:
+            signal.signal(signal.SIGTERM, before)
+    try:  # status 1 may say that what is found is bad, which must be seen
+        text = (folder / reading.file).read_text() if reading.file else printed.splitlines()[-1]
+        return json.loads(text) if child.returncode in (0, 1) else None
+    except (OSError, ValueError, IndexError):
+        return None
+
+
+def _commit() -> str | None:
+    asked = ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    try:
+        return subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return None  # no checkout of git
+
+
+def _machine() -> str:
+    info = Path("/proc/cpuinfo")
+    found = re.search(r"model name\s*: (.*)", info.read_text(encoding="utf-8") if info.exists() else "")
+    return f"{found[1] if found else platform.machine()}, {os.cpu_count()} cores"

@@ -1,0 +1,121 @@
+"""The published tables: generated from results, between markers in README and docs."""
+
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from agents.config.load import ConfigError
+from envs.edge.files import write_file
+from eval.evidence.domain import PICTURE, draw, rows_of_cells
+from eval.evidence.listed import Entry, Evidence
+
+__all__ = ["generated", "pages", "publish"]
+
+_BLOCK = re.compile(r"(<!-- evidence: (\S+) -->\n).*?(<!-- /evidence -->)", re.DOTALL)
+_FIGURE = re.compile(r"\{([^{}:]+)(?::([^{}]*))?\}")
+_FINE = 20_000  # encounters from which on a rate has a third decimal
+
+
+def pages(root: Path) -> list[Path]:
+    """Return the pages that may have tables."""
+    return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
+
+
+def publish(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Path]:
+    """Write every table between markers anew, and the picture of the domain; return the files that are new."""
+    changed = draw(root, listed, results)
+    for page in pages(root):
+        text = page.read_text(encoding="utf-8")
+        new = generated(root, page, text, listed, results)
+        if new != text:
+            write_file(page, new)
+            changed.append(page)
+    return changed
+
+
+def generated(root: Path, page: Path, text: str, listed: Evidence, results: Mapping[str, Any]) -> str:
+    """Return the text of a page with its tables as the results have them.
+
+    Raises:
+        ConfigError: a marker names a table that is not listed.
+    """
+
+    def block(found: re.Match[str]) -> str:
+        name = found[2]
+        if name not in listed.tables:
+            raise ConfigError(f"{page}: a marker names the table {name!r}; expected one of {', '.join(listed.tables)}")
+        return f"{found[1]}{_table(name, listed, results, page.relative_to(root))}\n{found[3]}"
+
+    return _BLOCK.sub(block, text)
+
+
+def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) -> str:
+    """Return a table, what of it is not measured, and whose figures these are."""
+    table, place = listed.tables[name], page.parent
+    names = [one for one in listed.rows(name) if one in results]
+    rows = [["", *table.columns], *(_row(listed.results[one], results[one], table.columns) for one in names)]
+    if not table.columns:
+        rows = rows_of_cells(listed, results, names)
+    lines = [f"| {' | '.join(row)} |" for row in rows]
+    lines.insert(1, "|---" * len(rows[0]) + "|")
+    policy = f"Policy `{results[names[0]]['policy'][:8]}`, 95 % intervals; " if names else ""
+    lines += ["", f"{policy}[commands]({os.path.relpath('docs/reference/evidence.md', place)})."]
+    missing = [listed.results[one].title for one in listed.rows(name) if one not in results]
+    lines[-1] += f" Not measured: {'; '.join(missing)}." if missing else ""
+    if names and not table.columns:
+        lines += ["", f"![Lower bounds of success in the cells of the domain]({os.path.relpath(PICTURE, place)})"]
+    return "\n".join(lines)
+
+
+def _row(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) -> list[str]:
+    """Return the cells of a result."""
+    figures = {**result, **result["figures"], "command": f"`{result['command']}`"}
+    if entry.claim is not None:
+        key, sign, bound = entry.claim
+        value = _found(figures, key)
+        rate: dict[str, Any] = value if isinstance(value, dict) else dict.fromkeys(("value", "low", "high"), value)
+        likely, best = rate["value"], rate["high" if sign == ">=" else "low"]
+        kept = [one >= bound if sign == ">=" else one <= bound for one in (likely, best)]
+        figures["kept"] = "yes" if kept[0] else "open" if kept[1] else "no"
+        figures["claim"] = f"{sign} " + (f"{_percent(bound, 0)} %" if rate is value else f"{bound:g}")
+        figures["found"] = value
+    return [entry.title, *(_cell(cell, figures) for cell in columns.values())]
+
+
+def _cell(cell: str, figures: Mapping[str, Any]) -> str:
+    """Return a cell with its figures; a dash where one of them is not known."""
+    values = [_shown(_found(figures, key), form) for key, form in _FIGURE.findall(cell)]
+    return _FIGURE.sub(lambda _: values.pop(0), cell) if all(values) else "-"
+
+
+def _found(figures: Mapping[str, Any], key: str) -> Any:
+    """Return a figure by its path, or a part of one."""
+    whole, _, part = key.rpartition("/")
+    if key in figures:
+        return figures[key]
+    return figures[whole].get(part) if isinstance(figures.get(whole), dict) else None
+
+
+def _shown(value: Any, form: str) -> str:
+    """Return a figure in words; nothing where it is not known."""
+    if value is None or (isinstance(value, dict) and value["value"] is None):
+        return ""
+    if isinstance(value, dict):
+        many, known = value.get("total", 0), [value[key] for key in ("value", "low", "high") if value[key] is not None]
+        texts = [format(one, form).replace("%", "") if form else _percent(one, many) for one in known]
+        sign = " %" if not form or form.endswith("%") else ""
+        worst = f"; worst {_percent(value['worst']['value'], many)} %" if value.get("worst") else ""
+        return f"{texts[0]}{sign}{f' [{texts[1]}, {texts[2]}]' if texts[2:] else ''}{worst}"
+    if isinstance(value, str):
+        return value
+    if form:
+        return format(value, form).replace("%", " %")
+    return f"{value:,}".replace(",", " ") if isinstance(value, int) else f"{value:.3g}"
+
+
+def _percent(value: float, total: int) -> str:
+    """Return a rate in percent with as many digits as it is worth."""
+    digits = 3 if total >= _FINE else 2
+    return f"{100.0 * value:.{digits}f}".replace(f"100.{'0' * digits}", "100")

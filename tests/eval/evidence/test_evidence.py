@@ -1,0 +1,166 @@
+"""The list of evaluations, its results, and the tables that are generated from them."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from agents.config.load import ConfigError, load
+from agents.policy.inference import Policy
+from eval.evidence.domain import cells, rows_of_cells
+from eval.evidence.listed import Evidence, found_in, read_results
+from eval.evidence.run import ROOT, main, published
+from eval.evidence.tables import generated, pages
+
+LISTED = load(Evidence, ROOT / "configs/evidence.yaml")
+STORE = ROOT / "docs/reference/evidence.json"
+RATE = re.compile(r"^\|.*\d % \[\d", re.MULTILINE)
+BLOCK = re.compile(r"<!-- evidence: \S+ -->.*?<!-- /evidence -->", re.DOTALL)
+LIST = """\
+readings: {eval.monte_carlo: {file: summary.json, chunks: true, keys: ["success*", "path*"]}}
+results:
+  one: {title: one, command: "eval.monte_carlo --workers 1 --set figures=false --encounters {n}", n: 24}
+  two: {title: two, command: "eval.monte_carlo --workers 1 --set figures=false --seed 1 --encounters {n}", n: 100_000}
+tables: {first: {rows: [one], columns: {resolved: "{success_given_resolvable}"}}}
+"""
+
+
+def test_published_tables_are_those_of_the_results() -> None:
+    results = read_results(STORE)
+    for page in pages(ROOT):
+        text = page.read_text(encoding="utf-8")
+        assert text == generated(ROOT, page, text, LISTED, results), f"{page}: python -m eval.evidence --tables"
+
+
+def test_published_results_are_of_the_policy_that_ships(tmp_path: Path) -> None:
+    results = read_results(STORE)
+    assert results
+    assert results == published(LISTED, Policy.load().sha256, results, tmp_path)
+    assert STORE.stat().st_size < 100_000
+
+
+def test_no_table_of_rates_stands_outside_markers() -> None:
+    for page in pages(ROOT):
+        assert not RATE.findall(BLOCK.sub("", page.read_text(encoding="utf-8"))), page
+    assert RATE.search("a\n| policy | 99.5 % [98.8, 99.8] |\n")
+
+
+def test_every_table_is_published() -> None:
+    everything = "".join(page.read_text(encoding="utf-8") for page in pages(ROOT))
+    assert set(re.findall(r"<!-- evidence: (\S+) -->\n", everything)) == set(LISTED.tables)
+    for name in LISTED.tables:
+        assert set(LISTED.rows(name)) <= set(LISTED.results), name
+
+
+def result(command: str, n: int = 24, policy: str = "a" * 64, **figures: Any) -> dict[str, Any]:
+    made = {"policy": policy, "commit": "c", "machine": "m", "seconds": 1.0}
+    return made | {"command": command.format(n=n), "n": n, "figures": figures}
+
+
+def listed(folder: Path) -> Evidence:
+    (folder / "list.yaml").write_text(LIST, encoding="utf-8")
+    return load(Evidence, folder / "list.yaml")
+
+
+def test_results_of_another_policy_or_command_are_dropped(tmp_path: Path) -> None:
+    some = listed(tmp_path)
+    command = some.results["one"].command
+    good = result(command)
+    assert published(some, "a" * 64, {"one": good}, tmp_path) == {"one": good}
+    for stale in (result(command, policy="b" * 64), result(command + " --seed 2"), None):
+        assert not published(some, "a" * 64, {"one": stale} if stale else {}, tmp_path)
+    larger = result(command, 48)
+    (tmp_path / "one.json").write_text(json.dumps({"one": larger}), encoding="utf-8")
+    assert published(some, "a" * 64, {"one": good}, tmp_path) == {"one": larger}
+    assert (
+        published(some, "a" * 64, {"one": larger | {"n": 96, "command": command.format(n=96)}}, tmp_path)["one"]["n"]
+        == 96
+    )
+
+
+def test_a_table_says_rate_interval_and_what_is_missing(tmp_path: Path) -> None:
+    some = listed(tmp_path)
+    rate = {"value": 0.995, "low": 0.9876, "high": 1.0, "count": 199, "total": 200}
+    text = "a\n<!-- evidence: first -->\nold\n<!-- /evidence -->\nb\n"
+    made = generated(tmp_path, tmp_path / "README.md", text, some, {"one": result("", success_given_resolvable=rate)})
+    assert "| one | 99.50 % [98.76, 100] |" in made and "`aaaaaaaa`" in made and "old" not in made
+    assert generated(tmp_path, tmp_path / "README.md", made, some, {}).count("Not measured: one.") == 1
+    with pytest.raises(ConfigError, match="'second'"):
+        generated(tmp_path, tmp_path / "README.md", text.replace("first", "second"), some, {})
+
+
+def test_figures_are_found_by_path_and_name() -> None:
+    said = {
+        "a": {"value": 1.0, "low": 0.0},
+        "b": [{"name": "x", "c": {"d": 2}}, {"name": "y", "c": {"d": 3}}],
+        "e": [4],
+    }
+    assert found_in(said, ("a", "b/*/d")) == {"a": {"value": 1.0, "low": 0.0}, "b/x/c/d": 2, "b/y/c/d": 3}
+
+
+def test_cells_count_trials_and_failures(tmp_path: Path) -> None:
+    rows = 120
+    table = {
+        "relative_heading_deg": np.full(rows, -170.0),
+        "own_speed_m_s": np.full(rows, 50.0),
+        "intruder_speed_m_s": np.full(rows, 50.0),
+        "outcome": ["reached"] * 100 + ["violation"] * 20,
+        "verdict": ["resolvable"] * 105 + ["unresolvable"] * 15,
+    }
+    pq.write_table(pa.table(table), tmp_path / "encounters.parquet")
+    found = cells(tmp_path)
+    cell = found["cells/135 to 180 deg/0.9 to 1.1"]
+    assert (cell["count"], cell["total"]) == (100, 105)
+    assert sum(one["total"] for one in found.values()) == 105
+    # One-sided: the share at which 100 or more of 105 succeed with a chance of 5 %.
+    from scipy.stats import binom
+
+    assert binom.sf(99, 105, cell["low"]) == pytest.approx(0.05, rel=1e-6)
+    shown = rows_of_cells(LISTED, {"domain_1": {"figures": found}}, ["domain_1"])
+    assert shown[4][4].startswith("5 of 105; >= ") and shown[1][2] == "0 of 0; too few"
+
+
+def test_a_finished_result_is_not_made_again(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    listed(tmp_path)
+    asked = ["--list", str(tmp_path / "list.yaml"), "--out", str(tmp_path / "out"), "--only", "first"]
+    assert main(asked) == 0
+    made = read_results(tmp_path / "out/one.json")["one"]
+    folder = next((tmp_path / "out").glob("one-*"))
+    summary = json.loads((folder / "summary.json").read_text())
+    assert made["figures"]["success_given_resolvable"] == summary["success_given_resolvable"]
+    assert made["policy"] == Policy.load().sha256 == summary["policy_sha256"]
+    capfd.readouterr()
+    assert main(asked) == 0
+    assert "one: there already" in capfd.readouterr().out
+
+
+def test_an_unknown_name_is_refused(tmp_path: Path) -> None:
+    listed(tmp_path)
+    with pytest.raises(ConfigError, match="'three'"):
+        main(["--list", str(tmp_path / "list.yaml"), "--out", str(tmp_path / "out"), "--only", "three"])
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_an_interrupt_keeps_what_is_finished_and_goes_on(tmp_path: Path) -> None:
+    listed(tmp_path)
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "eval.evidence", "--list", str(tmp_path / "list.yaml"), "--out", str(out)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as child:
+        end = time.monotonic() + 300.0
+        while not list(out.glob("two-*/parts/*.parquet")) and time.monotonic() < end:
+            time.sleep(0.2)
+        child.send_signal(signal.SIGINT)
+        _, said = child.communicate(timeout=120)
+    assert child.returncode == 130, said
+    assert read_results(out / "one.json") and not (out / "two.json").exists()
+    assert list(out.glob("two-*/config.yaml"))
