@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from envs.edge.command import run_cli
+from envs.edge.compiled import keep_compiled
 
 if TYPE_CHECKING:
     from rlcas_jax.cli import Job, Options
@@ -29,6 +30,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _train(options: "Options", interrupt: "Interrupt") -> int:
+    keep_compiled()
     # Imported here: --help and bad input must not wait for JAX.
     from agents.config.folder_lock import is_unused, locked
     from agents.config.load import ConfigError

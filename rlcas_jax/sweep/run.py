@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from agents.config.figures import save_figure
 from agents.config.folder_lock import locked
 from agents.config.load import ConfigError, dump, load
+from envs.edge.compiled import keep_compiled
 from envs.edge.files import write_file
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.interrupt import INTERRUPTED, Interrupt
@@ -41,6 +42,7 @@ class _StoppedError(Exception):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return 0 when done or out of time, 1 when no trial succeeded, 130 when interrupted."""
     options = parse(argv)
+    keep_compiled()
     with Interrupt() as interrupt, locked(options.directory):
         write_file(options.directory / SETTINGS, dump(options.settings))
         if not options.resumed:

@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.config.folder_lock import LOCK, is_unused, locked
+from envs.edge import compiled
 from envs.edge.command import ConfigError, InputError, Parser, run_cli
 from envs.edge.files import check_regular, check_space, write_file, written
 from envs.edge.installation import PACKAGES, extra_of
@@ -300,3 +301,42 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(ConfigError, match="cannot be written"), locked(tmp_path / "file" / "run"):
         pass
+
+
+def kept_in(monkeypatch: pytest.MonkeyPatch, cache: Path) -> str | None:
+    """Return the folder that JAX is given where this is the user's cache folder."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
+    compiled.keep_compiled()
+    return os.environ.get("JAX_COMPILATION_CACHE_DIR")
+
+
+def test_another_processor_keeps_its_programs_elsewhere(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    here = kept_in(monkeypatch, tmp_path)
+    assert here is not None
+    assert Path(here).is_dir()
+    assert kept_in(monkeypatch, tmp_path) == here
+    monkeypatch.setattr(compiled, "_processor", lambda: "without AVX-512")
+    elsewhere = kept_in(monkeypatch, tmp_path)
+    assert elsewhere is not None
+    assert elsewhere != here
+
+
+def test_kept_programs_stay_below_their_bound(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(compiled, "_LARGE", 1000)
+    first = tmp_path / "rlcas-toolkit" / "compiled" / "older" / "program"
+    first.parent.mkdir(parents=True)
+    first.write_bytes(bytes(1000))
+    assert kept_in(monkeypatch, tmp_path)
+    assert first.is_file()
+    first.write_bytes(bytes(1001))
+    assert kept_in(monkeypatch, tmp_path)
+    assert not first.is_file()
+
+
+def test_a_cache_folder_that_cannot_be_used_is_left_alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    assert kept_in(monkeypatch, tmp_path / "file") is None
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "mine")
+    compiled.keep_compiled()
+    assert os.environ["JAX_COMPILATION_CACHE_DIR"] == "mine"

@@ -1,6 +1,7 @@
 """The training run as a whole: repeatable, resumable after anything, and loud when it goes wrong."""
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -184,6 +185,24 @@ def test_a_run_whose_files_cannot_be_written_says_so_and_goes_on_later(uninterru
     (copy / "policy.safetensors").rmdir()
     assert train("--resume", copy, "--quiet").returncode == 0
     assert (copy / "policy.safetensors").read_bytes() == (uninterrupted / "policy.safetensors").read_bytes()
+
+
+@pytest.mark.slow
+def test_kept_and_broken_programs_change_no_bit(tmp_path: Path, config_file: Path, uninterrupted: Path) -> None:
+    """Compiled anew, loaded, and compiled beside entries that are cut off."""
+    folder = tmp_path / "kept"
+    environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(folder)}
+    for name in ("anew", "loaded", "cut off"):
+        out = tmp_path / name
+        program = command("--config", config_file, "--out", out, "--quiet")
+        done = subprocess.run(program, env=environment, capture_output=True, text=True, timeout=300, check=False)
+        assert done.returncode == 0, done.stderr
+        assert ("Error reading persistent compilation cache" in done.stderr) == (name == "cut off")
+        assert figures(out) == figures(uninterrupted)
+        entries = list(folder.glob("*-cache"))
+        assert entries
+        for entry in entries:
+            os.truncate(entry, entry.stat().st_size // 2 if name == "loaded" else entry.stat().st_size)
 
 
 def test_a_full_disk_ends_a_training_in_one_sentence(uninterrupted: Path, config_file: Path, tmp_path: Path) -> None:
