@@ -4,6 +4,7 @@
 - A page for every text file outside ``docs/`` that is linked to, so that the link holds on the site as in a checkout.
 - A contents page for every folder that is linked to, or stands in ``nav``, and has none.
 - In ``nav`` a folder stands for all its pages.
+- The numbers of the shipped policy, for the page that flies it (``docs/fly/make.py``).
 - Roles of our docstrings (``:func:`size```) are links, and double backticks code: an extension of griffe.
 
 A link to what does not exist is left as it is, so that the strict build refuses it.
@@ -12,6 +13,7 @@ A link to what does not exist is left as it is, so that the strict build refuses
 import ast
 import posixpath
 import re
+import runpy
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -38,6 +40,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     docs = Path(config.docs_dir)
     for name, text in _code(docs.parent):
         files.append(File.generated(config, name, content=text))
+    weights = runpy.run_path(str(docs / "fly" / "make.py"))["weights"]()
+    files.append(File.generated(config, "fly/weights.js", content=weights))
     waiting = [docs.parent / name for name in ALWAYS_OUTSIDE]
     for file in files.documentation_pages():
         waiting += _links_outside(file.content_string, docs / file.src_uri, docs)

@@ -1,0 +1,220 @@
+"""The page that flies: in a real browser it decides as the policy does, within a frame, and by the keyboard alone."""
+
+import runpy
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.inference import Policy
+from agents.policy.inference import PARITY_TOLERANCE
+from envs.aircraft import Aircraft
+from envs.kinematics import Limits, VehicleState, advance, commands
+from envs.relative import leg_separation
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed (Debian's package: chromium)")
+MAKE = runpy.run_path(str(Path(__file__).resolve().parent.parent / "docs" / "fly" / "make.py"))
+MOST = 8
+STATE = "const state = ([x, y, heading, speed]) => ({ x, y, heading, speed });"
+
+
+@pytest.fixture(scope="module")
+def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return MAKE["write"](tmp_path_factory.mktemp("fly"))
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as driver:
+        # No sandbox: as root, which continuous integration is, Chromium starts no other way; the page is our own.
+        launched = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield launched
+        launched.close()
+
+
+@pytest.fixture
+def opened(browser: Any, page_file: Path) -> Iterator[Any]:
+    page = browser.new_page(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
+    asked, wrong = [], []
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("pageerror", lambda problem: wrong.append(str(problem)))
+    page.on("console", lambda message: wrong.append(message.text))
+    page.goto(page_file.as_uri())
+    page.wait_for_selector("html[data-ready]")
+    yield page
+    assert wrong == []
+    here = page_file.parent.as_uri()
+    assert all(url.startswith((here, "data:")) for url in asked)
+    page.close()
+
+
+def aircraft_of(page: Any) -> dict[str, Aircraft]:
+    known = page.evaluate("WEIGHTS.aircraft")
+    return {
+        name: Aircraft(Limits(**one["limits"]), *(one[field] for field in Aircraft._fields[1:]))
+        for name, one in known.items()
+    }
+
+
+def test_it_decides_as_the_policy_on_a_thousand_scenes(opened: Any) -> None:
+    exact, flown, rng = Policy.load(dtype=np.float64), Policy.load(), np.random.default_rng(7)
+    scenes, expected, rounded = [], [], []
+    for name, aircraft in aircraft_of(opened).items():
+        limits, length, speed = aircraft.limits, aircraft.separation, aircraft.limits.speed_max
+        for number in range(200):
+            count = 1 + number % MOST
+            own = [
+                *rng.uniform(-3.0, 3.0, 2) * length,
+                rng.uniform(-np.pi, np.pi),
+                rng.uniform(limits.speed_min, speed),
+            ]
+            place = rng.uniform(-10.0, 10.0, (count, 2)) * length
+            others = np.column_stack([place, rng.uniform(-np.pi, np.pi, count), rng.uniform(0.2, 1.5, count) * speed])
+            goal = rng.uniform(-25.0, 25.0, 2) * length
+            scenes.append([name, own, others.tolist(), *goal.tolist()])
+            seen = VehicleState(*own), VehicleState(*others.T), np.ones(count, bool), *goal
+            expected.append(exact.for_aircraft(aircraft).command(*seen))
+            rounded.append(flown.for_aircraft(aircraft).command(*seen))
+    decided = np.array(
+        opened.evaluate(
+            f"""(scenes) => {{ {STATE} return scenes.map(([name, own, others, x, y]) =>
+            command(state(own), others.map(state), x, y, WEIGHTS.aircraft[name])); }}""",
+            scenes,
+        )
+    )
+    assert len(decided) == 1_000
+    assert np.abs(decided).max() == 1.0
+    assert decided.std() > 0.3
+    assert np.abs(decided - expected).max() <= PARITY_TOLERANCE
+    assert np.abs(decided - rounded).max() <= 1e-3
+
+
+def test_it_moves_aircraft_and_measures_as_the_surrogate(opened: Any) -> None:
+    rng = np.random.default_rng(8)
+    for name, aircraft in aircraft_of(opened).items():
+        limits, count = aircraft.limits, 200
+        states = [
+            VehicleState(
+                *rng.uniform(-2.0, 2.0, (2, count)) * aircraft.separation,
+                rng.uniform(-np.pi, np.pi, count),
+                rng.uniform(limits.speed_min, limits.speed_max, count),
+            )
+            for _ in range(2)
+        ]
+        actions = rng.uniform(-1.0, 1.0, (2, 2, count)) * (rng.random((2, 2, count)) < 0.8)
+        moved = [
+            advance(one, *commands(tuple(action), limits, np), aircraft.dt, limits, np)
+            for one, action in zip(states, actions, strict=True)
+        ]
+        found = np.array(
+            opened.evaluate(
+                f"""([name, rows]) => rows.map(([a, b, first, second]) => {{
+                {STATE}
+                const {{ dt, limits }} = WEIGHTS.aircraft[name];
+                const [own, other] = [advance(state(a), first, dt, limits), advance(state(b), second, dt, limits)];
+                return [own.x, own.y, own.heading, own.speed, closest(state(a), own, state(b), other, dt)[0]];
+                }})""",
+                [
+                    name,
+                    [
+                        [
+                            *(np.array(one)[:, i].tolist() for one in states),
+                            *(actions[k, :, i].tolist() for k in (0, 1)),
+                        ]
+                        for i in range(count)
+                    ],
+                ],
+            )
+        ).T
+        expected = *moved[0], leg_separation(states[0], moved[0], states[1], moved[1], aircraft.dt, np)
+        np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-6)
+
+
+def test_a_frame_with_eight_intruders_takes_less_than_16_ms(opened: Any) -> None:
+    opened.check("[name=decides][value=all]", force=True)
+    opened.select_option("#scene", "sides")
+    while opened.is_enabled("#more"):
+        opened.click("#more")
+    assert opened.text_content("#count") == str(MOST)
+    opened.click("#again")
+    opened.check("#map")
+    session = opened.context.new_cdp_session(opened)
+    session.send("Performance.enable")
+
+    def used() -> float:
+        return next(
+            one["value"] for one in session.send("Performance.getMetrics")["metrics"] if one["name"] == "ThreadTime"
+        )
+
+    # The thread's own time, which other work on this machine does not lengthen.
+    begun = used()
+    opened.evaluate("() => { for (let i = 0; i < 200; i++) frame(last + 1000 / 60); }")
+    assert 0.0 < (used() - begun) / 200 < 0.016
+
+
+def test_the_keyboard_is_enough(opened: Any) -> None:
+    first = opened.evaluate("start[1]")
+    opened.focus(".grip[data-part=plane][data-index='1']")
+    opened.keyboard.press("ArrowUp")
+    opened.keyboard.press("Shift+ArrowRight")
+    moved = opened.evaluate("start[1]")
+    assert moved["y"] == pytest.approx(first["y"] + 0.25)
+    assert np.cos(moved["heading"] - first["heading"] + np.radians(5.0)) == pytest.approx(1.0)
+    opened.click("#more")
+    opened.focus(".grip[data-part=plane][data-index='2']")
+    opened.keyboard.press("Delete")
+    assert opened.text_content("#count") == "1"
+    opened.keyboard.press("Space")
+    opened.wait_for_function("time > 5")
+    opened.keyboard.press("Space")
+    reached = set()
+    for _ in range(30):
+        opened.keyboard.press("Tab")
+        reached.add(opened.evaluate("document.activeElement.id || document.activeElement.getAttribute('aria-label')"))
+    assert {"play", "Time", "scene", "aircraft", "more", "again", "plan", "map"} <= reached
+    assert any((name or "").startswith("Ownship, course") for name in reached)
+
+
+def test_what_is_dragged_makes_a_new_future(opened: Any) -> None:
+    opened.wait_for_function("line.done")
+    before, said = opened.evaluate("line.least.distance"), opened.text_content("#news")
+    assert before >= 1.0
+    box = opened.locator(".grip[data-part=plane][data-index='1']").bounding_box()
+    opened.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    opened.mouse.down()
+    opened.mouse.move(box["x"] - 60, box["y"] - 90, steps=4)
+    opened.mouse.up()
+    opened.wait_for_function("line.done && !changed")
+    assert opened.evaluate("line.least.distance") != before
+    opened.wait_for_function("(said) => document.getElementById('news').textContent !== said", arg=said)
+
+
+def test_every_scene_and_aircraft_runs_on_a_phone_and_in_the_dark(browser: Any, page_file: Path) -> None:
+    page = browser.new_page(
+        viewport={"width": 390, "height": 844}, color_scheme="dark", reduced_motion="reduce", has_touch=True
+    )
+    wrong: list[str] = []
+    page.on("pageerror", lambda problem: wrong.append(str(problem)))
+    page.goto(page_file.as_uri())
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(12, 16, 22)"
+    for scene in page.eval_on_selector_all("#scene option", "options => options.map((one) => one.value)"):
+        page.select_option("#scene", scene)
+        page.wait_for_function("line.done && !changed")
+    for name in aircraft_of(page):
+        page.select_option("#aircraft", name)
+        page.wait_for_function("line.done && !changed")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert wrong == []
+    page.close()
+
+
+def test_without_javascript_a_sentence_says_so(browser: Any, page_file: Path) -> None:
+    page = browser.new_page(java_script_enabled=False)
+    page.goto(page_file.as_uri())
+    assert "needs JavaScript" in page.inner_text("noscript")
+    page.close()
