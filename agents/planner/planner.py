@@ -20,6 +20,7 @@ from agents.planner.options import Options, task_of
 from agents.planner.publish import Plans, published
 from agents.planner.request import Altitude, Intruder, Request, checked, eligible, finite, required_separation
 from agents.planner.rollout import roll
+from agents.policy.domain import departures
 from agents.policy.inference import Policy
 from envs.kinematics import VehicleState
 from envs.trees import take
@@ -60,11 +61,26 @@ def plan(
     budget = Budget(options.deadline_s)
     plans = _planned(request, policy, options, budget, floats=True)
     answer = published(request, plans, route, excluded, kept, options, tuple(budget.skipped))
+    said = [answer.advisory, *departures(policy.domain, _of_domain(intruders))]
+    answer = replace(answer, advisory="; ".join(filter(None, said)) or None)
     if not answer.safe:
         return answer
     start = VehicleState(*(float(field[0]) for field in request.own))
     asked = (start, tuple(intruders), answer.waypoints, excluded, own_altitude, options)
     return replace(answer, certify=partial(certificate, *asked))
+
+
+def _of_domain(intruders: Sequence[VehicleState | Intruder]) -> dict[str, list[float]]:
+    """Return what the operating domain has ranges for (:mod:`agents.policy.domain`); far intruders do no harm."""
+    reported = [one for one in intruders if isinstance(one, Intruder)]
+    return {
+        "intruders": [len(intruders)],
+        "intruder_speed": [one.state.speed if isinstance(one, Intruder) else one.speed for one in intruders],
+        "intruder_turn_rate": [abs(one.turn_rate) for one in reported],
+        "position_std": [one.position_std for one in reported],
+        "velocity_std": [one.velocity_std for one in reported],
+        "latency": [one.age for one in reported],
+    }
 
 
 def plan_many(request: Request, policy: Policy, options: Options, *, floats: bool = False) -> Plans:

@@ -1,11 +1,27 @@
-"""Which aircraft a policy was trained for, and the refusal of others."""
+"""The operating domain: which aircraft and traffic a policy was trained for and is claimed; others are refused or said.
+
+Evaluation, planner and bridge take the ranges from here. Lengths are in required separations, speeds in the ownship's
+greatest; traffic is that of the trainings (configs/best.yaml), noise and latency those of the scenario ``noisy``.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
 
 from agents.policy.file import PolicyFile
 from envs.aircraft import Aircraft, Ratios, ratios
 from envs.edge.command import InputError
 
-__all__ = ["OutsideDomainError", "check_domain"]
+__all__ = ["TRAFFIC_SPEED", "OutsideDomainError", "check_domain", "departures", "domain", "excess"]
 
+TRAFFIC_SPEED = (0.4, 1.3)
+"""Intruders' speeds, in the ownship's greatest."""
+
+_DISTANCE = 20.0  # of an intruder and of the goal at the start, separations
+_NOISE = 0.03  # one sigma of a report, separations and greatest speeds
+_LATENCY = 2.0  # time steps
+_UNITS = {"intruders": "", "position_std": " m", "distance": " m", "latency": " s", "intruder_turn_rate": " rad/s"}
 _TOLERANCE = 0.01  # of a ratio; an aircraft is never known better
 
 
@@ -31,3 +47,37 @@ def check_domain(content: PolicyFile, aircraft: Aircraft) -> None:
                 f"outside_domain: {name} is {value:.3g} {units}; expected {low:.3g} to {high:.3g}, what the policy was "
                 f"trained for (D: separation {aircraft.separation:g} m; V: {aircraft.limits.speed_max:g} m/s)"
             )
+
+
+def domain(content: PolicyFile, aircraft: Aircraft) -> dict[str, tuple[float, float]]:
+    """Return the range of each quantity of the traffic, SI, for an aircraft of the policy's family."""
+    limits, unit = aircraft.limits, aircraft.separation
+    fast = limits.speed_max
+    return {
+        "intruders": (0, content.metadata["architecture"]["intruders"] if content.of_set else 1),
+        "own_speed": (limits.speed_min, fast),
+        "intruder_speed": (TRAFFIC_SPEED[0] * fast, TRAFFIC_SPEED[1] * fast),
+        "intruder_turn_rate": (0.0, limits.yaw_rate_max),
+        "distance": (0.0, _DISTANCE * unit),
+        "position_std": (0.0, _NOISE * unit),
+        "velocity_std": (0.0, _NOISE * fast),
+        "latency": (0.0, _LATENCY * aircraft.dt),
+    }
+
+
+def excess(allowed: tuple[float, float], values: Any) -> np.ndarray:
+    """Return by how much values ``[N]`` are outside a range; what is less than 1 % of its upper end is 0."""
+    beyond = np.maximum(allowed[0] - values, values - allowed[1])
+    return np.where(beyond > _TOLERANCE * allowed[1], beyond, 0.0)
+
+
+def departures(allowed: Mapping[str, tuple[float, float]], values: Mapping[str, Sequence[float]]) -> list[str]:
+    """Return a sentence for each quantity of :func:`domain` that has values outside its range, with the furthest."""
+    said = []
+    for name, given in values.items():
+        (low, high), found = allowed[name], np.asarray(given, float)
+        beyond = excess(allowed[name], found)
+        if beyond.any():
+            worst, unit = found[np.argmax(beyond)], _UNITS.get(name, " m/s")
+            said.append(f"outside_domain: {name} is {worst:.4g}{unit}; expected {low:.4g} to {high:.4g}{unit}")
+    return said

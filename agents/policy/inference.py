@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from agents.policy.domain import OutsideDomainError, check_domain
+from agents.policy.domain import OutsideDomainError, check_domain, domain
 from agents.policy.eight_network import NOT_FINITE, EightNetwork, each_row, observed, observed_by_one, scaled
 from agents.policy.escapes import KeptByOne
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read
@@ -132,6 +132,11 @@ class Policy:
             aircraft.limits.speed_max / trained.limits.speed_max,
         )
         return other
+
+    @property
+    def domain(self) -> dict[str, tuple[float, float]]:
+        """Ranges of the traffic that the policy was trained for and is claimed, SI, for its aircraft."""
+        return domain(self._content, self.aircraft)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str] | None = None, dtype: DTypeLike = np.float32) -> "Policy":

@@ -144,8 +144,18 @@ def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: f
         **summarise(table, *how),
         **({"draws": "sobol"} | replicated(table, REPLICATES, config.confidence) if config.draws == "sobol" else {}),
         "weighted": summarise_weighted(table, *how),
+        "outside_domain": _outside(table, policy.for_aircraft(config.flown_aircraft(policy), outside="allow")),
         "wall_s": wall_s,
         "encounters_flown_now": flown,
         "encounters_per_s": flown / wall_s if flown else None,
         "versions": versions("numpy", "safetensors", "pyarrow", "scipy"),
     }
+
+
+def _outside(table: Any, policy: "Policy") -> dict[str, int]:
+    """Return how many encounters begin outside the operating domain, by quantity; none is left out."""
+    from agents.policy.domain import excess
+
+    columns = {"own_speed": "own_speed_m_s", "intruder_speed": "intruder_speed_m_s", "distance": "distance_m"}
+    columns["intruders"] = "intruders"
+    return {name: int((excess(policy.domain[name], table[column]) > 0.0).sum()) for name, column in columns.items()}

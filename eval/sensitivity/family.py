@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from agents.config.load import ConfigError, Parser, dump
+from agents.policy.domain import TRAFFIC_SPEED
 from envs.edge.files import write_file
 from eval.runner.options import check_digest, whole
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from agents.policy.inference import Policy
     from eval.flights.chunks import Evaluation, Pilot
 
-__all__ = ["FAMILY", "TRAFFIC", "Fleet", "Pilots", "columns", "drawn", "main"]
+__all__ = ["FAMILY", "Fleet", "Pilots", "columns", "drawn", "main"]
 
 FAMILY = {
     "speed_max": (25.0, 240.0),  # m/s
@@ -34,9 +35,6 @@ FAMILY = {
     "turn_radius": (0.3, 2.5),  # of the circle at the greatest speed, separations
 }
 """Ranges of what is drawn for each aircraft."""
-
-TRAFFIC = (0.4, 1.3)
-"""Range of the intruders' speeds, of the ownship's greatest."""
 
 _MODES = ("policy", "plan", "assured")
 _STREAM = 0x6661_6D69  # keeps the draws apart from those of encounters with the same seed
@@ -173,7 +171,7 @@ def _evaluation(options: argparse.Namespace, config: "AircraftConfig") -> "Evalu
     fast = aircraft.limits.speed_max
     changes: dict[str, Any] = {
         "intruders": tuple(options.intruders),
-        "intruder_speed": (TRAFFIC[0] * fast, TRAFFIC[1] * fast),
+        "intruder_speed": (TRAFFIC_SPEED[0] * fast, TRAFFIC_SPEED[1] * fast),
         "attempts": 200,
     }
     if options.turning:

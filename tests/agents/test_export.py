@@ -12,7 +12,7 @@ import pytest
 from agents.learning.export import SetOf, parity_observations, to_policy_file, write
 from agents.learning.networks import Actor, Critic
 from agents.policy import escapes, inference
-from agents.policy.domain import OutsideDomainError
+from agents.policy.domain import OutsideDomainError, departures, excess
 from agents.policy.file import PolicyFileError, parse, read, serialise
 from agents.policy.inference import Policy
 from agents.policy.scene import scene
@@ -276,6 +276,17 @@ def test_aircraft_outside_the_family_is_refused(changes, name):
         policy().for_aircraft(other)
     assert policy().for_aircraft(other, outside="allow").aircraft == other
     assert policy().for_aircraft(UAS).limits == UAS.limits
+
+
+def test_traffic_outside_the_domain_is_said_by_quantity():
+    allowed = policy().for_aircraft(UAS).domain
+    fast = UAS.limits.speed_max
+    inside = {"intruders": [1], "intruder_speed": [0.4 * fast, 1.3 * fast]}
+    assert not departures(allowed, inside | {"latency": []})
+    said = departures(allowed, {"intruder_speed": [0.1 * fast, fast, 1.4 * fast], "intruders": [40]})
+    assert [text.split(" is ")[0] for text in said] == ["outside_domain: intruder_speed", "outside_domain: intruders"]
+    assert f" {0.1 * fast:.4g} m/s; expected {0.4 * fast:.4g} to {1.3 * fast:.4g} m/s" in said[0]
+    assert excess((40.0, 130.0), np.array([30.0, 40.0, 131.2, 131.4])).tolist() == pytest.approx([10.0, 0.0, 0.0, 1.4])
 
 
 def test_file_comes_back_whole_and_an_edit_is_refused():

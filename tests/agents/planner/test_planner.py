@@ -313,6 +313,13 @@ def test_a_speed_just_outside_the_envelope_is_planned_with(policy: Policy, speed
     assert plan(OWN._replace(speed=speed), [], ROUTE, policy).safe
 
 
+def test_a_plan_says_what_traffic_is_outside_the_domain(policy: Policy, encounters: Encounter) -> None:
+    own, others, route = ask(request_of(encounters, PAPER), 0)
+    assert "outside_domain" not in (plan(own, others, route, policy).advisory or "")
+    others[0] = others[0]._replace(speed=5.0)
+    assert "outside_domain: intruder_speed is 5 m/s" in (plan(own, others, route, policy).advisory or "")
+
+
 def test_the_vertical_filter_looks_to_the_end_of_the_plan(policy: Policy) -> None:
     # Clear for 500 s, but the last leg is 80 km long, and the other one comes down on its way.
     route = [RoutePoint(0, 0.0, 0.0), RoutePoint(1, 10_000.0, 0.0), RoutePoint(2, 90_000.0, 0.0)]

@@ -108,6 +108,7 @@ def test_summary_follows_from_the_table(finished: Path) -> None:
     scores = {"reached": 100.0, "violation": -100.0, "timeout": -10.0}
     assert table["score"].tolist() == [scores[o] for o in outcome]
     assert summary["score_mean"] == pytest.approx(table["score"].mean())
+    assert summary["outside_domain"] == dict.fromkeys(("own_speed", "intruder_speed", "distance", "intruders"), 0)
     ends = summary["score_mean_interval"]
     assert ends["low"] < summary["score_mean"] < ends["high"]
     assert summary["risk_ratio"] == (outcome == "violation").sum() / (table["baseline_outcome"] == "violation").sum()
