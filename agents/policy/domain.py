@@ -18,7 +18,7 @@ __all__ = ["TRAFFIC_SPEED", "OutsideDomainError", "check_domain", "departures", 
 TRAFFIC_SPEED = (0.4, 1.3)
 """Intruders' speeds, in the ownship's greatest."""
 
-_DISTANCE = 20.0  # of an intruder and of the goal at the start, separations
+_DISTANCE = 21.5  # of an intruder at the start, separations: two displaced starts on a circle of ten
 _NOISE = 0.03  # one sigma of a report, separations and greatest speeds
 _LATENCY = 2.0  # time steps
 _UNITS = {"intruders": "", "position_std": " m", "distance": " m", "latency": " s", "intruder_turn_rate": " rad/s"}
