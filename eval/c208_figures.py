@@ -1,6 +1,187 @@
-"""``python -m eval.c208_figures``: see :mod:`eval.hifi.c208_figures`."""
+"""The true aircraft in pictures: ``python -m eval.c208_figures --out DIR``.
 
-from envs.edge.command import run_cli
+``aircraft``: accelerations at idle and full power against speed, beside the surrogate's limits; model against published
+points; the answer to a step of the bank. ``steps``: air speed and acceleration after steps of the speed demanded, up
+and down, as in the paper's appendix. ``envelope``: the same limits over weights and altitudes.
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from agents.config.figures import save_figure
+from envs.c208.conditions import Conditions, Loading
+from envs.c208.facts import GRAVITY, POINTS, value
+from envs.c208.validate import envelope, measured
+from envs.c208.vehicle import LOG_COLUMNS, C208Vehicle
+from envs.edge.command import Parser, run_cli
+from envs.follower import PERIOD
+from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
+from eval.plots import save
+from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION
+
+__all__ = ["figure", "limits_figure", "main", "margins", "stepped", "steps_figure"]
+
+_UP = ((55.0, 65.0), (60.0, 75.0), (70.0, 85.0), (80.0, 95.0))
+_DOWN = ((95.0, 80.0), (85.0, 70.0), (75.0, 60.0), (65.0, 55.0))
+_SECONDS = 60.0
+_COLORS = (ORANGE, GREEN, BLUE, VERMILION)
+
+
+def figure() -> Figure:
+    """Return the three panels."""
+    picture = Figure(figsize=(14.0, 4.6), layout="constrained")
+    left, middle, right = picture.subplots(1, 3)
+    _accelerations(left)
+    _published(middle)
+    _step(right)
+    return picture
+
+
+def _accelerations(axes: Any) -> None:
+    for name, color, label in (("ex", BLUE, "EX, 867 shp"), ("675", ORANGE, "675 shp")):
+        speed, low, high = np.array(envelope(name)).T
+        axes.plot(speed, high, color=color, label=label)
+        axes.plot(speed, low, color=color, linestyle="--")
+    limits = SURROGATE
+    box_x = [limits.speed_min, limits.speed_max, limits.speed_max, limits.speed_min, limits.speed_min]
+    low, high = limits.acceleration_min, limits.acceleration_max
+    axes.plot(box_x, [low, low, high, high, low], color="black", linewidth=1.0, label="surrogate's limits")
+    speed, _, most = np.array(envelope("ex")).T
+    inside = (speed >= limits.speed_min) & (speed <= limits.speed_max)
+    short = np.minimum(most, high)
+    axes.fill_between(
+        speed[inside], short[inside], high, color=VERMILION, alpha=0.35, label="asked, not to be had (EX)"
+    )
+    axes.set_xlabel("true airspeed, m/s")
+    axes.set_ylabel("acceleration in level flight, m/s²")
+    axes.set_title("full power (solid) and idle (dashed), 2500 m", fontsize=11)
+    axes.legend(frameon=False, fontsize=8)
+
+
+def _published(axes: Any) -> None:
+    rows = [(point, 100.0 * (measured(point) / point.value - 1.0)) for point in POINTS if point.quantity != "glide"]
+    for number, (point, off) in enumerate(rows):
+        allowed = 100.0 * (point.tolerance / point.value if point.quantity == "stall" else point.tolerance)
+        axes.barh(number, 2.0 * allowed, left=-allowed, color="#E5E5E5")
+        axes.plot(off, number, "o", color=BLUE if point.use == "check" else ORANGE)
+    axes.set_yticks(range(len(rows)), [f"{point.quantity}: {point.name}" for point, _ in rows], fontsize=8)
+    axes.invert_yaxis()
+    axes.axvline(0.0, color="black", linewidth=0.6)
+    axes.set_xlabel("model less published, %; grey: tolerance")
+    axes.set_title("checks (blue) and fits (orange)", fontsize=11)
+
+
+def _step(axes: Any) -> None:
+    for speed, color in ((58.0, ORANGE), (75.0, BLUE), (95.0, VERMILION)):
+        vehicle = C208Vehicle(VehicleState(0.0, 0.0, 0.0, speed))
+        for _ in range(80):
+            vehicle.step(0.0, GRAVITY * math.tan(math.radians(30.0)) / speed, 0.1)
+        log = vehicle.log()
+        bank = -np.degrees(log[:, LOG_COLUMNS.index("bank")])
+        axes.plot(log[:, 0], bank, color=color, label=f"{speed:.0f} m/s")
+    axes.set_xlabel("time, s")
+    axes.set_ylabel("bank to the left, deg")
+    axes.set_title("a turn demanded at 0 s", fontsize=11)
+    axes.legend(frameon=False)
+
+
+def steps_figure() -> Figure:
+    """Return the answers to steps of the speed demanded: acceleration above all that can be had, then hold.
+
+    The demand is half of the speed's error a second. The surrogate's limits are drawn in.
+    """
+    picture = Figure(figsize=(12.0, 7.0), layout="constrained")
+    grid = picture.subplots(2, 2, sharex=True)
+    for column, (steps, title) in enumerate(((_UP, "acceleration"), (_DOWN, "deceleration"))):
+        for (first, last), color in zip(steps, _COLORS, strict=True):
+            time, speed, gain = stepped(first, last)
+            grid[0, column].plot(time, speed, color=color, label=f"{first:.0f} to {last:.0f} m/s")
+            grid[0, column].axhline(last, color=color, linewidth=0.6, linestyle=":")
+            grid[1, column].plot(time, gain, color=color)
+        limit = SURROGATE.acceleration_max if column == 0 else SURROGATE.acceleration_min
+        grid[1, column].axhline(limit, color="black", linestyle="--", linewidth=1.0, label="surrogate's limit")
+        grid[0, column].set_title(f"steps of the speed: {title}, 8807 lb, 2500 m", fontsize=11)
+        grid[0, column].legend(frameon=False, fontsize=8)
+        grid[1, column].legend(frameon=False, fontsize=8)
+        grid[1, column].set_xlabel("time, s")
+    for row, label in enumerate(("true airspeed, m/s", "acceleration, m/s²")):
+        grid[row, 0].set_ylabel(label)
+    return picture
+
+
+def stepped(first: float, last: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return time (s), air speed (m/s) and acceleration (m/s^2) after a step of the speed demanded, ``[T]`` each."""
+    vehicle = C208Vehicle(VehicleState(0.0, 0.0, 0.0, first))
+    low, high = C208_PUBLISHED.acceleration_min, C208_PUBLISHED.acceleration_max
+    for _ in range(round(_SECONDS / PERIOD)):
+        # Twice what is published may be asked for: what comes is the aircraft's own limit.
+        demand = 0.5 * (last - vehicle.state.speed)
+        vehicle.step(min(max(demand, 2.0 * low), 2.0 * high), 0.0, PERIOD)
+    log = vehicle.log()
+    time, speed = log[:, LOG_COLUMNS.index("time")], log[:, LOG_COLUMNS.index("speed")]
+    return time, log[:, LOG_COLUMNS.index("airspeed")], np.gradient(speed, time)
+
+
+def limits_figure() -> Figure:
+    """Return where the surrogate's limits lie inside the aircraft's, over weights, altitudes and speeds."""
+    picture = Figure(figsize=(14.0, 4.6), layout="constrained")
+    left, middle, right = picture.subplots(1, 3)
+    altitudes = np.array([500.0, 1500.0, 2500.0, 3500.0, 4500.0, 5500.0])
+    for weight, color in ((6500.0, GREEN), (7700.0, BLUE), (8807.0, VERMILION)):
+        found = [margins(weight, float(altitude)) for altitude in altitudes]
+        left.plot([one[0] for one in found], altitudes, color=color, label=f"{weight:.0f} lb")
+        left.plot([one[1] for one in found], altitudes, color=color, linestyle="--")
+        middle.plot([one[2] for one in found], altitudes, color=color)
+        right.plot([one[3] for one in found], altitudes, color=color)
+    left.axvspan(SURROGATE.speed_min, SURROGATE.speed_max, color="#E5E5E5", label="surrogate")
+    left.set_xlabel("true airspeed, m/s")
+    left.set_title("1.08 of the stall (solid), VMO (dashed)", fontsize=11)
+    middle.axvline(SURROGATE.speed_max, color="black", linestyle="--", linewidth=1.0)
+    middle.set_xlabel("fastest with 0.5 m/s² to spare, m/s")
+    right.axvline(-SURROGATE.acceleration_min, color="black", linestyle="--", linewidth=1.0)
+    right.set_xlabel("least deceleration at idle, m/s²")
+    middle.set_title("dashed: the surrogate's maximum", fontsize=11)
+    right.set_title("50 to 100 m/s; dashed: the surrogate's", fontsize=11)
+    for axes in (left, middle, right):
+        axes.set_ylabel("altitude, m")
+        axes.grid(color="#EBEBEB", linewidth=0.5)
+    left.legend(frameon=False, fontsize=8)
+    return picture
+
+
+def margins(weight: float, altitude: float) -> tuple[float, float, float, float]:
+    """Return what bounds the surrogate's limits at a weight (lb) and altitude (m) of the EX.
+
+    Returns:
+        Slowest and fastest true airspeed, m/s; the fastest at which 0.5 m/s^2 of acceleration are left (nan: none);
+        the least deceleration at idle between 50 and 100 m/s, m/s^2.
+    """
+    start = VehicleState(0.0, 0.0, 0.0, 75.0)
+    vehicle = C208Vehicle(start, "ex", Conditions(Loading(weight=weight)), altitude)
+    slow = 1.08 * vehicle.autopilot.stall_speed(vehicle.measured)
+    fast = value("speed_max_operating") * 0.514444 * math.sqrt(1.225 / vehicle.measured.density)
+    speeds, low, high = np.array(envelope("ex", Loading(weight=weight), altitude)).T
+    # It falls with the speed: read the other way round, from its largest speed down.
+    spare = float(np.interp(SURROGATE.acceleration_max, high[::-1], speeds[::-1], left=math.nan, right=math.nan))
+    within = (speeds >= SURROGATE.speed_min) & (speeds <= SURROGATE.speed_max)
+    return slow, fast, spare, float(-low[within].max())
+
+
+def main() -> int:
+    """Draw; return the exit code."""
+    parser = Parser(prog="python -m eval.c208_figures", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("runs/c208"), help="folder (default runs/c208)")
+    options = parser.parse_args()
+    save.create(options.out)
+    for name, draw in (("aircraft", figure), ("steps", steps_figure), ("envelope", limits_figure)):
+        for path in save_figure(draw(), options.out / name):
+            print(f"wrote {path}")
+    return 0
+
 
 if __name__ == "__main__":
-    run_cli("eval.hifi.c208_figures:main")
+    run_cli("eval.c208_figures:main")

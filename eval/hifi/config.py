@@ -1,20 +1,113 @@
 """Configuration of flights of the true aircraft: the keys of ``eval.monte_carlo``, and conditions and vehicle."""
 
-from typing import Any, ClassVar, Literal
+import math
+from typing import Any, ClassVar, Literal, NamedTuple
 
-from pydantic import Field, model_validator
+from pydantic import Field, model_serializer, model_validator
 
-from agents.config.load import ConfigError
+from agents.config.load import ConfigError, Strict
+from envs import draws
+from envs.c208.conditions import TURBULENCE, Conditions, Loading
 from eval.config import FILE, MonteCarloConfig
-from eval.hifi.conditions import ConditionConfig
 
-__all__ = ["VEHICLES", "HifiConfig"]
+__all__ = ["CONDITIONS", "VEHICLES", "ConditionConfig", "Drawn", "HifiConfig", "drawn"]
 
 VEHICLES = ("c208_ex", "c208", "point_mass", "surrogate")
 """What flies."""
 
 _CHUNK = 8
 _FACTORS = ("inertia_factor", "drag_factor", "lift_slope_factor")
+_STREAM = 1 << 40  # of the draws; the lower ones belong to starts and to the sensors' noise by step
+
+_Range = tuple[float, float]
+_WIND: dict[str, Any] = {"wind_mps": (0.0, 15.0)}
+_LOADED: dict[str, Any] = {
+    "weight_lb": (6500.0, 8807.0),
+    "centre_of_gravity": (0.25, 0.38),
+    "inertia_factor": (0.7, 1.3),
+    "drag_factor": (0.92, 1.08),
+    "lift_slope_factor": (0.95, 1.05),
+}
+_MIXED = _LOADED | _WIND | {"turbulence": tuple(TURBULENCE), "wind_error_mps": 1.0, "own_position_std": 5.0}
+
+CONDITIONS: dict[str, dict[str, Any]] = {
+    "calm": {},
+    "loaded": _LOADED,
+    "wind": _WIND,
+    "light": _WIND | {"turbulence": ("light",)},
+    "moderate": _WIND | {"turbulence": ("moderate",)},
+    "mixed": _MIXED,
+    "noisy": _MIXED | {"position_std": 30.0, "velocity_std": 3.0, "latency": (1.0, 2.0)},
+}
+"""The families by name, as what they change of calm: each thing alone, then everything but the intruders' sensors, then
+everything."""
+
+_BOUNDS: dict[str, _Range] = {
+    "weight_lb": (5500.0, 8900.0),
+    "centre_of_gravity": (0.15, 0.4033),
+    "inertia_factor": (0.5, 2.0),
+    "drag_factor": (0.7, 1.5),
+    "lift_slope_factor": (0.8, 1.2),
+    "altitude_m": (300.0, 7000.0),
+    "wind_mps": (0.0, 30.0),
+    "latency": (0.0, 2.0),
+}
+
+
+class ConditionConfig(Strict):
+    """A family of conditions, some of its numbers changed; pairs are ranges of uniform draws.
+
+    The defaults are those of calm; another family has others where its name says so.
+    """
+
+    name: Literal["calm", "loaded", "wind", "light", "moderate", "mixed", "noisy"] = "calm"
+    """The family that the numbers below change."""
+    weight_lb: _Range | None = None
+    """Range of the weight with fuel, lb, within 5500 to 8900; null: the variant's greatest."""
+    centre_of_gravity: _Range = (0.32, 0.32)
+    """Range of the centre of gravity, share of the mean chord, within 0.15 to 0.4033."""
+    inertia_factor: _Range = (1.0, 1.0)
+    """Range of the factor on all moments of inertia, within 0.5 to 2."""
+    drag_factor: _Range = (1.0, 1.0)
+    """Range of the factor on the zero-lift drag, within 0.7 to 1.5."""
+    lift_slope_factor: _Range = (1.0, 1.0)
+    """Range of the factor on the lift curve's slope, within 0.8 to 1.2."""
+    altitude_m: _Range = (2500.0, 2500.0)
+    """Range of the altitude that is held, m above the sea, within 300 to 7000."""
+    wind_mps: _Range = (0.0, 0.0)
+    """Range of the wind's speed, m/s, within 0 to 30; it blows to any direction."""
+    turbulence: tuple[str, ...] = ("none",)
+    """Turbulence of MIL-F-8785C: none, light or moderate; one of those named is drawn."""
+    wind_error_mps: float = Field(default=0.0, ge=0.0, le=15.0)
+    """Error with which the planner knows the wind, one sigma per axis, m/s."""
+    position_std: float = Field(default=0.0, ge=0.0, le=1_000.0)
+    """Noise of the intruders' reported positions, one sigma per axis, m."""
+    velocity_std: float = Field(default=0.0, ge=0.0, le=50.0)
+    """Noise of the intruders' reported velocities, one sigma per axis, m/s."""
+    latency: _Range = (0.0, 0.0)
+    """Range of the age of the intruders' reports, s, within 0 to 2."""
+    own_position_std: float = Field(default=0.0, ge=0.0, le=100.0)
+    """Error of the own navigation, one sigma per axis, m; it changes within a minute."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_family(cls, data: Any) -> Any:
+        return CONDITIONS.get(str(data.get("name")), {}) | data if isinstance(data, dict) else data
+
+    @model_validator(mode="after")
+    def _check(self) -> "ConditionConfig":
+        for key, (low, high) in _BOUNDS.items():
+            pair = getattr(self, key)
+            if pair is not None and not low <= pair[0] <= pair[1] <= high:
+                raise ConfigError(f"{key} is [{pair[0]}, {pair[1]}]; expected [low, high] within {low} to {high}")
+        if not self.turbulence or set(self.turbulence) - set(TURBULENCE):
+            raise ConfigError(f"turbulence is {list(self.turbulence)}; expected a list of {', '.join(TURBULENCE)}")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _changed(self, handler: Any) -> dict[str, Any]:
+        usual = {key: field.default for key, field in type(self).model_fields.items()} | CONDITIONS[self.name]
+        return {key: value for key, value in handler(self).items() if key == "name" or getattr(self, key) != usual[key]}
 
 
 class HifiConfig(MonteCarloConfig):
@@ -22,7 +115,6 @@ class HifiConfig(MonteCarloConfig):
 
     # Recorded intruders fly over the ground, and here all aircraft fly in the air mass.
     files: ClassVar[tuple[str, ...]] = (FILE,)
-    quasi: ClassVar[bool] = False
     modes: ClassVar[tuple[str, ...]] = ("plan", "closed", "assured")
     baselines: ClassVar[tuple[str, ...]] = ("none",)
 
@@ -32,16 +124,6 @@ class HifiConfig(MonteCarloConfig):
     vehicle: Literal["c208_ex", "c208", "point_mass", "surrogate"] = "c208_ex"
     """What flies: c208_ex or c208 (675 shp) in JSBSim, point_mass (its lags and limits alone), surrogate."""
     condition: ConditionConfig = ConditionConfig()
-    wind_plan: Literal["air", "ground"] = "air"
-    """How the wind is met: air, the planner works in the air mass and the plan drifts with it; ground, without wind,
-    and a plan whose air speeds leave the envelope in the true wind is refused."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _old_key(cls, data: Any) -> Any:
-        if isinstance(data, dict) and data.get("aircraft") in VEHICLES:
-            raise ConfigError(f"aircraft is now called vehicle where it names what flies, {data['aircraft']}")
-        return data
 
     @model_validator(mode="after")
     def _whole(self) -> "HifiConfig":
@@ -66,3 +148,49 @@ class HifiConfig(MonteCarloConfig):
     def chunk_for(self, encounters: int, workers: int) -> int:
         """Return the size of the chunks: a flight takes a second, and what is interrupted shall lose little."""
         return self.chunk or max(1, min(_CHUNK, -(-encounters // workers)))
+
+
+class Drawn(NamedTuple):
+    """The conditions of one flight."""
+
+    air: Conditions
+    altitude: float
+    """m above the sea."""
+    believed_wind: tuple[float, float]
+    """As the planner knows it, towards east and north, m/s."""
+    latency: float
+    """Of the intruders' reports, s."""
+
+
+def drawn(family: ConditionConfig, seed: int, number: int, takeoff_weight: float) -> Drawn:
+    """Return the conditions of flight ``number`` of a seed.
+
+    Args:
+        family: what they are drawn from.
+        seed: of the run.
+        number: of the flight.
+        takeoff_weight: lb, where the family leaves the weight open.
+    """
+    u = draws.uniforms(seed, number, 1, (12,), stream=_STREAM)[0].tolist()
+    gauss = draws.normals(seed, number, 1, (2,), stream=_STREAM + 1)[0].tolist()
+    wind, direction = _between(family.wind_mps, u[0]), 2.0 * math.pi * u[1]
+    east, north = wind * math.cos(direction), wind * math.sin(direction)
+    weights = (takeoff_weight, takeoff_weight) if family.weight_lb is None else family.weight_lb
+    loading = Loading(
+        weight=_between(weights, u[2]),
+        centre_of_gravity=_between(family.centre_of_gravity, u[3]),
+        inertia_factor=_between(family.inertia_factor, u[4]),
+        drag_factor=_between(family.drag_factor, u[5]),
+        lift_slope_factor=_between(family.lift_slope_factor, u[6]),
+    )
+    kinds = family.turbulence
+    kind: Any = kinds[min(int(u[7] * len(kinds)), len(kinds) - 1)]
+    conditions = Conditions(loading, east, north, kind, int(u[8] * 2**31))
+    error = family.wind_error_mps
+    believed = east + error * gauss[0], north + error * gauss[1]
+    return Drawn(conditions, _between(family.altitude_m, u[9]), believed, _between(family.latency, u[10]))
+
+
+def _between(bounds: tuple[float, float], draw: float) -> float:
+    low, high = bounds
+    return low + (high - low) * draw

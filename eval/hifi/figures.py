@@ -1,36 +1,43 @@
-"""Figures of a run of flights: a sheet of some, how near the aircraft came, and how far it was from its plans."""
+"""Figures of a run of flights: a sheet of some with every error, how near the aircraft came, and how far it was off."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from threadpoolctl import threadpool_limits
 
+from agents.policy.inference import Policy
+from envs.c208.air_mass import over_ground
+from envs.follower import PERIOD
+from envs.kinematics import VehicleState
 from envs.outcome import Rules
-from eval.hifi.flights import Campaign, LoadedCampaign, flown
-from eval.hifi.rows import WAYPOINTS
-from eval.hifi.sheet import sheet
-from eval.plots.style import BLUE, GREEN, ORANGE, SKY, VERMILION
+from envs.trees import take
+from eval.flights.plan_flight import SUBSTEPS
+from eval.hifi.errors import Errors
+from eval.hifi.flights import Campaign, Flown, flown, prepared
+from eval.plots.style import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
 from eval.runner.outputs import RunFolder
 
-__all__ = ["chosen", "distributions", "draw_all", "separations"]
+__all__ = ["chosen", "distributions", "draw_all", "separations", "sheet"]
 
 _SHOWN = 4
+_KM = 1_000.0
+_AFTER = 60.0  # the rejoining that the track is shown for, s
 
 
 def draw_all(folder: RunFolder, table: Mapping[str, np.ndarray], campaign: Campaign) -> list[Path]:
     """Draw every figure of a run into its folder and return the paths."""
-    numbers = chosen(table)
     flights = []
     with threadpool_limits(1):
-        loaded = LoadedCampaign(campaign)
-        for number in numbers:
+        loaded = prepared(campaign, Policy.load(campaign.policy))
+        for number in chosen(table):
             closest = table["min_separation_m"][number]
             apart = "" if np.isnan(closest) else f", {closest:.0f} m"
             wind = f", wind {table['wind_m_s'][number]:.0f} m/s" if table["wind_m_s"][number] else ""
-            flights.append((f"{number}: {table['outcome'][number]}{apart}{wind}", flown(loaded, number)))
+            flights.append((f"{number}: {table['outcome'][number]}{apart}{wind}", flown(*loaded, number)))
     figures = {"flights": sheet(flights, campaign.aircraft.rules())}
     if np.isfinite(table["min_separation_m"]).any():
         figures["min_separation"] = separations(table, campaign.aircraft.rules())
@@ -65,9 +72,9 @@ def separations(table: Mapping[str, np.ndarray], rules: Rules) -> Figure:
 
 
 def distributions(table: Mapping[str, np.ndarray]) -> Figure:
-    """Return how far the aircraft was from its plans: shares of flights, and waypoint by waypoint."""
-    figure = Figure(figsize=(13.0, 4.4), layout="constrained")
-    left, middle, right = figure.subplots(1, 3)
+    """Return how far the aircraft was from its SAFE plans, as shares of flights."""
+    figure = Figure(figsize=(7.0, 4.4), layout="constrained")
+    axes = figure.add_subplot()
     safe = table["plan_status"] == "safe"
     for name, label, color in (
         ("path_definition_max_m", "path definition", GREEN),
@@ -75,26 +82,93 @@ def distributions(table: Mapping[str, np.ndarray]) -> Figure:
         ("total_error_max_m", "total, policy's part", ORANGE),
         ("separation_loss_m", "separation lost", VERMILION),
     ):
-        _exceeded(left, table[name][safe], label, color)
-    left.set_xscale("symlog", linthresh=1.0)
-    left.set_yscale("log")
-    left.set_xlabel("largest distance in a flight, m")
-    left.set_ylabel("share of flights beyond it")
-    left.legend(frameon=False, fontsize=8)
-    for axes, kind, label in ((middle, "position_m", "distance from the plan, m"), (right, "late_s", "|late|, s")):
-        each = [np.abs(table[f"{kind}_{n:02d}"][safe]) for n in range(1, WAYPOINTS + 1)]
-        for share, style in ((1.0, ":"), (0.95, "--"), (0.5, "-")):
-            found = [np.quantile(values[np.isfinite(values)], share) for values in each]
-            axes.plot(range(1, WAYPOINTS + 1), found, style, color=BLUE, label=f"{100.0 * share:g} %")
-        axes.set_xlabel("waypoint")
-        axes.set_ylabel(label)
-        axes.legend(frameon=False, fontsize=8)
-    for axes in (left, middle, right):
-        axes.grid(color="#EBEBEB", linewidth=0.5)
+        values = table[name][safe]
+        known = np.sort(values[np.isfinite(values)])
+        if known.size:
+            axes.step(known, 1.0 - np.arange(known.size) / known.size, color=color, label=label, where="post")
+    axes.set_xscale("symlog", linthresh=1.0)
+    axes.set_yscale("log")
+    axes.set_xlabel("largest distance in a flight, m")
+    axes.set_ylabel("share of flights beyond it")
+    axes.legend(frameon=False, fontsize=8)
+    axes.grid(color="#EBEBEB", linewidth=0.5)
     return figure
 
 
-def _exceeded(axes: Any, values: np.ndarray, label: str, color: str) -> None:
-    known = np.sort(values[np.isfinite(values)])
-    if known.size:
-        axes.step(known, 1.0 - np.arange(known.size) / known.size, color=color, label=label, where="post")
+def sheet(flights: Sequence[tuple[str, Flown]], rules: Rules) -> Figure:
+    """Return a sheet with a column a flight, that has a title; the errors only where there are any.
+
+    Args:
+        flights: titles and flights, at least one.
+        rules: of the task.
+    """
+    rows = ["separation, km"]
+    if any(one.errors is not None for _, one in flights):
+        rows += ["cross-track, m", "along-track, m", "arrival, s late", "accumulated, m s"]
+    count = len(flights)
+    figure = Figure(figsize=(4.2 * count, 4.0 + 1.75 * len(rows)), layout="constrained")
+    grid = figure.add_gridspec(1 + len(rows), count, height_ratios=[2.6, *([1.0] * len(rows))])
+    for i, (title, one) in enumerate(flights):
+        axes = figure.add_subplot(grid[0, i])
+        axes.set_title(title, fontsize=9)
+        _track(axes, one, rules)
+        axes.set_xlabel("east, km", fontsize=8)
+        axes.set_ylabel("north, km" if i == 0 else "", fontsize=8)
+        for row, label in enumerate(rows, 1):
+            below = figure.add_subplot(grid[row, i])
+            if row == 1:
+                _separation(below, one, rules)
+            elif one.errors is not None:
+                _error(below, row - 2, one.errors)
+            below.set_ylabel(label if i == 0 else "", fontsize=8)
+            below.tick_params(labelsize=7)
+            below.grid(color="#EBEBEB", linewidth=0.5)
+        below.set_xlabel("time, s", fontsize=8)
+    return figure
+
+
+def _track(axes: Any, one: Flown, rules: Rules) -> None:
+    route = one.scene.route
+    axes.plot(route.x[:2] / _KM, route.y[:2] / _KM, color=GREY, linewidth=0.8, linestyle=":")
+    goal = float(route.x[1]) / _KM, float(route.y[1]) / _KM
+    axes.add_patch(Circle(goal, rules.goal_radius / _KM, color=GREEN, alpha=0.35, linewidth=0))
+    rejoin = rules.t_max if one.made is None else float(one.made.plans.proposals.rejoin_time[0])
+    # What comes later is the route, a straight line.
+    end = round(rejoin + _AFTER) if np.isfinite(rejoin) else round(rules.t_max)
+    if one.flight is not None:
+        own = take(one.flight.own, slice(None, end * SUBSTEPS + 1))
+        others = take(one.flight.intruders, slice(None, end + 1))
+        axes.plot(own.x / _KM, own.y / _KM, color=BLUE, linewidth=1.4, label="aircraft")
+        for k in np.flatnonzero(one.scene.encounter.mask[0]):
+            label = "intruder" if k == 0 else None
+            axes.plot(others.x[:, k] / _KM, others.y[:, k] / _KM, color=VERMILION, linestyle="--", label=label)
+            axes.plot(others.x[0, k] / _KM, others.y[0, k] / _KM, "s", color=VERMILION, markersize=4)
+    if one.made is not None and one.legs is not None and one.errors is not None:
+        knots = one.made.plans.proposals.knots
+        shown = knots.time[0] <= end
+        place = VehicleState(*(field[0, shown] for field in knots[:4]))
+        over = over_ground(place, one.scene.frame, knots.time[0, shown])
+        axes.plot(over.x / _KM, over.y / _KM, "o", color="black", markersize=3, fillstyle="none", label="waypoints")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.tick_params(labelsize=7)
+    axes.grid(color="#EBEBEB", linewidth=0.5)
+    axes.legend(frameon=False, fontsize=7)
+
+
+def _separation(axes: Any, one: Flown, rules: Rules) -> None:
+    if one.flight is not None and one.flight.separation.size:
+        apart = one.flight.separation
+        axes.plot(np.arange(1, apart.size + 1), apart / _KM, color=BLUE, linewidth=1.0)
+        axes.set_ylim(0.0, min(6.0, 1.05 * float(apart.max()) / _KM))
+    axes.axhline(rules.separation / _KM, color=VERMILION, linewidth=0.8, linestyle="--")
+
+
+def _error(axes: Any, number: int, errors: Errors) -> None:
+    """Draw an error over time: across the path, along it, in time, or (the fourth) accumulated."""
+    clock = PERIOD * np.arange(errors.late.size)
+    if number < 3:
+        axes.plot(clock, errors[number], color=BLUE, linewidth=0.9)
+        return
+    for values, color, name in ((np.abs(errors.cross_track), ORANGE, "across"), (errors.position, BLUE, "position")):
+        axes.plot(clock, PERIOD * np.cumsum(values), color=color, linewidth=1.0, label=name)
+    axes.legend(frameon=False, fontsize=7)

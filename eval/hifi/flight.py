@@ -21,7 +21,7 @@ from envs.relative import leg_separation
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi.vehicle import Airborne, Navigation
 
-__all__ = ["Flight", "Guided", "Pilot", "Traffic", "fly"]
+__all__ = ["Flight", "Pilot", "Traffic", "fly"]
 
 
 class Pilot(Protocol):
@@ -45,14 +45,6 @@ class Pilot(Protocol):
     def commands(self, own: VehicleState, time: float) -> tuple[float, float]:
         """Return acceleration (m/s^2) and turn rate (rad/s) of the track for the coming period."""
         ...
-
-
-class Guided(NamedTuple):
-    """What is flown with: vehicle, pilot, and how the own place is known."""
-
-    vehicle: Airborne
-    pilot: Pilot
-    navigation: Navigation
 
 
 class Flight(NamedTuple):
@@ -122,19 +114,25 @@ class Traffic:
 
 
 def fly(
-    guided: Guided, traffic: Traffic, goal: tuple[float, float], rules: Rules, until: int, ends: tuple[str, ...] = ()
+    vehicle: Airborne,
+    pilot: Pilot,
+    navigation: Navigation,
+    traffic: Traffic,
+    goal: tuple[float, float],
+    rules: Rules,
+    until: int,
+    ends: tuple[str, ...] = (),
 ) -> Flight:
     """Fly until a time, the end of the aircraft, or, where that ends the flight, a violation or the goal.
 
     Args:
-        guided: what is flown with.
+        vehicle, pilot, navigation: what is flown, what commands it, and how the own place is known.
         traffic: its intruders, moved on by this.
         goal: over the ground, m.
         rules: of the task.
         until: s, at least 1.
         ends: what else ends the flight: ``"violation"``, ``"goal"``.
     """
-    vehicle, pilot, navigation = guided
     states, altitudes, lates = [vehicle.state], [vehicle.altitude], [0.0]
     others, separations = [traffic.ground()], []
     failure: str | None = None

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +14,7 @@ from agents.planner.planner import Plans
 from agents.planner.traffic import Traffic as Known
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
-from envs.c208.air_mass import NO_WIND, Wind, over_ground, through_air
+from envs.c208.air_mass import Wind, over_ground, through_air
 from envs.c208.guidance import Path as Track
 from envs.c208.vehicle import FlightError, StartError
 from envs.encounters import Encounter, Scenario
@@ -28,14 +27,14 @@ from eval.config import Setting
 from eval.flights.plan_flight import request_of
 from eval.flights.plan_mode import perceived_at_start
 from eval.flights.simulate import sensor_noise
-from eval.hifi.conditions import ConditionConfig, Drawn, drawn
+from eval.hifi.config import ConditionConfig, Drawn, drawn
 from eval.hifi.errors import Errors, against, rolled
-from eval.hifi.flight import Flight, Guided, Pilot, Traffic, fly
+from eval.hifi.flight import Flight, Pilot, Traffic, fly
 from eval.hifi.pilots import Assured, Closed, Follower
 from eval.hifi.vehicle import Navigation, begin, lookahead_of, reach_of, takeoff_weight
 from eval.hifi.wind import Made, Route, plan_for, unflyable
 
-__all__ = ["Campaign", "Flown", "Scene", "flown", "scene_of"]
+__all__ = ["Campaign", "Flown", "Scene", "flown", "prepared", "scene_of"]
 
 _ASSURED_ENDS, _CLOSED_ENDS = ("violation",), ("violation", "goal")
 
@@ -57,8 +56,6 @@ class Campaign(NamedTuple):
     """That flies, one of :data:`eval.hifi.config.VEHICLES`."""
     family: ConditionConfig
     """Of the conditions."""
-    wind_plan: str
-    """``air`` or ``ground``."""
 
 
 class Scene(NamedTuple):
@@ -70,7 +67,7 @@ class Scene(NamedTuple):
     wind: Wind
     """That blows."""
     frame: Wind
-    """That is reckoned with."""
+    """That the planner knows."""
     own: VehicleState
     """Over the ground, plain floats."""
     route: Route
@@ -96,22 +93,9 @@ class Flown(NamedTuple):
     pilot: Pilot | None
 
 
-class LoadedCampaign:
-    """A campaign with its policy: a given one, or else that of the campaign's file, loaded when it is first needed."""
-
-    def __init__(self, campaign: Campaign, policy: Policy | None = None) -> None:
-        self.campaign = campaign
-        self._given = policy
-
-    @cached_property
-    def policy(self) -> Policy:
-        """The policy.
-
-        Raises:
-            PolicyFileError: the file cannot be used.
-        """
-        policy = Policy.load(self.campaign.policy) if self._given is None else self._given
-        return policy.for_aircraft(self.campaign.aircraft, outside="allow")
+def prepared(campaign: Campaign, policy: Policy) -> tuple[Campaign, Policy]:
+    """Return a campaign and its policy for the campaign's aircraft: what :func:`flown` takes."""
+    return campaign, policy.for_aircraft(campaign.aircraft, outside="allow")
 
 
 def scene_of(campaign: Campaign, number: int) -> Scene:
@@ -141,18 +125,15 @@ def scene_of(campaign: Campaign, number: int) -> Scene:
     over = one._replace(goal_x=np.array([goal[0]]), goal_y=np.array([goal[1]]))
     line = request_of(over, campaign.aircraft)
     route = Route(line.route_x[0], line.route_y[0])
-    frame = met.believed_wind if campaign.wind_plan == "air" else NO_WIND
-    return Scene(one, met, wind, frame, over_ground(own, wind, 0.0), route, noise)
+    return Scene(one, met, wind, met.believed_wind, over_ground(own, wind, 0.0), route, noise)
 
 
-def flown(loaded: LoadedCampaign, number: int) -> Flown:
+def flown(campaign: Campaign, policy: Policy, number: int) -> Flown:
     """Fly one flight.
 
     Raises:
         EncounterError: the encounter cannot be drawn.
-        PolicyFileError: the policy cannot be used.
     """
-    campaign, policy = loaded.campaign, loaded.policy
     scene = scene_of(campaign, number)
     goal = float(scene.route.x[1]), float(scene.route.y[1])
     gains = lookahead_of(campaign.vehicle)
@@ -166,9 +147,7 @@ def flown(loaded: LoadedCampaign, number: int) -> Flown:
     whole = int(made.plans.proposals.last[0]) >= 0
     curves = legs(take(made.plans.proposals.knots, 0)) if whole else None
     if curves is not None:
-        # What blows is known only as well as it is believed to be.
-        reach = reach_of(campaign.vehicle, campaign.aircraft.limits, scene.drawn)
-        wrong = unflyable(curves, scene.frame, scene.drawn.believed_wind, reach)
+        wrong = unflyable(curves, reach_of(campaign.vehicle, campaign.aircraft.limits, scene.drawn))
         if wrong is not None:
             return Flown(scene, made, curves, None, None, wrong, None)
     if campaign.mode == "assured":
@@ -227,4 +206,4 @@ def _fly(
     navigation = Navigation(campaign.family.own_position_std, campaign.seed, number)
     goal = float(scene.route.x[1]), float(scene.route.y[1])
     traffic = Traffic(scene.encounter, scene.wind, scene.noise)
-    return fly(Guided(vehicle, pilot, navigation), traffic, goal, campaign.aircraft.rules(), until, ends), None
+    return fly(vehicle, pilot, navigation, traffic, goal, campaign.aircraft.rules(), until, ends), None

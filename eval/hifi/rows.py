@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict, classify
 from envs.follower import PERIOD
 from envs.kinematics import within
@@ -13,24 +14,21 @@ from eval.flights.conditions import conditions
 from eval.flights.plan_flight import SUBSTEPS
 from eval.flights.plan_mode import SOURCES, STATUSES
 from eval.hifi.config import HifiConfig
-from eval.hifi.flights import Campaign, Flown, LoadedCampaign, flown
+from eval.hifi.flights import Campaign, Flown, flown
 from eval.hifi.pilots import Assured
 from eval.runner.outputs import RunFolder
 
-__all__ = ["HIFI_OUTCOMES", "WAYPOINTS", "HifiFolder", "columns", "row_of"]
+__all__ = ["HIFI_OUTCOMES", "HifiFolder", "columns", "row_of"]
 
 HIFI_OUTCOMES = ("reached", "violation", "timeout", "failed", "refused")
 """How a flight can end: ``failed`` is an aircraft lost, ``refused`` one that never began, both with a reason."""
 
-WAYPOINTS = 20
-"""Of a plan."""
-
 _NAN = math.nan
 
 
-def columns(loaded: LoadedCampaign, first: int, count: int) -> dict[str, np.ndarray]:
-    """Return the table of the flights ``first .. first + count - 1``."""
-    rows = [row_of(loaded.campaign, number, flown(loaded, number)) for number in range(first, first + count)]
+def columns(prepared: tuple[Campaign, Policy], first: int, count: int) -> dict[str, np.ndarray]:
+    """Return the table of the flights ``first .. first + count - 1`` of :func:`eval.hifi.flights.prepared`."""
+    rows = [row_of(prepared[0], number, flown(*prepared, number)) for number in range(first, first + count)]
     return {
         name: np.array([row[name] for row in rows], dtype=object if isinstance(rows[0][name], str) else None)
         for name in rows[0]
@@ -39,12 +37,11 @@ def columns(loaded: LoadedCampaign, first: int, count: int) -> dict[str, np.ndar
 
 def row_of(campaign: Campaign, number: int, one: Flown) -> dict[str, Any]:
     """Return the row of one flight."""
-    verdict = _verdict(one, campaign.aircraft.rules())
-    plan = _plan(one) | _bound(campaign, one)
     return (
         {"flight": number}
-        | verdict
-        | plan
+        | _verdict(one, campaign.aircraft.rules())
+        | _plan(one)
+        | _bound(campaign, one)
         | _loss(one)
         | _errors(one)
         | _monitor(campaign, one)
@@ -89,20 +86,13 @@ def _verdict(one: Flown, rules: Rules) -> dict[str, Any]:
 def _plan(one: Flown) -> dict[str, Any]:
     if one.made is None or one.made.request is None:
         none = {"plan_status": "none", "plan_source": "none"}
-        return (
-            none
-            | dict.fromkeys(("plan_min_separation_m", "plan_rejoin_s", "plan_speed_min_m_s"), _NAN)
-            | {"plan_speed_max_m_s": _NAN}
-        )
+        return none | {"plan_min_separation_m": _NAN, "plan_rejoin_s": _NAN}
     plans = one.made.plans
-    speeds = plans.proposals.knots.speed[0]
     return {
         "plan_status": STATUSES[int(plans.proposals.safe[0])],
         "plan_source": SOURCES[int(plans.source[0])],
         "plan_min_separation_m": float(plans.proposals.min_separation[0]),
         "plan_rejoin_s": float(plans.proposals.rejoin_time[0]),
-        "plan_speed_min_m_s": float(speeds.min()),
-        "plan_speed_max_m_s": float(speeds.max()),
     }
 
 
@@ -132,19 +122,16 @@ def _loss(one: Flown) -> dict[str, Any]:
 
 def _errors(one: Flown) -> dict[str, Any]:
     """Return the errors against the plan; nan where there is none or it was not flown to its end."""
-    names = [f"{kind}_{n:02d}" for kind in ("position_m", "late_s") for n in range(1, WAYPOINTS + 1)]
     keys = (
         *("cross_track_rms_m", "cross_track_max_m", "along_track_max_m", "late_max_s", "position_error_max_m"),
         *("position_error_to_goal_m", "accumulated_m_s", "path_definition_max_m", "total_error_max_m"),
-        *("altitude_error_max_m", *names),
+        "altitude_error_max_m",
     )
     errors, flight = one.errors, one.flight
     if errors is None or flight is None or one.legs is None or flight.failure is not None:
         return dict.fromkeys(keys, _NAN)
-    times = one.legs.time + one.legs.duration
-    at = np.minimum(np.round(times / PERIOD).astype(int), errors.late.size - 1)
     # The last second of a flight may lie beyond the plan's end.
-    within = PERIOD * np.arange(errors.late.size) <= times[-1] + 1e-9
+    within = PERIOD * np.arange(errors.late.size) <= one.legs.time[-1] + one.legs.duration[-1] + 1e-9
     position = errors.position[within]
     assert one.made is not None
     rejoin = float(one.made.plans.proposals.rejoin_time[0])
@@ -156,8 +143,6 @@ def _errors(one: Flown) -> dict[str, Any]:
         errors.definition.max() if errors.definition.size else _NAN,
         errors.total.max() if errors.total.size else _NAN,
         np.abs(flight.altitude - one.scene.drawn.altitude).max(),
-        *errors.position[at],
-        *errors.late[at],
     )
     return dict(zip(keys, (float(value) for value in values), strict=True))
 

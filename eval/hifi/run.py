@@ -23,7 +23,7 @@ _DECISIVE = ("jsbsim",)
 
 _DESCRIPTION = """\
 Fly what the planner, the policy or the assured loop decide on the true aircraft, a Cessna 208B in JSBSim, and say how
-often that succeeds and how far the aircraft is from its plans.
+often that succeeds, how far the aircraft is from its plans, and which margin covers that.
 
 modes        plan (planned once, then followed), closed (the network once a second), assured (under the monitor)
 vehicles     c208_ex, c208 (675 shp), point_mass (its lags and limits alone), surrogate
@@ -39,7 +39,6 @@ examples:
   python -m eval.hifi --mode assured --condition mixed --flights 500 --out runs/mixed
   python -m eval.hifi --set planner.margin=60 --set planner.vehicle=configs/vehicle_c208.yaml --out runs/c208
   python -m eval.hifi --resume --out runs/mixed        go on with a run that was interrupted
-  python -m eval.hifi_gap runs/mixed                   the aircraft's distance from its plans, and a margin for it
 
 Every key of the configuration, with its unit and default: python -m eval.hifi --help-keys"""
 
@@ -77,7 +76,7 @@ def _parser() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace) -> int:
     begun = time.perf_counter()
     config = _config(options)
-    from eval.hifi.flights import LoadedCampaign
+    from eval.hifi.flights import prepared
     from eval.hifi.rows import HifiFolder, columns
     from eval.runner.workers import DECISIVE, Task, cores
 
@@ -85,7 +84,7 @@ def _run(options: argparse.Namespace) -> int:
         workers = config.workers or cores() if cluster is None else cluster.size()
         campaign, config = campaign_of(config, workers)
         folder = HifiFolder(options.out or Path("runs") / time.strftime("hifi_%Y%m%d_%H%M%S"), config)
-        task = Task(LoadedCampaign, columns, (*DECISIVE, *_DECISIVE))
+        task = Task(prepared, columns, (*DECISIVE, *_DECISIVE))
         fly = flown_on(cluster, workers, task, campaign, str(config.policy_sha256))
         with run_in(folder, config, resume=options.resume):
             table, flown = whole_table(folder, config, fly, "flights", "python -m eval.hifi")
@@ -125,7 +124,7 @@ def campaign_of(config: "HifiConfig", workers: int = 1) -> "tuple[Campaign, Hifi
     resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
     campaign = Campaign(
         *(config.policy, source, config.seed, aircraft, config.mode, config.planner.setting(aircraft)),
-        *(config.vehicle, config.condition, config.wind_plan),
+        *(config.vehicle, config.condition),
     )
     return campaign, config.model_copy(update=resolved)
 
@@ -145,7 +144,6 @@ def _summary(table: Any, config: "HifiConfig", aircraft: "Aircraft", wall_s: flo
         "mode": config.mode,
         "vehicle": config.vehicle,
         "condition": config.condition.model_dump(),
-        "wind_plan": config.wind_plan,
         "margin_m": config.planner.setting(aircraft).options.requirement.margin,
         "policy_sha256": config.policy_sha256,
         **described(aircraft, named_policy(config)),
@@ -176,6 +174,9 @@ def _show(summary: dict[str, Any], folder: "HifiFolder", paths: list[Path]) -> N
         if found["1"] is not None:
             middle, high, most = (_number(found[key]) for key in ("0.5", "0.95", "1"))
             print(f"{name:26} median {middle}, 95 % {high}, largest {most}")
+    margin = summary["margin"]
+    if margin["margin_m"] is not None:
+        print(f"margin for 99 % of flights  {margin['bound_m']:.1f} m; --set planner.margin={margin['margin_m']:g}")
     for reason, count in summary["reasons"].items():
         print(f"{count:6}  {reason}")
     names = {path.name for path in paths} | {"flights.parquet", "config.yaml"}

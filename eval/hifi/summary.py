@@ -1,5 +1,6 @@
 """From the table of flights to the numbers that matter; docs/reference/evaluation-files.md defines every key."""
 
+import math
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -7,14 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from eval.hifi.rows import HIFI_OUTCOMES, WAYPOINTS
+from eval.hifi.rows import HIFI_OUTCOMES
 from eval.stats.intervals import quantiles, share
 
-__all__ = ["SCHEMA_VERSION", "summarise"]
+__all__ = ["SCHEMA_VERSION", "margin", "summarise", "upper_bound"]
 
 SCHEMA_VERSION = 1
 
 _SHARES = (0.5, 0.95, 0.99, 1.0)
+_COVERED = 0.99  # share of the flights that a margin covers
+_ROUNDING = 5.0  # m, to which a margin is rounded up
 _ERRORS = (
     *("cross_track_rms_m", "cross_track_max_m", "along_track_max_m", "late_max_s", "position_error_max_m"),
     *("position_error_to_goal_m", "path_definition_max_m", "total_error_max_m", "altitude_error_max_m"),
@@ -38,11 +41,10 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, A
     # Refusing is no success: a plan that was not flown for the wind resolves nothing.
     flyable = safe & (outcome != "refused")
     bound = ~np.isin(table["verdict"], ("unresolvable", "outside"))
-    safe_total, begun = int(np.count_nonzero(safe)), outcome != "refused"
+    safe_total = int(np.count_nonzero(safe))
     rates = {"success_rate": rate(outcome == "reached")}
     rates |= {f"{name}_rate": rate(outcome == name) for name in HIFI_OUTCOMES[1:]}
     rates |= {
-        "success_of_begun": rate(outcome == "reached", int(np.count_nonzero(begun))),
         "plan_safe_rate": rate(safe),
         "safe_of_resolvable": rate(flyable & bound, int(np.count_nonzero(bound))),
         "success_of_safe": rate(safe & (outcome == "reached"), safe_total),
@@ -54,10 +56,7 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, A
         "min_separation_m_quantiles": quantiles(table["min_separation_m"], (0.0, 0.01, 0.05, 0.5)),
         "whole_min_separation_m_of_safe": quantiles(whole, (0.0, 0.01, 0.5)),
         "errors": {name: quantiles(table[name][safe], _SHARES) for name in _ERRORS},
-        "waypoints": {
-            "position_m": quantiles(_pooled(table, safe, "position_m"), _SHARES),
-            "late_s": quantiles(np.abs(_pooled(table, safe, "late_s")), _SHARES),
-        },
+        "margin": margin(table, confidence),
         "reasons": dict(Counter(_kind(text) for text in table["reason"] if text).most_common()),
     }
     if "replans" in table:
@@ -66,8 +65,39 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, A
     return summary
 
 
-def _pooled(table: Mapping[str, np.ndarray], rows: Any, kind: str) -> np.ndarray:
-    return np.concatenate([table[f"{kind}_{n:02d}"][rows] for n in range(1, WAYPOINTS + 1)])
+def margin(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, Any]:
+    """Return a bound of the distance from their SAFE plans that 99 % of flights keep, and the margin that covers it.
+
+    The distance between two aircraft differs from the planned one by no more than the own distance from the plan at
+    that time, so that such a margin keeps what was planned, whatever the geometry. The bound is an order statistic:
+    nothing is assumed of the distribution. An aircraft that was lost counts as infinitely far away.
+    """
+    safe, off = table["plan_status"] == "safe", table["position_error_max_m"]
+    lost = safe & (table["outcome"] == "failed")
+    bound = upper_bound(np.where(lost, np.inf, off)[lost | (safe & np.isfinite(off))], _COVERED, confidence)
+    known = bound if bound is not None and math.isfinite(bound) else None
+    return {
+        "bound_m": known,
+        "margin_m": None if known is None else _ROUNDING * math.ceil(known / _ROUNDING),
+        "flights_needed": math.ceil(math.log(1.0 - confidence) / math.log(_COVERED)),
+    }
+
+
+def upper_bound(values: np.ndarray, share: float, confidence: float) -> float | None:
+    """Return a bound that a quantile does not exceed with some confidence, None where there are too few values.
+
+    The k-th smallest of n independent values exceeds the quantile of share q with probability P(B < k), B binomial in n
+    and q; the bound is the smallest value for which that reaches the confidence.
+
+    Args:
+        values: ``[M]``; inf is allowed.
+        share: of the quantile, in (0, 1).
+        confidence: in (0, 1).
+    """
+    from scipy.special import bdtr
+
+    reached = np.flatnonzero(bdtr(np.arange(values.size), values.size, share) >= confidence)
+    return float(np.sort(values)[reached[0]]) if reached.size else None
 
 
 def _kind(reason: str) -> str:

@@ -15,7 +15,7 @@ from envs.c208.propulsion import DENSITY_0
 from envs.c208.vehicle import C208Vehicle
 from envs.follower import KinematicVehicle
 from envs.kinematics import Limits, VehicleState
-from eval.hifi.conditions import Drawn
+from eval.hifi.config import Drawn
 
 __all__ = ["PROMPT", "VARIANT_OF", "Airborne", "Navigation", "begin", "lookahead_of", "reach_of", "takeoff_weight"]
 

@@ -20,7 +20,7 @@ from envs.c208.air_mass import NO_WIND, Wind
 from envs.kinematics import VehicleState
 from envs.waypoints import Legs
 
-__all__ = ["Made", "Route", "airspeeds", "made_good", "plan_for", "unflyable"]
+__all__ = ["Made", "Route", "made_good", "plan_for", "unflyable"]
 
 _ROUNDS, _STRAIGHT = 10, 2
 _SLOWEST = 5.0  # over the ground along the route, m/s
@@ -102,33 +102,10 @@ def plan_for(
     return Made(plans, request, f"no plan meets the route that drifts in {strength:.1f} m/s of wind")
 
 
-def airspeeds(legs: Legs, frame: Wind, wind: Wind) -> tuple[float, float]:
-    """Return the smallest and largest air speed that legs made in one air mass ask for in another, m/s.
-
-    Args:
-        legs: of one plan, ``[L]``.
-        frame: wind that the plan was made for.
-        wind: that blows.
-    """
-    end = legs.duration[:, None] / legs.x.shape[-1]
-    speed = np.stack([legs.speed, legs.speed + legs.acceleration * end])
-    heading = np.stack([legs.heading, legs.heading + legs.yaw_rate * end])
-    east, north = frame[0] - wind[0], frame[1] - wind[1]
-    air = np.hypot(speed * np.cos(heading) + east, speed * np.sin(heading) + north)
-    return float(air.min()), float(air.max())
-
-
-def unflyable(legs: Legs, frame: Wind, wind: Wind, reach: tuple[float, float]) -> str | None:
-    """Return why a plan made in one air mass cannot be flown in another, None where it can.
-
-    Args:
-        legs: of one plan, ``[L]``.
-        frame: wind that the plan was made for.
-        wind: that is expected to blow.
-        reach: slowest and fastest air speed of the vehicle, m/s.
-    """
-    slow, fast = airspeeds(legs, frame, wind)
-    low, high = reach
+def unflyable(legs: Legs, reach: tuple[float, float]) -> str | None:
+    """Return why a vehicle with a slowest and a fastest air speed, m/s, cannot fly legs ``[L]``; None where it can."""
+    speed = np.stack([legs.speed, legs.speed + legs.acceleration * legs.duration[:, None] / legs.x.shape[-1]])
+    (slow, fast), (low, high) = (speed.min(), speed.max()), reach
     if low <= slow and fast <= high:
         return None
     return f"the plan asks for air speeds of {slow:.1f} to {fast:.1f} m/s, the vehicle has {low:.1f} to {high:.1f} m/s"

@@ -31,7 +31,7 @@ from envs.follower import PERIOD
 from envs.kinematics import SURROGATE, VehicleState, advance
 from envs.tracking import deviation
 from envs.waypoints import Knots, Legs, at, legs
-from eval.hifi import c208_figures
+from eval import c208_figures
 
 
 def test_the_files_that_ship_are_what_the_facts_give() -> None:
