@@ -1,6 +1,236 @@
-"""``python -m eval.family``: see :mod:`eval.sensitivity.family`."""
+"""A policy over a family of random aircraft: ``python -m eval.family --aircraft-seed 0 --count 20 --out runs/family``.
 
+Aircraft of a seed are drawn by number, so that number 3 is the same however many are drawn. Drawn uniformly: the
+greatest speed, the time that it takes for one separation, and what makes aircraft unlike: least speed, both
+accelerations and the turn circle, in units of separation and greatest speed.
+"""
+
+import argparse
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from agents.config.load import ConfigError, Parser, dump
 from envs.edge.command import run_cli
+from envs.edge.files import write_file
+from eval.runner.options import check_digest, whole
+
+if TYPE_CHECKING:
+    from agents.config.world import AircraftConfig
+    from agents.policy.inference import Policy
+    from eval.flights.chunks import Evaluation, Pilot
+
+__all__ = ["FAMILY", "TRAFFIC", "Fleet", "columns", "drawn", "main", "pilots"]
+
+FAMILY = {
+    "speed_max": (25.0, 240.0),  # m/s
+    "time_unit": (8.0, 40.0),  # separation at the greatest speed, s; alike aircraft differ in nothing by it
+    "speed_min": (0.4, 0.75),  # of the greatest
+    "acceleration_min": (0.03, 0.4),  # of speed_max^2 / separation, as a deceleration
+    "acceleration_max": (0.03, 0.4),
+    "turn_radius": (0.3, 2.5),  # of the circle at the greatest speed, separations
+}
+"""Ranges of what is drawn for each aircraft."""
+
+TRAFFIC = (0.4, 1.3)
+"""Range of the intruders' speeds, of the ownship's greatest."""
+
+_MODES = ("policy", "plan", "assured")
+_STREAM = 0x6661_6D69  # keeps the draws apart from those of encounters with the same seed
+_RATES = ("success_rate", "success_given_resolvable", "success_given_solved", "violation_rate")
+
+_DESCRIPTION = """\
+Fly a policy with each of a number of random aircraft: greatest speed 25 to 240 m/s, turn circle 0.3 to 2.5 separations,
+accelerations 0.03 to 0.4 speed_max^2/D, least speed 0.4 to 0.75 and traffic 0.4 to 1.3 of the greatest.
+
+Written to --out, a new or empty folder: family.json (rates of each aircraft with exact intervals, their mean and the
+worst) and aircraft_NN.yaml, each to be flown again by eval.monte_carlo --aircraft."""
+
+_EPILOG = """\
+examples:
+  python -m eval.family --policy runs/set/policy.safetensors --encounters 500 --out runs/family
+  python -m eval.family --policy runs/set/policy.safetensors --intruders 2 4 --turning --out runs/family_turning"""
+
+
+class Fleet(NamedTuple):
+    """Evaluations that differ in their aircraft, flown one after another as one row of encounters."""
+
+    policy: Path | None
+    """File of the policy; None for the shipped one."""
+    evaluations: "tuple[Evaluation, ...]"
+
+
+def pilots(fleet: Fleet, policy: "Policy") -> "list[Pilot]":
+    """Return what flies a fleet: its evaluations with the policy."""
+    from eval.flights.chunks import Pilot
+
+    return [Pilot(evaluation, policy) for evaluation in fleet.evaluations]
+
+
+def drawn(seed: int, number: int) -> "AircraftConfig":
+    """Return an aircraft of a seed by its number."""
+    from agents.config.world import AircraftConfig
+    from envs.draws import uniforms
+
+    u = uniforms(seed, number, 1, (len(FAMILY),), stream=_STREAM)[0]
+    of = {name: low + (high - low) * float(draw) for (name, (low, high)), draw in zip(FAMILY.items(), u, strict=True)}
+    # Rounded, so that the file says the same aircraft.
+    fast, separation = _rounded(of["speed_max"]), _rounded(of["speed_max"] * of["time_unit"])
+    unit = fast * fast / separation
+    return AircraftConfig(
+        speed_min_mps=_rounded(of["speed_min"] * fast),
+        speed_max_mps=fast,
+        acceleration_min_mps2=_rounded(-of["acceleration_min"] * unit),
+        acceleration_max_mps2=_rounded(of["acceleration_max"] * unit),
+        yaw_rate_max_deg_s=_rounded(math.degrees(fast / (of["turn_radius"] * separation))),
+        separation_m=separation,
+    )
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.5g}")
+
+
+def columns(prepared: "list[Pilot]", first: int, count: int) -> dict[str, np.ndarray]:
+    """Return the table of all ``count`` encounters of one aircraft, which are numbered through the aircraft."""
+    from eval.flights import chunks
+
+    return chunks.columns(prepared[first // count], 0, count)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly the family that the command line asks for and return the exit status.
+
+    Raises:
+        ConfigError: bad input; so are ``PolicyFileError``, ``OutsideDomainError`` and ``EncounterError``.
+    """
+    options = _parser().parse_args(arguments)
+    if options.intruders[0] > options.intruders[1]:
+        raise ConfigError("--intruders: expected the fewest first, then the most")
+    from agents.policy.inference import Policy
+    from eval.plots import save as picture_folder
+
+    policy = Policy.load(options.policy)
+    check_digest(options.policy, policy.sha256, options.policy_sha256, "--policy-sha256")
+    aircraft = [drawn(options.aircraft_seed, number) for number in range(options.count)]
+    if not options.allow_outside_domain:
+        for one in aircraft:
+            policy.for_aircraft(one.aircraft())
+    fleet = Fleet(options.policy, tuple(_evaluation(options, one) for one in aircraft))
+    picture_folder.create(options.out)
+    for number, one in enumerate(aircraft):
+        write_file(options.out / f"aircraft_{number:02}.yaml", dump(one))
+    found = _found(options, aircraft, _flown(options, fleet))
+    found |= {"policy_sha256": policy.sha256}
+    write_file(options.out / "family.json", json.dumps(found, indent=2, allow_nan=False) + "\n")
+    _show(found, options.out)
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m eval.family", description=_DESCRIPTION, epilog=_EPILOG)
+    add = parser.add_argument
+    add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
+    add("--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have (default: any)")
+    add("--allow-outside-domain", action="store_true", help="fly aircraft that the policy was not trained for, too")
+    add("--aircraft-seed", type=whole(0), default=0, metavar="N", help="of the aircraft (default: 0)")
+    add("--count", type=whole(1), default=20, metavar="N", help="of aircraft (default: 20)")
+    add("--encounters", type=whole(1), default=500, metavar="N", help="of each aircraft (default: 500)")
+    add("--seed", type=whole(0), default=0, metavar="N", help="of encounters and sensor noise (default: 0)")
+    kinds = {"type": whole(1), "nargs": 2, "default": [1, 1], "metavar": ("MIN", "MAX")}
+    add("--intruders", help="fewest and most intruders of an encounter (default: 1 1)", **kinds)
+    add("--turning", action="store_true", help="let each intruder turn once, at up to the ownship's turn rate")
+    add("--noisy", action="store_true", help="report them with the scenario noisy's errors and latency")
+    add("--mode", default="policy", choices=_MODES, help="what decides (default: policy)")
+    add("--confidence", type=float, default=0.95, metavar="P", help="of all intervals (default: 0.95)")
+    add("--workers", type=whole(0), default=0, metavar="N", help="processes; 0: one for every core (default: 0)")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder for what is written, new or empty")
+    return parser
+
+
+def _evaluation(options: argparse.Namespace, config: "AircraftConfig") -> "Evaluation":
+    from envs.encounters import scenario
+    from eval.config import PlannerConfig
+    from eval.flights.chunks import Evaluation
+
+    aircraft = config.aircraft()
+    fast = aircraft.limits.speed_max
+    changes: dict[str, Any] = {
+        "intruders": tuple(options.intruders),
+        "intruder_speed": (TRAFFIC[0] * fast, TRAFFIC[1] * fast),
+        "attempts": 200,
+    }
+    if options.turning:
+        changes["turn_rate"] = aircraft.limits.yaw_rate_max
+    source = scenario("noisy" if options.noisy else "circle", aircraft, **changes)
+    setting = PlannerConfig().setting(aircraft)
+    return Evaluation(options.policy, source, None, options.seed, aircraft, options.mode, setting)
+
+
+def _flown(options: argparse.Namespace, fleet: Fleet) -> list[dict[str, np.ndarray]]:
+    """Return the table of each aircraft."""
+    from eval.runner.progress import Encounters
+    from eval.runner.workers import Chunk, Task, cores, fly_chunks
+
+    each, count = options.encounters, len(fleet.evaluations)
+    chunks = [Chunk(number * each, each) for number in range(count)]
+    tables: dict[int, dict[str, np.ndarray]] = {}
+    with Encounters(each * count) as progress:
+        for chunk, part in fly_chunks(Task(pilots, columns), fleet, options.workers or cores(), chunks, lambda: False):
+            tables[chunk.first] = part
+            progress.advance(chunk.size, int(np.count_nonzero(part["outcome"] == "reached")))
+    return [tables[chunk.first] for chunk in chunks]
+
+
+def _found(
+    options: argparse.Namespace, aircraft: Sequence["AircraftConfig"], tables: Sequence[Mapping[str, np.ndarray]]
+) -> dict[str, Any]:
+    """Return the content of family.json, but for the policy."""
+    from envs.aircraft import ratios
+    from eval.metrics.summary import summarise
+    from eval.stats.intervals import share
+
+    rows = []
+    for number, (one, table) in enumerate(zip(aircraft, tables, strict=True)):
+        judged = summarise(table, options.confidence, 100, options.seed)
+        unlike = ratios(one.limits(), one.separation_m)._asdict()
+        rows.append({"aircraft": number, "ratios": unlike} | {key: judged[key] for key in _RATES})
+    found: dict[str, Any] = {"schema_version": 1, **vars(options)}
+    found |= {"policy": None if options.policy is None else str(options.policy), "out": str(options.out), "rows": rows}
+    for key in _RATES:
+        known = [row for row in rows if row[key]["value"] is not None]
+        count, total = (sum(row[key][part] for row in known) for part in ("count", "total"))
+        worst = (max if key == "violation_rate" else min)(known, key=lambda row: row[key]["value"], default=None)
+        # Aircraft that differ spread less than one with their mean: the interval is no narrower than it should be.
+        found[key] = share(count, total, options.confidence) | {
+            "mean": float(np.mean([row[key]["value"] for row in known])) if known else None,
+            "worst": None if worst is None else {"aircraft": worst["aircraft"]} | worst[key],
+        }
+    return found
+
+
+def _show(found: Mapping[str, Any], out: Path) -> None:
+    print(f"{'aircraft':>8} {'turn':>6} {'least':>6} {'brake':>6} {'gain':>6}   success of resolvable, of all, lost")
+    for row in found["rows"]:
+        speed, brake, gain, turn = row["ratios"].values()
+        rates = [row[key]["value"] for key in ("success_given_resolvable", "success_rate", "violation_rate")]
+        cells = "  ".join("      -" if rate is None else f"{rate:7.2%}" for rate in rates)
+        print(f"{row['aircraft']:>8} {turn:6.2f} {speed:6.2f} {brake:6.2f} {gain:6.2f}   {cells}")
+    for key in _RATES:
+        one = found[key]
+        if one["mean"] is None:
+            continue
+        worst = one["worst"]
+        print(
+            f"{key:26} mean {one['mean']:7.2%} ({one['low']:.2%} .. {one['high']:.2%}), worst {worst['value']:7.2%} "
+            f"({worst['low']:.2%} .. {worst['high']:.2%}), aircraft {worst['aircraft']}"
+        )
+    print(f"written to {out}")
+
 
 if __name__ == "__main__":
-    run_cli("eval.sensitivity.family:main")
+    run_cli("eval.family:main")

@@ -1,4 +1,4 @@
-"""Success as a function of what a run varies: its table cut into bins of one quantity, or of two."""
+"""Success as a function of what a run varies: its table cut into bins of one quantity."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -9,13 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.config.load import ConfigError
-from agents.config.yaml import YamlError, read
 from envs.aircraft import Aircraft
 from eval.flights.aircraft import aircraft_of
 from eval.runner.outputs import read_table
 from eval.stats.intervals import share
 
-__all__ = ["Quantity", "Run", "binned", "mapped", "quantities", "rates", "read_run", "successes"]
+__all__ = ["Quantity", "Run", "binned", "quantities", "rates", "read_run", "successes"]
 
 _TABLES = ("encounters.parquet", "flights.parquet")
 _NEEDED = ("outcome", "verdict")
@@ -73,14 +72,10 @@ class Run(NamedTuple):
     """A finished run of ``eval.monte_carlo`` or ``eval.hifi``."""
 
     path: Path
-    settings: Mapping[str, Any]  # as its config.yaml has them
+    mode: str  # what decided
     table: Mapping[str, np.ndarray]  # columns [N]
     aircraft: Aircraft  # that was flown
-
-    @property
-    def mode(self) -> str:
-        """Of the run: what decided."""
-        return str(self.settings["mode"])
+    settings: Mapping[str, Any] = {}  # others that its summary names
 
 
 def read_run(path: Path) -> Run:
@@ -92,25 +87,20 @@ def read_run(path: Path) -> Run:
     file = next((path / name for name in _TABLES if (path / name).is_file()), None)
     if file is None:
         raise ConfigError(f"{path} holds no {' or '.join(_TABLES)}; expected the folder of a finished run")
-    name = "config.yaml"
     try:
-        settings = read(path / name)
-        name = "summary.json"
-        aircraft = aircraft_of(json.loads((path / name).read_text(encoding="utf-8")))
-    except (YamlError, OSError, ValueError, TypeError) as problem:
-        raise ConfigError(f"{path / name} cannot be read: {problem}; expected that of a finished run") from None
+        summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
+        aircraft, mode = aircraft_of(summary), str(summary["mode"])
+    except (OSError, ValueError, TypeError, KeyError) as problem:
+        raise ConfigError(f"{path}: summary.json cannot be read: {problem}; expected that of a finished run") from None
     found = read_table(file, "the table of a run")
     missing = [name for name in _NEEDED if name not in found.column_names]
     if missing:
         raise ConfigError(f"{file} has no column {missing[0]}; expected the table of a run")
-    if not isinstance(settings, dict) or not isinstance(settings.get("mode"), str):
-        raise ConfigError(f"{path / 'config.yaml'} names no mode; expected the configuration of a run")
-    if not found.num_rows:
-        raise ConfigError(f"{file} has no rows; expected one for each encounter")
     wanted = {*_NEEDED, "weight", "baseline_outcome", *(f"{name}_outcome" for name in _BESIDE)}
     wanted |= {each.column for each in quantities(aircraft).values()}
-    columns = [name for name in found.column_names if name in wanted]
-    return Run(path, settings, {name: found[name].to_numpy(zero_copy_only=False) for name in columns}, aircraft)
+    table = {name: found[name].to_numpy(zero_copy_only=False) for name in found.column_names if name in wanted}
+    settings = {key: summary[key] for key in ("scenario", "seed", "mode", "policy_sha256", "vehicle") if key in summary}
+    return Run(path, mode, table, aircraft, settings)
 
 
 def successes(run: Run) -> dict[str, np.ndarray]:
@@ -143,7 +133,7 @@ def rates(run: Run, chosen: np.ndarray, confidence: float) -> dict[str, Any]:
 def binned(run: Run, quantity: Quantity, confidence: float) -> dict[str, Any] | None:
     """Return the bins of a quantity in JSON types; None where the run does not vary it or does not record it.
 
-    Bins without encounters are left out. Values that are not numbers are counted apart.
+    Bins without encounters and values that are not numbers are left out.
     """
     if quantity.column not in run.table:
         return None
@@ -151,22 +141,7 @@ def binned(run: Run, quantity: Quantity, confidence: float) -> dict[str, Any] | 
     bins = [span | rates(run, chosen, confidence) for span, chosen in cells if np.any(chosen)]
     if len(bins) < 2:
         return None
-    counted = sum(one["encounters"] for one in bins)
-    what = {"name": quantity.name, "label": quantity.label, "unit": quantity.unit, "column": quantity.column}
-    return what | {"without_value": len(run.table["outcome"]) - counted, "bins": bins}
-
-
-def mapped(run: Run, across: Quantity, up: Quantity, confidence: float) -> list[dict[str, Any]]:
-    """Return the cells of two quantities that hold encounters, in JSON types; empty where one is not recorded."""
-    if across.column not in run.table or up.column not in run.table:
-        return []
-    columns, rows = (_cells(run.table[one.column], one) for one in (across, up))
-    return [
-        {across.name: span, up.name: other} | rates(run, chosen & too, confidence)
-        for span, chosen in columns
-        for other, too in rows
-        if np.any(chosen & too)
-    ]
+    return {"name": quantity.name, "label": quantity.label, "unit": quantity.unit, "bins": bins}
 
 
 def _cells(values: np.ndarray, quantity: Quantity) -> list[tuple[dict[str, Any], np.ndarray]]:

@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from eval.plots.style import BLUE, GREEN, GREY, ORANGE, VERMILION, legend, sample, tidy
-from eval.sensitivity.bins import Quantity
 
-__all__ = ["map_figure", "overview", "quantity_figure", "sweep_figure"]
+__all__ = ["overview", "quantity_figure", "sweep_figure"]
 
 _STYLES = {
     "policy": {"color": BLUE, "marker": "o"},
@@ -20,7 +19,6 @@ _STYLES = {
     "closed": {"color": BLUE, "marker": "o"},
 }
 _OTHER = {"color": VERMILION, "marker": "o"}
-_FEW = 10  # encounters below which a cell of the map is left grey
 _LEAST_SPAN = 4.0  # points of success that an axis shows at least
 _SCALE_FROM = 50  # encounters from which on a bin has a say in how far down an axis reaches
 
@@ -79,47 +77,6 @@ def overview(found: Sequence[Mapping[str, Any]], title: str) -> Figure:
         _name_axis(axes, one, fontsize=9)
     _legend(figure, _points(found[0]))
     figure.suptitle(title, fontsize=12)
-    return figure
-
-
-def map_figure(cells: Points, across: Quantity, up: Quantity, mode: str, title: str) -> Figure:
-    """Return the initial conditions of a run as a map of two quantities.
-
-    Left the success of what is not proven unresolvable, right the share that is proven so; the cells are those of
-    :func:`eval.sensitivity.bins.mapped`.
-    """
-    figure = Figure(figsize=(12.4, 5.4), layout="constrained")
-    wide, tall = (sorted({cell[one.name][end] for cell in cells for end in ("low", "high")}) for one in (across, up))
-    resolved, lost = np.full((2, len(tall) - 1, len(wide) - 1), np.nan)
-    for cell in cells:
-        if cell["encounters"] < _FEW:
-            continue
-        place = tall.index(cell[up.name]["low"]), wide.index(cell[across.name]["low"])
-        share = cell["success"][mode]["success_given_resolvable"]["value"]
-        resolved[place] = np.nan if share is None else 100.0 * share
-        lost[place] = 100.0 * cell["unresolvable_rate"]["value"]
-    least, most = np.nanmin(resolved, initial=100.0), max(np.nanmax(lost, initial=0.0), 1.0)
-    for axes, values, name, colours, low, high in zip(
-        figure.subplots(1, 2),
-        (resolved, lost),
-        (f"success of the resolvable, mode {mode}, %", "proven unresolvable, % of all"),
-        ("cividis", "magma_r"),
-        (least, 0.0),
-        (100.0, most),
-        strict=True,
-    ):
-        axes.set_facecolor("#DDDDDD")
-        # Rows of equal height: near starts matter most, and their bins are the narrowest.
-        shades = axes.pcolormesh(wide, range(len(tall)), values, cmap=colours, vmin=low, vmax=high)
-        shades.set_edgecolor("face")
-        figure.colorbar(shades, ax=axes, shrink=0.9)
-        axes.set_yticks(range(len(tall)), [f"{edge:g}" for edge in tall])
-        axes.set_xticks([edge for edge in wide if edge % 60.0 == 0.0])
-        axes.set_xlabel(_with_unit(across.label, across.unit))
-        axes.set_ylabel(_with_unit(up.label, up.unit))
-        axes.set_title(name, fontsize=11)
-    legend(figure, [Patch(facecolor="#DDDDDD", label=f"fewer than {_FEW} encounters")], 1, 10)
-    figure.suptitle(title, fontsize=11)
     return figure
 
 

@@ -75,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     found = _found(options, run, sweeps)
     if not found["quantities"] and not sweeps:
         raise ConfigError(f"--run {options.run}: varies nothing that can be shown; expected a run with a scenario")
-    paths = _draw(options, run, found)
+    paths = _draw(options, found)
     found["wall_s"] = time.perf_counter() - begun
     picture_folder.write(options.out, "sensitivity", found)
     for one in [*found["quantities"], *found["sweeps"]]:
@@ -134,12 +134,11 @@ def _passed_on(options: argparse.Namespace) -> list[str]:
 def _found(options: argparse.Namespace, run: "Run | None", sweeps: "Sequence[Sweep]") -> dict[str, Any]:
     """Return the content of sensitivity.json, without the wall time."""
     from agents.policy.versions import versions
-    from eval.sensitivity.bins import binned, mapped, quantities
+    from eval.sensitivity.bins import binned, quantities
     from eval.sensitivity.sweep import collected
 
     confidence = options.confidence
-    names = {} if run is None else quantities(run.aircraft)
-    bins = [binned(run, each, confidence) for each in names.values()] if run else []
+    bins = [binned(run, each, confidence) for each in quantities(run.aircraft).values()] if run else []
     settings = {
         "scenario": options.scenario or "circle",
         "mode": options.mode or "policy",
@@ -148,11 +147,10 @@ def _found(options: argparse.Namespace, run: "Run | None", sweeps: "Sequence[Swe
         "set": options.set,
     }
     return {
-        "schema_version": 1,
+        "schema_version": 2,
         "confidence": confidence,
         "run": None if run is None else _described(run),
         "quantities": [one for one in bins if one is not None],
-        "map": mapped(run, names["relative_heading"], names["distance"], confidence) if run else [],
         "sweeps_settings": settings if sweeps else None,
         "sweeps": [collected(sweep, options.out / _SWEEPS, confidence) for sweep in sweeps],
         "versions": versions("numpy", "scipy", "pyarrow", "matplotlib"),
@@ -160,34 +158,25 @@ def _found(options: argparse.Namespace, run: "Run | None", sweeps: "Sequence[Swe
 
 
 def _described(run: "Run") -> dict[str, Any]:
-    known = ("scenario", "seed", "mode", "policy_sha256", "draws", "vehicle")
-    settings = {key: run.settings[key] for key in known if key in run.settings}
     weighted = "weight" in run.table and bool((run.table["weight"] != 1.0).any())
-    return {"folder": run.path.name, "encounters": len(run.table["outcome"]), **settings, "weights_ignored": weighted}
+    counted = {"folder": run.path.name, "encounters": len(run.table["outcome"]), "weights_ignored": weighted}
+    return counted | dict(run.settings)
 
 
-def _draw(options: argparse.Namespace, run: "Run | None", found: dict[str, Any]) -> list[str]:
+def _draw(options: argparse.Namespace, found: dict[str, Any]) -> list[str]:
     """Write the figures and return the names of the files."""
-    from eval.sensitivity.bins import quantities
-    from eval.sensitivity.figure import map_figure, overview, quantity_figure, sweep_figure
+    from eval.sensitivity.figure import overview, quantity_figure, sweep_figure
 
     bars = f"bars: {100.0 * options.confidence:g} % intervals (Clopper-Pearson)"
     figures: dict[str, Any] = {}
     titles = []
-    if run is not None:
-        said = found["run"]
-        count, scenario = spaced(said["encounters"]), said.get("scenario")
-        titles.append(f"{said['folder']}: {count} encounters, scenario {scenario}, mode {run.mode}")
-        figures |= {one["name"]: quantity_figure(one, f"{titles[0]}; {bars}") for one in found["quantities"]}
-        if len(found["map"]) > 1:
-            names = quantities(run.aircraft)
-            axes = names["relative_heading"], names["distance"]
-            figures["map"] = map_figure(found["map"], *axes, run.mode, titles[0])
-    if found["sweeps"]:
-        said = found["sweeps_settings"]
-        title = f"{spaced(said['encounters'])} encounters a value, scenario {said['scenario']}, mode {said['mode']}"
-        titles.append(title if run is None else f"sweeps: {title}")
-        figures |= {f"vary_{one['name']}": sweep_figure(one, f"{title}; {bars}") for one in found["sweeps"]}
+    for said, what in ((found["run"], "quantities"), (found["sweeps_settings"], "sweeps")):
+        if said is not None:
+            count = f"{spaced(said['encounters'])} encounters{'' if what == 'quantities' else ' a value'}"
+            title = f"{said.get('folder', 'sweeps')}: {count}, scenario {said.get('scenario')}, mode {said.get('mode')}"
+            titles.append(title)
+            draw, prefix = (quantity_figure, "") if what == "quantities" else (sweep_figure, "vary_")
+            figures |= {f"{prefix}{one['name']}": draw(one, f"{title}; {bars}") for one in found[what]}
     figures["overview"] = overview([*found["quantities"], *found["sweeps"]], "\n".join([*titles, bars]))
     return [path.name for name, figure in figures.items() for path in save_figure(figure, options.out / name, 130)]
 

@@ -18,12 +18,12 @@ from envs.aircraft import PAPER, Aircraft, Ratios, new_aircraft, ratios
 from envs.edge.command import InputError, run_cli
 from envs.encounters import scenario
 from envs.kinematics import Limits
+from eval import family
 from eval.flights.aircraft import described
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.monte_carlo import run as monte_carlo
-from eval.sensitivity import family
 from eval.sensitivity import run as sensitivity
-from eval.sensitivity.bins import Quantity, Run, binned, mapped, quantities, rates, read_run
+from eval.sensitivity.bins import Quantity, Run, binned, quantities, rates
 from eval.sensitivity.sweep import PARAMETERS, Sweep, changed, swept
 from eval.stats.intervals import clopper_pearson
 
@@ -47,8 +47,8 @@ def made_up(path: Path, mode: str = "policy", table: str = "encounters.parquet",
     }
     path.mkdir()
     pq.write_table(pa.table(values), path / table)
-    (path / "summary.json").write_text(json.dumps(described(PAPER, None)), encoding="utf-8")
-    (path / "config.yaml").write_text(f"mode: {mode}\nscenario: circle\nseed: 0\n", encoding="utf-8")
+    summary = described(PAPER, None) | {"mode": mode, "scenario": "circle", "seed": 0}
+    (path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     return path
 
 
@@ -59,7 +59,7 @@ def numbers(values: list[float]) -> tuple[Run, Quantity]:
         "outcome": np.full(count, "reached", object),
         "verdict": np.full(count, "resolvable", object),
     }
-    return Run(Path("run"), {"mode": "policy"}, table, PAPER), Quantity("x", "x", "m", "x", (0.0, 1.0, 5.0))
+    return Run(Path("run"), "policy", table, PAPER), Quantity("x", "x", "m", "x", (0.0, 1.0, 5.0))
 
 
 @settings(deadline=None)
@@ -69,8 +69,7 @@ def test_every_value_falls_into_one_bin(values: list[float]) -> None:
     found = binned(run, quantity, 0.95)
     if found is None:  # all in one bin
         return
-    assert sum(one["encounters"] for one in found["bins"]) + found["without_value"] == len(values)
-    assert found["without_value"] == np.count_nonzero(np.isnan(values))
+    assert sum(one["encounters"] for one in found["bins"]) == np.count_nonzero(~np.isnan(values))
     for one in found["bins"]:
         inside = [value for value in values if one["low"] <= value < one["high"]]
         assert one["encounters"] >= len(inside)
@@ -85,7 +84,7 @@ def test_rates_are_counted_by_hand() -> None:
         "policy_outcome": np.array(["reached", "violation", "timeout", "timeout", "reached"], object),
         "baseline_outcome": np.array(["violation", "violation", "reached", "reached", "violation"], object),
     }
-    found = rates(Run(Path("run"), {"mode": "plan"}, table, PAPER), np.array([True, True, True, True, False]), 0.95)
+    found = rates(Run(Path("run"), "plan", table, PAPER), np.array([True, True, True, True, False]), 0.95)
     assert found["encounters"] == 4
     assert (found["unresolvable_rate"]["count"], found["unresolvable_rate"]["total"]) == (1, 4)
     assert found["violation_rate"]["count"] == 1
@@ -97,14 +96,6 @@ def test_rates_are_counted_by_hand() -> None:
     assert (policy["success_given_resolvable"]["count"], policy["success_rate"]["value"]) == (1, 0.25)
     low, high = clopper_pearson(2, 4)
     assert (plan["success_rate"]["low"], plan["success_rate"]["high"]) == (low, high)
-
-
-def test_cells_of_a_map_hold_every_encounter(tmp_path: Path) -> None:
-    run = read_run(made_up(tmp_path / "run"))
-    names = quantities(PAPER)
-    cells = mapped(run, names["relative_heading"], names["distance"], 0.95)
-    assert sum(cell["encounters"] for cell in cells) == COUNT
-    assert mapped(run, names["relative_heading"], names["wind"], 0.95) == []
 
 
 def test_files_of_a_run_cut_into_bins(tmp_path: Path) -> None:
@@ -119,7 +110,7 @@ def test_files_of_a_run_cut_into_bins(tmp_path: Path) -> None:
     for one in distance:
         success, bound = one["success"]["policy"]["success_rate"]["value"], 1.0 - one["unresolvable_rate"]["value"]
         assert success <= bound + 1e-12
-    names = {"relative_heading", "distance", "map", "overview"}
+    names = {"relative_heading", "distance", "overview"}
     assert {path.name for path in out.iterdir()} == {
         "sensitivity.json",
         *(f"{name}.{kind}" for name in names for kind in ("png", "svg")),
@@ -219,8 +210,7 @@ def test_bad_input_is_one_sentence(tmp_path: Path, capsys, arguments: list[str],
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (lambda run: (run / "config.yaml").unlink(), "config.yaml"),
-        (lambda run: (run / "config.yaml").write_text("seed: 0\n", encoding="utf-8"), "names no mode"),
+        (lambda run: (run / "summary.json").unlink(), "summary.json cannot be read"),
         (lambda run: (run / "encounters.parquet").write_bytes(b"PAR1 no"), "cannot be read"),
         (lambda run: (run / "summary.json").write_text("[", encoding="utf-8"), "summary.json cannot be read"),
         (lambda run: (run / "summary.json").write_text("{}", encoding="utf-8"), "aircraft is None"),
@@ -322,7 +312,7 @@ def test_a_family_is_judged_and_its_aircraft_can_be_flown_again(tmp_path: Path) 
     ("arguments", "sentence"),
     [
         (["--intruders", "4", "2"], "--intruders: expected the fewest first"),
-        (["--mode", "hope"], "--mode: 'hope'"),
+        (["--mode", "hope"], "--mode: invalid choice"),
         (["--policy", "none.safetensors"], "no such policy file"),
     ],
 )
