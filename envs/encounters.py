@@ -1,8 +1,8 @@
 """Encounters and their samplers: from unit-uniform draws to two or more aircraft in conflict.
 
-A sampler is a pure function of draws, so that jax keys, a counter-based numpy generator and a Sobol sequence
-feed the same code. Courses differ clockwise as seen from above, as aviation counts them: an intruder of course
-difference +90 degrees comes from the left.
+A sampler is a pure function of draws, so that jax keys and a counter-based numpy generator feed the same code. Courses
+differ clockwise as seen from above, as aviation counts them: an intruder of course difference +90 degrees comes from
+the left.
 """
 
 import math

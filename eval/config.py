@@ -16,7 +16,6 @@ from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import SCENARIOS, Scenario
 from envs.kinematics import Limits
-from envs.sobol import REPLICATES
 
 __all__ = [
     "FILE",
@@ -160,8 +159,6 @@ class MonteCarloConfig(Strict):
     """Scenarios of files that can be flown."""
     modes: ClassVar[tuple[str, ...]] = ("policy", "plan", "assured")
     baselines: ClassVar[tuple[str, ...]] = tuple(BASELINES)
-    quasi: ClassVar[bool] = True
-    """Whether encounters can be drawn quasi-randomly: intervals must know of it."""
 
     policy: Path | None = None
     """Policy file (.safetensors), looked for beside the configuration file and then in the working directory; null:
@@ -188,10 +185,6 @@ class MonteCarloConfig(Strict):
     """How many encounters are flown; null: 10000, or all of a file's."""
     seed: int = Field(default=0, ge=0, lt=2**63)
     """Of encounters, sensor noise and bootstrap."""
-    draws: str = Field(default="random", json_schema_extra={"expected": "random or sobol"})
-    """How the encounters of a sampled scenario are drawn: random, independently; sobol, as scrambled Sobol points in 16
-    independent randomisations, whose spread then gives the intervals (a multiple of 16 encounters; powers of two serve
-    best). Sensor noise is random in both."""
     chunk: int | None = Field(default=None, ge=1, le=100_000)
     """Encounters that are flown together and stored together; null: equal shares of the workers, at most 1250. It
     changes no result."""
@@ -219,14 +212,6 @@ class MonteCarloConfig(Strict):
         known = cls.modes if info.field_name == "mode" else cls.baselines
         if value not in known:
             raise ConfigError(f"{value!r} is not available here; expected one of {', '.join(known)}")
-        return value
-
-    @field_validator("draws")
-    @classmethod
-    def _drawable(cls, value: str) -> str:
-        known = ("random", "sobol") if cls.quasi else ("random",)
-        if value not in known:
-            raise ConfigError(f"{value!r} is not available here; expected {' or '.join(known)}")
         return value
 
     @field_validator("policy")
@@ -265,12 +250,6 @@ class MonteCarloConfig(Strict):
         if self.file is None and self.scenario_sha256 is not None:
             wanted = ", ".join(f"{each}PATH" for each in self.files)
             raise ConfigError(f"scenario_sha256 is for a scenario {wanted}, not for {self.scenario!r}; expected null")
-        if self.draws == "sobol" and self.file is not None:
-            raise ConfigError(f"draws is 'sobol', but {self.scenario!r} is a file; expected random")
-        if self.draws == "sobol" and self.wanted % REPLICATES:
-            raise ConfigError(
-                f"encounters is {self.wanted}; expected a multiple of {REPLICATES}, the randomisations of draws sobol"
-            )
         return self
 
     @property

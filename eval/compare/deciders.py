@@ -21,8 +21,7 @@ from eval.flights.recorded import fly_in_mode
 from eval.flights.simulate import OUTCOMES, ByPolicy, Flights, fly
 from eval.flights.sources import drawn
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder, until
-from eval.metrics.field import costs, losses, relative
-from eval.metrics.volumes import ALERTS, VOLUMES, alerted, lead_times, lost, severity
+from eval.metrics.volumes import VOLUMES, costs, losses, relative, severity
 
 __all__ = ["REFERENCE", "WITNESS", "Comparison", "Entry", "Plans", "baseline_entry", "columns", "policy_entries"]
 
@@ -101,7 +100,7 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
         flights, flown = _flown(entry.decider, starts, evaluation, own_noise)
         outcome = np.where(flights.min_separation < rules.separation, OUTCOMES.index("violation"), flights.outcome)
         solved.append(outcome == OUTCOMES.index("reached"))
-        made = _columns(outcome, flights, flown, starts.mask, rules.dt) | costs(starts, flights, flown)._asdict()
+        made = _columns(outcome, flights, flown, starts.mask) | costs(starts, flights, flown)
         table |= {f"{entry.name}.{name}": values for name, values in made.items()}
     route = np.hypot(starts.goal_x - starts.own.x, starts.goal_y - starts.own.y)
     table["late_at_first_speed"] = route - rules.goal_radius > starts.own.speed * rules.t_max
@@ -137,17 +136,12 @@ class _SpeedHeld(ByPolicy):
         return actions * np.array([0.0, 1.0]), memory
 
 
-def _columns(
-    outcome: np.ndarray, flights: Flights, flown: Trajectories, mask: np.ndarray, dt: float
-) -> dict[str, np.ndarray]:
+def _columns(outcome: np.ndarray, flights: Flights, flown: Trajectories, mask: np.ndarray) -> dict[str, np.ndarray]:
     """Return the columns of one entry but for the costs."""
     seen = relative(flown)
-    volume = VOLUMES[_SEVERE]
-    # After the end of a flight everything is nan; no number there, no loss, no alert.
+    # After the end of a flight everything is nan; no number there, no loss.
     with np.errstate(invalid="ignore"):
-        penetration = np.where(np.isfinite(seen.x) & mask, severity(volume, seen), 0.0)
-        loss = np.any(lost(volume, seen) & mask, axis=-1)
-        alerts = {name: np.any(alerted(level, seen) & mask, axis=-1) for name, level in ALERTS.items()}
+        penetration = np.where(np.isfinite(seen.x) & mask, severity(VOLUMES[_SEVERE], seen), 0.0)
     return {
         "outcome": np.array(OUTCOMES, dtype=object)[outcome],
         "min_separation_m": flights.min_separation,
@@ -155,5 +149,4 @@ def _columns(
         "heading_reversals": flights.reversals,
         "severity": penetration.max(axis=(0, 2)),
         **{f"lost_{name}": losses(each, flown, mask) for name, each in VOLUMES.items()},
-        **{f"lead_{name}_s": lead_times(alert, loss, dt) for name, alert in alerts.items()},
     }

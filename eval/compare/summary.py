@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from eval.compare.deciders import REFERENCE, WITNESS, Entry
-from eval.metrics.field import ratio
-from eval.metrics.volumes import ALERTS, VOLUMES
+from eval.metrics.volumes import VOLUMES
+from eval.metrics.weighted import ratio
 from eval.stats.intervals import interval, mean_interval, number, share
 from eval.stats.paired import mcnemar_exact, pairs, tango
 
@@ -79,7 +79,6 @@ def _row(table: Mapping[str, np.ndarray], entry: Entry, possible: int, how: tupl
         "min_separation_m": number(float(np.fmin.reduce(of("min_separation_m")))),
         "severity_mean_of_losses": float(np.mean(severe)) if severe.size else None,
         "severity_max": float(np.max(of("severity"))),
-        "lead_times_s": {level: _leads(of(f"lead_{level}_s")) for level in ALERTS},
     }
 
 
@@ -118,16 +117,3 @@ def _longer(
     both = np.logical_and(*(table[f"{name}.outcome"] == "reached" for name in (entry.name, other.name)))
     excess = table[f"{entry.name}.path_excess"] - table[f"{other.name}.path_excess"]
     return interval(mean_interval(excess[both], *how))
-
-
-def _leads(seconds: np.ndarray) -> dict[str, float | int | None]:
-    """Return how long before a loss of well clear the alert came, of the flights that lost it."""
-    known = seconds[np.isfinite(seconds)]
-    if not len(known):
-        return {"losses": 0, "median": None, "low_5_percent": None, "without_lead": 0}
-    return {
-        "losses": len(known),
-        "median": float(np.median(known)),
-        "low_5_percent": float(np.quantile(known, 0.05)),
-        "without_lead": int(np.count_nonzero(known == 0.0)),
-    }

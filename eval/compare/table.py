@@ -7,6 +7,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from eval.compare.deciders import WITNESS
+from eval.metrics.headline import print_table
 from eval.plots.style import BLUE, GREY, ORANGE, SKY, VERMILION, tidy
 from eval.stats.intervals import percent
 
@@ -17,23 +18,14 @@ _RATES = ("success_rate", "success_given_resolvable", "violation_rate", "timeout
 
 def show(summary: Mapping[str, Any], folder: Path) -> None:
     """Print a summary (as in ``summary.json``) and where the files of the run lie."""
-    from rich.console import Console
-    from rich.table import Table
-
     from eval.flights.aircraft import lines_about
 
-    table = Table(
-        title=f"{summary['encounters']} encounters, scenario {summary['scenario']}, seed {summary['seed']}",
-        title_justify="left",
-    )
-    table.add_column("", overflow="fold")
+    title = f"{summary['encounters']} encounters, scenario {summary['scenario']}, seed {summary['seed']}"
     witness = "path_excess_over_witness_mean" in summary["entries"][0]
-    names = ["success", "resolvable *", "violation", "time-out", "risk ratio **", "path excess"]
+    names = ["", "success", "resolvable *", "violation", "time-out", "risk ratio **", "path excess"]
     names += ["over witness", "difference", "p"] if witness else ["difference", "p"]
-    for name in names:
-        table.add_column(name, justify="right")
-    for row in summary["entries"]:
-        table.add_row(
+    rows = [
+        (
             row["name"],
             *(percent(row[key]) for key in _RATES),
             _ratio(row["risk_ratio"]),
@@ -41,10 +33,8 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
             *([_points(row["path_excess_over_witness_mean"])] if witness else []),
             *_difference(row["difference"]),
         )
-    # A file or a pipe gets the whole table, not one cut to 80 columns.
-    console = Console()
-    console = console if console.is_terminal else Console(width=240)
-    console.print(table)
+        for row in summary["entries"]
+    ]
     level = f"{100.0 * summary['confidence']:g} %"
     notes = [
         f"in brackets: {level} intervals (Clopper-Pearson, of differences Tango's, of ratios a bootstrap)",
@@ -69,8 +59,7 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
         {f"{row['name']}: {warning}" for row in summary["entries"] for warning in row["risk_ratio"]["warnings"]}
     )
     notes.append(f"files: {folder}: compare.png, compare.svg, encounters.parquet, summary.json")
-    for note in notes:
-        console.print(note, markup=False, highlight=False, soft_wrap=True)
+    print_table(title, names, rows, notes, 240)
 
 
 def _ratio(ratio: Mapping[str, Any]) -> str:

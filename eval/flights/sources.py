@@ -15,7 +15,6 @@ from envs.formats.adsb_file import is_adsb
 from envs.formats.adsb_pairs import Nearby, adsb_pairs
 from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_files import read_daidalus
-from envs.sobol import QuasiScenario, quasi, quasi_numbered
 from envs.starts import numbered
 from envs.traffic.encounter_model import read_model
 from envs.traffic.model_traffic import ModelTraffic, encounters_with
@@ -50,8 +49,7 @@ def read_source(config: MonteCarloConfig, aircraft: Aircraft) -> tuple[Source, t
         ConfigError, EncounterError, TrackError: the file cannot be used.
     """
     if config.file is None:
-        sampled = config.sampled(aircraft)
-        return quasi(sampled) if config.draws == "sobol" else sampled, None
+        return config.sampled(aircraft), None
     if config.prefix == MODEL:
         return read_model_traffic(config.file, config.traffic(), aircraft), None
     if config.prefix == FILE:
@@ -112,8 +110,6 @@ def drawn(source: Source, seed: int, first: int, count: int) -> tuple[Encounter,
         return encounters_with(source, seed, first, count)
     if isinstance(source, Replay):
         return take((source.starts, source.weights), slice(first, first + count))
-    if isinstance(source, QuasiScenario):
-        return quasi_numbered(source, seed, first, count), np.ones(count)
     if isinstance(source, Scenario):
         return numbered(source, seed, first, count), np.ones(count)
     return take(source, slice(first, first + count)), np.ones(count)

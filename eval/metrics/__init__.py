@@ -1,7 +1,7 @@
 """Numbers of the field for flights: rates, risk ratios with weights, volumes and their losses, costs."""
 
-from eval.metrics.field import Cost, Ratio, costs, losses, ratio
 from eval.metrics.summary import summarise
-from eval.metrics.volumes import ALERTS, VOLUMES, Volume
+from eval.metrics.volumes import VOLUMES, Volume, costs, losses
+from eval.metrics.weighted import Ratio, ratio
 
-__all__ = ["ALERTS", "VOLUMES", "Cost", "Ratio", "Volume", "costs", "losses", "ratio", "summarise"]
+__all__ = ["VOLUMES", "Ratio", "Volume", "costs", "losses", "ratio", "summarise"]

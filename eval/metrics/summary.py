@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from eval.metrics.field import ratio
+from eval.metrics.weighted import ratio
 from eval.stats.intervals import Interval, ends, mean_interval, number, quantiles, share
 
 __all__ = ["SCHEMA_VERSION", "summarise"]

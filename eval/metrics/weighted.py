@@ -1,14 +1,122 @@
-"""Statistics of encounters that do not all weigh the same: shares of the weight, with bootstrap intervals."""
+"""Risk ratios with weights and their parts, and shares of the weight: encounters need not all weigh the same."""
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from eval.metrics.field import ratio
 from eval.stats.intervals import clopper_pearson, number, percentiles, resampled_sums
 
-__all__ = ["summarise_weighted"]
+__all__ = ["Ratio", "ratio", "summarise_weighted"]
+
+_FEW_EVENTS = 10
+"""Events without the resolver below which a ratio says little."""
+
+_DOMINANT = 0.1
+"""Share of the weighted events beyond which a single encounter decides the ratio."""
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """P(event with the resolver) / P(event without it), weighted; nan where nothing can be said."""
+
+    value: float
+    low: float
+    high: float
+    unresolved: float
+    """The part of encounters that have the event without the resolver and still have it with."""
+    induced: float
+    """The part of encounters that have it only with the resolver."""
+    events: int
+    """Encounters with the event, with the resolver."""
+    events_without: int
+    total: int
+    effective: float
+    """Kish's effective sample size, (sum w)^2 / sum w^2."""
+    warnings: tuple[str, ...]
+    """Sentences on why the sample cannot carry the claim."""
+
+
+def ratio(
+    event: np.ndarray,
+    event_without: np.ndarray,
+    weights: np.ndarray | None = None,
+    *,
+    confidence: float = 0.95,
+    resamples: int = 2_000,
+    seed: int = 0,
+) -> Ratio:
+    """Return the risk ratio of the same encounters with and without a resolver: NMAC, loss of well clear, any event.
+
+    The interval is a paired percentile bootstrap over encounters. With no event at all a resample cannot show one: the
+    upper end is then the Clopper-Pearson end of the rate at the effective sample size, over the rate without.
+
+    Args:
+        event: with the resolver, bool ``[N]``.
+        event_without: the same encounters without it, bool ``[N]``.
+        weights: importance weights ``[N]``, not negative; None for equal ones.
+        confidence: of the interval.
+        resamples: of the bootstrap.
+        seed: of the bootstrap.
+
+    Raises:
+        ValueError: shapes or types do not fit, a weight is negative or not finite, or all are 0.
+    """
+    event, event_without = np.asarray(event), np.asarray(event_without)
+    if event.ndim != 1 or event.shape != event_without.shape or event.dtype != bool or event_without.dtype != bool:
+        raise ValueError(
+            f"expected two bool arrays [N] of one length, got {event.dtype} {list(event.shape)} and "
+            f"{event_without.dtype} {list(event_without.shape)}"
+        )
+    weight = _weights(weights, len(event))
+    counts = int(event.sum()), int(event_without.sum()), len(event)
+    effective = _effective(weight)
+    without = float(weight @ event_without)
+    if without == 0.0:
+        warning = ("there is no event without the resolver: the ratio is undefined",)
+        return Ratio(math.nan, math.nan, math.nan, math.nan, math.nan, *counts, effective, warning)
+    unresolved = float(weight @ (event & event_without)) / without
+    induced = float(weight @ (event & ~event_without)) / without
+    value = float(weight @ event) / without
+    if counts[0] == 0:
+        low, high = (
+            0.0,
+            clopper_pearson(0, max(math.floor(effective), 1), confidence)[1] * float(weight.sum()) / without,
+        )
+    else:
+        sums = resampled_sums(np.stack([weight * event, weight * event_without], axis=-1), resamples, seed)
+        known = sums[:, 1] > 0.0
+        low, high = percentiles(sums[known, 0] / sums[known, 1], confidence)
+    made = Ratio(value, low, high, unresolved, induced, *counts, effective, ())
+    return replace(made, warnings=_warnings(made, weight, event, event_without))
+
+
+def _weights(weights: np.ndarray | None, count: int) -> np.ndarray:
+    if weights is None:
+        if count == 0:
+            raise ValueError("there is no encounter; expected at least one")
+        return np.ones(count)
+    weight = np.asarray(weights, np.float64)
+    if weight.shape != (count,):
+        raise ValueError(f"weights have shape {weight.shape}, expected ({count},)")
+    if not (np.isfinite(weight).all() and (weight >= 0.0).all() and weight.sum() > 0.0):
+        raise ValueError("weights must be finite and not negative, at least one of them positive")
+    return weight
+
+
+def _warnings(made: Ratio, weight: np.ndarray, event: np.ndarray, event_without: np.ndarray) -> tuple[str, ...]:
+    found = []
+    if made.events_without < _FEW_EVENTS:
+        found.append(f"only {made.events_without} events without the resolver, expected at least {_FEW_EVENTS}")
+    if made.high - made.low > made.value:
+        found.append("the interval is wide: half of it exceeds half the ratio; use more encounters")
+    for which, name in ((event, "with"), (event_without, "without")):
+        largest, total = float(np.max(weight * which)), float(weight @ which)
+        if total > 0.0 and largest > _DOMINANT * total and which.sum() >= 1.0 / _DOMINANT:
+            found.append(f"one encounter carries {largest / total:.0%} of the weight of the events {name} the resolver")
+    return tuple(found)
 
 
 def summarise_weighted(

@@ -13,6 +13,7 @@ from eval.runner.options import first_options, last_options, loaded, named_evalu
 if TYPE_CHECKING:
     from agents.policy.inference import Policy
     from eval.config import MonteCarloConfig
+    from eval.runner.outputs import RunFolder
 
 __all__ = ["main"]
 
@@ -86,17 +87,16 @@ def _evaluate(options: argparse.Namespace) -> int:
     from eval.flights.chunks import Pilot, columns
     from eval.flights.sources import said, say
     from eval.runner.outputs import RunFolder
-    from eval.runner.workers import DECISIVE, Task, cores
+    from eval.runner.workers import Task, cores
 
-    packages = ("scipy",) if config.draws == "sobol" else ()  # it makes those points
-    with cluster_of(options, packages) as cluster:
+    with cluster_of(options) as cluster:
         workers = config.workers or cores() if cluster is None else cluster.size()
         evaluation, policy, resolved = named_evaluation(config)
         resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
         config = config.model_copy(update=resolved)
         say(evaluation.source)
         folder = RunFolder(options.out or Path("runs") / time.strftime("monte_carlo_%Y%m%d_%H%M%S"), config)
-        task = Task(Pilot, columns, (*DECISIVE, *packages))
+        task = Task(Pilot, columns)
         fly = flown_on(cluster, workers, task, evaluation, policy.sha256)
         with run_in(folder, config, resume=options.resume):
             table, flown = whole_table(folder, config, fly, "chunks", "python -m eval.monte_carlo")
@@ -107,9 +107,7 @@ def _evaluate(options: argparse.Namespace) -> int:
                 from eval.plots.encounters import draw_all
 
                 paths += draw_all(folder, table, evaluation)
-    from eval.monte_carlo.table import show
-
-    show(summary, folder.path, paths)
+    _show(summary, folder, paths)
     return 0
 
 
@@ -123,9 +121,7 @@ def _config(options: argparse.Namespace) -> "MonteCarloConfig":
 def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: float, flown: int) -> dict[str, Any]:
     """Return the content of summary.json."""
     from agents.policy.versions import versions
-    from envs.sobol import REPLICATES
     from eval.flights.aircraft import described
-    from eval.metrics.replicated import replicated
     from eval.metrics.summary import SCHEMA_VERSION, summarise
     from eval.metrics.weighted import summarise_weighted
 
@@ -142,7 +138,6 @@ def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: f
         **described(config.flown_aircraft(policy), policy),
         "confidence": config.confidence,
         **summarise(table, *how),
-        **({"draws": "sobol"} | replicated(table, REPLICATES, config.confidence) if config.draws == "sobol" else {}),
         "weighted": summarise_weighted(table, *how),
         "outside_domain": _outside(table, policy.for_aircraft(config.flown_aircraft(policy), outside="allow")),
         "wall_s": wall_s,
@@ -159,3 +154,24 @@ def _outside(table: Any, policy: "Policy") -> dict[str, int]:
     columns = {"own_speed": "own_speed_m_s", "intruder_speed": "intruder_speed_m_s", "distance": "distance_m"}
     columns["intruders"] = "intruders"
     return {name: int((excess(policy.domain[name], table[column]) > 0.0).sum()) for name, column in columns.items()}
+
+
+def _show(summary: dict[str, Any], folder: "RunFolder", paths: list[Path]) -> None:
+    """Print the result for a person."""
+    from agents.config.progress import spaced
+    from eval.flights.aircraft import lines_about
+    from eval.metrics.headline import headline, print_table
+
+    decider = summary["mode"] if summary["baseline"] == "none" else f"baseline {summary['baseline']}"
+    title = f"{spaced(summary['encounters'])} encounters, {decider}, scenario {summary['scenario']}"
+    names = ("", "value", f"{100.0 * summary['confidence']:g} % interval", "count")
+    notes = []
+    ratio, ends = summary["risk_ratio"], summary["risk_ratio_interval"]
+    if ratio is not None and ends["high"] - ends["low"] > ratio:
+        notes.append("the interval of the risk ratio is wide (half of it exceeds half the ratio): fly more encounters")
+    notes += lines_about(summary)
+    if summary["encounters_per_s"] is not None:
+        notes.append(f"{summary['wall_s']:.1f} s, {summary['encounters_per_s']:.0f} encounters/s")
+    files = sorted({path.name for path in paths} | {folder.table, "config.yaml"})
+    notes.append(f"files: {folder.path}: {', '.join(files)}")
+    print_table(f"{title}, seed {summary['seed']}", names, [line[1:] for line in headline(summary, {})], notes)

@@ -145,8 +145,6 @@ def _config(options: argparse.Namespace) -> "tuple[MonteCarloConfig, str]":
         raise ConfigError(
             f"--scenario: {config.scenario!r} is a file; expected a sampled scenario, whose draws can move"
         )
-    if config.draws != "random":
-        raise ConfigError(f"draws is {config.draws!r}; expected random: splitting moves draws of its own")
     return config, mode
 
 
@@ -212,15 +210,15 @@ def _found(
 
 def _estimate(values: np.ndarray, confidence: float) -> dict[str, Any]:
     """Return the mean of independent estimates, its t interval, not below 0, and the estimates, in JSON types."""
-    from eval.metrics.replicated import ratio_interval
+    from scipy.special import stdtrit
 
-    interval = ratio_interval(values, np.ones(values.size), confidence)
-    spread = float(np.std(values, ddof=1))
+    value, error = float(np.mean(values)), float(np.std(values, ddof=1)) / math.sqrt(values.size)
+    half = float(stdtrit(values.size - 1, 0.5 + 0.5 * confidence)) * error
     return {
-        "value": interval.value,
-        "low": max(interval.low, 0.0),
-        "high": interval.high,
-        "relative_error": spread / math.sqrt(values.size) / interval.value if interval.value > 0.0 else None,
+        "value": value,
+        "low": max(value - half, 0.0),
+        "high": value + half,
+        "relative_error": error / value if value > 0.0 else None,
         "repetitions": values.tolist(),
     }
 

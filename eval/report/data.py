@@ -1,4 +1,4 @@
-"""What the page's script reads: the points and the flights, small enough to travel inside the page.
+"""What the page's script reads: which encounters are points and flights, small enough to travel inside the page.
 
 Numbers are little-endian and base64: float32 for the columns of the points, int16 times a scale for flights.
 """
@@ -6,18 +6,18 @@ Numbers are little-endian and base64: float32 for the columns of the points, int
 import base64
 import json
 import math
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from envs.edge.text import visible
-from eval.plots.style import MARKERS
-from eval.report.choice import NEAR
+from eval.plots.style import MARKERS, spread
 from eval.report.flights import Replayed
 from eval.report.folder import Run
 
-__all__ = ["flight_data", "json_text", "page_data", "weight"]
+__all__ = ["NEAR", "NEAREST", "OTHERS", "POINTS", "Choice", "choose", "flight_data", "json_text"]
+__all__ += ["page_data", "points", "weight"]
 
 _FINEST = 0.5  # smallest step of a position on the page, m
 _TEXTS = ("verdict", "verdict_method", "plan_status", "plan_source", "baseline_outcome", "policy_outcome")
@@ -27,6 +27,53 @@ _NUMBERS = (
     *("policy_min_separation_m", "plan_min_separation_m", "replans", "backup_s", "intruders", "own_speed_m_s"),
     *("intruder_speed_m_s", "t_cpa_s", "d_cpa_m"),
 )
+NEAR = 1.05  # a success that came nearer than this times the required separation is a near miss
+NEAREST, OTHERS, POINTS = 200, 100, 20_000
+"""At most so many near misses and other successes are replayed; at most so many encounters are points."""
+
+
+class Choice(NamedTuple):
+    """Encounters of one group that are replayed."""
+
+    group: str
+    numbers: np.ndarray  # of the encounters, in the order of their importance
+    total: int  # encounters in the group
+
+
+def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
+    """Return the groups of encounters to replay, at most so many in all: those wanted and the most important first."""
+    kinds, separation = run.kinds, run.table["min_separation_m"]
+    success = kinds == "success"
+    near = success & (separation < NEAR * run.rules.separation)
+    nearest = np.flatnonzero(near)
+    nearest = nearest[np.argsort(separation[nearest], kind="stable")]
+    # Failures that count, what no policy could have solved, and a look at how it usually goes.
+    groups = (
+        ("asked for", np.array(wanted, dtype=int), most),
+        ("failures", np.flatnonzero((kinds == "violation") | (kinds == "time-out")), most),
+        ("proven unresolvable", np.flatnonzero(kinds == "proven unresolvable"), most),
+        ("near misses", nearest, NEAREST),
+        ("other successes", np.flatnonzero(success & ~near), OTHERS),
+    )
+    left, taken, chosen = most, np.array([], dtype=int), []
+    for name, found, bound in groups:
+        fresh = found[~np.isin(found, taken)]
+        count = min(left, bound, len(fresh))
+        numbers = fresh[:count] if name == "near misses" else spread(fresh, count)
+        taken, left = np.concatenate([taken, numbers]), left - count
+        chosen.append(Choice(name, numbers, len(found)))
+    return [choice for choice in chosen if choice.total]
+
+
+def points(run: Run, replayed: np.ndarray) -> np.ndarray:
+    """Return the numbers of the encounters that are points: all, or those replayed, failures and an even sample."""
+    everything = np.arange(len(run.kinds))
+    if len(everything) <= POINTS:
+        return everything
+    failures = np.setdiff1d(np.flatnonzero(run.kinds != "success"), replayed)
+    kept = np.concatenate([replayed, spread(failures, POINTS // 2)])
+    rest = np.setdiff1d(everything, kept)
+    return np.sort(np.concatenate([kept, spread(rest, max(0, POINTS - len(kept)))]))
 
 
 def page_data(run: Run, shown: np.ndarray, flights: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:

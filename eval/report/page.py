@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from agents.config.progress import spaced
 from envs.edge.text import visible
 from eval.flights.aircraft import lines_about
+from eval.metrics.headline import Line, headline
 from eval.plots.style import MARKERS
-from eval.report.choice import NEAR, NEAREST, POINTS, Choice
-from eval.report.data import json_text
+from eval.report.data import NEAR, NEAREST, POINTS, Choice, json_text
 from eval.report.folder import Run
-from eval.report.headline import Line, headline, spaced
 
 __all__ = ["page"]
 

@@ -11,7 +11,7 @@ from envs.edge.files import written
 from eval.runner.options import whole
 
 if TYPE_CHECKING:
-    from eval.report.choice import Choice
+    from eval.report.data import Choice
     from eval.report.folder import Run
 
 __all__ = ["main"]
@@ -79,8 +79,7 @@ def _made(run: "Run", options: argparse.Namespace) -> str:
     import numpy as np
 
     from agents.policy.versions import versions
-    from eval.report.choice import choose, points
-    from eval.report.data import page_data
+    from eval.report.data import choose, page_data, points
     from eval.report.page import page
 
     if len(options.show) > options.tracks:

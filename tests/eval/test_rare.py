@@ -220,7 +220,6 @@ def test_the_same_seed_gives_the_same_estimate(tmp_path: Path, policy_path: Path
         (["--mode", "assured"], "--mode"),
         (["--set", "mode=assured"], "mode is 'assured'; expected one of policy, plan, none"),
         (["--set", "changes.radius=[5, 1]"], "changes"),
-        (["--set", "draws=sobol", "--set", "encounters=16"], "draws is 'sobol'; expected random"),
     ],
 )
 def test_bad_input_is_one_sentence(tmp_path: Path, capsys, arguments: list[str], said: str) -> None:

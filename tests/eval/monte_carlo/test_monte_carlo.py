@@ -312,8 +312,8 @@ def test_the_table_on_standard_output(finished: Path, tmp_path: Path, capsys: py
     fly(tmp_path / "run", "--config", str(finished / "config.yaml"), *QUICK, "--encounters", "20")
     output, errors = capsys.readouterr()
     for words in (
-        "success of all",
-        "success of the resolvable",
+        "success of all encounters",
+        "success of those not proven unresolvable",
         "violations",
         "time-outs",
         "mean score",

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from envs.edge.text import visible
-from eval.report.choice import choose
-from eval.report.data import page_data
+from eval.report.data import choose, page_data
 from eval.report.folder import read_run
 from eval.report.page import page
 from tests.eval.conftest import HOSTILE, TRACKS
