@@ -9,9 +9,11 @@ import numpy as np
 
 from agents.baselines.acas_nnet import load_logic
 from agents.baselines.baselines import BASELINES, Baseline, Sight
+from agents.config.keys import one_of
+from agents.config.load import ConfigError
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict
-from envs.aircraft import Aircraft
+from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter
 from eval.config import Setting, usual_setting
 from eval.flights.chunks import Evaluation, Pilot, noise_of
@@ -22,12 +24,15 @@ from eval.flights.simulate import OUTCOMES, ByPolicy, Flights, fly
 from eval.flights.sources import drawn
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder, until
 from eval.metrics.volumes import VOLUMES, costs, losses, relative, severity
+from eval.runner.options import check_digest
 
-__all__ = ["REFERENCE", "WITNESS", "Comparison", "Entry", "Plans", "baseline_entry", "columns", "policy_entries"]
+__all__ = ["REFERENCE", "WITNESS", "Comparison", "Entry", "Plans", "aircraft_of_all", "baseline_entry", "columns"]
+__all__ += ["entries_of", "policy_entries", "policy_names"]
 
 REFERENCE = "none"  # the flight without a resolver, which is always flown: risk ratios need it
 WITNESS = "witness"  # name and kind of the entry that flies the least-cost witness: a mark, not a resolver
 _SEVERE = "do365_en_route"
+_NAMES = (*BASELINES, WITNESS)
 
 
 class Plans(NamedTuple):
@@ -81,6 +86,62 @@ def baseline_entry(name: str, aircraft: Aircraft) -> Entry:
         return Entry(name, WITNESS, WitnessSearch())
     made = BASELINES[name](aircraft)
     return Entry(name, "baseline", made)
+
+
+def entries_of(
+    policies: Sequence[Path], modes: Sequence[str], baselines: Sequence[str], aircraft: Aircraft
+) -> tuple[Entry, ...]:
+    """Return the entries: the policies, the baselines, and always the flight without a resolver.
+
+    Raises:
+        ConfigError: a baseline is unknown or a policy file stands twice; else as :func:`policy_entries`.
+    """
+    entries: list[Entry] = []
+    for path, name in zip(policies or [None], policy_names(policies) or ["policy"], strict=True):
+        entries += policy_entries(path, name, aircraft, list(dict.fromkeys(modes)))
+    wanted = list(dict.fromkeys(baselines or BASELINES))
+    for name in wanted:
+        if name not in _NAMES:
+            raise ConfigError(f"--baseline: {name!r}; {one_of(name, _NAMES)}")
+    if REFERENCE not in wanted:
+        wanted.append(REFERENCE)
+    return (*entries, *(baseline_entry(name, aircraft) for name in wanted))
+
+
+def policy_names(paths: Sequence[Path]) -> list[str]:
+    """Return a short name for each policy file, all of them different."""
+    # A stem may be that of another file or the name of a baseline: then the whole path names the policy.
+    stems = [path.stem for path in paths]
+    names = [str(path) if stems.count(path.stem) > 1 or path.stem in _NAMES else path.stem for path in paths]
+    if len(set(names)) < len(names):
+        raise ConfigError("--policy: a file stands twice; expected different ones")
+    return names
+
+
+def aircraft_of_all(policies: Sequence[Path], digests: Sequence[str]) -> Aircraft:
+    """Return the aircraft that the policies were trained for, on which they must agree.
+
+    The digests, SHA-256, are those of each policy but the ``.nnet`` files, or none.
+    """
+    files = [path for path in policies if path.suffix != ".nnet"] or ([] if policies else [None])
+    if digests and len(digests) != len(files):
+        raise ConfigError(
+            f"--policy-sha256: given {len(digests)} times; expected once for each of {len(files)} policies"
+        )
+    loaded = {path: Policy.load(path) for path in files}
+    for path, digest in zip(files, digests, strict=False):
+        check_digest(path, loaded[path].sha256, digest, "--policy-sha256")
+    if not loaded:
+        return PAPER
+    found = {path: policy.aircraft for path, policy in loaded.items()}
+    first, *others = found
+    for path in others:
+        if found[path] != found[first]:
+            raise ConfigError(
+                f"--policy: {path} was trained for {found[path]}, {first} for {found[first]}; "
+                "expected policies of the same aircraft"
+            )
+    return found[first]
 
 
 def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndarray]:

@@ -7,17 +7,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.config.figures import save_figure
-from agents.config.load import Parser
+from agents.config.load import ConfigError, Parser
 from envs.edge.files import written
 from eval.plots import save as picture_folder
+from eval.runner.options import whole
 
 if TYPE_CHECKING:
     import numpy as np
 
     from eval.compare.deciders import Comparison
+    from eval.config import MonteCarloConfig
 
 __all__ = ["main"]
 
+_DEFAULT_ENCOUNTERS = 1_000
+_KEYS = ("changes", "tracks", "scenario_sha256", "confidence", "resamples")
 _CHUNK = 500
 _SLOW_CHUNK = 100  # where the witness takes part: it takes minutes a thousand encounters, and progress is to be seen
 _FIGURE_BYTES, _ROW_BYTES = 1_000_000, 300  # what the figure takes on the disk, and each row of an entry, generously
@@ -47,7 +51,9 @@ examples:
   python -m eval.compare --scenario maneuvering --baseline mvp --encounters 2000 --out runs/turning
   python -m eval.compare --mode assured --baseline mvp_speed --baseline witness --encounters 300 --out runs/mark
   python -m eval.compare --scenario tracks:encounters.json --out runs/recorded
-  python -m eval.compare --mode assured --change own_speed=[50,70] --out runs/slow"""
+  python -m eval.compare --mode assured --set changes.own_speed=[50,70] --out runs/slow
+
+Keys of --set are those of eval.monte_carlo: changes, tracks, scenario_sha256, confidence, resamples."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -63,14 +69,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     from agents.policy.versions import versions
     from envs.traffic.replay import Replay
-    from eval.compare.setup import prepare
     from eval.compare.summary import SCHEMA_VERSION, summarise
     from eval.compare.table import draw, show
     from eval.flights.aircraft import described
     from eval.flights.sources import said, say
     from eval.runner.outputs import arrow_table
 
-    comparison, total = prepare(options)
+    config, comparison, total = _prepared(options)
     entries, evaluation = comparison
     out = options.out or Path("runs") / time.strftime("compare_%Y%m%d_%H%M%S")
     picture_folder.create(out, _FIGURE_BYTES + _ROW_BYTES * total * len(entries))
@@ -80,16 +85,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         table = _flown(comparison, total)
     weighted = bool((table["weight"] != 1.0).any())
     weights = table["weight"] if weighted else None
+    how = (config.confidence, config.resamples, config.seed)
     summary = {
         "schema_version": SCHEMA_VERSION,
-        "scenario": options.scenario,
-        "changes": options.change,
-        "seed": options.seed,
-        "confidence": options.confidence,
-        "resamples": options.resamples,
-        "ahead_s": options.ahead if isinstance(evaluation.source, Replay) else None,
+        "scenario": config.scenario,
+        "changes": config.changes,
+        "seed": config.seed,
+        "confidence": config.confidence,
+        "resamples": config.resamples,
+        "ahead_s": config.tracks.ahead if isinstance(evaluation.source, Replay) else None,
         "weighted": weighted,
-        **summarise(table, entries, weights, options.confidence, options.resamples, options.seed),
+        **summarise(table, entries, weights, *how),
         **said(evaluation.source),
         **described(evaluation.aircraft, None),
         "wall_s": time.perf_counter() - begun,
@@ -116,21 +122,40 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--baseline", metavar="NAME", help="of those above, may be repeated (default: all but witness)", **many)
     add("--mode", choices=("plan", "assured"), help="how policies are flown besides, may be repeated", **many)
-    add("--scenario", metavar="NAME", default="circle", help="a name, file:PATH, tracks:PATH or lincoln:PATH")
+    add("--scenario", metavar="NAME", help="a name, file:PATH, tracks:PATH or lincoln:PATH (default: circle)")
+    add("--set", metavar="KEY=VALUE", help="change a key, such as changes.own_speed=[50,70], may be repeated", **many)
     add(
-        "--change",
-        metavar="KEY=VALUE",
-        help="change a number of the scenario, such as own_speed=[50,70] in m/s, may be repeated",
-        **many,
+        "--repair",
+        action="store_const",
+        const="true",
+        help="drop and fill what is wrong in recorded tracks, and say what was done",
     )
-    add("--repair", action="store_true", help="drop and fill what is wrong in recorded tracks, and say what was done")
-    add("--encounters", type=int, metavar="N", help="how many (default: 1000, or all of a file's)")
-    add("--seed", type=int, metavar="N", default=0, help="of encounters, sensor noise and bootstrap (default: 0)")
-    add("--ahead", type=float, metavar="S", default=220.0, help="of recorded tracks: goal, in seconds (default: 220)")
-    add("--confidence", type=float, metavar="P", default=0.95, help="of all intervals (default: 0.95)")
-    add("--resamples", type=int, metavar="N", default=2_000, help="of bootstraps (default: 2000)")
+    add("--encounters", type=whole(1), metavar="N", help="how many (default: 1000, or all of a file's)")
+    add("--seed", type=whole(0), metavar="N", help="of encounters, sensor noise and bootstrap (default: 0)")
     add("--out", type=Path, metavar="DIR", help="folder, new or empty (default: runs/compare_DATE_TIME)")
     return parser
+
+
+def _prepared(options: argparse.Namespace) -> "tuple[MonteCarloConfig, Comparison, int]":
+    """Return the encounters' part of an evaluation's configuration, the comparison, and how many are flown."""
+    from eval.compare.deciders import Comparison, aircraft_of_all, entries_of
+    from eval.config import FILE, TRACKS, MonteCarloConfig
+    from eval.flights.chunks import Evaluation
+    from eval.runner.options import loaded, named_source
+
+    for text in options.set:
+        if not text.startswith(_KEYS):
+            raise ConfigError(f"--set {text}: plays no part here; expected a key of {', '.join(_KEYS)}")
+    none = {"config": None, "resume": False, "policy": None, "policy_sha256": None}
+    keys = {"encounters": "encounters", "seed": "seed", "repair": "tracks.repair"}
+    config = loaded(MonteCarloConfig, argparse.Namespace(**vars(options) | none), keys, "--")
+    if config.encounters is None and not config.scenario.startswith((FILE, TRACKS)):
+        config = config.model_copy(update={"encounters": _DEFAULT_ENCOUNTERS})
+    aircraft = aircraft_of_all(options.policy, options.policy_sha256)
+    entries = entries_of(options.policy, options.mode, options.baseline, aircraft)
+    source, names, resolved = named_source(config, aircraft, "--encounters")
+    evaluation = Evaluation(None, source, names, config.seed, aircraft)
+    return config, Comparison(entries, evaluation), resolved["encounters"]
 
 
 def _flown(comparison: "Comparison", total: int) -> "dict[str, np.ndarray]":

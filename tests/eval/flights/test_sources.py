@@ -131,7 +131,7 @@ def test_repairs_are_made_only_if_asked_for_and_counted(tmp_path: Path, capsys: 
 
 def test_a_comparison_with_a_model_s_traffic(model: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    arguments = ["--scenario", f"lincoln:{model}", "--baseline", "mvp", "--encounters", "8", "--resamples", "100"]
+    arguments = ["--scenario", f"lincoln:{model}", "--baseline", "mvp", "--encounters", "8", "--set", "resamples=100"]
     assert compare.main([*arguments, "--out", str(out)]) == 0
     summary = json.loads((out / "summary.json").read_text())
     assert summary["weighted"] is True

@@ -149,7 +149,7 @@ def test_a_manoeuvre_is_not_stopped_by_a_loss(starts: Encounter, best: Witnesses
 def test_the_command_says_how_much_longer_than_the_witness(
     tmp_path: Path, policy_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = ["--policy", str(policy_path), "--encounters", "8", "--resamples", "100"]
+    arguments = ["--policy", str(policy_path), "--encounters", "8", "--set", "resamples=100"]
     compare.main([*arguments, "--baseline", "mvp_speed", "--baseline", "witness", "--out", str(tmp_path / "run")])
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     rows = {row["name"]: row for row in summary["entries"]}
