@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from threadpoolctl import threadpool_limits
 
     from agents.policy.inference import Policy
-    from eval.policy_map.quality import lines_of
+    from eval.policy_map.advisory import lines_of
     from eval.runner.options import check_digest
 
     policy = Policy.load(options.policy)
@@ -85,9 +85,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--goal-distance", float, "M", "of the goal (default: 8 required separations)")
     add("--extent", float, "M", "how far the map reaches to each side (default: 6 required separations)")
     add("--cells", whole(11, 1_001), "N", "along each side of the map (default: 181)", 181)
-    add("--samples", whole(1, 10_000_000), "N", "scenes around conflicts for the mirror error (default: 50000)", 50_000)
     add("--encounters", whole(1, 10_000), "N", "circle flights for mirror error and chatter (default: 500)", 500)
-    add("--seed", whole(0, 2**63), "N", "of samples and encounters (default: 0)", 0)
+    add("--seed", whole(0, 2**63), "N", "of encounters (default: 0)", 0)
     return parser
 
 
@@ -122,28 +121,23 @@ def _scenes(options: argparse.Namespace, aircraft: "Aircraft") -> "list[Scene]":
 def _examine(policy: "Policy", scenes: "list[Scene]", options: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     """Return the figure and the content of the JSON file."""
     from agents.policy.versions import versions
-    from eval.policy_map.advisory import advise, shares
+    from eval.policy_map.advisory import advise, chatter, mirror_error, record
     from eval.policy_map.figure import policy_map
-    from eval.policy_map.quality import around_conflicts, chatter, mirror_error, record
 
     aircraft = policy.aircraft
-    around = around_conflicts(options.samples, options.seed, aircraft)
     maps = [advise(policy, scene, options.extent, options.cells, aircraft) for scene in scenes]
     flown = record(policy, options.encounters, options.seed, aircraft)
     name = "the shipped policy" if options.policy is None else options.policy.name
     units = {"own_speed": "_m_s", "intruder_speed": "_m_s", "goal_bearing": "_deg", "goal_distance": "_m"}
-    units |= {"extent": "_m", "cells": "", "samples": "", "encounters": "", "seed": ""}
+    units |= {"extent": "_m", "cells": "", "encounters": "", "seed": ""}
     found = {
-        "schema_version": 1,
+        "schema_version": 2,
         "policy_sha256": policy.sha256,
         "separation_m": aircraft.separation,
         "limits": aircraft.limits._asdict(),
         "settings": {f"{key}{unit}": getattr(options, key) for key, unit in units.items()},
-        "maps": [shares(advisory, aircraft) for advisory in maps],
-        "mirror_error": {
-            "around conflicts": mirror_error(policy, around, aircraft),
-            "on policy": mirror_error(policy, flown.scenes, aircraft),
-        },
+        "relative_headings_deg": [round(math.degrees(scene.relative_heading), 9) for scene in scenes],
+        "mirror_error": mirror_error(policy, flown.scenes, aircraft),
         "chatter": chatter(flown, aircraft),
         "versions": versions("numpy", "matplotlib"),
     }

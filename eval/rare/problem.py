@@ -13,10 +13,7 @@ from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import Direct, Flights, fly
 from eval.rare.splitting import Draws
 
-__all__ = ["RARE_MODES", "FlightProblem"]
-
-RARE_MODES = ("policy", "plan", "none")
-"""What decides: the network once a second; a plan made at the start and followed; none (straight to the goal)."""
+__all__ = ["FlightProblem"]
 
 _BLOCK = 1_024  # flights flown together, to bound memory
 _LARGEST = np.nextafter(1.0, 0.0)
@@ -36,7 +33,7 @@ class FlightProblem:
 
         Args:
             pilot: with a sampled scenario.
-            mode: one of :data:`RARE_MODES`.
+            mode: policy (the network once a second), plan (made at the start, followed) or none (straight to the goal).
             resolvable_only: whether proven unresolvable encounters do not count.
             closer_than: separation below which a flight counts, m, which then goes on after a loss of the required one;
                 None: the required one.

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["main"]
 
 _MODES = ("policy", "plan", "none")
+_SHARE = 0.2  # of the particles that passes a level
 _WORST = 100
 _STREAM = 0x7261_7265  # keeps the draws apart from those of other commands with the same seed
 _DESCRIPTION = """\
@@ -53,10 +54,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.
     """
     options = _parser().parse_args(arguments)
-    if options.particles * options.share < 2.0:
-        raise ConfigError(
-            f"--particles: {options.particles} of which {options.share:g} pass a level; expected at least two that do"
-        )
     config, mode = _config(options)
     from threadpoolctl import threadpool_limits
 
@@ -75,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     sizes = (options.particles, options.moves)
     with threadpool_limits(1):
         try:
-            plan = pilot(problem, level, *sizes, options.share, np.random.default_rng(seeds[0]))
+            plan = pilot(problem, level, *sizes, _SHARE, np.random.default_rng(seeds[0]))
         except SplittingError as problem_found:
             print(f"error: {problem_found}", file=sys.stderr)
             return 1
@@ -119,13 +116,6 @@ def _parser() -> argparse.ArgumentParser:
     add("--particles", type=whole(10), default=1_000, metavar="N", help="encounters at each level (default: 1000)")
     add("--moves", type=whole(1), default=5, metavar="N", help="steps of each at each level (default: 5)")
     add("--repetitions", type=whole(3), default=10, metavar="N", help="independent estimates (default: 10)")
-    add(
-        "--share",
-        type=real(0.02, 0.5),
-        default=0.2,
-        metavar="P",
-        help="of the particles that passes a level (default: 0.2)",
-    )
     add("--confidence", type=real(0.5, 0.999999), default=0.95, metavar="P", help="of all intervals (default: 0.95)")
     add("--out", type=Path, required=True, metavar="DIR", help="folder for what is written, new or empty")
     return parser
@@ -194,7 +184,7 @@ def _found(
         "changes": config.changes,
         "seed": config.seed,
         "separation_m": plan.levels[-1],
-        **{key: getattr(options, key) for key in ("resolvable_only", "particles", "moves", "repetitions", "share")},
+        **{key: getattr(options, key) for key in ("resolvable_only", "particles", "moves", "repetitions")},
         "confidence": options.confidence,
         "rate": rate,
         "rate_not_unresolvable": _estimate(by_level[:, -1] * shares, options.confidence),
@@ -243,20 +233,13 @@ def _write_worst(
     out: Path, problem: "FlightProblem", made: "Sequence[Repetition]", blamed: Sequence[np.ndarray]
 ) -> None:
     """Write encounters that were lost and are not proven unresolvable, equally many of each repetition."""
-    from functools import reduce
-
-    from envs.encounters import padded
     from envs.formats import encounter_file
-    from envs.starts import joined
 
-    each = max(1, _WORST // len(made))
-    chosen = []
-    for one, kept in zip(made, blamed, strict=True):
-        rows = np.flatnonzero(kept)[:each]
-        if rows.size:
-            chosen.append(padded(problem.starts(tuple(field[rows] for field in one.last)), 1, np))
-    if chosen:
-        encounter_file.write(out / "worst.csv", reduce(joined, chosen))
+    rows = [np.flatnonzero(kept)[: max(1, _WORST // len(made))] for kept in blamed]
+    last = zip(*([field[some] for field in one.last] for one, some in zip(made, rows, strict=True)), strict=True)
+    draws = tuple(np.concatenate(fields) for fields in last)
+    if len(draws[0]):
+        encounter_file.write(out / "worst.csv", problem.starts(draws))
 
 
 def _show(found: dict[str, Any], out: Path) -> None:

@@ -24,7 +24,7 @@ from eval.rare.problem import FlightProblem
 from eval.rare.splitting import Draws, Plan, SplittingError, pilot, repetition
 
 CIRCLE = scenario("circle", PAPER)
-SMALL = ["--particles", "60", "--repetitions", "3", "--moves", "1", "--share", "0.3"]
+SMALL = ["--particles", "60", "--repetitions", "3", "--moves", "1"]
 
 
 class Tail:
@@ -212,10 +212,7 @@ def test_the_same_seed_gives_the_same_estimate(tmp_path: Path, policy_path: Path
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--share", "0.9"], "--share: 0.9; expected 0.02 to 0.5"),
-        (["--share", "nan"], "--share: nan"),
         (["--confidence", "1"], "--confidence: 1"),
-        (["--particles", "10", "--share", "0.05"], "--particles: 10"),
         (["--scenario", "file:nothing.csv"], "is a file; expected a sampled scenario"),
         (["--mode", "assured"], "--mode"),
         (["--set", "mode=assured"], "mode is 'assured'; expected one of policy, plan, none"),
