@@ -168,7 +168,6 @@ JUSTIFIED = {
     "eval/compare/run.py": "default of a command line",
     "eval/hifi/config.py": "ranges of configurations",
     "eval/hifi/figures.py": "metres in a kilometre",
-    "eval/c208_figures.py": "figures of the Cessna beside the paper's surrogate",
     "eval/boundary/slices.py": "metres in a kilometre",
     "eval/plots/encounters.py": "metres in a kilometre",
     "eval/metrics/volumes.py": "volumes of standards",

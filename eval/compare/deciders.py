@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.baselines.acas_nnet import load_logic
-from agents.baselines.baselines import BASELINES, Baseline, Sight
+from agents.baselines.baselines import BASELINES, Baseline
 from agents.config.keys import one_of
 from agents.config.load import ConfigError
 from agents.policy.inference import Policy
@@ -60,10 +60,9 @@ class Comparison(NamedTuple):
 
 
 def policy_entries(path: Path | None, name: str, aircraft: Aircraft, modes: Sequence[str] = ()) -> tuple[Entry, ...]:
-    """Return the entries of a policy file: as it is, and with the speed held, as most published resolvers hold it.
+    """Return the entries of a policy file: as it is, and in the modes plan and assured, where they are named.
 
-    It is flown besides in the modes plan and assured, where they are named. A ``.nnet`` file is a logic that holds the
-    speed anyway, and of which no plans are made. Without a path it is the policy that ships.
+    A ``.nnet`` file is a logic of which no plans are made. Without a path it is the policy that ships.
 
     Raises:
         PolicyFileError, NnetError: the file cannot be used.
@@ -75,7 +74,6 @@ def policy_entries(path: Path | None, name: str, aircraft: Aircraft, modes: Sequ
     setting = usual_setting(aircraft)
     return (
         Entry(name, "policy", ByPolicy(policy), policy.sha256),
-        Entry(f"{name}, speed held", "policy", _SpeedHeld(policy), policy.sha256),
         *(Entry(f"{name}, {mode}", "policy", Plans(policy, setting, mode), policy.sha256) for mode in modes),
     )
 
@@ -163,8 +161,6 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
         solved.append(outcome == OUTCOMES.index("reached"))
         made = _columns(outcome, flights, flown, starts.mask) | costs(starts, flights, flown)
         table |= {f"{entry.name}.{name}": values for name, values in made.items()}
-    route = np.hypot(starts.goal_x - starts.own.x, starts.goal_y - starts.own.y)
-    table["late_at_first_speed"] = route - rules.goal_radius > starts.own.speed * rules.t_max
     judged = verdicts(starts, aircraft, solved=reduce(np.logical_or, solved))
     table["unresolvable"] = judged.verdict == Verdict.UNRESOLVABLE
     return table
@@ -187,14 +183,6 @@ def _flown(
     pilot = Pilot(evaluation._replace(given=setting, mode=mode), policy)
     _, flights = fly_in_mode(pilot, starts, noise, recorder, endless=True)
     return flights, until(recorder.stack(), flights.duration, evaluation.aircraft.dt)
-
-
-class _SpeedHeld(ByPolicy):
-    """A policy of which only the turns are flown."""
-
-    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        actions, memory = super().decide(sight, memory)
-        return actions * np.array([0.0, 1.0]), memory
 
 
 def _columns(outcome: np.ndarray, flights: Flights, flown: Trajectories, mask: np.ndarray) -> dict[str, np.ndarray]:

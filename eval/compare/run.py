@@ -29,9 +29,9 @@ _DESCRIPTION = """\
 Fly policies and baselines through the same encounters and say how they differ, with intervals for paired samples.
 
 Baselines: none (straight along the route), rules (the right-hand rules of the air), mvp (modified voltage potential,
-speed held), mvp_speed (the same, changing speed too). A policy is a .safetensors file of the toolkit, flown as it is
-and once more with its speed held; or a .nnet file of HorizontalCAS or ACAS Xu. With --mode plan its plans, made once
-at the start, are flown too; with --mode assured its plans under the run-time monitor.
+speed held), mvp_speed (the same, changing speed too). A policy is a .safetensors file of the toolkit, or a .nnet file
+of HorizontalCAS or ACAS Xu. With --mode plan its plans, made once at the start, are flown too; with --mode assured its
+plans under the run-time monitor.
 
 --baseline witness, flown only when asked for, is no resolver but a mark: the shortest flight known that resolves each
 encounter, searched for in knowledge of the intruders' whole future, without noise. Its success bounds from below what

@@ -44,7 +44,6 @@ def summarise(
     return {
         "encounters": total,
         "resolvable_rate": share(possible, total, confidence),
-        "late_at_first_speed": int(np.count_nonzero(table["late_at_first_speed"])),
         "volumes": {name: volume._asdict() for name, volume in VOLUMES.items()},
         "altitude": "co-altitude is assumed: every loss is given that the altitudes do not separate",
         "entries": rows,

@@ -50,10 +50,7 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
         ]
     if summary["weighted"]:
         notes.append("the ratios are weighted by the file's weights; rates count each encounter once")
-    notes += [
-        *lines_about(summary),
-        f"{summary['late_at_first_speed']} of the routes are too long for their time without going faster",
-    ]
+    notes += lines_about(summary)
     # A warning of every entry is one of the sample: once is enough.
     notes += sorted(
         {f"{row['name']}: {warning}" for row in summary["entries"] for warning in row["risk_ratio"]["warnings"]}

@@ -18,10 +18,11 @@ from envs.trees import take
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi.errors import Errors
 from eval.hifi.flights import Campaign, Flown, flown, prepared
-from eval.plots.style import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
+from eval.plots.encounters import separation_histogram
+from eval.plots.style import BLUE, GREEN, GREY, ORANGE, VERMILION
 from eval.runner.outputs import RunFolder
 
-__all__ = ["chosen", "distributions", "draw_all", "separations", "sheet"]
+__all__ = ["chosen", "distributions", "draw_all", "sheet"]
 
 _SHOWN = 4
 _KM = 1_000.0
@@ -40,7 +41,7 @@ def draw_all(folder: RunFolder, table: Mapping[str, np.ndarray], campaign: Campa
             flights.append((f"{number}: {table['outcome'][number]}{apart}{wind}", flown(*loaded, number)))
     figures = {"flights": sheet(flights, campaign.aircraft.rules())}
     if np.isfinite(table["min_separation_m"]).any():
-        figures["min_separation"] = separations(table, campaign.aircraft.rules())
+        figures["min_separation"] = separation_histogram(table, campaign.aircraft.separation)
     if np.isfinite(table["position_error_max_m"]).any():
         figures["errors"] = distributions(table)
     return [path for name, figure in figures.items() for path in folder.save_figure(name, figure)]
@@ -52,23 +53,6 @@ def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
     # A refused flight has no track to show.
     order = order[np.argsort(table["outcome"][order] == "refused", kind="stable")]
     return [int(number) for number in order[:_SHOWN]]
-
-
-def separations(table: Mapping[str, np.ndarray], rules: Rules) -> Figure:
-    """Return the histogram of the smallest separation of every flight."""
-    figure = Figure(figsize=(8.0, 4.4), layout="constrained")
-    axes = figure.add_subplot()
-    apart = table["min_separation_m"]
-    apart = apart[np.isfinite(apart)]
-    low, high = min(float(apart.min()), rules.separation), max(float(apart.max()), 2.0 * rules.separation)
-    width = 50.0
-    first, last = np.floor((low - rules.separation) / width), np.ceil((high - rules.separation) / width)
-    axes.hist(apart, rules.separation + width * np.arange(first, last + 1.0), color=SKY)
-    axes.axvline(rules.separation, color=VERMILION, linestyle="--", label=f"required: {rules.separation:.0f} m")
-    axes.set_xlabel("smallest separation until the time limit, m")
-    axes.set_ylabel(f"flights per {width:.0f} m")
-    axes.legend(frameon=False)
-    return figure
 
 
 def distributions(table: Mapping[str, np.ndarray]) -> Figure:

@@ -79,24 +79,29 @@ def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
 
 
 def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Figure:
-    """Return the histogram of the smallest separation of every flight, beside the required one, m."""
+    """Return the histogram of the smallest separation of every flight, beside the required one, m.
+
+    Without a resolver too, where the table knows of such flights.
+    """
     figure = Figure(figsize=(8.0, 4.6), layout="constrained")
     axes = figure.add_subplot()
-    flown, bare = table["min_separation_m"] / _ONE_KM, table["baseline_min_separation_m"] / _ONE_KM
+    names = [name for name in ("min_separation_m", "baseline_min_separation_m") if name in table]
+    known = [table[name][np.isfinite(table[name])] / _ONE_KM for name in names]
     required_km = required / _ONE_KM
-    first = min(required_km, float(flown.min()), float(bare.min()))
-    last = max(1.5 * required_km, float(flown.max()), float(bare.max()))
+    first = min(required_km, *(float(values.min(initial=np.inf)) for values in known))
+    last = max(1.5 * required_km, *(float(values.max(initial=-np.inf)) for values in known))
     width = 0.05 * math.ceil((last - first) / 7.5)
     # Edges at the requirement, so that no bar mixes flights on both sides of it.
     steps = range(math.floor((first - required_km) / width), math.ceil((last - required_km) / width) + 1)
     edges = [required_km + width * step for step in steps]
-    axes.hist(flown, edges, color=SKY, label="with the resolver")
-    axes.hist(bare, edges, histtype="step", color="#333333", linewidth=1.0, label="without it")
+    axes.hist(known[0], edges, color=SKY, label="with the resolver")
+    for bare in known[1:]:
+        axes.hist(bare, edges, histtype="step", color="#333333", linewidth=1.0, label="without it")
     axes.axvline(required_km, color=VERMILION, linewidth=1.6, linestyle="--", label=f"required: {required:.0f} m")
     axes.set_yscale("log")
     axes.set_ylim(0.7, None)
     axes.set_xlim(edges[0], edges[-1])
-    axes.set_xlabel("smallest separation of a flight, km (a flight ends where the required one is lost)")
+    axes.set_xlabel("smallest separation of a flight, km")
     axes.set_ylabel(f"flights per {1000.0 * width:.0f} m")
     tidy(axes)
     axes.legend(frameon=False)

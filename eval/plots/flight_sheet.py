@@ -84,25 +84,11 @@ def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
     The failures that count, those not proven unresolvable, come before the others.
     """
     kinds = kinds_of(table)
-    order = [np.flatnonzero(kinds == name) for name in ("violation", "time-out", "proven unresolvable")]
-    successes = np.flatnonzero(kinds == "success")
+    order = [np.flatnonzero(kinds == name) for name in ("violation", "time-out", "proven unresolvable", "success")]
+    failures, successes = np.concatenate(order[:3]), order[3]
     room = min(PANELS, len(kinds))
-    failures = min(sum(map(len, order)), max(_FAILURES_SHOWN, room - len(successes)))
-    picked: list[int] = []
-    for place, found in enumerate(order):
-        # Half of what is left for this kind, so that the rarer kinds are seen too.
-        others = sum(map(len, order[place + 1 :]))
-        left = failures - len(picked)
-        picked += spread(found, max(left - others, (left + 1) // 2)).tolist()
-    # Successes that had a new plan, and those by the fallback, where the table knows of plans.
-    special = []
-    if "replans" in table:
-        special.append(successes[table["replans"][successes] > 0])
-    if "plan_source" in table:
-        special.append(successes[table["plan_source"][successes] == "fallback"])
-    third = (room - len(picked)) // 3
-    picked += list(dict.fromkeys(number for found in special for number in spread(found, third).tolist()))
-    return picked + spread(np.setdiff1d(successes, picked), room - len(picked)).tolist()
+    picked = spread(failures, max(_FAILURES_SHOWN, room - len(successes)))
+    return [*picked.tolist(), *spread(successes, room - len(picked)).tolist()]
 
 
 def _planned_by(table: Mapping[str, np.ndarray], number: int) -> str:

@@ -149,36 +149,22 @@ def _points(found: Mapping[str, Any]) -> Points:
 
 
 def _spans(found: Mapping[str, Any]) -> np.ndarray:
-    """Return where bins lie on the axis: at their place where they are alike, else side by side, as values do."""
-    if _alike(found):
-        return np.array([[one["low"], one["high"]] for one in found["bins"]])
+    """Return where bins or values lie on the axis, ``[B, 2]``: side by side."""
     first = np.arange(len(_points(found)), dtype=float)
     return np.stack([first, first + 1.0], axis=1)
-
-
-def _alike(found: Mapping[str, Any]) -> bool:
-    if "low" not in _points(found)[0]:
-        return False
-    widths = [one["high"] - one["low"] for one in found["bins"]]
-    return max(widths) < 1.01 * min(widths)
 
 
 def _name_axis(axes: Any, found: Mapping[str, Any], **style: Any) -> None:
     """Name the axis, and the bins or the values below it."""
     axes.set_xlabel(_with_unit(found["label"], found["unit"]), **style)
     points = _points(found)
-    middles = np.arange(len(points)) + 0.5
-    if "value" in points[0]:
-        axes.set_xticks(middles, [f"{one['value']:g}" for one in points])
-    elif "word" in points[0]:
-        axes.set_xticks(middles, [one["word"] for one in points])
-    elif not _alike(found):
+    if "low" in points[0]:
         edges = [points[0]["low"], *(one["high"] for one in points)]
-        axes.set_xticks(
-            range(len(edges)), [f"{edge:.0f}" if edge >= 10.0 else f"{edge:.3g}" for edge in edges], fontsize=8
-        )
-    elif found["unit"] == "deg":
-        axes.set_xticks([edge for edge in range(-180, 181, 60) if points[0]["low"] <= edge <= points[-1]["high"]])
+        names = [f"{edge:.0f}" if abs(edge) >= 10.0 else f"{edge:.3g}" for edge in edges]
+        axes.set_xticks(range(len(edges)), names, fontsize=8)
+    else:
+        names = [one["word"] if "word" in one else f"{one['value']:g}" for one in points]
+        axes.set_xticks(np.arange(len(points)) + 0.5, names)
 
 
 def _with_unit(label: str, unit: str) -> str:

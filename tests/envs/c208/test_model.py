@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from agents.config.load import load
 from agents.config.world import VehicleConfig
+from benchmarks import c208_figures
 from benchmarks.c208 import judged, plans_of, within_power
 from envs import follower
 from envs.c208 import validate
@@ -31,7 +32,6 @@ from envs.follower import PERIOD
 from envs.kinematics import SURROGATE, VehicleState, advance
 from envs.tracking import deviation
 from envs.waypoints import Knots, Legs, at, legs
-from eval import c208_figures
 
 
 def test_the_files_that_ship_are_what_the_facts_give() -> None:

@@ -154,7 +154,7 @@ def test_the_command_says_how_much_longer_than_the_witness(
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     rows = {row["name"]: row for row in summary["entries"]}
     # Those asked for, and the flight without a resolver.
-    assert list(rows) == ["policy", "policy, speed held", "mvp_speed", "witness", "none"]
+    assert list(rows) == ["policy", "mvp_speed", "witness", "none"]
     assert rows["witness"]["kind"] == "witness"
     assert rows["witness"]["path_excess_over_witness_mean"] is None
     columns = pq.read_table(tmp_path / "run" / "encounters.parquet").to_pydict()

@@ -1,4 +1,4 @@
-"""The true aircraft in pictures: ``python -m eval.c208_figures --out DIR``.
+"""The true aircraft in pictures: ``python -m benchmarks.c208_figures --out DIR``.
 
 ``aircraft``: accelerations at idle and full power against speed, beside the surrogate's limits; model against published
 points; the answer to a step of the bank. ``steps``: air speed and acceleration after steps of the speed demanded, up
@@ -173,7 +173,7 @@ def margins(weight: float, altitude: float) -> tuple[float, float, float, float]
 
 def main() -> int:
     """Draw; return the exit code."""
-    parser = Parser(prog="python -m eval.c208_figures", description=__doc__)
+    parser = Parser(prog="python -m benchmarks.c208_figures", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/c208"), help="folder (default runs/c208)")
     options = parser.parse_args()
     save.create(options.out)
@@ -184,4 +184,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    run_cli("eval.c208_figures:main")
+    run_cli("benchmarks.c208_figures:main")
