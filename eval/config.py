@@ -7,7 +7,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from agents.baselines.baselines import BASELINES
 from agents.config.keys import nearest
-from agents.config.load import ConfigError, Strict
+from agents.config.load import ConfigError, Strict, validated
 from agents.config.world import AircraftConfig, ScenarioConfig, VehicleConfig
 from agents.planner.answer import RequestError
 from agents.planner.options import Options, check
@@ -296,33 +296,20 @@ class MonteCarloConfig(Strict):
         for key in ("name", "weight"):
             if key in self.changes:
                 raise ConfigError(f"changes.{key} is unknown; expected a number of the scenario")
-        return self._changed(ScenarioConfig, f"name={self.scenario}")
+        return self._changed(ScenarioConfig, {"name": self.scenario})
 
     def traffic(self) -> TrafficConfig:
-        """Return what is drawn from an encounter model, with its changes.
+        """Return what is drawn from an encounter model, with its changes; raises as :meth:`sampled`."""
+        return self._changed(TrafficConfig, {})
 
-        Raises:
-            ConfigError: a change names an unknown number or a value outside its range.
-        """
-        return self._changed(TrafficConfig)
-
-    def _changed(self, model: type[_Model], *first: str) -> _Model:
-        # Through the sentences of the configuration, which name the key and the nearest one.
-        from agents.config.load import load
-
+    def _changed(self, model: type[_Model], first: dict[str, Any]) -> _Model:
         try:
-            return load(model, None, [*first, *(f"{key}={_yaml(value)}" for key, value in self.changes.items())])
+            return validated(model, first | self.changes)
         except ConfigError as problem:
-            raise ConfigError(f"changes.{str(problem).removeprefix('--set: ')}") from None
+            raise ConfigError(f"changes.{problem}") from None
 
 
 def _located(path: Path, info: ValidationInfo) -> Path:
     """Return the absolute path of a file that stands beside the configuration or in the working directory."""
     beside = Path((info.context or {}).get("folder", "")) / path
     return (beside if beside.exists() else path).absolute()
-
-
-def _yaml(value: Any) -> str:
-    from agents.config.yaml import write
-
-    return write([value])[1:-2] if not isinstance(value, (list, tuple)) else write(value).strip()

@@ -8,9 +8,10 @@ accelerations and the turn circle, in units of separation and greatest speed.
 import argparse
 import json
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,10 +22,8 @@ from eval.runner.options import check_digest, whole
 
 if TYPE_CHECKING:
     from agents.config.world import AircraftConfig
-    from agents.policy.inference import Policy
-    from eval.flights.chunks import Evaluation, Pilot
 
-__all__ = ["FAMILY", "TRAFFIC", "Fleet", "columns", "drawn", "main", "pilots"]
+__all__ = ["FAMILY", "TRAFFIC", "drawn", "main"]
 
 FAMILY = {
     "speed_max": (25.0, 240.0),  # m/s
@@ -48,27 +47,12 @@ Fly a policy with each of a number of random aircraft: greatest speed 25 to 240 
 accelerations 0.03 to 0.4 speed_max^2/D, least speed 0.4 to 0.75 and traffic 0.4 to 1.3 of the greatest.
 
 Written to --out, a new or empty folder: family.json (rates of each aircraft with exact intervals, their mean and the
-worst) and aircraft_NN.yaml, each to be flown again by eval.monte_carlo --aircraft."""
+worst), aircraft_NN.yaml, each to be flown again by eval.monte_carlo --aircraft, and aircraft_NN, the run of each."""
 
 _EPILOG = """\
 examples:
   python -m eval.family --policy runs/set/policy.safetensors --encounters 500 --out runs/family
   python -m eval.family --policy runs/set/policy.safetensors --intruders 2 4 --turning --out runs/family_turning"""
-
-
-class Fleet(NamedTuple):
-    """Evaluations that differ in their aircraft, flown one after another as one row of encounters."""
-
-    policy: Path | None
-    """File of the policy; None for the shipped one."""
-    evaluations: "tuple[Evaluation, ...]"
-
-
-def pilots(fleet: Fleet, policy: "Policy") -> "list[Pilot]":
-    """Return what flies a fleet: its evaluations with the policy."""
-    from eval.flights.chunks import Pilot
-
-    return [Pilot(evaluation, policy) for evaluation in fleet.evaluations]
 
 
 def drawn(seed: int, number: int) -> "AircraftConfig":
@@ -95,13 +79,6 @@ def _rounded(value: float) -> float:
     return float(f"{value:.5g}")
 
 
-def columns(prepared: "list[Pilot]", first: int, count: int) -> dict[str, np.ndarray]:
-    """Return the table of all ``count`` encounters of one aircraft, which are numbered through the aircraft."""
-    from eval.flights import chunks
-
-    return chunks.columns(prepared[first // count], 0, count)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fly the family that the command line asks for and return the exit status.
 
@@ -112,6 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.intruders[0] > options.intruders[1]:
         raise ConfigError("--intruders: expected the fewest first, then the most")
     from agents.policy.inference import Policy
+    from eval.monte_carlo.run import run_quietly
     from eval.plots import save as picture_folder
 
     policy = Policy.load(options.policy)
@@ -120,12 +98,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not options.allow_outside_domain:
         for one in aircraft:
             policy.for_aircraft(one.aircraft())
-    fleet = Fleet(options.policy, tuple(_evaluation(options, one) for one in aircraft))
     picture_folder.create(options.out)
+    summaries = []
     for number, one in enumerate(aircraft):
-        write_file(options.out / f"aircraft_{number:02}.yaml", dump(one))
-    found = _found(options, aircraft, _flown(options, fleet))
-    found |= {"policy_sha256": policy.sha256}
+        file = options.out / f"aircraft_{number:02}.yaml"
+        write_file(file, dump(one))
+        print(f"aircraft {number} of {options.count}", file=sys.stderr, flush=True)
+        status = run_quietly(_arguments(options, one, file), file.with_suffix(""))
+        if status:
+            return status
+        summaries.append(json.loads((file.with_suffix("") / "summary.json").read_text(encoding="utf-8")))
+    found = _found(options, aircraft, summaries) | {"policy_sha256": policy.sha256}
     write_file(options.out / "family.json", json.dumps(found, indent=2, allow_nan=False) + "\n")
     _show(found, options.out)
     return 0
@@ -152,53 +135,30 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _evaluation(options: argparse.Namespace, config: "AircraftConfig") -> "Evaluation":
-    from envs.encounters import scenario
-    from eval.config import PlannerConfig
-    from eval.flights.chunks import Evaluation
-
-    aircraft = config.aircraft()
-    fast = aircraft.limits.speed_max
-    changes: dict[str, Any] = {
-        "intruders": tuple(options.intruders),
-        "intruder_speed": (TRAFFIC[0] * fast, TRAFFIC[1] * fast),
-        "attempts": 200,
-    }
-    if options.turning:
-        changes["turn_rate"] = aircraft.limits.yaw_rate_max
-    source = scenario("noisy" if options.noisy else "circle", aircraft, **changes)
-    setting = PlannerConfig().setting(aircraft)
-    return Evaluation(options.policy, source, None, options.seed, aircraft, options.mode, setting)
-
-
-def _flown(options: argparse.Namespace, fleet: Fleet) -> list[dict[str, np.ndarray]]:
-    """Return the table of each aircraft."""
-    from eval.runner.progress import Encounters
-    from eval.runner.workers import Chunk, Task, cores, fly_chunks
-
-    each, count = options.encounters, len(fleet.evaluations)
-    chunks = [Chunk(number * each, each) for number in range(count)]
-    tables: dict[int, dict[str, np.ndarray]] = {}
-    with Encounters(each * count) as progress:
-        for chunk, part in fly_chunks(Task(pilots, columns), fleet, options.workers or cores(), chunks, lambda: False):
-            tables[chunk.first] = part
-            progress.advance(chunk.size, int(np.count_nonzero(part["outcome"] == "reached")))
-    return [tables[chunk.first] for chunk in chunks]
+def _arguments(options: argparse.Namespace, aircraft: "AircraftConfig", file: Path) -> list[str]:
+    """Return what ``eval.monte_carlo`` is to fly of one aircraft."""
+    fast = aircraft.speed_max_mps
+    speeds = [TRAFFIC[0] * fast, TRAFFIC[1] * fast]
+    changes = {"intruders": options.intruders, "intruder_speed": speeds, "attempts": 200}
+    changes |= {"turn_rate_deg_s": aircraft.yaw_rate_max_deg_s} if options.turning else {}
+    named = {"aircraft": file, "mode": options.mode, "scenario": "noisy" if options.noisy else "circle"}
+    named |= {name: getattr(options, name) for name in ("policy", "encounters", "seed", "workers")}
+    given = [part for name, value in named.items() if value is not None for part in (f"--{name}", str(value))]
+    sets = (f"changes={json.dumps(changes)}", f"confidence={options.confidence}", "resamples=100")
+    return [*given, "--allow-outside-domain", *(part for text in sets for part in ("--set", text))]
 
 
 def _found(
-    options: argparse.Namespace, aircraft: Sequence["AircraftConfig"], tables: Sequence[Mapping[str, np.ndarray]]
+    options: argparse.Namespace, aircraft: Sequence["AircraftConfig"], summaries: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Return the content of family.json, but for the policy."""
     from envs.aircraft import ratios
-    from eval.metrics.summary import summarise
     from eval.stats.intervals import share
 
     rows = []
-    for number, (one, table) in enumerate(zip(aircraft, tables, strict=True)):
-        judged = summarise(table, options.confidence, 100, options.seed)
+    for number, (one, summary) in enumerate(zip(aircraft, summaries, strict=True)):
         unlike = ratios(one.limits(), one.separation_m)._asdict()
-        rows.append({"aircraft": number, "ratios": unlike} | {key: judged[key] for key in _RATES})
+        rows.append({"aircraft": number, "ratios": unlike} | {key: summary[key] for key in _RATES})
     found: dict[str, Any] = {"schema_version": 1, **vars(options)}
     found |= {"policy": None if options.policy is None else str(options.policy), "out": str(options.out), "rows": rows}
     for key in _RATES:

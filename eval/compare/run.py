@@ -69,8 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     from agents.policy.versions import versions
     from envs.traffic.replay import Replay
-    from eval.compare.summary import SCHEMA_VERSION, summarise
-    from eval.compare.table import draw, show
+    from eval.compare.summary import SCHEMA_VERSION, draw, show, summarise
     from eval.flights.aircraft import described
     from eval.flights.sources import said, say
     from eval.runner.outputs import arrow_table

@@ -1,16 +1,47 @@
-"""From the table of encounters to the numbers that matter; docs/reference/evaluation-files.md defines every key."""
+"""From the table of encounters to the numbers that matter, and these for a person.
 
-from collections.abc import Mapping
-from typing import Any
+docs/reference/evaluation-files.md defines every key.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.config.progress import spaced
 from eval.metrics.weighted import ratio
 from eval.stats.intervals import Interval, ends, mean_interval, number, quantiles, share
 
-__all__ = ["SCHEMA_VERSION", "summarise"]
+__all__ = ["SCHEMA_VERSION", "Line", "headline", "print_table", "summarise"]
 
 SCHEMA_VERSION = 1
+
+_RATES = (
+    ("success of all encounters", "success_rate"),
+    ("success of those not proven unresolvable", "success_given_resolvable"),
+    ("violations of the required separation", "violation_rate"),
+    ("time-outs", "timeout_rate"),
+    ("proven unresolvable", "unresolvable_rate"),
+    ("undecided (they count as resolvable)", "undecided_rate"),
+    ("violations without a resolver", "baseline_violation_rate"),
+    ("policy alone: success of those not proven unresolvable", "policy_success_given_resolvable"),
+    ("policy alone: violations", "policy_violation_rate"),
+    ("plan flown once: success of those not proven unresolvable", "plan_success_given_resolvable"),
+    ("plan flown once: violations", "plan_violation_rate"),
+    ("plans called SAFE, of those not proven unresolvable", "plan_safe_given_resolvable"),
+    ("flights that used the backup", "backup_used_rate"),
+)
+_MEANS = (
+    ("mean score (+100 goal, -100 violation, -10 time-out)", "score_mean", "+.2f", 1.0, ""),
+    ("risk ratio: violations with the resolver / without it", "risk_ratio", ".4f", 1.0, ""),
+    ("mean path excess of the successes", "path_excess_mean", ".2f", 100.0, " %"),
+)
+_QUANTILES = (
+    ("smallest separation of all flights", "min_separation_m_quantiles", "0", ".1f"),
+    ("its 1 % quantile", "min_separation_m_quantiles", "0.01", ".1f"),
+    ("its median", "min_separation_m_quantiles", "0.5", ".1f"),
+    ("largest error of the follower of SAFE plans", "follower_error_m_quantiles", "1", ".4f"),
+)
 
 
 def summarise(table: Mapping[str, np.ndarray], confidence: float, resamples: int, seed: int) -> dict[str, Any]:
@@ -110,3 +141,72 @@ def _of_plans(table: Mapping[str, np.ndarray], rate: Any, possible: int) -> dict
         "follower_error_m_quantiles": quantiles(error, (0.5, 0.99, 1.0)),
         "whole_min_separation_m": number(float(np.min(table["whole_min_separation_m"][safe]))) if safe.any() else None,
     }
+
+
+class Line(NamedTuple):
+    """A line of the table; all in words."""
+
+    key: str  # in summary.json
+    label: str
+    value: str
+    interval: str
+    counted: str
+
+
+def headline(summary: Mapping[str, Any], unresolvable: Mapping[str, int]) -> list[Line]:
+    """Return the lines for a summary (as in ``summary.json``); those that its mode does not have are left out.
+
+    By a rate's key stands how many of those that it counts are proven unresolvable.
+    """
+    lines = []
+    for label, key in _RATES:
+        rate = summary.get(key)
+        if rate is not None:
+            part = f", {spaced(unresolvable[key])} of them proven unresolvable" if unresolvable.get(key) else ""
+            counted = f"{spaced(rate['count'])} of {spaced(rate['total'])}{part}"
+            lines.append(_line(key, label, rate["value"], rate, ".2f", 100.0, " %", counted))
+    weighted = summary["weighted"]
+    for label, key in _RATES[:3] if weighted else ():
+        counted, rate = f"{weighted['effective_sample_size']:.0f} effective", weighted[key]
+        name = f"{label}, by weight"
+        lines.append(_line(f"weighted.{key}", name, rate["value"], rate, ".2f", 100.0, " %", counted))
+    for label, key, form, factor, unit in _MEANS:
+        lines.append(_line(key, label, summary[key], summary[f"{key}_interval"], form, factor, unit))
+    for label, key, at, form in _QUANTILES:
+        if key in summary:
+            lines.append(Line(key, label, _plain(summary[key].get(at), form, 1.0, " m"), "", ""))
+    if "safe_plans_violated" in summary:
+        lines.append(Line("safe_plans_violated", "SAFE plans violated", spaced(summary["safe_plans_violated"]), "", ""))
+    return lines
+
+
+def _line(
+    key: str, label: str, value: Any, ends: Mapping[str, Any], form: str, factor: float, unit: str, counted: str = ""
+) -> Line:
+    low, high = (_plain(ends[end], form, factor, unit) for end in ("low", "high"))
+    interval = "" if ends["low"] is None else f"{low} to {high}"
+    return Line(key, label, _plain(value, form, factor, unit), interval, counted)
+
+
+def _plain(value: float | None, form: str, factor: float, unit: str) -> str:
+    return "-" if value is None else f"{format(factor * value, form)}{unit}"
+
+
+def print_table(
+    title: str, names: Sequence[str], rows: Sequence[Sequence[str]], notes: Sequence[str], width: int = 120
+) -> None:
+    """Print a table, the first column to the left, and notes below it."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left")
+    for name in names:
+        table.add_column(name, justify="right" if name else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    # A file or a pipe gets the whole table, not one cut to 80 columns.
+    console = Console()
+    console = console if console.is_terminal else Console(width=width)
+    console.print(table)
+    for note in notes:
+        console.print(note, markup=False, highlight=False, soft_wrap=True)

@@ -3,6 +3,8 @@
 import argparse
 import time
 from collections.abc import Sequence
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
     from eval.config import MonteCarloConfig
     from eval.runner.outputs import RunFolder
 
-__all__ = ["main"]
+__all__ = ["main", "run_quietly"]
 
 _DESCRIPTION = """\
 Fly a policy through many encounters and say how often it succeeds, with intervals.
@@ -55,6 +57,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(help_text(MonteCarloConfig))
         return 0
     return concluded(_evaluate, options)
+
+
+def run_quietly(arguments: Sequence[str], folder: Path, *, resume: bool = False) -> int:
+    """Fly an evaluation of several without figures and without its table for a person; return the exit status."""
+    again = ["--resume"] if resume and (folder / "config.yaml").is_file() else []
+    with redirect_stdout(StringIO()):
+        return main([*arguments, "--set", "figures=false", *again, "--out", str(folder)])
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -160,7 +169,7 @@ def _show(summary: dict[str, Any], folder: "RunFolder", paths: list[Path]) -> No
     """Print the result for a person."""
     from agents.config.progress import spaced
     from eval.flights.aircraft import lines_about
-    from eval.metrics.headline import headline, print_table
+    from eval.metrics.summary import headline, print_table
 
     decider = summary["mode"] if summary["baseline"] == "none" else f"baseline {summary['baseline']}"
     title = f"{spaced(summary['encounters'])} encounters, {decider}, scenario {summary['scenario']}"

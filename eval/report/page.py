@@ -16,7 +16,7 @@ import numpy as np
 from agents.config.progress import spaced
 from envs.edge.text import visible
 from eval.flights.aircraft import lines_about
-from eval.metrics.headline import Line, headline
+from eval.metrics.summary import Line, headline
 from eval.plots.style import MARKERS
 from eval.report.data import NEAR, NEAREST, POINTS, Choice, json_text
 from eval.report.folder import Run

@@ -3,8 +3,6 @@
 import math
 from argparse import ArgumentTypeError
 from collections.abc import Sequence
-from contextlib import redirect_stdout
-from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +12,7 @@ from agents.config.keys import one_of
 from agents.config.load import ConfigError
 from envs.aircraft import PAPER
 from envs.encounters import scenario
-from eval.monte_carlo import run as monte_carlo
+from eval.monte_carlo.run import run_quietly
 from eval.runner.options import real
 from eval.sensitivity.bins import rates, read_run, successes
 from eval.stats.paired import pairs, tango
@@ -97,10 +95,7 @@ def fly(sweep: Sweep, arguments: Sequence[str], out: Path, *, resume: bool) -> i
     for value in sweep.values:
         folder = folder_of(out, sweep.name, value)
         sets = [part for key, text in changed(sweep.name, value).items() for part in ("--set", f"changes.{key}={text}")]
-        again = ["--resume"] if resume and (folder / "config.yaml").is_file() else []
-        # Its table for a person would come once for every value.
-        with redirect_stdout(StringIO()):
-            status = monte_carlo.main([*arguments, *sets, "--set", "figures=false", *again, "--out", str(folder)])
+        status = run_quietly([*arguments, *sets], folder, resume=resume)
         if status:
             return status
     return 0

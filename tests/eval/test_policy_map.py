@@ -16,8 +16,7 @@ from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.edge.command import run_cli
 from envs.kinematics import VehicleState
-from eval.failures.groups import HOW, failures, grouped, representatives
-from eval.failures.run import main
+from eval.failures.run import HOW, failures, grouped, main, representatives
 from eval.monte_carlo import run as monte_carlo
 from eval.policy_map import run as policy_map
 from eval.policy_map.advisory import (

@@ -19,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.config.load import ConfigError
-from eval.metrics.headline import headline
+from eval.metrics.summary import headline
 from eval.plots.style import MARKERS, kinds_of
 from eval.report import run as report
 from eval.report.data import NEAREST, OTHERS, POINTS, choose, flight_data, json_text, page_data, points
