@@ -80,11 +80,7 @@ class PlannerConfig(Strict):
     aircraft's with the reserve that the paper's Cessna 208 has."""
 
     def setting(self, aircraft: Aircraft) -> Setting:
-        """Return this as the planner takes it: manoeuvres inside both the aircraft's limits and the vehicle's.
-
-        Raises:
-            ConfigError: there is no speed that both have.
-        """
+        """Return this as the planner takes it: manoeuvres inside both the aircraft's limits and the vehicle's."""
         changes: dict[str, Any] = {name: getattr(self, name) for name in ("direct", "goals", "exhaustive")}
         given = {name: getattr(self, name) for name in ("rejoin_by", "fallback_cost_threshold")}
         changes |= {name: value for name, value in given.items() if value is not None}
@@ -268,11 +264,7 @@ class MonteCarloConfig(Strict):
         return _DEFAULT_ENCOUNTERS if self.encounters is None else self.encounters
 
     def flown_aircraft(self, policy: Policy) -> Aircraft:
-        """Return the aircraft that is flown.
-
-        Raises:
-            OutsideDomainError: the policy was not trained for it, and that is not allowed.
-        """
+        """Return the aircraft that is flown, which the policy must be trained for where no other is allowed."""
         aircraft = policy.aircraft if self.aircraft is None else self.aircraft.aircraft()
         return policy.for_aircraft(aircraft, outside="allow" if self.allow_outside_domain else "refuse").aircraft
 

@@ -35,11 +35,7 @@ _TRACKS = (".daa", ".xyz")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Convert what the command line names and return the exit status.
-
-    Raises:
-        ConfigError: bad input; so are ``EncounterError`` and ``TrackError``.
-    """
+    """Convert what the command line names and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
     for path in (options.source, options.target):
         if path.suffix not in (".csv", ".json", *_TRACKS):

@@ -80,11 +80,7 @@ def _rounded(value: float) -> float:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Fly the family that the command line asks for and return the exit status.
-
-    Raises:
-        ConfigError: bad input; so are ``PolicyFileError``, ``OutsideDomainError`` and ``EncounterError``.
-    """
+    """Fly the family of the command line and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
     if options.intruders[0] > options.intruders[1]:
         raise ConfigError("--intruders: expected the fewest first, then the most")

@@ -15,11 +15,7 @@ _SCENARIOS = ("crossing_left", "crossing_right", "head_on", "same_course")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Fly, draw, and return the exit status.
-
-    Raises:
-        ConfigError: bad input.
-    """
+    """Fly, draw, and return the exit status; bad input raises ``InputError``."""
     parser = Parser(prog="python -m eval.hifi_paper", description=__doc__)
     add = parser.add_argument
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of eval.hifi's configuration")

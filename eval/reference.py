@@ -41,11 +41,7 @@ def page() -> str:
 
 
 def main() -> None:
-    """Write the page into the directory that the command line names.
-
-    Raises:
-        ConfigError: there is no such directory.
-    """
+    """Write the page into the directory that the command line names."""
     from agents.config.pages import write_pages
 
     write_pages("python -m eval.reference", __doc__, {PAGE: page()})

@@ -55,14 +55,7 @@ class Solution(NamedTuple):
 def make_grid(limits: Limits, intruder_speed: float, separation: float, dt: float, cell: float) -> Grid:
     """Return a grid that contains all states from which the separation (m) from an intruder (m/s) cannot be kept.
 
-    Args:
-        limits: of the ownship; floats, ``speed_min`` above 0.
-        intruder_speed, separation: m/s, m.
-        dt: time step, s; a half turn takes a whole number of steps.
-        cell: distance of the nodes, m.
-
-    Raises:
-        ValueError: a half turn is no whole number of steps.
+    Its time step, s, is a whole part of a half turn, else ``ValueError``; its nodes are a cell, m, apart.
     """
     half_turn = math.pi / (limits.yaw_rate_max * dt)
     if abs(half_turn - round(half_turn)) > 1e-6:

@@ -56,11 +56,7 @@ The grid's headings are 7.5 degrees apart, its speeds 1.25 m/s for the paper's a
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the check that the command line asks for; the status is 1 if the answers disagree anywhere.
-
-    Raises:
-        ConfigError: bad input.
-    """
+    """Run the check of the command line and return the status, 1 if the answers disagree; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
     aircraft = _aircraft(options.aircraft)
     separation = aircraft.separation

@@ -63,9 +63,6 @@ def policy_entries(path: Path | None, name: str, aircraft: Aircraft, modes: Sequ
     """Return the entries of a policy file: as it is, and in the modes plan and assured, where they are named.
 
     A ``.nnet`` file is a logic of which no plans are made. Without a path it is the policy that ships.
-
-    Raises:
-        PolicyFileError, NnetError: the file cannot be used.
     """
     if path is not None and path.suffix == ".nnet":
         logic = load_logic(path, aircraft)
@@ -89,11 +86,7 @@ def baseline_entry(name: str, aircraft: Aircraft) -> Entry:
 def entries_of(
     policies: Sequence[Path], modes: Sequence[str], baselines: Sequence[str], aircraft: Aircraft
 ) -> tuple[Entry, ...]:
-    """Return the entries: the policies, the baselines, and always the flight without a resolver.
-
-    Raises:
-        ConfigError: a baseline is unknown or a policy file stands twice; else as :func:`policy_entries`.
-    """
+    """Return the entries: the policies, the baselines, and always the flight without a resolver."""
     entries: list[Entry] = []
     for path, name in zip(policies or [None], policy_names(policies) or ["policy"], strict=True):
         entries += policy_entries(path, name, aircraft, list(dict.fromkeys(modes)))

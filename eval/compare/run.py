@@ -57,11 +57,7 @@ Keys of --set are those of eval.monte_carlo: changes, tracks, scenario_sha256, c
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the comparison that the command line asks for and return the exit status.
-
-    Raises:
-        ConfigError: bad input; so are ``PolicyFileError``, ``NnetError``, ``EncounterError`` and ``TrackError``.
-    """
+    """Run the comparison of the command line and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
     begun = time.perf_counter()
     import pyarrow.parquet as pq

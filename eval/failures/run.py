@@ -107,11 +107,7 @@ def described(group: Group, table: Mapping[str, np.ndarray]) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Group and draw the failures of the run that the command line names, and return the exit status.
-
-    Raises:
-        ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.
-    """
+    """Group and draw the failures of a run and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
     from envs.formats import encounter_file
     from envs.intruder import Intent

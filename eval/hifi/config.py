@@ -163,14 +163,7 @@ class Drawn(NamedTuple):
 
 
 def drawn(family: ConditionConfig, seed: int, number: int, takeoff_weight: float) -> Drawn:
-    """Return the conditions of flight ``number`` of a seed.
-
-    Args:
-        family: what they are drawn from.
-        seed: of the run.
-        number: of the flight.
-        takeoff_weight: lb, where the family leaves the weight open.
-    """
+    """Return the conditions of flight ``number`` of a seed; the takeoff weight, lb, where the family leaves it open."""
     u = draws.uniforms(seed, number, 1, (12,), stream=_STREAM)[0].tolist()
     gauss = draws.normals(seed, number, 1, (2,), stream=_STREAM + 1)[0].tolist()
     wind, direction = _between(family.wind_mps, u[0]), 2.0 * math.pi * u[1]

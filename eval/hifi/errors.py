@@ -82,15 +82,9 @@ def against(flight: Flight, legs: Legs, wind: Wind, surrogate: VehicleState | No
 
 
 def rolled(request: Request, goal: int, policy: Policy, options: Options) -> VehicleState:
-    """Return the surrogate's flight that a plan of the policy was made from, second by second, ``[S]``.
+    """Return the surrogate's flight that a plan ``[1]`` of the policy was made from, second by second, ``[S]``.
 
-    It ends where the planner took over: the way back was clear, or the goal reached.
-
-    Args:
-        request: ``[1]``.
-        goal: number of the route's point that it leads to.
-        policy: that decided.
-        options: that the plan was made with.
+    It leads to the route's point ``goal`` and ends where the planner took over: the way back was clear, or it is there.
     """
     task, required = task_of(options), required_separation(request, options) + options.slack
     state = VehicleState(*(float(field[0]) for field in request.own))

@@ -80,12 +80,7 @@ def distributions(table: Mapping[str, np.ndarray]) -> Figure:
 
 
 def sheet(flights: Sequence[tuple[str, Flown]], rules: Rules) -> Figure:
-    """Return a sheet with a column a flight, that has a title; the errors only where there are any.
-
-    Args:
-        flights: titles and flights, at least one.
-        rules: of the task.
-    """
+    """Return a sheet with a column a flight, each with a title; the errors only where there are any."""
     rows = ["separation, km"]
     if any(one.errors is not None for _, one in flights):
         rows += ["cross-track, m", "along-track, m", "arrival, s late", "accumulated, m s"]

@@ -33,13 +33,7 @@ class Pilot(Protocol):
         ...
 
     def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
-        """Decide at the beginning of a second.
-
-        Args:
-            clock: s since the start.
-            own: over the ground, as believed.
-            intruders: over the ground, as believed, ``[1, K]``.
-        """
+        """Decide at the beginning of a second by states over the ground as believed, of the intruders ``[1, K]``."""
         ...
 
     def commands(self, own: VehicleState, time: float) -> tuple[float, float]:
@@ -67,12 +61,9 @@ class Flight(NamedTuple):
 
 
 class Traffic:
-    """The intruders of one encounter: their true motion, and their reports.
+    """The intruders of one encounter ``[1]`` in an air mass that the wind carries: true motion, and reports.
 
-    Args:
-        encounter: ``[1]``, in the air mass.
-        wind: that carries them.
-        noise: of the sensors by second, ``[4, 1, K]``; None for perfect knowledge.
+    The noise of the sensors is by second, ``[4, 1, K]``; None for perfect knowledge.
     """
 
     def __init__(self, encounter: Encounter, wind: Wind, noise: Any = None) -> None:

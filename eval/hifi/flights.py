@@ -103,9 +103,6 @@ def scene_of(campaign: Campaign, number: int) -> Scene:
 
     The encounter is drawn in the air mass, where speeds are air speeds; the wind carries them all, and the goal lies
     where the ownship would arrive if it flew straight on. So the same number is the same conflict in any wind.
-
-    Raises:
-        EncounterError: the encounter cannot be drawn.
     """
     source, family = campaign.source, campaign.family
     if isinstance(source, Scenario):
@@ -129,11 +126,7 @@ def scene_of(campaign: Campaign, number: int) -> Scene:
 
 
 def flown(campaign: Campaign, policy: Policy, number: int) -> Flown:
-    """Fly one flight.
-
-    Raises:
-        EncounterError: the encounter cannot be drawn.
-    """
+    """Fly one flight."""
     scene = scene_of(campaign, number)
     goal = float(scene.route.x[1]), float(scene.route.y[1])
     gains = lookahead_of(campaign.vehicle)

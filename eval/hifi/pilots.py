@@ -28,12 +28,7 @@ _LEAST_TIME = 1.0  # in which a route can still be rejoined, s
 
 
 class Follower:
-    """Follows a plan that was made at the start.
-
-    Args:
-        path: of the plan.
-        gains: of the guidance.
-    """
+    """Follows the path of a plan that was made at the start."""
 
     def __init__(self, path: Path, gains: Lookahead) -> None:
         self._guide = Guide(path, gains)
@@ -52,15 +47,7 @@ class Follower:
 
 
 class Closed:
-    """The network, once a second; what it commands is held in the air mass.
-
-    Args:
-        policy: decides.
-        limits: full deflection of its actions.
-        goal: over the ground, m.
-        mask: which intruders exist, ``[1, K]``.
-        frame: wind that is reckoned with.
-    """
+    """The network, once a second, in the frame of a wind; what it commands is held in the air mass."""
 
     late = 0.0
 
@@ -86,14 +73,12 @@ class Closed:
 
 
 class Assured:
-    """A plan under the run-time monitor, which asks for new plans and falls back to a backup.
+    """A plan ``[1]``, in the air mass, under the run-time monitor, which asks for new plans and falls back to a backup.
 
     Args:
-        plans: made at the start, ``[1]``, in the air mass.
-        known: the intruders that it was made with, ``[1, K]``.
+        plans, known: made at the start, and the intruders that it was made with, ``[1, K]``.
         route: over the ground.
-        policy: makes new plans.
-        options: of those.
+        policy, options: make new plans.
         rules: of the task.
         thresholds: of the monitor.
         flown: wind that is reckoned with, gains of the guidance, and the quality of the intruders' reports, of which

@@ -44,11 +44,7 @@ Every key of the configuration, with its unit and default: python -m eval.hifi -
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run what the command line asks for and return the exit status.
-
-    Raises:
-        ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.
-    """
+    """Run what the command line asks for and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
     if options.help_keys:
         from agents.config.keys import help_text
@@ -106,15 +102,7 @@ def _config(options: argparse.Namespace) -> "HifiConfig":
 
 
 def campaign_of(config: "HifiConfig", workers: int = 1) -> "tuple[Campaign, HifiConfig]":
-    """Load what a configuration names and return what is to be flown, with the configuration as resolved.
-
-    Args:
-        config: of the run.
-        workers: that share its chunks.
-
-    Raises:
-        ConfigError: policy or file of encounters are not those expected, or the limits leave no room.
-    """
+    """Return what a configuration names to be flown, and the configuration as resolved for so many workers."""
     from eval.hifi.flights import Campaign
 
     policy = named_policy(config)

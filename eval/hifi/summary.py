@@ -26,12 +26,7 @@ _ERRORS = (
 
 
 def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, Any]:
-    """Return the statistics of flights in JSON types; what cannot be said is None.
-
-    Args:
-        table: columns ``[N]`` as :func:`eval.hifi.rows.columns` makes them, N >= 1.
-        confidence: of all intervals.
-    """
+    """Return the statistics of a table of :func:`eval.hifi.rows.columns` in JSON types; what cannot be said is None."""
     outcome, total = table["outcome"], len(table["outcome"])
     safe = table["plan_status"] == "safe"
 
@@ -84,15 +79,10 @@ def margin(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, Any]
 
 
 def upper_bound(values: np.ndarray, share: float, confidence: float) -> float | None:
-    """Return a bound that a quantile does not exceed with some confidence, None where there are too few values.
+    """Return a bound that a quantile of values ``[M]``, inf allowed, does not exceed with some confidence.
 
     The k-th smallest of n independent values exceeds the quantile of share q with probability P(B < k), B binomial in n
-    and q; the bound is the smallest value for which that reaches the confidence.
-
-    Args:
-        values: ``[M]``; inf is allowed.
-        share: of the quantile, in (0, 1).
-        confidence: in (0, 1).
+    and q; the bound is the smallest value for which that reaches the confidence, None where there are too few values.
     """
     from scipy.special import bdtr
 

@@ -83,10 +83,7 @@ class _Kinematic:
 class Navigation:
     """Where the aircraft believes itself to be: a slowly changing error of the position (first-order Gauss-Markov).
 
-    Args:
-        std: one sigma per axis, m; 0 for the truth.
-        seed: of the run.
-        number: of the flight.
+    ``std`` is one sigma per axis, m, 0 for the truth; the error follows from the seed and the number of the flight.
     """
 
     def __init__(self, std: float, seed: int, number: int) -> None:
@@ -111,13 +108,7 @@ class Navigation:
 
 
 def begin(kind: str, own: VehicleState, drawn: Drawn, limits: Limits) -> Airborne:
-    """Return a vehicle at the beginning of its flight.
-
-    Args:
-        kind: of vehicle, a key of :data:`VARIANT_OF`.
-        own: over the ground, plain floats.
-        drawn: the conditions.
-        limits: of the surrogate's kinematics, where that is what flies.
+    """Return a vehicle, a key of :data:`VARIANT_OF`, at the beginning of its flight over the ground.
 
     Raises:
         StartError: the aircraft cannot fly so slowly or so fast.

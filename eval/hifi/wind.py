@@ -56,17 +56,7 @@ def made_good(airspeed: float, course: float, wind: Wind) -> float:
 def plan_for(
     own: VehicleState, traffic: Traffic, route: Route, clock: float, wind: Wind, policy: Policy, options: Options
 ) -> Made:
-    """Plan one request in an air mass.
-
-    Args:
-        own: in the air mass, plain floats.
-        traffic: in the air mass, ``[1, K]``.
-        route: over the ground.
-        clock: when the request is made, s since both frames coincided.
-        wind: of the air mass.
-        policy: decides.
-        options: how the plan shall be.
-    """
+    """Plan a request ``clock`` s after the start, in an air mass, in which own state and traffic ``[1, K]`` are."""
     low, high = speed_range(options.aircraft.limits)
     none = Plans(empty(1, options.waypoints), np.zeros(1, dtype=np.int8), np.zeros(1, dtype=bool))
     if not low <= own.speed <= high:

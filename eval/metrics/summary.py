@@ -45,13 +45,9 @@ _QUANTILES = (
 
 
 def summarise(table: Mapping[str, np.ndarray], confidence: float, resamples: int, seed: int) -> dict[str, Any]:
-    """Return the statistics of an evaluation in JSON types; what cannot be said is None.
+    """Return the statistics of a table of :func:`eval.flights.chunks.columns`, N >= 1, in JSON types; None: not known.
 
-    Args:
-        table: columns ``[N]`` as :func:`eval.flights.chunks.columns` makes them, N >= 1.
-        confidence: of all intervals.
-        resamples: bootstrap resamples behind the intervals of means.
-        seed: of the bootstrap.
+    The confidence is that of all intervals; those of means are bootstraps of so many resamples and of this seed.
     """
     total = len(table["encounter"])
     success, violation, timeout = (table["outcome"] == name for name in ("reached", "violation", "timeout"))

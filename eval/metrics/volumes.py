@@ -92,14 +92,9 @@ def severity(volume: Volume, seen: Relative) -> np.ndarray:
 
 
 def losses(volume: Volume, flown: Trajectories, mask: np.ndarray) -> np.ndarray:
-    """Return whether each flight loses a volume to any intruder, bool ``[N]``.
+    """Return whether flights lose a volume to any intruder that exists, mask ``[N, K]``: bool ``[N]``.
 
     A cylinder is judged on the closest approach between the steps too, a volume with tau at the steps.
-
-    Args:
-        volume: to be kept.
-        flown: trajectories.
-        mask: which intruders exist, bool ``[N, K]``.
     """
     if volume.tau == 0.0:
         # Not nanmin, which warns of a flight that never began.

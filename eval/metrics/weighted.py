@@ -54,12 +54,9 @@ def ratio(
     upper end is then the Clopper-Pearson end of the rate at the effective sample size, over the rate without.
 
     Args:
-        event: with the resolver, bool ``[N]``.
-        event_without: the same encounters without it, bool ``[N]``.
+        event, event_without: with the resolver and without it, bool ``[N]``.
         weights: importance weights ``[N]``, not negative; None for equal ones.
-        confidence: of the interval.
-        resamples: of the bootstrap.
-        seed: of the bootstrap.
+        confidence, resamples, seed: of the interval and its bootstrap.
 
     Raises:
         ValueError: shapes or types do not fit, a weight is negative or not finite, or all are 0.
@@ -122,17 +119,11 @@ def _warnings(made: Ratio, weight: np.ndarray, event: np.ndarray, event_without:
 def summarise_weighted(
     table: Mapping[str, np.ndarray], confidence: float, resamples: int, seed: int
 ) -> dict[str, Any] | None:
-    """Return the rates of an evaluation by weight in JSON types; None where all weights are 1.
+    """Return the rates of :func:`eval.metrics.summarise` by weight in JSON types; None where all weights are 1.
 
     A rate is the weight of the encounters that it counts over the weight of all. Its interval is a percentile bootstrap
     over encounters; where a rate is 0 or 1 no resample can differ, and the Clopper-Pearson ends at the effective sample
     size stand in. Encounters are taken to be independent and the sampler's; none are known beyond those of a file.
-
-    Args:
-        table: columns ``[N]`` as :func:`eval.flights.chunks.columns` makes them, N >= 1.
-        confidence: of all intervals.
-        resamples: of the bootstraps.
-        seed: of the bootstraps.
     """
     weight = table["weight"]
     if (weight == 1.0).all():

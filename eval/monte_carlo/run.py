@@ -44,11 +44,7 @@ Every key of the configuration, with its unit and default: python -m eval.monte_
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the evaluation that the command line asks for and return the exit status.
-
-    Raises:
-        ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.
-    """
+    """Run the evaluation of the command line and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
     if options.help_keys:
         from agents.config.keys import help_text

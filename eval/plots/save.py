@@ -13,11 +13,7 @@ __all__ = ["create", "write"]
 
 
 def create(folder: Path, needed: int = 2_000_000) -> None:
-    """Make a folder that is new, or take one that is empty, with room for so many bytes: those of a few figures.
-
-    Raises:
-        ConfigError: it holds something already, has too little room, or cannot be written.
-    """
+    """Make a folder that is new, or take one that is empty, with room for so many bytes; else ``ConfigError``."""
     check_space(folder, needed, "the files of this command")
     try:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):

@@ -39,11 +39,7 @@ the left and comes from the right; a goal bearing of 90 is to the left."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw and measure what the command line asks for and return the exit status.
-
-    Raises:
-        ConfigError: bad input; so is ``PolicyFileError``.
-    """
+    """Draw and measure a policy and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
     from threadpoolctl import threadpool_limits
 
@@ -91,11 +87,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _scenes(options: argparse.Namespace, aircraft: "Aircraft") -> "list[Scene]":
-    """Fill in the options that the aircraft decides, and return what each column holds fixed.
-
-    Raises:
-        ConfigError: a speed or a length does not suit the aircraft.
-    """
+    """Fill in the options that the aircraft decides, and return what each column holds fixed."""
     from eval.policy_map.advisory import Scene
 
     limits, unit = aircraft.limits, aircraft.separation

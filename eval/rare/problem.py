@@ -29,14 +29,10 @@ class FlightProblem:
     def __init__(
         self, pilot: Pilot, mode: str, *, resolvable_only: bool = False, closer_than: float | None = None
     ) -> None:
-        """Take what flies.
+        """Take what flies in a mode: policy (once a second), plan (made at the start) or none (straight to the goal).
 
-        Args:
-            pilot: with a sampled scenario.
-            mode: policy (the network once a second), plan (made at the start, followed) or none (straight to the goal).
-            resolvable_only: whether proven unresolvable encounters do not count.
-            closer_than: separation below which a flight counts, m, which then goes on after a loss of the required one;
-                None: the required one.
+        With ``resolvable_only`` proven unresolvable encounters do not count. Flights closer than ``closer_than``, m,
+        count, and go on after a loss of the required separation; None: those below the required one.
         """
         scenario = pilot.evaluation.source
         if not isinstance(scenario, Scenario):

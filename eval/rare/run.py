@@ -48,11 +48,7 @@ Keys of --set and --config are those of eval.monte_carlo (its --help-keys)."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Estimate what the command line asks for and return the exit status.
-
-    Raises:
-        ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.
-    """
+    """Estimate what the command line asks for and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
     config, mode = _config(options)
     from threadpoolctl import threadpool_limits

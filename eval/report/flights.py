@@ -56,12 +56,7 @@ class Replayed(NamedTuple):
 
 
 def evaluation_of(run: Run, policy_path: Any = None) -> Evaluation:
-    """Return what a run flew, its policy (perhaps moved since) and its file of encounters checked by their digests.
-
-    Raises:
-        ConfigError: the policy or the file of encounters is another; ``PolicyFileError``, ``EncounterError``:
-            it cannot be used.
-    """
+    """Return what a run flew, its policy (perhaps moved since) and its file of encounters checked by their digests."""
     config = run.config if policy_path is None else run.config.model_copy(update={"policy": policy_path})
     try:
         return named_evaluation(config)[0]

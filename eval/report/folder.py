@@ -39,11 +39,7 @@ class Run(NamedTuple):
 
 
 def read_run(folder: Path) -> Run:
-    """Read what ``eval.monte_carlo`` wrote.
-
-    Raises:
-        ConfigError: the folder is missing, incomplete, of another schema, or mixed from several runs.
-    """
+    """Read what ``eval.monte_carlo`` wrote; what is incomplete or mixed from several runs raises ``ConfigError``."""
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "does not exist"
         raise ConfigError(f"{folder} {what}, expected a folder that eval.monte_carlo wrote")

@@ -33,11 +33,7 @@ _MOST_WITNESSES = 100
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Make the report that the command line asks for and return the exit status.
-
-    Raises:
-        ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.
-    """
+    """Make the report of the command line and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
     from eval.report.folder import read_run
 

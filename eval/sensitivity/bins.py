@@ -79,11 +79,7 @@ class Run(NamedTuple):
 
 
 def read_run(path: Path) -> Run:
-    """Read the folder of a finished run.
-
-    Raises:
-        ConfigError: it is none, or its table lacks a column.
-    """
+    """Read the folder of a finished run; what is none raises ``ConfigError``."""
     file = next((path / name for name in _TABLES if (path / name).is_file()), None)
     if file is None:
         raise ConfigError(f"{path} holds no {' or '.join(_TABLES)}; expected the folder of a finished run")

@@ -49,11 +49,7 @@ A run in mode assured flies plan and policy beside, so that its figures show all
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw what the command line asks for and return the exit status.
-
-    Raises:
-        ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.
-    """
+    """Draw what the command line asks for and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
     from eval.sensitivity.bins import read_run
     from eval.sensitivity.sweep import fly, swept

@@ -58,11 +58,7 @@ class Sweep(NamedTuple):
 
 
 def swept(text: str) -> Sweep:
-    """Return what ``NAME`` or ``NAME=V1,V2,...`` asks for.
-
-    Raises:
-        ConfigError: there is no such parameter, or a value is out of its range.
-    """
+    """Return what ``NAME`` or ``NAME=V1,V2,...`` asks for; what cannot be varied raises ``ConfigError``."""
     name, sign, listed = text.partition("=")
     if name in ("wind", "turbulence"):
         raise ConfigError(
@@ -86,11 +82,7 @@ def swept(text: str) -> Sweep:
 def fly(sweep: Sweep, arguments: Sequence[str], out: Path, *, resume: bool) -> int:
     """Fly the run of every value into a folder of its own below ``out``, or go on with it.
 
-    The arguments of ``eval.monte_carlo`` are the same for all values. Returned is the exit status of the first run that
-    did not finish, else 0.
-
-    Raises:
-        ConfigError: bad input; so are ``PolicyFileError`` and ``EncounterError``.
+    Returned is the exit status of the first run that did not finish, else 0.
     """
     for value in sweep.values:
         folder = folder_of(out, sweep.name, value)

@@ -38,12 +38,7 @@ class Interval(NamedTuple):
 
 
 def clopper_pearson(count: int, total: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the exact two-sided interval of a binomial share (Clopper and Pearson, 1934).
-
-    Args:
-        count: successes, 0 .. total.
-        total: independent trials, >= 0; of none nothing is known and the interval is [0, 1].
-        confidence: in (0, 1).
+    """Return the exact two-sided interval of a binomial share (Clopper and Pearson, 1934); of no trials: [0, 1].
 
     Raises:
         ValueError: an argument is out of its range.
@@ -71,15 +66,10 @@ def mean_interval(values: np.ndarray, confidence: float = 0.95, resamples: int =
 
 
 def resampled_sums(columns: np.ndarray, resamples: int, seed: int) -> np.ndarray:
-    """Return the sums of each resample, ``[B, C]``.
+    """Return the sums of columns ``[N, C]``, N >= 1, in each of B resamples, ``[B, C]``.
 
     Where few rows are distinct (scores, events) their counts are drawn instead of the encounters: the same
     distribution, and a million encounters take no longer than a thousand.
-
-    Args:
-        columns: of the encounters, ``[N, C]``, N >= 1.
-        resamples: B.
-        seed: of the draws.
     """
     total, rng = len(columns), np.random.default_rng(seed)
     distinct, counts = _distinct(columns)
