@@ -56,7 +56,7 @@ The grid's headings are 7.5 degrees apart, its speeds 1.25 m/s for the paper's a
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the check of the command line and return the status, 1 if the answers disagree; bad input raises ``InputError``."""
+    """Run the check and return the exit status, 1 if the answers disagree; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
     aircraft = _aircraft(options.aircraft)
     separation = aircraft.separation
