@@ -140,7 +140,7 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
             _ratio(row["risk_ratio"]),
             _percent(row["path_excess_mean"]["value"]),
             *([_points(row["path_excess_over_witness_mean"])] if witness else []),
-            *_difference(row["difference"]),
+            *_shown_difference(row["difference"]),
         )
         for row in summary["entries"]
     ]
@@ -182,7 +182,7 @@ def _points(mean: Mapping[str, Any] | None) -> str:
     return "-" if mean is None or mean["value"] is None else f"{100.0 * mean['value']:+.2f}"
 
 
-def _difference(difference: Mapping[str, Any] | None) -> tuple[str, str]:
+def _shown_difference(difference: Mapping[str, Any] | None) -> tuple[str, str]:
     if difference is None:
         return "-", "-"
     value, low, high = (100.0 * difference[key] for key in ("value", "low", "high"))

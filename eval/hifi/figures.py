@@ -102,7 +102,7 @@ def sheet(flights: Sequence[tuple[str, Flown]], rules: Rules) -> Figure:
             below.set_ylabel(label if i == 0 else "", fontsize=8)
             below.tick_params(labelsize=7)
             below.grid(color="#EBEBEB", linewidth=0.5)
-        below.set_xlabel("time, s", fontsize=8)
+            below.set_xlabel("time, s" if row == len(rows) else "", fontsize=8)
     return figure
 
 
