@@ -47,11 +47,7 @@ class Cluster:
         self._asked, self._known = 0.0, 0
 
     def size(self) -> int:
-        """Return the number of workers, as of the last two seconds.
-
-        Raises:
-            WorkerError: the scheduler has gone.
-        """
+        """Return the number of workers, as of the last two seconds; ``WorkerError``: the scheduler has gone."""
         if time.monotonic() - self._asked >= _PATIENCE_S:
             try:
                 found = len(self._threads())
@@ -70,11 +66,7 @@ class Cluster:
             time.sleep(0.2)
 
     def check(self, expected: Mapping[str, str]) -> None:
-        """Refuse workers whose packages differ from those expected.
-
-        Raises:
-            ConfigError: a worker has other versions, or not the toolkit at all.
-        """
+        """Refuse workers whose packages differ from those expected."""
         # Workers come and go meanwhile; those that have gone need not fit.
         found: Any = self._client.run(versions, *expected, on_error="return")
         for worker, answer in sorted(found.items()):
@@ -98,14 +90,7 @@ class Cluster:
     def fly(
         self, task: Task, work: Any, sha256: str, chunks: Iterable[Chunk], stopped: Callable[[], bool]
     ) -> Iterator[tuple[Chunk, dict[str, np.ndarray]]]:
-        """Fly chunks and yield the table of each as it gets ready, in any order.
-
-        Args:
-            task: for this kind of work.
-            work: what is flown, with the path of its policy.
-            sha256: digest of the policy.
-            chunks: to fly.
-            stopped: asked before each chunk; once it is true, none is sent and those under way are finished.
+        """Fly chunks and yield the table of each as it gets ready, in any order; arguments as of :func:`fly_chunks`.
 
         Raises:
             EncounterError: an encounter cannot be drawn.
@@ -183,14 +168,9 @@ class Cluster:
 
 @contextmanager
 def connected(address: str, packages: tuple[str, ...]) -> Generator[Cluster, None, None]:
-    """Connect with a scheduler, wait for its first worker, and give the cluster.
+    """Connect with a scheduler at ``HOST:PORT`` or ``tcp://HOST:PORT``, wait for a worker, and give the cluster.
 
-    Args:
-        address: ``HOST:PORT`` or ``tcp://HOST:PORT``; also ``tls`` and ``ws``, set up as Dask's configuration says.
-        packages: whose versions must be the same here and on every worker.
-
-    Raises:
-        ConfigError: there is no scheduler at this address, or a worker does not fit.
+    Also ``tls`` and ``ws``, set up as Dask's configuration says. The packages must have one version everywhere.
     """
     found = _ADDRESS.fullmatch(address)
     if found is None or not 0 < int(found["port"]) < 65_536:
@@ -213,11 +193,7 @@ def connected(address: str, packages: tuple[str, ...]) -> Generator[Cluster, Non
 
 
 def _greet(address: str) -> None:
-    """Ask for the identity of what listens, because a client would wait for ever for one that keeps silent.
-
-    Raises:
-        ConfigError: nothing answers, or it is no scheduler.
-    """
+    """Ask for the identity of what listens, because a client would wait for ever for one that keeps silent."""
     from distributed.security import Security
 
     async def ask() -> Any:

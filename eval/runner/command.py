@@ -39,12 +39,7 @@ _ROW_BYTES, _PART_BYTES = 500, 64_000
 def cluster_of(options: argparse.Namespace, packages: tuple[str, ...] = ()) -> "Generator[Cluster | None, None, None]":
     """Give the cluster that ``--scheduler`` names, connected; None without that option, where nothing of Dask is used.
 
-    Args:
-        options: with scheduler and workers.
-        packages: beside the usual ones, whose versions must be the same on every worker.
-
-    Raises:
-        ConfigError: nothing answers there, a worker does not fit, or Dask is not installed.
+    Every worker must have the same versions of the usual packages and of those given here.
     """
     if options.scheduler is None:
         yield None
@@ -77,11 +72,7 @@ def flown_on(cluster: "Cluster | None", workers: int, task: "Task", work: Any, s
 
 @contextmanager
 def run_in(folder: "RunFolder", config: "MonteCarloConfig", *, resume: bool) -> Generator[None, None, None]:
-    """Begin a run in its folder, or go on with one, and hold the folder for this process alone until it ends.
-
-    Raises:
-        ConfigError: another process has the folder, the disk has no room, or as the folder's own methods.
-    """
+    """Begin a run in its folder, or go on with one, and hold the folder for this process alone until it ends."""
     from agents.config.folder_lock import locked
 
     if not resume:
@@ -108,17 +99,7 @@ def _fly_missing(
     fly: "Fly",
     what: str,
 ) -> tuple[bool, int]:
-    """Fly every chunk that is not stored yet; return whether all are, and how many encounters were flown now.
-
-    Args:
-        folder: of the run.
-        config: as resolved.
-        fly: (chunks, whether to stop) -> chunks with their columns, in any order.
-        what: is in the air, for the message of an interrupt.
-
-    Raises:
-        RunError: a chunk cannot be stored, or as ``fly``.
-    """
+    """Fly every chunk that is not stored yet; return whether all are, and how many encounters were flown now."""
     from eval.runner.progress import Encounters
     from eval.runner.workers import Chunk, RunError
 
@@ -155,8 +136,7 @@ def whole_table(
     """Fly what is missing of a run; return its whole table, and how many encounters were flown now.
 
     Args:
-        folder: of the run.
-        config: as resolved.
+        folder, config: of the run, as resolved.
         fly: (chunks, whether to stop) -> chunks with their columns, in any order.
         what: is in the air, for the message of an interrupt.
         program: that the run goes on with, such as ``python -m eval.monte_carlo``.
@@ -180,11 +160,7 @@ def whole_table(
 
 
 def concluded(run: Callable[[argparse.Namespace], int], options: argparse.Namespace) -> int:
-    """Return the exit status of a run, having said why it ended early if it did.
-
-    Raises:
-        ConfigError: a run shall be resumed without saying which.
-    """
+    """Return the exit status of a run, having said why it ended early if it did."""
     if options.resume and options.out is None:
         raise ConfigError("--resume: expected --out with the folder of the run")
     try:

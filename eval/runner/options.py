@@ -78,9 +78,6 @@ def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, 
         options: with config, resume, out, policy, scenario, set and what ``keys`` names.
         keys: key of the configuration by the option's name.
         prefix: what stands for ``--set: `` in messages about options that have names of their own.
-
-    Raises:
-        ConfigError: a value or the run that shall be resumed is not usable.
     """
     from eval.config import PREFIXES
 
@@ -114,12 +111,7 @@ def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, 
 
 
 def named_policy(config: "MonteCarloConfig") -> "Policy":
-    """Load the policy that a configuration names.
-
-    Raises:
-        ConfigError: it is not the expected one.
-        PolicyFileError: it is refused.
-    """
+    """Load the policy that a configuration names; ``ConfigError``: it is not the expected one."""
     from agents.policy.inference import Policy
 
     policy = Policy.load(config.policy)
@@ -128,17 +120,7 @@ def named_policy(config: "MonteCarloConfig") -> "Policy":
 
 
 def check_digest(path: Path | None, found: str, wanted: str | None, option: str) -> None:
-    """Refuse a policy that is not the expected one.
-
-    Args:
-        path: of its file; None: the one that ships.
-        found: its SHA-256.
-        wanted: the expected one; None: any.
-        option: that says so, for the message.
-
-    Raises:
-        ConfigError: they differ.
-    """
+    """Refuse a policy (None: the one that ships) whose SHA-256 is not the wanted one (None: any), as an option says."""
     if wanted is not None and found != wanted.lower():
         raise ConfigError(f"policy {path or 'that ships'} has SHA-256 {found}, expected {wanted} ({option})")
 
@@ -148,13 +130,7 @@ def named_source(
 ) -> "tuple[Any, tuple[str, ...] | None, dict[str, Any]]":
     """Return scenario or encounters, names of the encounters of a file, and what is resolved thereby.
 
-    Args:
-        config: of the run.
-        aircraft: of the ownship.
-        counted: what the number of encounters is called in messages.
-
-    Raises:
-        ConfigError: the file is not the expected one or holds too few.
+    A file that is not the expected one, or holds fewer than are ``counted``, raises ``ConfigError``.
     """
     from eval.flights.sources import read_source
 
@@ -175,12 +151,7 @@ def named_source(
 
 
 def named_evaluation(config: "MonteCarloConfig") -> "tuple[Evaluation, Policy, dict[str, Any]]":
-    """Return what a configuration names: what is flown, the policy as its file has it, and what is resolved thereby.
-
-    Raises:
-        ConfigError: policy or file are not those expected; ``PolicyFileError``, ``EncounterError``, ``TrackError``:
-            they cannot be used.
-    """
+    """Return what a configuration names: what is flown, the policy as its file has it, and what is resolved thereby."""
     from eval.flights.chunks import Evaluation
 
     policy = named_policy(config)

@@ -41,21 +41,12 @@ class RunFolder:
     schema: bytes = b"monte_carlo 1"
 
     def __init__(self, path: Path, config: MonteCarloConfig) -> None:
-        """Name a folder; nothing is touched before :meth:`create` or :meth:`resume`.
-
-        Args:
-            path: of the folder.
-            config: as resolved: with the number of encounters and all digests.
-        """
+        """Name a folder and the configuration as resolved; nothing is touched before it is created or resumed."""
         self.path = path
         self._config = config
 
     def check_new(self) -> None:
-        """Refuse a folder in which no run can begin.
-
-        Raises:
-            ConfigError: it holds something already, or cannot be read.
-        """
+        """Refuse a folder in which no run can begin."""
         if self.path.exists() and not self.path.is_dir():
             raise ConfigError(f"--out {self.path}: is a file, expected a folder that is new or empty")
         try:
@@ -67,11 +58,7 @@ class RunFolder:
             raise ConfigError(f"--out {self.path}: is not empty, expected a folder that is new or empty ({hint})")
 
     def create(self) -> None:
-        """Begin a new run.
-
-        Raises:
-            ConfigError: the folder holds something already or cannot be written.
-        """
+        """Begin a new run; a folder that holds something or cannot be written raises ``ConfigError``."""
         self.check_new()
         try:
             (self.path / _PARTS).mkdir(parents=True)
@@ -80,11 +67,7 @@ class RunFolder:
             raise ConfigError(f"--out {self.path}: cannot be written: {problem.strerror}") from None
 
     def resume(self) -> None:
-        """Go on with a run.
-
-        Raises:
-            ConfigError: there is none, it was made from another configuration, or the folder cannot be written.
-        """
+        """Go on with a run; none, one of another configuration, or a folder that cannot be written: ``ConfigError``."""
         path = self.path / _CONFIG
         if not path.is_file():
             raise ConfigError(f"--resume: {self.path} holds no run (no {_CONFIG}), expected one that was begun")
@@ -104,11 +87,7 @@ class RunFolder:
             raise ConfigError(f"--out {self.path}: cannot be written: {problem.strerror}") from None
 
     def done(self) -> set[int]:
-        """Return the first encounters of the chunks that are stored.
-
-        Raises:
-            ConfigError: a part was made with another policy or other versions.
-        """
+        """Return the first encounters of the chunks that are stored; other versions made them: ``ConfigError``."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -225,15 +204,10 @@ def arrow_table(columns: Mapping[str, np.ndarray]) -> Any:
 
 
 def read_table(path: Path, what: str, schema: bytes | None = None) -> Any:
-    """Return a table of pyarrow.
-
-    Args:
-        path: of the file.
-        what: it shall be, for the messages.
-        schema: that its metadata must name; None: any.
+    """Return a table of pyarrow from a file.
 
     Raises:
-        ConfigError: it cannot be read, or is of another schema.
+        ConfigError: it is not what it shall be: cannot be read, or its metadata name another schema than the one given.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -45,13 +45,7 @@ class Payload:
 
 
 def packed(name: str, task: Task, work: Any, sha256: str) -> bytes:
-    """Return the payload of a run as bytes.
-
-    Args:
-        name: of the run.
-        task: for this kind of work.
-        work: with a field ``policy``: the path of the policy's file, None for the one that ships.
-        sha256: digest of that policy.
+    """Return the payload of a run as bytes; ``work`` names its policy's file, None: the one that ships.
 
     Raises:
         PolicyFileError: the policy's file cannot be read again, or is no longer the one with this digest.

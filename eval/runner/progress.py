@@ -12,12 +12,7 @@ class Encounters(Progress):
     """A context in which finished encounters are counted and shown."""
 
     def __init__(self, total: int, before: int = 0) -> None:
-        """Prepare.
-
-        Args:
-            total: encounters of the run.
-            before: how many of them were stored already.
-        """
+        """Prepare for the encounters of a run, some of which were stored before."""
         super().__init__(total, "encounters")
         self._before, self._flown, self._reached = before, 0, 0
         self._begun = time.perf_counter()
