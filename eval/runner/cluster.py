@@ -94,46 +94,33 @@ class Cluster:
 
         Raises:
             EncounterError: an encounter cannot be drawn.
-            WorkerError: the scheduler has gone, a worker does not fit the run or has failed, or a chunk ends every
-                worker that flies it; the last one once all other chunks are flown.
+            WorkerError: the scheduler has gone, a worker does not fit or has failed, or several died of a chunk.
         """
         name = uuid.uuid4().hex
         # A task and not scattered data: what a task has made is made again when the worker that holds it dies.
         payload = self._client.submit(unpacked, packed(name, task, work, sha256), key=f"payload-{name}")
-        waiting, suspects, guilty = deque(chunks), deque[Chunk](), list[Chunk]()
-        air: dict[Any, tuple[Future, Chunk, bool]] = {}
+        waiting = deque(chunks)
+        air: dict[Any, tuple[Future, Chunk]] = {}
         landed: SimpleQueue[Future] = SimpleQueue()
-
-        def send(chunk: Chunk, alone: bool) -> None:
-            # The first part of a key names the group of tasks, by which the scheduler spreads them evenly.
-            future = self._client.submit(fly, payload, *chunk, key=(f"chunks-{name}", chunk.first, int(alone)))
-            air[future.key] = future, chunk, alone
-            future.add_done_callback(landed.put)
 
         try:
             while True:
                 while waiting and len(air) < _AHEAD * max(self.size(), 1) and not stopped():
-                    send(waiting.popleft(), alone=False)
-                if not air and not waiting and suspects and not stopped():
-                    send(suspects.popleft(), alone=True)
+                    chunk = waiting.popleft()
+                    # The first part of a key names the group of tasks, by which the scheduler spreads them evenly.
+                    future = self._client.submit(fly, payload, *chunk, key=(f"chunks-{name}", chunk.first))
+                    air[future.key] = future, chunk
+                    future.add_done_callback(landed.put)
                 if not air:
                     break
                 future = self._next(landed, stopped)
                 if future is None:
                     return
-                _, chunk, alone = air.pop(future.key)
-                try:
-                    table = self._table(future)
-                except KilledWorker:
-                    # Dask blames every chunk that waits at a worker that dies: only one that flies alone is to blame.
-                    (guilty if alone else suspects).append(chunk)
-                    continue
-                yield chunk, table
+                _, chunk = air.pop(future.key)
+                yield chunk, self._table(future, chunk)
         finally:
-            for future, *_ in air.values():
+            for future, _ in air.values():
                 future.cancel()
-        if guilty:
-            raise WorkerError(_blamed(guilty))
 
     def _threads(self) -> dict[str, int]:
         """Return how many threads each worker has, by its address."""
@@ -149,11 +136,16 @@ class Cluster:
                 if self.size() == 0 and stopped():
                     return None
 
-    def _table(self, future: Future) -> dict[str, np.ndarray]:
+    def _table(self, future: Future, chunk: Chunk) -> dict[str, np.ndarray]:
         try:
             return future.result()
-        except (EncounterError, WorkerError, KilledWorker):
+        except (EncounterError, WorkerError):
             raise
+        except KilledWorker:
+            last = chunk.first + chunk.size - 1
+            raise WorkerError(
+                f"several workers have died that had encounters {chunk.first}..{last} to fly (out of memory?)"
+            ) from None
         except (OSError, CancelledError):
             raise self._lost() from None
         except Exception as problem:
@@ -215,11 +207,3 @@ def _greet(address: str) -> None:
         ) from None
     if kind != "Scheduler":
         raise ConfigError(f"--scheduler {address}: is the address of a {kind}, expected that of a Dask scheduler")
-
-
-def _blamed(chunks: list[Chunk]) -> str:
-    where = ", ".join(f"{chunk.first}..{chunk.first + chunk.size - 1}" for chunk in chunks)
-    return (
-        f"every worker that flew encounters {where} has died of it (out of memory?); "
-        "all other encounters are flown and stored"
-    )

@@ -93,34 +93,6 @@ def _check_room(folder: "RunFolder", config: "MonteCarloConfig") -> None:
     check_space(folder.path, needed, f"{config.wanted} rows")
 
 
-def _fly_missing(
-    folder: "RunFolder",
-    config: "MonteCarloConfig",
-    fly: "Fly",
-    what: str,
-) -> tuple[bool, int]:
-    """Fly every chunk that is not stored yet; return whether all are, and how many encounters were flown now."""
-    from eval.runner.progress import Encounters
-    from eval.runner.workers import Chunk, RunError
-
-    assert config.chunk is not None  # it is resolved
-    total, size = config.wanted, config.chunk
-    stored = folder.done()
-    chunks = [Chunk(first, min(size, total - first)) for first in range(0, total, size)]
-    missing = [chunk for chunk in chunks if chunk.first not in stored]
-    before = total - sum(chunk.size for chunk in missing)
-    flown = 0
-    with _stop_on_interrupt(what) as stopped, Encounters(total, before) as progress:
-        for chunk, columns in fly(missing, lambda: bool(stopped)):
-            try:
-                folder.store(chunk.first, columns)
-            except OSError as problem:
-                raise RunError(f"{folder.path}: a chunk cannot be stored: {problem.strerror or problem}") from None
-            flown += chunk.size
-            progress.advance(chunk.size, int((columns["outcome"] == "reached").sum()))
-    return before + flown == total, flown
-
-
 class UnfinishedError(Exception):
     """A run without its whole table: what was flown is kept; the message says why and how to go on."""
 
@@ -144,17 +116,26 @@ def whole_table(
     Raises:
         UnfinishedError: the run was interrupted, a worker has ended, or nothing can be stored any more.
     """
-    from eval.runner.workers import RunError
+    from eval.runner.progress import Encounters
+    from eval.runner.workers import Chunk, RunError
 
+    assert config.chunk is not None  # it is resolved
     resume = f"Go on with: {program} --resume --out {folder.path}"
+    total, size, stored, flown = config.wanted, config.chunk, folder.done(), 0
+    missing = [Chunk(first, min(size, total - first)) for first in range(0, total, size) if first not in stored]
+    before = total - sum(chunk.size for chunk in missing)
     try:
-        finished, flown = _fly_missing(folder, config, fly, what)
-        if finished:
+        with _stop_on_interrupt(what) as stopped, Encounters(total, before) as progress:
+            for chunk, columns in fly(missing, lambda: bool(stopped)):
+                folder.store(chunk.first, columns)
+                flown += chunk.size
+                progress.advance(chunk.size, int((columns["outcome"] == "reached").sum()))
+        if before + flown == total:
             return folder.finish(), flown
     except RunError as problem:
         raise UnfinishedError(f"error: {problem}\n{resume}", 1) from None
     except OSError as problem:
-        why = f"{folder.path}: the table cannot be written: {problem.strerror or problem}"
+        why = f"{folder.path}: what was flown cannot be stored: {problem.strerror or problem}"
         raise UnfinishedError(f"error: {why}\n{resume}", 1) from None
     raise UnfinishedError(f"interrupted; finished chunks are kept. {resume}", 130)
 
