@@ -6,7 +6,7 @@ Numbers are little-endian and base64: float32 for the columns of the points, int
 import base64
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from eval.report.flights import Replayed
 from eval.report.folder import Run
 
 __all__ = ["NEAR", "NEAREST", "OTHERS", "POINTS", "Choice", "choose", "flight_data", "json_text"]
-__all__ += ["page_data", "points", "weight"]
+__all__ += ["page_data", "points"]
 
 _FINEST = 0.5  # smallest step of a position on the page, m
 _TEXTS = ("verdict", "verdict_method", "plan_status", "plan_source", "baseline_outcome", "policy_outcome")
@@ -141,11 +141,6 @@ def json_text(data: Any) -> str:
     """Return JSON that may stand inside a script element: nothing in it can end the element or begin another."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)  # ASCII
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def weight(flights: Iterable[Mapping[str, Any]]) -> int:
-    """Return how many bytes flights take on the page."""
-    return sum(len(json_text(flight)) + 12 for flight in flights)
 
 
 def _packed(values: np.ndarray) -> str:

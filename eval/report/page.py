@@ -18,7 +18,7 @@ from envs.edge.text import visible
 from eval.flights.aircraft import lines_about
 from eval.metrics.summary import Line, headline
 from eval.plots.style import MARKERS
-from eval.report.data import NEAR, NEAREST, POINTS, Choice, json_text
+from eval.report.data import NEAR, NEAREST, Choice, json_text
 from eval.report.folder import Run
 
 __all__ = ["page"]
@@ -139,8 +139,7 @@ def _points(run: Run, count: int) -> str:
     if count == run.config.wanted:
         return "Every encounter is a point."
     return (
-        f"{spaced(count)} of {spaced(run.config.wanted)} encounters are points: those with tracks, failures, and an "
-        f"even sample of the rest (a page holds about {spaced(POINTS)})."
+        f"{spaced(count)} of {spaced(run.config.wanted)} are points: tracks, failures, and a sample of the rest."
     )
 
 
@@ -152,23 +151,19 @@ def _tracks(chosen: Sequence[Choice], data: Mapping[str, Any]) -> str:
     parts = []
     for group, numbers, total in chosen:
         kept = sum(str(int(number)) in flights for number in numbers)
-        how = f"all {spaced(kept)}" if kept == total else f"{spaced(kept)} of {spaced(total)}"
-        parts.append(f"{how} {group}")
-    differing = sum("differs" in flight for flight in flights.values())
-    witnesses = sum("witness" in flight for flight in flights.values())
+        parts.append(f"{spaced(kept)} of {spaced(total)} {group}")
+    differing, witnesses = (sum(key in flight for flight in flights.values()) for key in ("differs", "witness"))
     text = (
-        f"{spaced(len(flights))} encounters have tracks: {', '.join(parts)}. Near misses are successes that came "
-        f"nearer than {100.0 * (NEAR - 1.0):g} % beyond the required separation; at most the {NEAREST} nearest have "
-        "tracks. A run keeps how flights ended, not how they went: they were flown again from seed and number when "
-        f"this page was made. For {spaced(witnesses)} failures a flight is shown that resolves them."
+        f"{spaced(len(flights))} encounters have tracks: {', '.join(parts)}. Near misses are successes nearer than "
+        f"{100.0 * (NEAR - 1.0):g} % beyond the required separation; at most the {NEAREST} nearest have tracks. They were"
+        f" flown again from seed and number when this page was made; for {spaced(witnesses)} failures a flight is shown "
+        "that resolves them."
     )
     warning = (
         f'<p class="warning">{spaced(differing)} of them ended otherwise than the table says: this page was made with '
         "another kind of machine or other versions than the run. They are marked.</p>"
-        if differing
-        else "<p>All of them ended as the table of the run says.</p>"
     )
-    return f"<p>{escape(text)}</p>{warning}"
+    return f"<p>{escape(text)}</p>{warning if differing else ''}"
 
 
 def _figure(name: str, png: bytes) -> str:

@@ -28,7 +28,6 @@ examples:
   python -m eval.report runs/circle --show 4711,4712      these encounters shall have tracks too
   python -m eval.report runs/circle --tracks 0            nothing is flown: neither policy nor much time is needed"""
 
-_BUDGET = 9_000_000  # bytes that the flights may take, so that the page stays below 15 MB with the figures of a run
 _MOST_WITNESSES = 100
 
 
@@ -90,7 +89,7 @@ def _made(run: "Run", options: argparse.Namespace) -> str:
 
 def _flights(run: "Run", chosen: "Sequence[Choice]", policy: Path | None) -> dict[int, dict[str, Any]]:
     """Fly the chosen encounters and return what the page shows of each, by number, as many as fit."""
-    from eval.report.data import flight_data, weight
+    from eval.report.data import flight_data
     from eval.report.flights import evaluation_of, fly_again
 
     numbers = [int(number) for choice in chosen for number in choice.numbers]
@@ -100,15 +99,9 @@ def _flights(run: "Run", chosen: "Sequence[Choice]", policy: Path | None) -> dic
     from agents.config.progress import Progress
 
     flights: dict[int, dict[str, Any]] = {}
-    size = 0
     with Progress(len(numbers), "encounters").start() as progress:
         for flight in fly_again(run, evaluation, numbers, set(failed[:_MOST_WITNESSES])):
-            found = flight_data(flight)
-            size += weight([found])
-            if size > _BUDGET:
-                progress.note(f"{len(flights)} of {len(numbers)} flights fit on the page; the rest is left out")
-                break
-            flights[flight.number] = found
+            flights[flight.number] = flight_data(flight)
             progress.show(len(flights), "flown again", 0.0)
     differing = sum("differs" in flight for flight in flights.values())
     if differing:

@@ -6,7 +6,7 @@ Every file is written under another name and renamed, so that it is whole or not
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -116,13 +116,13 @@ class RunFolder:
             pq.write_table(table, path)
 
     def finish(self) -> Mapping[str, np.ndarray]:
-        """Join the parts, all of which must be there, and return the whole table, whose columns are read when used."""
+        """Join the parts, all of which must be there, and return the whole table."""
         target = self.path / self.table
         if not target.is_file():
             with written(target) as path:
                 self._join(path)
         shutil.rmtree(self.path / _PARTS, ignore_errors=True)
-        return _Columns(target)
+        return _columns(target)
 
     def write_summary(self, summary: Mapping[str, Any]) -> Path:
         """Write ``summary.json`` and return its path."""
@@ -159,34 +159,20 @@ class RunFolder:
         return hashlib.sha256(json.dumps(made, sort_keys=True, default=str).encode()).hexdigest()
 
 
-class _Columns(Mapping[str, np.ndarray]):
-    """Columns of a parquet file, read when they are asked for and not kept: only those in use take memory."""
+def _columns(path: Path) -> dict[str, np.ndarray]:
+    """Return the columns of a parquet file; equal words are one object, not one a row."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
-    def __init__(self, path: Path) -> None:
-        import pyarrow.parquet as pq
-
-        self._path, self._names = path, pq.read_schema(path).names
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        if name not in self._names:
-            raise KeyError(name)
-        column = pq.read_table(self._path, columns=[name]).column(0)
-        if not pa.types.is_string(column.type):
-            return column.to_numpy()
-        # Few different words: each as one object, not as one a row.
-        pieces = [piece.dictionary_encode() for piece in column.chunks]
-        words = (np.array([*piece.dictionary.to_pylist(), None], dtype=object) for piece in pieces)
-        codes = (piece.indices.fill_null(-1).to_numpy(zero_copy_only=False) for piece in pieces)
-        return np.concatenate([np.empty(0, object), *(some[code] for some, code in zip(words, codes, strict=True))])
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
+    columns = {}
+    for name, column in zip((read := pq.read_table(path)).column_names, read.columns, strict=True):
+        if pa.types.is_string(column.type):
+            coded = column.combine_chunks().dictionary_encode()
+            words = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
+            columns[name] = words[coded.indices.fill_null(-1).to_numpy(zero_copy_only=False)]
+        else:
+            columns[name] = column.to_numpy()
+    return columns
 
 
 def _plain(config: MonteCarloConfig) -> dict[str, Any]:

@@ -54,9 +54,8 @@ def tango(counts: Pairs, confidence: float = 0.95) -> Interval:
     (1998) 891). The statistic falls as the supposed difference rises, so that its ends are found by bisection.
 
     Raises:
-        ValueError: a count is negative, there is no pair, or the confidence is out of its range.
+        ValueError: there is no pair, or the confidence is out of its range.
     """
-    _check(counts)
     if not 0.0 < confidence < 1.0:
         raise ValueError(f"confidence {confidence} is outside (0, 1)")
     if counts.total == 0:
@@ -75,21 +74,11 @@ def mcnemar_exact(counts: Pairs) -> float:
     """Return McNemar's exact two-sided p: twice the smaller tail of a fair coin's count of the differing pairs.
 
     1 where no pair differs. (Q. McNemar, Psychometrika 12 (1947) 153, in its exact conditional form.)
-
-    Raises:
-        ValueError: a count is negative.
     """
-    _check(counts)
     differing = counts.first_only + counts.second_only
     from scipy.special import bdtr
 
     return min(1.0, 2.0 * float(bdtr(min(counts.first_only, counts.second_only), differing, 0.5)))
-
-
-def _check(counts: Pairs) -> None:
-    for name, count in counts._asdict().items():
-        if count < 0:
-            raise ValueError(f"{name} is {count}, expected a count of 0 or more")
 
 
 def _where(counts: Pairs, wanted: float) -> float:
