@@ -37,16 +37,14 @@ def columns(prepared: tuple[Campaign, Policy], first: int, count: int) -> dict[s
 
 def row_of(campaign: Campaign, number: int, one: Flown) -> dict[str, Any]:
     """Return the row of one flight."""
-    return (
-        {"flight": number}
-        | _verdict(one, campaign.aircraft.rules())
-        | _plan(one)
-        | _bound(campaign, one)
-        | _loss(one)
-        | _errors(one)
-        | _monitor(campaign, one)
-        | _scene(campaign, one)
-    )
+    row: dict[str, Any] = {"flight": number} | _verdict(one, campaign.aircraft.rules()) | _plan(campaign, one)
+    row |= _errors(one)
+    if campaign.mode == "assured":
+        pilot = one.pilot if isinstance(one.pilot, Assured) else None
+        row["replans"] = pilot.replans if pilot else 0
+        row["taken_up"] = pilot.taken_up if pilot else 0
+        row["backup_s"] = pilot.backup_seconds if pilot else 0
+    return row | _scene(campaign, one)
 
 
 def _verdict(one: Flown, rules: Rules) -> dict[str, Any]:
@@ -83,20 +81,23 @@ def _verdict(one: Flown, rules: Rules) -> dict[str, Any]:
     }
 
 
-def _plan(one: Flown) -> dict[str, Any]:
-    if one.made is None or one.made.request is None:
-        none = {"plan_status": "none", "plan_source": "none"}
-        return none | {"plan_min_separation_m": _NAN, "plan_rejoin_s": _NAN}
-    plans = one.made.plans
+def _plan(campaign: Campaign, one: Flown) -> dict[str, Any]:
+    """Say what was planned, whether such a plan is possible, and what of its separation was lost over its whole."""
+    made = one.made if one.made is not None and one.made.request is not None else None
+    planned = _NAN if one.made is None else float(one.made.plans.proposals.min_separation[0])
+    whole = _NAN if one.flight is None or one.errors is None else float(one.flight.separation.min(initial=np.inf))
     return {
-        "plan_status": STATUSES[int(plans.proposals.safe[0])],
-        "plan_source": SOURCES[int(plans.source[0])],
-        "plan_min_separation_m": float(plans.proposals.min_separation[0]),
-        "plan_rejoin_s": float(plans.proposals.rejoin_time[0]),
+        "plan_status": "none" if made is None else STATUSES[int(made.plans.proposals.safe[0])],
+        "plan_source": "none" if made is None else SOURCES[int(made.plans.source[0])],
+        "plan_min_separation_m": _NAN if made is None else planned,
+        "plan_rejoin_s": _NAN if made is None else float(made.plans.proposals.rejoin_time[0]),
+        "verdict": _bound(campaign, one),
+        "whole_min_separation_m": whole,
+        "separation_loss_m": planned - whole,
     }
 
 
-def _bound(campaign: Campaign, one: Flown) -> dict[str, Any]:
+def _bound(campaign: Campaign, one: Flown) -> str:
     """Say whether the separation that the plan must keep can be kept at all, within the limits of its manoeuvres."""
     options = campaign.setting.options
     required = options.requirement.separation + options.requirement.margin
@@ -105,19 +106,9 @@ def _bound(campaign: Campaign, one: Flown) -> dict[str, Any]:
     limits = within(campaign.aircraft.limits, campaign.setting.limits)
     begins = limits.speed_min <= float(one.scene.encounter.own.speed[0]) <= limits.speed_max
     if not begins and not solved:
-        return {"verdict": "outside"}
+        return "outside"
     judged = classify(one.scene.encounter, rules, limits, solved=np.array([solved]))
-    return {"verdict": Verdict(int(judged.verdict[0])).name.lower()}
-
-
-def _loss(one: Flown) -> dict[str, Any]:
-    """Return the separation over the whole plan, and what of the planned one was lost."""
-    flight = one.flight
-    whole = _NAN
-    if flight is not None and one.errors is not None and flight.failure is None:
-        whole = float(flight.separation.min(initial=np.inf))
-    planned = _NAN if one.made is None else float(one.made.plans.proposals.min_separation[0])
-    return {"whole_min_separation_m": whole, "separation_loss_m": planned - whole}
+    return Verdict(int(judged.verdict[0])).name.lower()
 
 
 def _errors(one: Flown) -> dict[str, Any]:
@@ -145,14 +136,6 @@ def _errors(one: Flown) -> dict[str, Any]:
         np.abs(flight.altitude - one.scene.drawn.altitude).max(),
     )
     return dict(zip(keys, (float(value) for value in values), strict=True))
-
-
-def _monitor(campaign: Campaign, one: Flown) -> dict[str, Any]:
-    if campaign.mode != "assured":
-        return {}
-    if not isinstance(one.pilot, Assured):
-        return {"replans": 0, "taken_up": 0, "backup_s": 0}
-    return {"replans": one.pilot.replans, "taken_up": one.pilot.taken_up, "backup_s": one.pilot.backup_seconds}
 
 
 def _scene(campaign: Campaign, one: Flown) -> dict[str, Any]:

@@ -138,9 +138,7 @@ def _kind(run: Run, place: int, kind: str) -> str:
 def _points(run: Run, count: int) -> str:
     if count == run.config.wanted:
         return "Every encounter is a point."
-    return (
-        f"{spaced(count)} of {spaced(run.config.wanted)} are points: tracks, failures, and a sample of the rest."
-    )
+    return f"{spaced(count)} of {spaced(run.config.wanted)} are points: tracks, failures, and a sample of the rest."
 
 
 def _tracks(chosen: Sequence[Choice], data: Mapping[str, Any]) -> str:
@@ -155,9 +153,8 @@ def _tracks(chosen: Sequence[Choice], data: Mapping[str, Any]) -> str:
     differing, witnesses = (sum(key in flight for flight in flights.values()) for key in ("differs", "witness"))
     text = (
         f"{spaced(len(flights))} encounters have tracks: {', '.join(parts)}. Near misses are successes nearer than "
-        f"{100.0 * (NEAR - 1.0):g} % beyond the required separation; at most the {NEAREST} nearest have tracks. They were"
-        f" flown again from seed and number when this page was made; for {spaced(witnesses)} failures a flight is shown "
-        "that resolves them."
+        f"{100.0 * (NEAR - 1.0):g} % beyond the required separation; at most the {NEAREST} nearest have tracks. They "
+        f"were flown again when this page was made, {spaced(witnesses)} failures beside a flight that resolves them."
     )
     warning = (
         f'<p class="warning">{spaced(differing)} of them ended otherwise than the table says: this page was made with '
