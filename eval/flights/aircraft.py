@@ -13,10 +13,7 @@ __all__ = ["aircraft_of", "described", "lines_about"]
 
 
 def described(flown: Aircraft, policy: Policy | None) -> dict[str, Any]:
-    """Return what a summary says of the aircraft as flown, and of the one that the policy was trained for.
-
-    In JSON types, SI; None stands for policies of this very aircraft.
-    """
+    """Return what a summary says of the aircraft as flown, and of the one that the policy (None: of this one) is for."""
     warning = None
     if policy is not None:
         try:
@@ -28,11 +25,7 @@ def described(flown: Aircraft, policy: Policy | None) -> dict[str, Any]:
 
 
 def aircraft_of(summary: Mapping[str, Any]) -> Aircraft:
-    """Return the aircraft that a summary describes.
-
-    Raises:
-        ConfigError: it describes none.
-    """
+    """Return the aircraft that a summary describes; ``ConfigError``: it describes none."""
     found = summary.get("aircraft")
     names = {*Limits._fields, *Aircraft._fields} - {"limits"}
     if not isinstance(found, dict) or found.keys() != names:

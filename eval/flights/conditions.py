@@ -63,9 +63,8 @@ def conditions(encounters: Encounter, aircraft: Aircraft) -> Conditions:
 def verdicts(encounters: Encounter, aircraft: Aircraft, solved: np.ndarray) -> Resolvability:
     """Decide which encounters are resolvable; arguments as of :func:`agents.resolvability.classify`.
 
-    The search and the proofs know what the intruders are going to do, a recording as well as an intent. A search that
-    finds an escape holds for every recording. A proof that looks between the seconds holds only for one that keeps to
-    arcs there: where it is farther off than :data:`LARGEST_OFF`, such an encounter is undecided.
+    A proof that looks between the seconds holds only for a recording that keeps to arcs there: where it is farther off
+    than :data:`LARGEST_OFF`, such an encounter is undecided.
     """
     rules, limits = aircraft.rules(), aircraft.limits
     if not isinstance(encounters.intent, Recording):

@@ -35,12 +35,8 @@ class WitnessSearch(NamedTuple):
 def fly_witnesses(encounters: Encounter, search: WitnessSearch, aircraft: Aircraft) -> tuple[Flights, Trajectories]:
     """Fly the least-cost witnesses of encounters ``[N]``, float64, until the goal or the time limit.
 
-    Where no witness is known, the flight is that without a resolver, straight along the route at constant speed.
-
-    Args:
-        encounters: the starts.
-        search: its effort.
-        aircraft: of the ownship; the witness keeps its separation, the other flights go on after a loss.
+    Where no witness is known, the flight is that without a resolver, straight along the route at constant speed, which
+    goes on after a loss.
     """
     rules, limits = aircraft.rules(), aircraft.limits
     best = least_cost(encounters, rules, limits, rounds=search.rounds)
@@ -90,13 +86,7 @@ def followed(encounters: Encounter, manoeuvre: Manoeuvre, aircraft: Aircraft) ->
 
 
 def ended(encounters: Encounter, flown: Trajectories, aircraft: Aircraft) -> Flights:
-    """Return how recorded flights ``[N]`` ended that no loss of separation stops: at the goal or in time-out.
-
-    Args:
-        encounters: their starts.
-        flown: NaN after the end of each.
-        aircraft: of the ownship.
-    """
+    """Return how recorded flights ``[N]``, NaN after the end of each, ended without a loss: at the goal or in time-out."""
     own, first, rules = flown.own, take(flown.intruders, 0), aircraft.rules()
     count = np.arange(len(encounters.goal_x))
     last = np.count_nonzero(np.isfinite(own.x), axis=0) - 1

@@ -27,10 +27,7 @@ STATUSES = ("unresolved", "safe")
 def perceived_at_start(encounters: Encounter, dt: float, noise: Any = None) -> VehicleState:
     """Return the intruders as the ownship knows them at the start, ``[N, K]``.
 
-    Args:
-        encounters: ``[N]``.
-        dt: time step, s.
-        noise: of the sensors at the start, ``[4, N, K]``; None for perfect knowledge.
+    The noise of the sensors is ``[4, N, K]``, None for perfect knowledge; ``dt`` is the time step, s.
     """
     seen = encounters.intruders
     if noise is None:

@@ -53,14 +53,9 @@ def fly_in_mode(
     *,
     endless: bool = False,
 ) -> tuple[Plans | None, Flights]:
-    """Plan where the evaluation's mode does, and fly encounters ``[M]``.
+    """Plan where the evaluation's mode does, and fly encounters ``[M]``, recorded.
 
-    Args:
-        pilot: the evaluation and its policy.
-        starts: of the encounters.
-        noise: of the sensors by step, ``[4, M, K]``; None for perfect knowledge.
-        recorder: takes the trajectories.
-        endless: whether a loss of separation is no violation.
+    The noise of the sensors is by step, ``[4, M, K]``, None for perfect knowledge; endless flights lose nothing.
     """
     evaluation, policy = pilot.evaluation, pilot.policy
     aircraft, setting = evaluation.aircraft, evaluation.setting

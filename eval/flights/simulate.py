@@ -101,10 +101,7 @@ def reversal_rate(limits: Limits) -> float:
 def turned_to(yaw_rate: np.ndarray, side: np.ndarray, straight: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the side of the last turn after a command, and whether it changed; ``[...]``.
 
-    Args:
-        yaw_rate: as commanded, rad/s.
-        side: of the last turn before: -1, 0 (none yet) or 1.
-        straight: the :func:`reversal_rate`.
+    The yaw rate is as commanded, rad/s; the side before is -1, 0 (none yet) or 1; straight: :func:`reversal_rate`.
     """
     now = np.where(np.abs(yaw_rate) >= straight, np.sign(yaw_rate), side)
     return now, now * side < 0.0

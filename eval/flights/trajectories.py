@@ -53,13 +53,9 @@ class TrajectoryRecorder:
         separation: np.ndarray,
         action: np.ndarray | None = None,
     ) -> None:
-        """Add a step of the flights in progress.
+        """Add a step of the flights in progress, by their numbers ``[M]``: states ``[M]`` and ``[M, K]`` at its end.
 
-        Args:
-            rows: their numbers, ``[M]``.
-            own, intruders: at the end of the step, ``[M]`` and ``[M, K]``.
-            separation: smallest distance to any intruder during the step, m, ``[M]``.
-            action: of the step, ``[M, 2]``; None where none decides.
+        The separation is the smallest to any intruder during the step, m, ``[M]``; no action where none decides.
         """
         action = np.full((rows.size, 2), np.nan) if action is None else action
         self._own.append(self._all(rows, np.stack(own, axis=-1)))
