@@ -13,7 +13,7 @@ __all__ = ["aircraft_of", "described", "lines_about"]
 
 
 def described(flown: Aircraft, policy: Policy | None) -> dict[str, Any]:
-    """Return what a summary says of the aircraft as flown, and of the one that the policy (None: of this one) is for."""
+    """Return what a summary says of the aircraft as flown, and of the policy's (None: policies of this very one)."""
     warning = None
     if policy is not None:
         try:

@@ -86,7 +86,7 @@ def followed(encounters: Encounter, manoeuvre: Manoeuvre, aircraft: Aircraft) ->
 
 
 def ended(encounters: Encounter, flown: Trajectories, aircraft: Aircraft) -> Flights:
-    """Return how recorded flights ``[N]``, NaN after the end of each, ended without a loss: at the goal or in time-out."""
+    """Return how recorded flights ``[N]``, NaN after their ends, ended without a loss: at the goal or in time-out."""
     own, first, rules = flown.own, take(flown.intruders, 0), aircraft.rules()
     count = np.arange(len(encounters.goal_x))
     last = np.count_nonzero(np.isfinite(own.x), axis=0) - 1
