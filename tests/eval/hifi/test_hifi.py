@@ -15,7 +15,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.config.load import ConfigError
-from eval import hifi_paper
 from eval.hifi import run as hifi
 from eval.hifi.rows import HIFI_OUTCOMES
 from eval.hifi.summary import margin, upper_bound
@@ -163,13 +162,6 @@ def test_mistakes_get_one_sentence_and_leave_nothing(tmp_path: Path, arguments: 
     with pytest.raises(ConfigError, match=sentence):
         hifi.main([*arguments, "--out", str(tmp_path / "none")])
     assert not (tmp_path / "none").exists()
-
-
-@pytest.mark.slow
-def test_the_paper_s_scenarios_are_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert hifi_paper.main(["--set", "vehicle=point_mass", "--out", str(tmp_path)]) == 0
-    assert capsys.readouterr().out.count("reached") == 4
-    assert (tmp_path / "paper.png").read_bytes().startswith(b"\x89PNG")
 
 
 @settings(max_examples=20)
