@@ -8,6 +8,7 @@ from typing import Any
 from agents.config.figures import save_figure
 from agents.config.load import ConfigError
 from envs.edge.files import check_space, write_file
+from eval.runner.outputs import check_unused
 
 __all__ = ["create", "write"]
 
@@ -15,9 +16,8 @@ __all__ = ["create", "write"]
 def create(folder: Path, needed: int = 2_000_000) -> None:
     """Make a folder that is new, or take one that is empty, with room for so many bytes; else ``ConfigError``."""
     check_space(folder, needed, "the files of this command")
+    check_unused(folder)
     try:
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise ConfigError(f"--out {folder}: holds something already, expected a folder that is new or empty")
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise ConfigError(f"--out {folder}: cannot be written: {problem.strerror}") from None

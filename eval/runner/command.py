@@ -66,9 +66,10 @@ def flown_on(cluster: "Cluster | None", workers: int, task: "Task", work: Any, s
 def run_in(folder: "RunFolder", config: "MonteCarloConfig", *, resume: bool) -> Generator[None, None, None]:
     """Begin a run in its folder, or go on with one, and hold the folder for this process alone until it ends."""
     from agents.config.folder_lock import locked
+    from eval.runner.outputs import check_unused
 
     if not resume:
-        folder.check_new()
+        check_unused(folder.path)
         _check_room(folder, config)
     with locked(folder.path):
         if resume:

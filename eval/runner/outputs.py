@@ -19,12 +19,22 @@ from agents.policy.versions import versions
 from envs.edge.files import write_file, written
 from eval.config import MonteCarloConfig
 
-__all__ = ["RunFolder", "arrow_table", "read_table"]
+__all__ = ["RunFolder", "arrow_table", "check_unused", "read_table"]
 
 _PARTS, _CONFIG, _SUMMARY = "parts", "config.yaml", "summary.json"
 _ROW_GROUP = 65_536
 _FREE = ("policy", "workers", "figures", "confidence", "resamples")
 """Keys of a configuration on which no row of the table depends: a resumed run may change them."""
+
+
+def check_unused(path: Path) -> None:
+    """Refuse a folder in which no run can begin: one that holds something already, or cannot be read."""
+    try:
+        unused = is_unused(path)
+    except OSError as problem:
+        raise ConfigError(f"--out {path}: cannot be read: {problem.strerror}") from None
+    if not unused:
+        raise ConfigError(f"--out {path}: holds something already, expected a folder that is new or empty")
 
 
 class RunFolder:
@@ -45,21 +55,9 @@ class RunFolder:
         self.path = path
         self._config = config
 
-    def check_new(self) -> None:
-        """Refuse a folder in which no run can begin."""
-        if self.path.exists() and not self.path.is_dir():
-            raise ConfigError(f"--out {self.path}: is a file, expected a folder that is new or empty")
-        try:
-            unused = is_unused(self.path)
-        except OSError as problem:
-            raise ConfigError(f"--out {self.path}: cannot be read: {problem.strerror}") from None
-        if not unused:
-            hint = "--resume to finish the run in it, or another --out"
-            raise ConfigError(f"--out {self.path}: is not empty, expected a folder that is new or empty ({hint})")
-
     def create(self) -> None:
         """Begin a new run; a folder that holds something or cannot be written raises ``ConfigError``."""
-        self.check_new()
+        check_unused(self.path)
         try:
             (self.path / _PARTS).mkdir(parents=True)
             write_file(self.path / _CONFIG, dump(self._config))
