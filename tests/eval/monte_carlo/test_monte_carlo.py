@@ -335,7 +335,7 @@ def mistakes(folder: Path) -> dict[str, tuple[list[str], str]]:
     (folder / "wrong.yaml").write_text("seeds: 3\n", encoding="utf-8")
     (folder / "bad.csv").write_text("encounter\n", encoding="utf-8")
     return {
-        "not empty": (["--out", str(folder / "full")], "holds something already, expected a folder that is new or empty"),
+        "not empty": (["--out", str(folder / "full")], "holds something already, expected a folder"),
         "a file": (["--out", str(folder / "file.txt")], "holds something already"),
         "unwritable": (["--out", "/proc/run"], "--out /proc/run cannot be written"),
         "scenario": (["--scenario", "circel"], "--scenario: 'circel' is unknown; expected one of circle"),
