@@ -1,4 +1,4 @@
-"""Advisory map, symmetry and chatter of a policy: ``python -m eval.policy_map --out runs/map``."""
+"""Advisory map and chatter of a policy: ``python -m eval.policy_map --out runs/map``."""
 
 import argparse
 import math
@@ -23,8 +23,8 @@ _MOST_COLUMNS = 8
 
 _DESCRIPTION = """\
 Draw what a policy commands: the intruder's place around the ownship (at the origin, heading up), coloured by turn rate
-and by acceleration, a column for each relative heading. And measure it: the mirror error (how the decision changes
-when left and right change places), the chatter of the commands and the heading reversals of flights.
+and by acceleration, a column for each relative heading. And measure the chatter of the commands and the heading
+reversals of flights.
 
 Written to --out: policy_map.png, policy_map.svg, policy_map.json (contents in docs/howto/failures.md)."""
 
@@ -44,7 +44,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from threadpoolctl import threadpool_limits
 
     from agents.policy.inference import Policy
-    from eval.policy_map.advisory import lines_of
     from eval.runner.options import check_digest
 
     policy = Policy.load(options.policy)
@@ -55,7 +54,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with threadpool_limits(1):
         figure, found = _examine(policy, scenes, options)
     picture_folder.write(out, "policy_map", found, figure)
-    print("\n".join([*lines_of(found["mirror_error"], found["chatter"]), f"written to {out}"]))
+    calm, turns = found["chatter"], found["chatter"]["reversals_per_flight"]
+    print(
+        f"chatter, {calm['flights']} circle flights: yaw rate {calm['yaw_rate_change_deg_s_per_s']:.3f} deg/s and "
+        f"acceleration {calm['acceleration_change_m_s2_per_s']:.3f} m/s^2 per second; heading reversals per flight "
+        f"mean {turns['mean']:.2f}, 95 % {turns['p95']:.0f}, max {turns['max']:.0f}\nwritten to {out}"
+    )
     return 0
 
 
@@ -81,7 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--goal-distance", float, "M", "of the goal (default: 8 required separations)")
     add("--extent", float, "M", "how far the map reaches to each side (default: 6 required separations)")
     add("--cells", whole(11, 1_001), "N", "along each side of the map (default: 181)", 181)
-    add("--encounters", whole(1, 10_000), "N", "circle flights for mirror error and chatter (default: 500)", 500)
+    add("--encounters", whole(1, 10_000), "N", "circle flights for the chatter (default: 500)", 500)
     add("--seed", whole(0, 2**63), "N", "of encounters (default: 0)", 0)
     return parser
 
@@ -113,12 +117,11 @@ def _scenes(options: argparse.Namespace, aircraft: "Aircraft") -> "list[Scene]":
 def _examine(policy: "Policy", scenes: "list[Scene]", options: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     """Return the figure and the content of the JSON file."""
     from agents.policy.versions import versions
-    from eval.policy_map.advisory import advise, chatter, mirror_error, record
+    from eval.policy_map.advisory import advise, chatter
     from eval.policy_map.figure import policy_map
 
     aircraft = policy.aircraft
     maps = [advise(policy, scene, options.extent, options.cells, aircraft) for scene in scenes]
-    flown = record(policy, options.encounters, options.seed, aircraft)
     name = "the shipped policy" if options.policy is None else options.policy.name
     units = {"own_speed": "_m_s", "intruder_speed": "_m_s", "goal_bearing": "_deg", "goal_distance": "_m"}
     units |= {"extent": "_m", "cells": "", "encounters": "", "seed": ""}
@@ -129,8 +132,7 @@ def _examine(policy: "Policy", scenes: "list[Scene]", options: argparse.Namespac
         "limits": aircraft.limits._asdict(),
         "settings": {f"{key}{unit}": getattr(options, key) for key, unit in units.items()},
         "relative_headings_deg": [round(math.degrees(scene.relative_heading), 9) for scene in scenes],
-        "mirror_error": mirror_error(policy, flown.scenes, aircraft),
-        "chatter": chatter(flown, aircraft),
+        "chatter": chatter(policy, options.encounters, options.seed, aircraft),
         "versions": versions("numpy", "matplotlib"),
     }
     return policy_map(maps, aircraft, f"{name} ({policy.sha256[:8]})"), found

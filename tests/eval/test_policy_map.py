@@ -4,6 +4,7 @@ import csv
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,18 +20,7 @@ from envs.kinematics import VehicleState
 from eval.failures.run import HOW, failures, grouped, main, representatives
 from eval.monte_carlo import run as monte_carlo
 from eval.policy_map import run as policy_map
-from eval.policy_map.advisory import (
-    Recorded,
-    Scene,
-    Scenes,
-    advise,
-    chatter,
-    mirror_error,
-    mirrored,
-    name_of,
-    record,
-    relative_velocity,
-)
+from eval.policy_map.advisory import Scene, advise, name_of, relative_velocity, scores
 from tests.eval.conftest import COUNT
 
 SCENE = Scene(75.0, 90.0, math.radians(-90.0), math.radians(30.0), 8_000.0)
@@ -86,67 +76,19 @@ def test_a_relative_heading_of_minus_90_comes_from_the_left():
     assert {degrees: name_of(math.radians(degrees)) for degrees in words} == words
 
 
-def scenes_of(count: int) -> Scenes:
-    """Return scenes with the intruder and the goal anywhere around the ownship."""
-    draw = np.random.default_rng(count).uniform
-    own = VehicleState(0.0 * draw(size=count), 0.0 * draw(size=count), draw(-3.0, 3.0, count), draw(50.0, 100.0, count))
-    place = draw(-8_000.0, 8_000.0, (4, count))
-    return Scenes(own, VehicleState(*place[:2], draw(-3.0, 3.0, count), draw(0.0, 150.0, count)), *place[2:])
-
-
-def test_the_mirror_is_that_of_the_world():
-    scenes = scenes_of(200)
-    there = mirrored(scenes)
-    again = mirrored(there)
-    for one, two in zip((*scenes.own, *scenes.intruder), (*again.own, *again.intruder), strict=True):
-        np.testing.assert_array_equal(one, two)
-
-    def seen(scene: Scenes) -> np.ndarray:
-        to_goal = np.arctan2(scene.goal_y - scene.own.y, scene.goal_x - scene.own.x) - scene.own.heading
-        return np.stack([np.sin(to_goal), np.sin(scene.intruder.heading - scene.own.heading)])
-
-    np.testing.assert_allclose(seen(there), -seen(scenes), atol=1e-12)
-
-
-def test_an_even_handed_policy_has_no_mirror_error():
-    found = mirror_error(POLICY, scenes_of(500), PAPER)
-    assert found["observations"] == 500
-    for name in ("yaw_rate_deg_s", "acceleration_m_s2"):
-        assert found[name] == pytest.approx({"mean": 0.0, "p95": 0.0, "max": 0.0}, abs=1e-12)
-    assert found["same_side_share"] == 0.0
-
-
-def test_the_mirror_error_is_twice_a_bias_to_one_side():
-    policy: Any = EvenHanded(bias=0.4)
-    found = mirror_error(policy, scenes_of(500), PAPER)
-    # 0.8 of 3 deg/s wherever neither turn meets its limit.
-    assert found["yaw_rate_deg_s"]["p95"] == pytest.approx(2.4)
-    assert found["acceleration_m_s2"]["max"] == pytest.approx(0.0, abs=1e-12)
-    assert found["same_side_share"] > 0.3
-
-
 def test_chatter_by_hand():
     nan = math.nan
     steering = np.array([[0.0, 1.0], [1.0, 1.0], [-1.0, nan]])  # two flights; the second ends after two seconds
     throttle = np.array([[0.5, 0.0], [0.5, 0.4], [0.5, nan]])
     action = np.stack([throttle, steering], axis=-1)
-    recorded = Recorded(scenes_of(1), action, np.array([1, 0]), np.array([1, 0]))
-    found = chatter(recorded, PAPER)
+    ended: Any = SimpleNamespace(reversals=np.array([1, 0]), outcome=np.array([1, 0]))
+    found = scores(action, ended, PAPER)
     # Changes of 3, 6 and 0 deg/s; of 0, 0 and 0.2 m/s^2.
     assert found["yaw_rate_change_deg_s_per_s"] == pytest.approx(3.0)
     assert found["acceleration_change_m_s2_per_s"] == pytest.approx(0.2 / 3.0)
     assert found["mean_yaw_rate_deg_s"] == pytest.approx(3.0 * 4.0 / 5.0)
     assert found["reversals_per_flight"]["mean"] == 0.5
     assert (found["flights"], found["violation"], found["reached"], found["timeout"]) == (2, 1, 1, 0)
-
-
-def test_flights_are_recorded_while_they_last(policy: Policy):
-    recorded = record(policy, 6, 1, PAPER)
-    flying = np.isfinite(recorded.action[..., 0])
-    lasting = flying.sum(axis=0)
-    assert lasting.max() <= PAPER.t_max
-    assert recorded.scenes.goal_x.size == lasting.sum()
-    np.testing.assert_array_equal(recorded.scenes.actions(policy), recorded.action[flying])
 
 
 def test_a_run_writes_its_files_and_repeats_itself(
@@ -156,8 +98,7 @@ def test_a_run_writes_its_files_and_repeats_itself(
     for name in ("one", "two"):
         assert policy_map.main([*arguments, "--goal-distance", "3000", "--out", str(tmp_path / name)]) == 0
     said = capsys.readouterr().out.splitlines()
-    assert said[0].startswith("mirror error, ")
-    assert said[1].startswith("chatter, 4 circle flights: yaw rate")
+    assert said[0].startswith("chatter, 4 circle flights: yaw rate")
     names = {path.name for path in (tmp_path / "one").iterdir()}
     assert names == {"policy_map.json", "policy_map.png", "policy_map.svg"}
     for name in names:
@@ -167,8 +108,6 @@ def test_a_run_writes_its_files_and_repeats_itself(
     assert found["relative_headings_deg"] == [-90.0, 20.0]
     assert found["settings"]["cells"] == 31
     assert found["chatter"]["flights"] == 4
-    # The policy made by hand turns right of what is ahead.
-    assert found["mirror_error"]["same_side_share"] > 0.0
 
 
 @pytest.mark.parametrize(
