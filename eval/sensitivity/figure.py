@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -159,12 +160,17 @@ def _name_axis(axes: Any, found: Mapping[str, Any], **style: Any) -> None:
     axes.set_xlabel(_with_unit(found["label"], found["unit"]), **style)
     points = _points(found)
     if "low" in points[0]:
-        edges = [points[0]["low"], *(one["high"] for one in points)]
-        names = [f"{edge:.0f}" if abs(edge) >= 10.0 else f"{edge:.3g}" for edge in edges]
-        axes.set_xticks(range(len(edges)), names, fontsize=8)
+        ends = [(_short(one["low"]), _short(one["high"])) for one in points]
+        # Where bins without encounters are left out, both ends of the gap are named.
+        inner = [high if high == low else f"{high} | {low}" for (_, high), (low, _) in pairwise(ends)]
+        axes.set_xticks(range(len(points) + 1), [ends[0][0], *inner, ends[-1][1]], fontsize=8)
     else:
         names = [one["word"] if "word" in one else f"{one['value']:g}" for one in points]
         axes.set_xticks(np.arange(len(points)) + 0.5, names)
+
+
+def _short(edge: float) -> str:
+    return f"{edge:.0f}" if abs(edge) >= 10.0 else f"{edge:.3g}"
 
 
 def _with_unit(label: str, unit: str) -> str:
