@@ -165,7 +165,6 @@ JUSTIFIED = {
     "rlcas_jax/config.py": "defaults of configurations",
     "eval/config.py": "defaults of configurations",
     "eval/compare/deciders.py": "aircraft of policies that name none",
-    "eval/compare/run.py": "default of a command line",
     "eval/hifi/config.py": "ranges of configurations",
     "eval/hifi/figures.py": "metres in a kilometre",
     "eval/boundary/slices.py": "metres in a kilometre",
