@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agents.config.load import ConfigError, Parser, dump
+from agents.policy.domain import TRAFFIC_SPEED
 from envs.edge.command import run_cli
 from envs.edge.files import write_file
 from eval.runner.options import check_digest, whole
@@ -23,7 +24,7 @@ from eval.runner.options import check_digest, whole
 if TYPE_CHECKING:
     from agents.config.world import AircraftConfig
 
-__all__ = ["FAMILY", "TRAFFIC", "drawn", "main"]
+__all__ = ["FAMILY", "drawn", "main"]
 
 FAMILY = {
     "speed_max": (25.0, 240.0),  # m/s
@@ -34,9 +35,6 @@ FAMILY = {
     "turn_radius": (0.3, 2.5),  # of the circle at the greatest speed, separations
 }
 """Ranges of what is drawn for each aircraft."""
-
-TRAFFIC = (0.4, 1.3)
-"""Range of the intruders' speeds, of the ownship's greatest."""
 
 _MODES = ("policy", "plan", "assured")
 _STREAM = 0x6661_6D69  # keeps the draws apart from those of encounters with the same seed
@@ -134,7 +132,7 @@ def _parser() -> argparse.ArgumentParser:
 def _arguments(options: argparse.Namespace, aircraft: "AircraftConfig", file: Path) -> list[str]:
     """Return what ``eval.monte_carlo`` is to fly of one aircraft."""
     fast = aircraft.speed_max_mps
-    speeds = [TRAFFIC[0] * fast, TRAFFIC[1] * fast]
+    speeds = [part * fast for part in TRAFFIC_SPEED]
     changes = {"intruders": options.intruders, "intruder_speed": speeds, "attempts": 200}
     changes |= {"turn_rate_deg_s": aircraft.yaw_rate_max_deg_s} if options.turning else {}
     named = {"aircraft": file, "mode": options.mode, "scenario": "noisy" if options.noisy else "circle"}
