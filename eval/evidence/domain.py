@@ -11,14 +11,12 @@ from envs.edge.files import written
 from eval.evidence.listed import Evidence
 from eval.stats.intervals import share
 
-__all__ = ["PICTURE", "cells", "draw", "rows_of_cells"]
-
 _COURSES = (0.0, 45.0, 90.0, 135.0, 180.0)
 _RATIOS = (0.4, 0.7, 0.9, 1.1, 1.5, 2.6)
 _GEOMETRIES = [f"{low:g} to {high:g} deg" for low, high in pairwise(_COURSES)]
 _SPEEDS = [f"{low:g} to {high:g}" for low, high in pairwise(_RATIOS)]
-_ENOUGH = 100
-"""Trials of a cell: even without a failure fewer show no more than 97 %."""
+_ENOUGH = 100  # trials of a cell: even without a failure fewer show no more than 97 %
+_KEPT = ("count", "total", "low")
 PICTURE = "docs/assets/figures/domain.png"
 
 
@@ -30,10 +28,8 @@ def cells(folder: Path) -> dict[str, Any]:
     from eval.runner.outputs import read_table
 
     table = read_table(folder / "encounters.parquet", "the table of a run")
-    course, own, other = (
-        table[name].to_numpy() for name in ("relative_heading_deg", "own_speed_m_s", "intruder_speed_m_s")
-    )
-    outcome, verdict = (table[name].to_numpy(zero_copy_only=False) for name in ("outcome", "verdict"))
+    columns = ("relative_heading_deg", "own_speed_m_s", "intruder_speed_m_s", "outcome", "verdict")
+    course, own, other, outcome, verdict = (table[name].to_numpy(zero_copy_only=False) for name in columns)
     row = np.clip(np.searchsorted(_COURSES, np.abs(course), "right") - 1, 0, len(_GEOMETRIES) - 1)
     column = np.clip(np.searchsorted(_RATIOS, other / own, "right") - 1, 0, len(_SPEEDS) - 1)
     tried = verdict != "unresolvable"
@@ -51,14 +47,12 @@ def rows_of_cells(listed: Evidence, results: Mapping[str, Any], names: Sequence[
     rows = [["", "courses differ by", *(f"speed ratio {speed}" for speed in _SPEEDS)]]
     for name in names:
         for geometry in _GEOMETRIES:
-            found = [results[name]["figures"][f"cells/{geometry}/{speed}"] for speed in _SPEEDS]
-            rows.append([listed.results[name].title, geometry, *map(_said, found)])
+            rows.append([listed.results[name].title, geometry])
+            for speed in _SPEEDS:
+                count, total, low = (results[name]["figures"][f"cells/{geometry}/{speed}"][key] for key in _KEPT)
+                bound = f">= {100.0 * low:.1f} %" if total >= _ENOUGH else "too few"
+                rows[-1].append(f"{total - count} of {total}; {bound}")
     return rows
-
-
-def _said(cell: Mapping[str, Any]) -> str:
-    lost = f"{cell['total'] - cell['count']} of {cell['total']}"
-    return f"{lost}; >= {100.0 * cell['low']:.1f} %" if cell["total"] >= _ENOUGH else f"{lost}; too few"
 
 
 def draw(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Path]:

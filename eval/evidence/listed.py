@@ -10,8 +10,6 @@ from pydantic import Field
 
 from agents.config.load import ConfigError, Strict
 
-__all__ = ["Entry", "Evidence", "Reading", "Table", "found_in", "read_results", "written_results"]
-
 
 class Entry(Strict):
     """An evaluation: the first cell of its row, module and options of a command, encounters in full size, a claim.
@@ -54,17 +52,12 @@ class Evidence(Strict):
     tables: dict[str, Table]
 
     def chosen(self, names: list[str]) -> list[str]:
-        """Return the names of results in the list's order, where names may be those of tables; of none, all.
-
-        Raises:
-            ConfigError: there is no result or table of a name.
-        """
-        wanted: set[str] = set()
-        for name in names:
-            if name not in self.results and name not in self.tables:
-                known = ", ".join([*self.tables, *self.results])
-                raise ConfigError(f"--only: {name!r} is no table and no result; expected some of {known}")
-            wanted |= {name} if name in self.results else set(self.rows(name))
+        """Return the names of results in the list's order, where names may be those of tables; of none, all."""
+        unknown = [name for name in names if name not in self.results and name not in self.tables]
+        if unknown:
+            known = ", ".join([*self.tables, *self.results])
+            raise ConfigError(f"--only: {unknown[0]!r} is no table and no result; expected some of {known}")
+        wanted = {one for name in names for one in ([name] if name in self.results else self.rows(name))}
         return [name for name in self.results if name in wanted or not names]
 
     def rows(self, table: str) -> tuple[str, ...]:
@@ -89,11 +82,7 @@ def found_in(said: Mapping[str, Any], keys: tuple[str, ...], prefix: str = "") -
 
 
 def read_results(path: Path) -> dict[str, Any]:
-    """Return results by name; none where there is no file.
-
-    Raises:
-        ConfigError: the file holds something else.
-    """
+    """Return results by name; none where there is no file."""
     try:
         found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
         return {name: one | {"n": int(one["n"])} for name, one in found.items() if one["policy"] and one["command"]}

@@ -18,10 +18,10 @@ from typing import Any
 
 from agents.config.load import Parser, load
 from envs.edge.files import write_file
+from eval.evidence.domain import cells
 from eval.evidence.listed import Entry, Evidence, Reading, found_in, read_results, written_results
+from eval.evidence.tables import publish
 from eval.runner.options import real
-
-__all__ = ["ROOT", "main", "published"]
 
 ROOT = Path(__file__).resolve().parents[2]
 """The checkout: list, results and pages are its."""
@@ -34,11 +34,7 @@ and at least as large, is not run again; Ctrl-C keeps what is finished. More: do
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run or publish what the command line asks for and return the exit status.
-
-    Raises:
-        ConfigError: bad input.
-    """
+    """Run or publish what the command line asks for and return the exit status."""
     options = _parser().parse_args(arguments)
     listed = load(Evidence, options.list)
     names = listed.chosen(options.only)
@@ -46,24 +42,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     policy = Policy.load().sha256
     if options.tables:
-        from eval.evidence.tables import publish
-
         store = ROOT / "docs/reference/evidence.json"
         results = published(listed, policy, read_results(store), options.out)
         write_file(store, written_results(results))
         print("\n".join(f"written: {path.relative_to(ROOT)}" for path in publish(ROOT, listed, results)))
         return 0
     options.out.mkdir(parents=True, exist_ok=True)
-    failed = 0
+    failed = False
     for name in names:
-        try:
-            said = _result(name, listed, policy, options)
-        except KeyboardInterrupt:
-            print(f"interrupted in {name}; what is finished is kept: run the same command again", file=sys.stderr)
-            return 130
+        said = _result(name, listed, policy, options)
         print(f"{name}: {said or 'FAILED'}", flush=True)
-        failed += not said
-    return 1 if failed else 0
+        failed |= not said
+    return int(failed)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -113,11 +103,7 @@ def _result(name: str, listed: Evidence, policy: str, options: argparse.Namespac
     said = _said(command, reading, folder, options.scheduler)
     if said is None:
         return ""
-    figures = found_in(said, reading.keys)
-    if entry.cells:
-        from eval.evidence.domain import cells
-
-        figures |= cells(folder)
+    figures = found_in(said, reading.keys) | (cells(folder) if entry.cells else {})
     seconds = round(time.perf_counter() - begun, 1)
     made = {"policy": policy, "commit": _commit(), "machine": _machine(), "command": command, "n": n}
     write_file(path, written_results({name: made | {"seconds": seconds, "figures": figures}}))
@@ -156,10 +142,8 @@ def _said(command: str, reading: Reading, folder: Path, scheduler: str | None) -
 
 def _commit() -> str | None:
     asked = ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
-    try:
-        return subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return None  # no checkout of git
+    done = subprocess.run(asked, capture_output=True, text=True, check=False) if shutil.which("git") else None
+    return done.stdout.strip() or None if done else None
 
 
 def _machine() -> str:

@@ -11,8 +11,6 @@ from envs.edge.files import write_file
 from eval.evidence.domain import PICTURE, draw, rows_of_cells
 from eval.evidence.listed import Entry, Evidence
 
-__all__ = ["generated", "pages", "publish"]
-
 _BLOCK = re.compile(r"(<!-- evidence: (\S+) -->\n).*?(<!-- /evidence -->)", re.DOTALL)
 _FIGURE = re.compile(r"\{([^{}:]+)(?::([^{}]*))?\}")
 _FINE = 20_000  # encounters from which on a rate has a third decimal
@@ -36,11 +34,7 @@ def publish(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Pa
 
 
 def generated(root: Path, page: Path, text: str, listed: Evidence, results: Mapping[str, Any]) -> str:
-    """Return the text of a page with its tables as the results have them.
-
-    Raises:
-        ConfigError: a marker names a table that is not listed.
-    """
+    """Return the text of a page with its tables as the results have them."""
 
     def block(found: re.Match[str]) -> str:
         name = found[2]
