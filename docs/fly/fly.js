@@ -141,19 +141,19 @@ function choose(name) { // an aircraft type: its limits without dimension; scene
 
 const metres = (value) => `${Math.round(value * type.separation).toLocaleString("en").replaceAll(",", "\u202f")} m`;
 const seconds = (step) => `${(step * type.dt).toFixed(0)} s`;
-const nameOf = (index) => (index === 0 ? "the ownship" : `intruder ${index}`);
 
 function news() {
   const best = line.least, required = metres(1);
   if (!line.done) return ["The policy is looking ahead …", ""];
-  const pair = best.pair[0] === 0 && start.length === 2 ? "" : ` (${best.pair.map(nameOf).join(", ")})`;
+  const [first, second] = best.pair, between = first ? ` between intruders ${first} and ${second}` : ` from intruder ${second}`;
+  const pair = start.length === 2 ? "" : between;
   const past = best.time <= time, kept = best.distance >= 1;
-  const first = kept
-    ? `${past ? "Kept" : "Will keep"} ${metres(best.distance)} of the ${required} required${pair}.`
-    : `Separation ${past ? "was" : "will be"} lost: ${metres(best.distance)} of ${required} after ${seconds(best.time)}${pair}.`;
+  const separation = kept
+    ? `${past ? "Kept" : "Will keep"} ${metres(best.distance)}${pair}; ${required} are required.`
+    : `Separation ${past ? "was" : "will be"} lost: ${metres(best.distance)}${pair} after ${seconds(best.time)}; ${required} are required.`;
   const end = line.frames.length - 1, arrived = everyone() ? line.frames[end].gone.every(Boolean) : line.frames[end].gone[0];
   const goal = everyone() ? "All reach their goals" : "The goal is reached";
-  return [first, arrived ? `${goal} after ${seconds(end)}.` : `No goal within ${seconds(STEPS)}.`, kept];
+  return [separation, arrived ? `${goal} after ${seconds(end)}.` : `No goal within ${seconds(STEPS)}.`, kept];
 }
 
 function tell(state) {
@@ -263,7 +263,7 @@ function draw() {
     const track = line.frames.slice(0, step + 1).filter((frame) => !frame.gone[i]).map((frame) => [frame.planes[i].x, frame.planes[i].y]);
     if (!state.gone[i]) track.push([state.planes[i].x, state.planes[i].y]);
     path(track);
-    stroke(tint(colourOf(i), state.gone[i] ? 0.2 : i === 0 ? 0.75 : 0.5), i === 0 ? 2.6 : 2);
+    stroke(tint(colourOf(i), state.gone[i] ? 0.3 : i === 0 ? 0.75 : 0.5), i === 0 ? 2.6 : 2);
   });
 
   const { least } = shown; // the closest approach, to come or past
@@ -374,7 +374,7 @@ function drawChart() {
   pen.font = "11px system-ui, 'Liberation Sans', sans-serif";
   pen.fillStyle = colours.soft;
   pen.textAlign = "left";
-  pen.fillText(`distance to the nearest aircraft, ${metres(1)} required`, 2, 10);
+  pen.fillText(`distance to the nearest${width < 320 ? "" : ` aircraft, ${metres(1)} required`}`, 2, 10);
 }
 
 // ---- the map of turns: coarse first, then finer ----

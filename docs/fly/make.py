@@ -32,7 +32,7 @@ AIRCRAFT = {
 }
 """Files of ``configs/aircraft`` by name, and what the page calls them."""
 _VIEW = {"width": 1136, "height": 620}  # of the film, px; the panel on the left is not filmed
-_STEPS, _EVERY = 1.5, 80  # time steps and ms from one picture of it to the next
+_STEPS, _EVERY = 2.0, 80  # time steps and ms from one picture of it to the next
 
 
 def weights(path: Path = SHIPPED) -> str:
@@ -90,7 +90,7 @@ def film(page_file: Path, out: Path) -> None:
         page.select_option("#scene", "sides")
         for button in ("#more", "#more", "#again", "#play"):
             page.click(button)
-        page.evaluate("while (changed || !line.done) frame(last);")
+        page.evaluate("while (changed || !line.done) frame(last); play(true); playing = false;")
         steps = page.evaluate("line.frames.length")
         for moment in np.arange(0.0, steps - 1.0, _STEPS):
             page.evaluate("(moment) => { time = moment; shown = line; tell(draw()); }", moment)
@@ -100,7 +100,7 @@ def film(page_file: Path, out: Path) -> None:
             frames.append(image.open(io.BytesIO(shot)).convert("RGB"))
         browser.close()
     durations = [_EVERY] * (len(frames) - 1) + [2_000]
-    frames[0].save(out, save_all=True, append_images=frames[1:], duration=durations, loop=0, quality=60, method=6)
+    frames[0].save(out, save_all=True, append_images=frames[1:], duration=durations, loop=0, quality=60, method=3)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
