@@ -8,7 +8,14 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-__all__ = ["machine", "report", "seconds"]
+from agents.policy.inference import Policy
+
+__all__ = ["layers", "machine", "report", "seconds"]
+
+
+def layers(policy: Policy) -> list[tuple[int, ...]]:
+    """Return inputs and outputs of each layer of a policy's network; those of its encoder count once."""
+    return [tensor.shape for name, tensor in policy.tensors.items() if name.endswith("/kernel")]
 
 
 def machine() -> dict[str, Any]:

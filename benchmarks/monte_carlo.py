@@ -5,7 +5,6 @@ start of the processes included), and how far that is from the limit that matrix
 policy's products alone would take as matrix products, at the rate measured in the same run by as many processes.
 """
 
-import itertools
 import math
 import multiprocessing
 import time
@@ -15,10 +14,9 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from agents.policy import features
 from agents.policy.inference import Policy
 from agents.resolvability.classify import classify
-from benchmarks.measure import report, seconds
+from benchmarks.measure import layers, report, seconds
 from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
 from envs.encounters import scenario
@@ -32,25 +30,25 @@ ROWS = 256
 """Of a matrix product of the limit."""
 
 
-def gemm_flops_per_s(widths: list[int]) -> float:
+def gemm_flops_per_s(shapes: list[tuple[int, ...]]) -> float:
     """Return the float32 rate of the network's matrix products alone, one thread, large batches."""
     rng = np.random.default_rng(0)
-    layers = [rng.standard_normal(shape).astype(np.float32) for shape in itertools.pairwise(widths)]
-    batches = [rng.standard_normal((ROWS, width)).astype(np.float32) for width in widths[:-1]]
+    factors = [rng.standard_normal(shape).astype(np.float32) for shape in shapes]
+    batches = [rng.standard_normal((ROWS, inputs)).astype(np.float32) for inputs, _ in shapes]
     rounds = 200
 
     def work() -> None:
         for _ in range(rounds):
-            for batch, layer in zip(batches, layers, strict=True):
+            for batch, layer in zip(batches, factors, strict=True):
                 batch @ layer  # pyright: ignore[reportUnusedExpression]
 
     with threadpool_limits(1):
-        return rounds * ROWS * flops(widths) / min(seconds(work, 7))
+        return rounds * ROWS * flops(shapes) / min(seconds(work, 7))
 
 
-def flops(widths: list[int]) -> int:
+def flops(shapes: list[tuple[int, ...]]) -> int:
     """Return the floating-point operations of the products of one evaluation of the network."""
-    return sum(2 * a * b for a, b in itertools.pairwise(widths))
+    return sum(2 * math.prod(shape) for shape in shapes)
 
 
 def stages(pilot: Pilot, count: int) -> dict[str, float]:
@@ -82,11 +80,14 @@ def main() -> None:
     parser.add_argument("--encounters", type=int, default=10_000, help="encounters of a measurement (default 10000)")
     parser.add_argument("--repeats", type=int, default=3, help="measurements (default 3)")
     parser.add_argument("--workers", type=int, default=cores(), help="processes (default: one for every core)")
+    text = "what computes the decisions (default auto, as in eval.monte_carlo)"
+    parser.add_argument("--backend", choices=("auto", "numpy", "jax"), default="auto", help=text)
     options = parser.parse_args()
 
     policy = Policy.load(options.policy)
-    evaluation = Evaluation(options.policy, scenario("circle", PAPER), None, 0, policy.aircraft)
-    size = MonteCarloConfig().chunk_for(options.encounters, options.workers)
+    backend = MonteCarloConfig(backend=options.backend).backend_for(policy, options.encounters)
+    evaluation = Evaluation(options.policy, scenario("circle", PAPER), None, 0, policy.aircraft, backend=backend)
+    size = MonteCarloConfig(backend=backend).chunk_for(options.encounters, options.workers)
     chunks = [Chunk(first, min(size, options.encounters - first)) for first in range(0, options.encounters, size)]
     walls, evaluations = [], 0.0
     for _ in range(options.repeats):
@@ -98,23 +99,23 @@ def main() -> None:
         # The policy acts once a time step.
         evaluations = sum(math.fsum(table["duration_s"]) for table in tables) / evaluation.aircraft.dt
 
-    architecture = policy.metadata["architecture"]
-    widths = [features.size(architecture["feature_set"]), *architecture["hidden"], 2]
+    shapes = layers(policy)
     with multiprocessing.get_context("spawn").Pool(options.workers) as pool:
-        rates = pool.map(gemm_flops_per_s, [widths] * options.workers, chunksize=1)
-    limit_s = evaluations * flops(widths) / sum(rates)
+        rates = pool.map(gemm_flops_per_s, [shapes] * options.workers, chunksize=1)
+    limit_s = evaluations * flops(shapes) / sum(rates)
     with threadpool_limits(1):
         split = stages(Pilot.load(evaluation), min(size, options.encounters))
     report(
         {
             "encounters": options.encounters,
             "workers": options.workers,
+            "backend": backend,
             "wall_s": min(walls),
             "wall_s_all": walls,
             "encounters_per_s": options.encounters / min(walls),
             "policy_evaluations": evaluations,
             "policy_evaluations_per_s": evaluations / min(walls),
-            "flop_per_evaluation": flops(widths),
+            "flop_per_evaluation": flops(shapes),
             "gemm_gflop_per_s": sum(rates) / 1e9,
             "gemm_limit_s": limit_s,
             "share_of_gemm_limit": limit_s / min(walls),

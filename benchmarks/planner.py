@@ -7,7 +7,6 @@ preallocated, features excluded. ``_cpu_`` figures count the processor's time al
 does not lengthen so much.
 """
 
-import itertools
 import os
 import time
 from pathlib import Path
@@ -18,9 +17,8 @@ from threadpoolctl import threadpool_limits
 
 from agents.planner.answer import Source
 from agents.planner.planner import plan
-from agents.policy import features
 from agents.policy.inference import Policy
-from benchmarks.measure import report
+from benchmarks.measure import layers, report
 from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
 from envs.encounters import scenario
@@ -36,17 +34,15 @@ FLOOR_STEPS = 380
 def floor(policy: Policy) -> Any:
     """Return the bare work of 380 evaluations of a network of the policy's size, to be called."""
     rng = np.random.default_rng(0)
-    network = policy.metadata["architecture"]
-    widths = [features.size(network["feature_set"]), *network["hidden"], 2]
-    layers = [rng.standard_normal(shape).astype(np.float32) for shape in itertools.pairwise(widths)]
-    x = [rng.standard_normal(width).astype(np.float32) for width in widths]
+    factors = [rng.standard_normal(shape).astype(np.float32) for shape in layers(policy)]
+    vectors = [(np.ones(len(factor), np.float32), np.empty(factor.shape[1], np.float32)) for factor in factors]
 
     def work() -> None:
         for _ in range(FLOOR_STEPS):
-            for number, layer in enumerate(layers):
-                np.dot(x[number], layer, out=x[number + 1])
-                if number < len(layers) - 1:
-                    np.tanh(x[number + 1], out=x[number + 1])
+            for factor, (x, y) in zip(factors, vectors, strict=True):
+                np.dot(x, factor, out=y)
+                if len(y) > 2:  # the head has no tanh
+                    np.tanh(y, out=y)
 
     return work
 

@@ -54,6 +54,7 @@ class Policy:
         metadata: of the policy file (docs/reference/policy-file.md).
         aircraft: that the policy was trained for, and
         limits: of it.
+        tensors: of the network by their names in the file.
         dtype: in which the network is evaluated.
     """
 
@@ -61,6 +62,7 @@ class Policy:
     metadata: Mapping[str, Any]
     aircraft: Aircraft
     limits: Limits
+    tensors: Mapping[str, np.ndarray]
     dtype: np.dtype[Any]
 
     def __init__(self, content: PolicyFile, dtype: DTypeLike = np.float32, *, source: str = "policy") -> None:
@@ -80,7 +82,7 @@ class Policy:
             raise ValueError(f"dtype is {self.dtype}, expected float32 or float64")
         self.sha256 = content.sha256
         self.metadata = content.metadata
-        self.limits, self.aircraft = content.limits, content.aircraft
+        self.limits, self.aircraft, self.tensors = content.limits, content.aircraft, content.actor
         self._scales = PAPER  # of the observations of a network for one intruder
         self._content, self._source = content, source
         self.most = content.metadata["architecture"]["intruders"] if content.of_set else 1

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import reduce
+from functools import cached_property, reduce
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,6 +24,7 @@ from envs.outcome import Rules
 from envs.starts import joined
 from eval.config import Setting, usual_setting
 from eval.flights.assured_mode import Reports, fly_assured
+from eval.flights.compiled import Compiled
 from eval.flights.conditions import conditions, verdicts
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start
 from eval.flights.simulate import OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
@@ -59,6 +60,8 @@ class Evaluation(NamedTuple):
     """How plans are made and flown, in the other modes; None: as is usual for the aircraft."""
     baseline: str = "none"
     """One of :data:`agents.baselines.BASELINES` that decides in the policy's place in mode policy; none: the policy."""
+    backend: str = "numpy"
+    """What computes the policy's decisions in mode policy: numpy or jax."""
 
     @property
     def setting(self) -> Setting:
@@ -96,9 +99,11 @@ class Pilot:
         """
         return cls(evaluation, Policy.load(evaluation.policy))
 
-    @property
+    @cached_property
     def decider(self) -> Baseline:
         """What decides once a time step in mode policy."""
+        if self.evaluation.backend == "jax":
+            return Compiled(self.policy)
         if self.evaluation.baseline == "none":
             return ByPolicy(self.policy)
         return BASELINES[self.evaluation.baseline](self.evaluation.aircraft)

@@ -92,16 +92,19 @@ def _evaluate(options: argparse.Namespace) -> int:
     from eval.flights.chunks import Pilot, columns
     from eval.flights.sources import said, say
     from eval.runner.outputs import RunFolder
-    from eval.runner.workers import Task, cores
+    from eval.runner.workers import DECISIVE, Task, cores
 
-    with cluster_of(options) as cluster:
+    packages = ("jax", "jaxlib") if config.backend == "jax" else ()
+    with cluster_of(options, packages) as cluster:
         workers = config.workers or cores() if cluster is None else cluster.size()
+        if cluster is not None and config.backend == "auto":
+            config = config.model_copy(update={"backend": "numpy"})
         evaluation, policy, resolved = named_evaluation(config)
-        resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
         config = config.model_copy(update=resolved)
+        config = config.model_copy(update={"chunk": config.chunk_for(config.wanted, workers)})
         say(evaluation.source)
         folder = RunFolder(options.out or Path("runs") / time.strftime("monte_carlo_%Y%m%d_%H%M%S"), config)
-        task = Task(Pilot, columns)
+        task = Task(Pilot, columns, (*DECISIVE, *packages))
         fly = flown_on(cluster, workers, task, evaluation, policy.sha256)
         with run_in(folder, config, resume=options.resume):
             table, flown = whole_table(folder, config, fly, "chunks", "python -m eval.monte_carlo")
@@ -139,6 +142,7 @@ def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: f
         "changes": config.changes,
         "mode": config.mode,
         "baseline": config.baseline,
+        "backend": config.backend,
         "policy_sha256": policy.sha256,
         **described(config.flown_aircraft(policy), policy),
         "confidence": config.confidence,

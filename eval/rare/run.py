@@ -58,7 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from eval.rare.problem import FlightProblem
     from eval.rare.splitting import SplittingError, pilot, repetition
 
-    evaluation, policy, _ = named_evaluation(config)
+    evaluation, policy, resolved = named_evaluation(config)
+    config = config.model_copy(update={"backend": resolved["backend"]})
     how = {"resolvable_only": options.resolvable_only, "closer_than": options.closer_than}
     problem = FlightProblem(Pilot(evaluation, policy), mode, **how)
     picture_folder.create(options.out)

@@ -158,5 +158,7 @@ def named_evaluation(config: "MonteCarloConfig") -> "tuple[Evaluation, Policy, d
     aircraft = config.flown_aircraft(policy)
     source, names, resolved = named_source(config, aircraft, "encounters")
     setting = config.planner.setting(aircraft)
-    evaluation = Evaluation(config.policy, source, names, config.seed, aircraft, config.mode, setting, config.baseline)
-    return evaluation, policy, resolved | {"policy_sha256": policy.sha256}
+    backend = config.backend_for(policy, resolved["encounters"])
+    how = (config.mode, setting, config.baseline, backend)
+    evaluation = Evaluation(config.policy, source, names, config.seed, aircraft, *how)
+    return evaluation, policy, resolved | {"policy_sha256": policy.sha256, "backend": backend}

@@ -99,7 +99,7 @@ class RunFolder:
                 continue  # not one of ours, or damaged: it is flown again
             if found != self._identity():
                 raise ConfigError(
-                    f"--resume: {path} was made with other versions of the toolkit or numpy; "
+                    f"--resume: {path} was made with other versions of the toolkit, numpy or jax; "
                     "expected the same as now, or another --out"
                 )
             stored.add(int(path.stem))
@@ -150,9 +150,10 @@ class RunFolder:
 
     def _identity(self) -> str:
         """Return a digest by which a stored part is known to belong to this run."""
+        names = ("numpy", "jaxlib") if self._config.backend == "jax" else ("numpy",)
         made = {
             "config": _plain(self._config),
-            "versions": {k: versions("numpy")[k] for k in ("rlcas-toolkit", "numpy")},
+            "versions": {k: versions(*names)[k] for k in ("rlcas-toolkit", *names)},
         }
         return hashlib.sha256(json.dumps(made, sort_keys=True, default=str).encode()).hexdigest()
 

@@ -7,20 +7,29 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from agents.baselines.baselines import Baseline, Sight
 from agents.policy.inference import Policy
 from envs import surrogate
 from envs.aircraft import PAPER
+from envs.edge.command import InputError
 from envs.encounters import Encounter, scenario
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from envs.starts import numbered
+from envs.world import begin
 from eval.flights import simulate
+from eval.flights.compiled import Compiled
 from eval.flights.conditions import conditions
 from eval.flights.simulate import OUTCOMES, ByPolicy, sensor_noise
 from tests.support import OnObservations, fly_recorded
 
 VIOLATION, REACHED, TIMEOUT = range(3)
+
+
+@pytest.fixture(scope="module")
+def shipped() -> Policy:
+    return Policy.load()
 
 
 def placed(own, goal, intruder, *, present: bool = True) -> Encounter:
@@ -121,23 +130,46 @@ def test_initial_conditions_by_hand() -> None:
     assert (seen.intruders[0], seen.own_speed[0], seen.intruder_speed[0]) == (1, 50.0, 75.0)
 
 
-def flown(name: str, policy: Policy, first: int, count: int):
+def flown(name: str, decider: Baseline, first: int, count: int):
     starts = numbered(scenario(name, PAPER), 11, first, count)
     noise = sensor_noise(11, first, *starts.mask.shape) if name == "noisy" else None
-    return fly_recorded(starts, ByPolicy(policy), PAPER, noise=noise)
+    return fly_recorded(starts, decider, PAPER, noise=noise)
 
 
-@pytest.mark.parametrize("name", ["circle", "maneuvering", "noisy", "multi"])
-def test_a_flight_does_not_depend_on_its_company(name: str, policy: Policy) -> None:
-    together, paths = flown(name, policy, 0, 300)
-    assert len(set(together.outcome)) == 3
+@pytest.mark.parametrize("name", ["circle", "maneuvering", "noisy", "multi", "compiled"])
+def test_a_flight_does_not_depend_on_its_company(name: str, policy: Policy, shipped: Policy) -> None:
+    name, decider = ("circle", Compiled(shipped)) if name == "compiled" else (name, ByPolicy(policy))
+    together, paths = flown(name, decider, 0, 300)
+    assert len(set(together.outcome)) > 1
     for first, count in ((0, 1), (7, 1), (0, 13), (250, 50), (299, 1)):
-        apart, other = flown(name, policy, first, count)
+        apart, other = flown(name, decider, first, count)
         for field in simulate.Flights._fields:
             expected = getattr(together, field)[first : first + count]
             np.testing.assert_array_equal(getattr(apart, field), expected, err_msg=field)
         steps = len(other.action)
         np.testing.assert_array_equal(other.action, paths.action[:steps, first : first + count])
+
+
+@pytest.mark.parametrize("name", ["circle", "multi"])
+def test_backends_decide_alike(name: str, shipped: Policy) -> None:
+    start = begin(numbered(scenario(name, PAPER), 5, 0, 300), np)
+    sight = Sight(start.own, start.intruders.vehicle, start.mask, start.goal_x, start.goal_y, 300.0)
+    memory = np.zeros(300, np.int8)
+    plain, compiled = (kind(shipped).decide(sight, memory)[0] for kind in (ByPolicy, Compiled))
+    assert np.abs(plain).max() == 1.0
+    np.testing.assert_allclose(compiled, plain, rtol=0.0, atol=1e-3)
+
+
+def test_a_compiled_policy_takes_any_number_of_intruders(policy: Policy) -> None:
+    with pytest.raises(InputError, match="one intruder only"):
+        Compiled(policy)
+
+
+def test_rows_that_depend_on_their_place_are_refused(shipped: Policy) -> None:
+    decider = Compiled(shipped)
+    decider._decided = lambda _, rows: np.arange(2 * len(rows), dtype=np.float32).reshape(-1, 2)
+    with pytest.raises(InputError, match="by its place"):
+        flown("circle", decider, 0, 2)
 
 
 def test_trajectories_end_with_the_flight(policy: Policy) -> None:

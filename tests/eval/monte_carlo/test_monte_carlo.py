@@ -17,6 +17,7 @@ import yaml
 from agents.baselines.baselines import BASELINES
 from agents.config.folder_lock import locked
 from agents.config.load import ConfigError
+from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.edge.command import run_cli
 from envs.encounters import scenario
@@ -24,6 +25,7 @@ from envs.formats import encounter_file
 from envs.kinematics import SURROGATE
 from envs.starts import numbered
 from envs.trees import take
+from eval.config import MonteCarloConfig
 from eval.flights import simulate
 from eval.flights.simulate import OUTCOMES
 from eval.monte_carlo import run as monte_carlo
@@ -144,6 +146,24 @@ def test_chunks_and_workers_change_no_byte(finished: Path, tmp_path: Path, worke
     config = ("--config", str(finished / "config.yaml"))
     other = fly(tmp_path / "other", *config, *QUICK[:4], "--workers", workers, "--set", "chunk=57")
     assert other == (finished / "encounters.parquet").read_bytes()
+
+
+@pytest.mark.slow
+def test_chunks_and_workers_change_no_byte_of_compiled_flights(tmp_path: Path) -> None:
+    arguments = ("--encounters", "400", "--set", "backend=jax", "--set", "resamples=200", "--set", "figures=false")
+    one = fly(tmp_path / "one", *arguments, "--workers", "1")
+    assert fly(tmp_path / "two", *arguments, "--workers", "2", "--set", "chunk=70") == one
+    assert yaml.safe_load((tmp_path / "two" / "config.yaml").read_text())["backend"] == "jax"
+
+
+def test_a_backend_is_chosen_by_what_is_installed_and_flown(monkeypatch: pytest.MonkeyPatch, policy_path: Path) -> None:
+    shipped, auto = Policy.load(), MonteCarloConfig()
+    assert auto.backend_for(shipped, 10_000) == "jax"
+    assert auto.backend_for(shipped, 10) == "numpy"
+    assert auto.backend_for(Policy.load(policy_path), 10_000) == "numpy"
+    assert MonteCarloConfig(mode="plan").backend_for(shipped, 10_000) == "numpy"
+    monkeypatch.setattr("eval.config.find_spec", lambda name: None)
+    assert auto.backend_for(shipped, 10_000) == "numpy"
 
 
 @pytest.mark.parametrize("name", [name for name in BASELINES if name != "none"])
@@ -348,6 +368,7 @@ def mistakes(folder: Path) -> dict[str, tuple[list[str], str]]:
         "many": (["--encounters", "1e4"], "argument --encounters: '1e4'; expected a whole number"),
         "seed": (["--seed", "-1"], "argument --seed"),
         "mode": (["--mode", "glide"], "'glide' is not available here; expected one of policy, plan"),
+        "backend": (["--mode", "plan", "--set", "backend=jax"], "backend is 'jax'; expected auto or numpy"),
         "baseline": (["--baseline", "mpv"], "'mpv' is not available here; expected one of none, rules"),
         "baseline plans": (["--baseline", "mvp", "--mode", "plan"], "expected none with mode plan"),
         "config": (["--config", str(folder / "wrong.yaml")], "seeds is unknown (its value is 3); did you mean seed?"),

@@ -1,0 +1,85 @@
+"""A policy's decisions compiled by XLA, where JAX is installed: several times as fast as in numpy.
+
+XLA rounds a row by the size of its batch, so that rows are decided in tiles of one size. Within a tile a row has the
+same bits in any place and company, which every process checks before it decides.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from agents.baselines.baselines import Sight
+from agents.policy.inference import Policy
+from agents.policy.scene import OWN_NUMBERS, scene, unpacked_rows, width
+from agents.policy.set_features import set_inputs
+from envs.edge.command import InputError
+from envs.edge.compiled import keep_compiled
+
+__all__ = ["Compiled"]
+
+_TILE = 128
+
+
+class Compiled:
+    """A policy for any number of intruders as a decider; its numbers are float32, as in numpy."""
+
+    def __init__(self, policy: Policy) -> None:
+        """Take the policy's network; raises ``InputError`` if it takes one intruder only."""
+        if not policy.metadata["architecture"].get("encoder"):
+            raise InputError("backend is 'jax' and the policy takes one intruder only; expected numpy")
+        keep_compiled()
+        import jax
+
+        tensors, layers = policy.tensors, policy.metadata["architecture"]
+        names = (
+            [f"each_{i}" for i in range(len(layers["encoder"]))],
+            [f"hidden_{i}" for i in range(len(layers["hidden"]))],
+        )
+        encoder, hidden, (head,) = (
+            [(tensors[f"{name}/kernel"], tensors[f"{name}/bias"]) for name in kind] for kind in (*names, ["head"])
+        )
+        self._layers = jax.device_put((encoder, hidden, head))
+        self._limits, self._separation = policy.aircraft.limits, policy.aircraft.separation
+        self._decided = jax.jit(_decided)
+        self._checked: set[int] = set()
+
+    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return actions ``[M, 2]`` and the memory, which is not used."""
+        seen = scene(
+            sight.own, sight.intruders, sight.mask, sight.goal_x, sight.goal_y, self._limits, self._separation, np
+        )
+        count, places = sight.mask.shape
+        rows = np.zeros((-(-count // _TILE) * _TILE, width(places)), np.float32)
+        for i, field in enumerate((seen.own_speed, seen.goal_x, seen.goal_y, *seen.ratios)):
+            rows[:count, i] = field
+        for i, field in enumerate((seen.x, seen.y, seen.vx, seen.vy, seen.present)):
+            rows[:count, OWN_NUMBERS + i :: 5] = field
+        if places not in self._checked:
+            self._check(np.resize(rows[:count], (_TILE, rows.shape[1])))
+            self._checked.add(places)
+        tiles = [self._decided(self._layers, rows[first : first + _TILE]) for first in range(0, count, _TILE)]
+        actions = np.concatenate([np.asarray(tile) for tile in tiles])[:count]
+        if not np.isfinite(actions).all():
+            raise ValueError("the policy gives an action that is not finite; expected finite states")
+        return actions.astype(float), memory
+
+    def _check(self, tile: np.ndarray) -> None:
+        """Refuse a processor on which the bits of a row depend on its place in the tile."""
+        there, back = (np.asarray(self._decided(self._layers, rows)) for rows in (tile, tile[::-1]))
+        if not np.array_equal(there, back[::-1]):
+            raise InputError("backend is 'jax', which rounds a row by its place on this processor; expected numpy")
+
+
+def _decided(layers: Any, rows: Any) -> Any:
+    """Return the actions ``[N, 2]`` for scenes as parity vectors have them, ``[N, 7 + 5 K]``."""
+    import jax.numpy as jnp
+
+    encoder, hidden, head = layers
+    own, each, present, sign = set_inputs(unpacked_rows(rows), jnp)
+    for kernel, bias in encoder:
+        each = jnp.tanh(each @ kernel + bias)
+    x = jnp.concatenate([own, jnp.where(present[..., None], each, -1.0).max(axis=-2)], axis=-1)
+    for kernel, bias in hidden:
+        x = jnp.tanh(x @ kernel + bias)
+    throttle, steering = jnp.moveaxis(x @ head[0] + head[1], -1, 0)
+    return jnp.clip(jnp.stack([throttle, steering * sign], axis=-1), -1.0, 1.0)
