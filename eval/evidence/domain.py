@@ -62,7 +62,7 @@ def draw(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Path]
         return []
     from matplotlib.figure import Figure
 
-    figure = Figure((4.6 * len(names), 3.4), layout="constrained")
+    figure = Figure((5.4 * len(names), 3.4), layout="constrained")
     panels = figure.subplots(1, len(names), squeeze=False)[0]
     for axes, name in zip(panels, names, strict=True):
         found = [[results[name]["figures"][f"cells/{row}/{one}"] for one in _SPEEDS] for row in _GEOMETRIES]
@@ -71,7 +71,7 @@ def draw(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Path]
         for (i, j), low in np.ndenumerate(bound):
             text = f"{100.0 * low:.1f}" if np.isfinite(low) else f"too few\n({found[i][j]['total']})"
             axes.text(j, i, text, ha="center", va="center", fontsize=8, color="white" if low < 0.92 else "black")
-        axes.set_xticks(range(len(_SPEEDS)), _SPEEDS, fontsize=8)
+        axes.set_xticks(range(len(_SPEEDS)), _SPEEDS, fontsize=7)
         axes.set_yticks(range(len(_GEOMETRIES)), _GEOMETRIES, fontsize=8)
         axes.set(xlabel="intruder's speed / own speed", title=listed.results[name].title)
     panels[0].set_ylabel("courses differ by")

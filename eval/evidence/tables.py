@@ -73,7 +73,9 @@ def _row(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) ->
         likely, best = rate["value"], rate["high" if sign == ">=" else "low"]
         kept = [one >= bound if sign == ">=" else one <= bound for one in (likely, best)]
         figures["kept"] = "yes" if kept[0] else "open" if kept[1] else "no"
-        figures["claim"] = f"{sign} " + (f"{_percent(bound, 0)} %" if rate is value else f"{bound:g}")
+        figures["claim"] = (
+            f"{sign} {_percent(bound, 0)} %" if rate is value else f"{key} {sign} {bound:g}".replace("_", " ")
+        )
         figures["found"] = value
     return [entry.title, *(_cell(cell, figures) for cell in columns.values())]
 
