@@ -66,7 +66,8 @@ class PlannerConfig(Strict):
     exhaustive: bool = True
     """Whether the slow refinement is tried before a request is given up."""
     vehicle: VehicleConfig | None = Field(
-        default=None, json_schema_extra={"expected": "null, the path of a YAML file, or a group of keys"}
+        default=None,
+        json_schema_extra={"expected": "null, the path of a YAML file, a name that ships, or a group of keys"},
     )
     """Limits of the legs and of the vehicle that follows them; manoeuvres keep inside the aircraft's, too; null: the
     aircraft's with the reserve that the paper's Cessna 208 has."""
@@ -188,7 +189,8 @@ class MonteCarloConfig(Strict):
     resamples: int = Field(default=2_000, ge=100, le=100_000)
     """Bootstrap resamples behind the intervals of means."""
     aircraft: AircraftConfig | None = Field(
-        default=None, json_schema_extra={"expected": "null, the path of a YAML file, or a group of keys"}
+        default=None,
+        json_schema_extra={"expected": "null, the path of a YAML file, a name that ships, or a group of keys"},
     )
     """The ownship and its task, which rules, scenarios and plans follow; null: the one that the policy was trained for.
     """

@@ -17,8 +17,8 @@ __all__ = ["Job", "Options", "Processes", "add_configuration", "overrides_of", "
 _DESCRIPTION = """\
 Train a conflict resolution policy in the surrogate.
 
-  python -m rlcas_jax.train --config configs/quick.yaml
-  python -m rlcas_jax.train --config configs/quick.yaml --set ppo.learning_rate=3e-4 --seeds 3
+  python -m rlcas_jax.train --config quick
+  python -m rlcas_jax.train --config quick --set aircraft=uas --set ppo.learning_rate=3e-4 --seeds 3
   python -m rlcas_jax.train --resume runs/quick-20260131T120000-0
   python -m rlcas_jax.train --config FILE --out runs/wide --coordinator host0:9876 --processes 2 --process 0
 """
@@ -152,7 +152,12 @@ def _resumed(directory: Path) -> tuple[Job, ...]:
 def add_configuration(parser: Parser) -> None:
     """Add the options that say what a training is."""
     add = parser.add_argument
-    add("--config", type=Path, metavar="FILE", help="YAML file with what differs from the defaults")
+    add(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="YAML file with what differs from the defaults, or a name: best, paper, quick, sprint",
+    )
     text = "change one key, e.g. ppo.learning_rate=3e-4 or scenarios.0.weight=2; may be given many times"
     add("--set", action="append", default=[], metavar="KEY=VALUE", help=text)
     add("--steps", metavar="N", help="length of a training, environment steps; short for --set steps=N")

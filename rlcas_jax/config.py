@@ -220,10 +220,11 @@ class TrainConfig(Strict):
     state (a path as seen from the working directory). Or a policy file: training begins with its actor and a fresh
     critic (see `ppo.critic_warmup_steps`). null: with fresh networks."""
     aircraft: AircraftConfig = Field(
-        default=AircraftConfig(), json_schema_extra={"expected": "the path of a YAML file, or a group of keys"}
+        default=AircraftConfig(),
+        json_schema_extra={"expected": "the path of a YAML file, a name that ships, or a group of keys"},
     )
-    """The ownship and its task. A path such as `configs/aircraft/uas.yaml` is looked for beside the configuration file,
-    then in the working directory. Scenarios, rewards and observations are scaled by it."""
+    """The ownship and its task. A path is looked for beside the configuration file, then in the working directory; a
+    name such as `uas` is that of one that ships. Scenarios, rewards and observations are scaled by it."""
     network: NetworkConfig = NetworkConfig()
     ppo: PpoConfig = PpoConfig()
     world: WorldConfig = WorldConfig()

@@ -1,7 +1,7 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Runner, monitor and simulator together, faster than real time, without a ROS installation.
 
-    python -m ros_bridge.demo [--aircraft configs/aircraft/uas.yaml] [--random 50] [--vehicle c208] [--record FILE]
+    python -m ros_bridge.demo [--aircraft uas] [--random 50] [--vehicle c208] [--record FILE]
 
 Starts runner and monitor as processes of their own on a domain of their own, flies encounters with the simulator and
 prints a table: the first answer, the smallest distance since the first SAFE plan was taken up, the largest distance
@@ -69,7 +69,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--deciding-rate", type=float, default=1.0, help="the same while a plan is sought (default 1)")
     margins = ", ".join(f"{name} {margin:g}" for name, margin in MARGINS.items())
     parser.add_argument("--margin", type=float, help=f"m added to the separation (default, in separations: {margins})")
-    parser.add_argument("--aircraft", default="", metavar="FILE", help="file of the aircraft (default: the policy's)")
+    parser.add_argument("--aircraft", default="", metavar="FILE", help="file, or a name: uas (default: the policy's)")
     parser.add_argument("--policy", default="", metavar="FILE", help="policy file (default: the one that ships)")
     parser.add_argument(
         "--outside-domain",

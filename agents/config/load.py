@@ -11,11 +11,16 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from agents.config.keys import MOVED, RENAMED, expected, field_at, nearest, nested_model, shown
+from agents.config.keys import MOVED, RENAMED, expected, field_at, nearest, nested_model, one_of, shown
 from agents.config.yaml import YamlError, coerced, read, write
 from envs.edge.command import ConfigError, Parser
 
-__all__ = ["ConfigError", "Parser", "Strict", "dump", "load", "validated"]
+__all__ = ["AIRCRAFT", "VEHICLES", "ConfigError", "Parser", "Strict", "dump", "file_of", "load", "validated"]
+
+AIRCRAFT, VEHICLES = "aircraft/*.yaml", "vehicle_*.yaml"
+"""Where aircraft and vehicles stand among the configurations that ship."""
+
+_SHIPPED = Path(__file__).resolve().parents[1] / "configs"
 
 Model = TypeVar("Model", bound="Strict")
 
@@ -47,19 +52,39 @@ class Strict(BaseModel):
         return {k: coerced(v, fields[k].annotation) if k in fields else v for k, v in data.items()}
 
 
+def file_of(path: Path, kind: str = "*.yaml") -> Path:
+    """Return the file that a path means: its own, or the one that ships under this name, such as ``quick``.
+
+    Args:
+        path: of a file, or a name, which has neither a folder nor a suffix.
+        kind: where the names of this kind stand in ``configs/``.
+
+    Raises:
+        ConfigError: no such configuration ships.
+    """
+    if path.is_file() or path.suffix or path.name != str(path):
+        return path
+    before = kind.rpartition("/")[2].partition("*")[0]
+    names = {file.stem.removeprefix(before): file for file in sorted(_SHIPPED.glob(kind))}
+    if path.name not in names:
+        raise ConfigError(f"{path.name!r} is no file and no configuration that ships; {one_of(path.name, names)}")
+    return names[path.name]
+
+
 def load(model: type[Model], path: Path | None = None, overrides: Sequence[str] = ()) -> Model:
     """Read a configuration.
 
     Args:
         model: its model; a validator finds the file's folder as ``info.context["folder"]`` (the working
             directory without a file).
-        path: YAML file with what differs from the defaults; None for the defaults.
+        path: YAML file with what differs from the defaults, or the name of one that ships; None for the defaults.
         overrides: ``KEY=VALUE`` each, KEY dotted (``ppo.learning_rate``, ``scenarios.0.weight``), VALUE in YAML;
             later ones win.
 
     Raises:
         ConfigError: the file cannot be read, or a key or a value is not valid.
     """
+    path = None if path is None else file_of(path)
     try:
         values = {} if path is None else read(path)
     except YamlError as problem:

@@ -7,12 +7,12 @@ are in degrees here, as the keys say, and radians in what the models return.
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_serializer, model_validator
 
 from agents.config.keys import one_of
-from agents.config.load import ConfigError, Strict, load
+from agents.config.load import AIRCRAFT, VEHICLES, ConfigError, Strict, file_of, load
 from envs.aircraft import PAPER, Aircraft, new_aircraft
 from envs.encounters import SCENARIOS, EncounterError, Scenario, scenario
 from envs.kinematics import FASTEST, SURROGATE, Limits
@@ -47,10 +47,12 @@ def _degrees(angle: float) -> float:
 
 
 class VehicleConfig(Strict):
-    """Limits of the ownship, inline or as the path of a YAML file with these keys.
+    """Limits of the ownship, inline or as the path of a YAML file with these keys or the name of one that ships.
 
     A path is looked for beside the configuration file first and then in the working directory.
     """
+
+    KIND: ClassVar = VEHICLES
 
     speed_min_mps: float = Field(default=SURROGATE.speed_min, ge=0.0, le=FASTEST.speed_min)
     """Lowest speed, m/s."""
@@ -71,7 +73,7 @@ class VehicleConfig(Strict):
         if not isinstance(data, (str, Path)):
             return data
         beside = Path((info.context or {}).get("folder", "")) / data
-        path = beside if beside.exists() else Path(data)
+        path = beside if beside.is_file() else file_of(Path(data), cls.KIND)
         # The values, not the path: a run's own configuration must not depend on another file.
         return load(cls, path).model_dump()
 
@@ -95,10 +97,12 @@ class VehicleConfig(Strict):
 
 
 class AircraftConfig(VehicleConfig):
-    """The ownship and its task, inline or as the path of a file such as `configs/aircraft/uas.yaml`.
+    """The ownship and its task, inline, as the path of a file, or as the name of one that ships, such as `uas`.
 
     A path is looked for beside the configuration file first and then in the working directory.
     """
+
+    KIND: ClassVar = AIRCRAFT
 
     separation_m: float = Field(default=PAPER.separation, ge=1.0, le=1e6)
     """Required horizontal separation, m: an encounter is lost below it."""

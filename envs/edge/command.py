@@ -10,6 +10,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Iterable
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any, NoReturn
@@ -36,6 +37,8 @@ class Parser(argparse.ArgumentParser):
     """
 
     def __init__(self, **settings: Any) -> None:
+        if Path(sys.argv[0]).name.startswith("rlcas-"):
+            settings["prog"] = Path(sys.argv[0]).name
         settings.setdefault("allow_abbrev", False)
         settings.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
         super().__init__(**settings)
@@ -111,6 +114,15 @@ def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
         words = next(text for kind, text in what.items() if isinstance(problem, kind))
         status = _say(f"{words}: {str(problem) or type(problem).__name__}, {_place(problem)}", 1)
     sys.exit(status)
+
+
+# What pyproject.toml installs as rlcas-train and so on.
+compare = partial(run_cli, "eval.compare.run:main")
+evaluate = partial(run_cli, "eval.monte_carlo.run:main")
+hifi = partial(run_cli, "eval.hifi.run:main")
+report = partial(run_cli, "eval.report.run:main")
+sweep = partial(run_cli, "rlcas_jax.sweep.run:main")
+train = partial(run_cli, "rlcas_jax.train:main")
 
 
 def _disk_full(problem: BaseException | None) -> bool:

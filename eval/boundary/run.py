@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.config.load import ConfigError, Parser, load
+from agents.config.load import AIRCRAFT, ConfigError, Parser, file_of, load
 from eval.plots import save as picture_folder
 
 if TYPE_CHECKING:
@@ -118,7 +118,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar=("OWN", "INTRUDER", "COURSE"),
         help="own speed, intruder's speed (m/s) and its course less the own one (degrees clockwise); may be repeated",
     )
-    add("--aircraft", type=Path, metavar="FILE", help="YAML file of the ownship (default: the paper's aircraft)")
+    add(
+        "--aircraft",
+        type=Path,
+        metavar="FILE",
+        help="YAML file of the ownship, or a name: uas (default: the paper's aircraft)",
+    )
     add("--spacing", type=float, metavar="M", help="of the raster of starts, m (default: 0.15 separations)")
     add("--grid", choices=tuple(GRIDS), default="default", help="resolution; fine takes 3 times as long")
     add("--out", type=Path, required=True, metavar="DIR", help="folder for what is written, new or empty")
@@ -129,7 +134,7 @@ def _aircraft(path: Path | None) -> "Aircraft":
     from agents.config.world import AircraftConfig
     from envs.aircraft import PAPER
 
-    aircraft = PAPER if path is None else load(AircraftConfig, path).aircraft()
+    aircraft = PAPER if path is None else load(AircraftConfig, file_of(path, AIRCRAFT)).aircraft()
     if aircraft.limits.speed_min <= 0.0:
         raise ConfigError("--aircraft: speed_min is 0; expected above 0: what can stand still has no such boundary")
     return aircraft

@@ -37,7 +37,7 @@ _EPILOG = """\
 examples:
   python -m eval.hifi --scenario crossing_left --flights 4 --out runs/crossing
   python -m eval.hifi --mode assured --condition mixed --flights 500 --out runs/mixed
-  python -m eval.hifi --set planner.margin=60 --set planner.vehicle=configs/vehicle_c208.yaml --out runs/c208
+  python -m eval.hifi --set planner.margin=60 --set planner.vehicle=c208 --out runs/c208
   python -m eval.hifi --resume --out runs/mixed        go on with a run that was interrupted
 
 Every key of the configuration, with its unit and default: python -m eval.hifi --help-keys"""

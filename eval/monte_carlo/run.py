@@ -36,7 +36,7 @@ examples:
   python -m eval.monte_carlo --policy runs/quick/policy.safetensors --out runs/circle
   python -m eval.monte_carlo --scenario multi --encounters 2000 --out runs/multi
   python -m eval.monte_carlo --set changes.min_initial_separation=0 --out runs/unfiltered
-  python -m eval.monte_carlo --policy mine.safetensors --aircraft configs/aircraft/uas.yaml --out runs/uas
+  python -m eval.monte_carlo --policy mine.safetensors --aircraft uas --out runs/uas
   python -m eval.monte_carlo --resume --out runs/circle        go on with a run that was interrupted
   python -m eval.monte_carlo --scheduler tcp://node7:8786 --encounters 1000000 --out runs/many
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from agents.config.load import ConfigError, load
+from agents.config.load import AIRCRAFT, ConfigError, file_of, load
 
 if TYPE_CHECKING:
     from agents.policy.inference import Policy
@@ -52,11 +52,21 @@ def real(low: float, high: float, unit: str = "") -> Callable[[str], float]:
 def first_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that a command begins with: configuration and policy."""
     add = parser.add_argument
-    add("--config", type=Path, metavar="FILE", help="YAML file with what differs from the defaults")
+    add(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="YAML file with what differs from the defaults, or a name: monte_carlo",
+    )
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of the configuration")
     add("--help-keys", action="store_true", help="list every key of the configuration, and exit")
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
-    add("--aircraft", type=Path, metavar="FILE", help="such as configs/aircraft/uas.yaml (default: the policy's own)")
+    add(
+        "--aircraft",
+        type=Path,
+        metavar="FILE",
+        help="YAML file, or a name: c208, jet, light, paper, uas (default: the policy's own)",
+    )
     add("--allow-outside-domain", action="store_true", help="fly an aircraft that the policy was not trained for, too")
     add("--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have, 64 hex digits (default: any)")
 
@@ -92,7 +102,7 @@ def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, 
         overrides += [f"policy={json.dumps(str(options.policy.absolute()))}"]
         overrides += [] if options.resume else ["policy_sha256=null"]
     if getattr(options, "aircraft", None) is not None:
-        overrides += [f"aircraft={json.dumps(str(options.aircraft.absolute()))}"]
+        overrides += [f"aircraft={json.dumps(str(file_of(options.aircraft, AIRCRAFT).absolute()))}"]
     if getattr(options, "allow_outside_domain", False):
         overrides += ["allow_outside_domain=true"]
     if options.policy_sha256 is not None:

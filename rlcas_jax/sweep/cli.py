@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import Field
 
 from agents.config.folder_lock import is_unused
-from agents.config.load import ConfigError, Parser, Strict, load, validated
+from agents.config.load import ConfigError, Parser, Strict, file_of, load, validated
 from agents.config.yaml import YamlError, read
 from rlcas_jax.cli import add_configuration, overrides_of
 from rlcas_jax.config import SEED_END, TrainConfig
@@ -22,7 +22,7 @@ CONFIG, SETTINGS = "config.yaml", "settings.yaml"
 _DESCRIPTION = """\
 Search for hyper-parameters of the training with Optuna: every trial is a training run with other values of some keys.
 
-  python -m rlcas_jax.sweep --config configs/quick.yaml --space configs/sweep_quick.yaml --trials 30 --out runs/sweep
+  python -m rlcas_jax.sweep --config quick --space sweep_quick --trials 30 --out runs/sweep
   python -m rlcas_jax.sweep --resume --out runs/sweep --trials 60        go on, here with 30 more
   python -m rlcas_jax.train --config runs/sweep/best.yaml                train with what was found
 """
@@ -107,7 +107,7 @@ def _settings(given: Any) -> SweepConfig:
     names = ("trials", "seeds", "objective", "sampler_seed", "startup")
     values = {name: getattr(given, name) for name in names if getattr(given, name) is not None}
     try:
-        values["space"] = read(given.space)
+        values["space"] = read(file_of(given.space))
     except YamlError as problem:
         raise ConfigError(str(problem)) from None
     return validated(SweepConfig, values | {"pruning": not given.no_pruning})

@@ -24,7 +24,7 @@ def loaded(policy_file: str) -> Policy:
 
 
 def aircraft_of(file: str, policy_file: str) -> Aircraft:
-    """Return the aircraft of a file of ``configs/aircraft``; the policy's for "".
+    """Return the aircraft of a file, or of one that ships under this name (``uas``); the policy's for "".
 
     Raises:
         ValueError: there is none, or it cannot be.
@@ -32,10 +32,10 @@ def aircraft_of(file: str, policy_file: str) -> Aircraft:
     if not file:
         return loaded(policy_file).aircraft
     # Not before it is asked for: these take a third of a node's start.
-    from agents.config.load import ConfigError, load
+    from agents.config.load import AIRCRAFT, ConfigError, file_of, load
     from agents.config.world import AircraftConfig
 
     try:
-        return load(AircraftConfig, Path(file)).aircraft()
+        return load(AircraftConfig, file_of(Path(file), AIRCRAFT)).aircraft()
     except ConfigError as error:
         raise ValueError(f"aircraft: {error}") from error

@@ -64,7 +64,9 @@ _ALL, _BOTH = "runner monitor simulator pilot", "runner monitor"
 _MAP, _START = "frame that headers name, x east, y north of the geo-reference; read at the start", "; read at the start"
 
 PARAMETERS = (
-    Parameter(_ALL, "aircraft", "", "file of the aircraft and its task (configs/aircraft/*.yaml); empty: the policy's"),
+    Parameter(
+        _ALL, "aircraft", "", "file of the aircraft and its task, or a name that ships (uas); empty: the policy's"
+    ),
     Parameter(_ALL, "policy_file", "", "policy file; empty: the one that ships"),
     Parameter("runner", "policy_sha256", "", "digest that the policy must have, 64 digits; empty: any"),
     Parameter("runner", "outside_domain", "refuse", "an aircraft outside the policy's family: refuse or allow"),
