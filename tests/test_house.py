@@ -163,6 +163,7 @@ JUSTIFIED = {
     "agents/policy/file.py": "policy files of schema 1",
     "agents/policy/schema.py": "policy files of schema 1",
     "rlcas_jax/config.py": "defaults of configurations",
+    "rlcas_jax/gymnax_env.py": "the default of a registered environment",
     "eval/config.py": "defaults of configurations",
     "eval/compare/deciders.py": "aircraft of policies that name none",
     "eval/hifi/config.py": "ranges of configurations",

@@ -110,12 +110,13 @@ def test_a_wheel_holds_every_data_file_of_the_packages(wheel: Path) -> None:
     assert not sorted(set(data) - set(held))
 
 
-def installed(python: str, wheel: Path, extras: str, folder: Path) -> Path:
-    """Return the scripts' folder of a new environment that holds the wheel and its dependencies, as pinned."""
+def installed(python: str, wheel: Path, extras: str, folder: Path, *more: str) -> Path:
+    """Return the scripts' folder of a new environment that holds the wheel, its dependencies as pinned, and more."""
     started(python, "-m", "venv", folder / "bare", folder=folder)
     pins = folder / "pins.txt"
-    pins.write_text(re.sub(r" \\\n(?: +--hash=.*\n?)+", "\n", (ROOT / "constraints/run.txt").read_text()))
-    install = ("-m", "pip", "install", "--quiet", "-c", pins, f"{wheel}{extras}")
+    named = re.sub(r" \\\n(?: +--hash=.*\n?)+", "\n", (ROOT / "constraints/run.txt").read_text())
+    pins.write_text("\n".join(line for line in named.splitlines() if not (more and line.startswith("gymnasium=="))))
+    install = ("-m", "pip", "install", "--quiet", "-c", pins, f"{wheel}{extras}", *more)
     started(folder / "bare/bin/python", *install, folder=folder)
     return folder / "bare/bin"
 
@@ -147,3 +148,15 @@ def test_the_flight_path_runs_from_a_wheel_on_python(version: str, wheel: Path, 
     said = started(scripts / "python", "-W", "error", "-c", PROGRAM, folder=tmp_path).split()
     assert said[0] == PROJECT["project"]["version"]
     assert "certificate" in started(scripts / "rlcas-check", "--version", folder=tmp_path)
+
+
+@pytest.mark.slow
+def test_a_learner_of_others_trains_under_gymnax_as_the_page_says(wheel: Path, tmp_path: Path) -> None:
+    # gymnax wants an older Gymnasium than is pinned.
+    scripts = installed(sys.executable, wheel, "[gymnax]", tmp_path, "rejax==0.1.3", "pytest")
+    bare = ("-m", "pytest", "-q", "-c", os.devnull, "--noconftest", "--import-mode=importlib", "-p", "no:cacheprovider")
+    assert "passed" in started(scripts / "python", *bare, ROOT / "tests/rlcas_jax/test_gymnax_env.py", folder=tmp_path)
+    page = (ROOT / "docs/howto/gymnasium.md").read_text()
+    (program,) = (block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "import gymnax" in block)
+    before, _, after = map(float, started(scripts / "python", "-c", program, folder=tmp_path).strip("[] \n").split())
+    assert after > before + 10.0

@@ -10,6 +10,7 @@ PACKAGES = ("rlcas_jax", "envs", "agents", "eval", "ros_bridge")
 EXTRAS = {
     "report": ("matplotlib", "pyarrow", "pydantic", "pyproj", "rich", "scipy", "threadpoolctl", "yaml"),
     "train": ("flax", "jax", "optax"),
+    "gymnax": ("gymnax",),
     "sim": ("gymnasium", "jsbsim"),
     "tensorboard": ("tensorboardX",),
     "cluster": ("dask", "distributed"),
