@@ -10,6 +10,7 @@ r"""The translator: messages of other packages as the runner's inputs.
           ~/input/odometry   nav_msgs/Odometry: its twist in the body's frame, its pose in ENU
           ~/input/inspva     novatel_oem7_msgs/INSPVA or INSPVAX
           ~/input/adsb       mavros_msgs/ADSBVehicle
+    in    adsb:=tcp://HOST:30003 or http://HOST/.../aircraft.json, a live receiver (docs/howto/live-adsb.md)
     out   rlcas_runner/input/ownship, rlcas_runner/input/traffic   rlcas_msgs/AircraftState
           /diagnostics       what was passed on, what could not be translated, and why
 
@@ -20,6 +21,7 @@ reach. ADS-B vehicles on the ground and obstacles (emitter types 17 to 19) are l
 """
 
 import importlib
+import queue
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -31,11 +33,12 @@ from rclpy.node import Node
 from rlcas_msgs.msg import AircraftState
 from sensor_msgs.msg import NavSatFix
 
-from ros_bridge.core import adapters
-from ros_bridge.core.conversions import ALTITUDE_CODES
+from ros_bridge.core import adapters, adsb_live
+from ros_bridge.core.conversions import ALTITUDE_CODES, aircraft
 from ros_bridge.core.fields import SECOND, FieldError, stamp
 from ros_bridge.core.reports import Report
 from ros_bridge.transport import process, qos, views
+from ros_bridge.transport.adsb_receiver import Receiver, checked_source
 from ros_bridge.transport.messages import aircraft_message, sighting_message
 from ros_bridge.transport.settings import declare
 
@@ -48,6 +51,8 @@ _OWN = {
     "inspva": ("novatel_oem7_msgs", "INSPVA"),
     "inspvax": ("novatel_oem7_msgs", "INSPVAX"),
 }
+_SILENCE = 10.0  # s after which a receiver that sends nothing is said to
+_DRAINED = 0.1  # s between two looks at what a receiver has sent
 _TRAFFIC = {"none": None, "nav_sat_fix": None, "adsb": ("mavros_msgs", "ADSBVehicle")}
 
 
@@ -81,6 +86,8 @@ def paired(fix: Any, twist: Any, identity: str, reference: str, apart: float) ->
 class Translator(Node):
     """The node; what messages mean is :mod:`ros_bridge.core.adapters`."""
 
+    _receiver: Receiver | None = None
+
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_translator", **more)
         declare(self, "translator")
@@ -91,7 +98,10 @@ class Translator(Node):
             for kind, name in ((0, "adsb_barometric_reference"), (1, "adsb_geometric_reference"))
             if self._value(name)
         }
-        if own == traffic:
+        live = checked_source(self._value("adsb")) if self._value("adsb") else ""
+        if live and traffic != "none":
+            raise ValueError(f"adsb and traffic_source {traffic} are both given, expected one of them")
+        if own == traffic and not live:
             raise ValueError(f"own_source and traffic_source are both {own}, expected one fix at most, and something")
         for name, needed in (("own_id", own != "none"), ("traffic_id", traffic == "nav_sat_fix")):
             if needed and not self._value(name):
@@ -112,7 +122,22 @@ class Translator(Node):
             self.create_subscription(_kind(own, _OWN), "~/input/inspva", self._on_inspva, qos.SENSOR)
         if traffic == "adsb":
             self.create_subscription(_kind(traffic, _TRAFFIC), "~/input/adsb", self._on_adsb, qos.TRAFFIC)
+        if live:
+            self._receiver = Receiver(live, lambda: self.get_clock().now().nanoseconds)
+            self._live = adsb_live.Traffic(self._value("own_id"))
+            self._reader = (adsb_live.BaseStation if self._receiver.lines else adsb_live.AircraftJson)(self._live)
+            self._heard = self.get_clock().now().nanoseconds
+            self.create_subscription(AircraftState, f"{_RUNNER}/input/ownship", self._on_ownship, qos.SENSOR)
+            self.create_timer(_DRAINED, self._on_live)
+            self._receiver.start()
         self.create_timer(self._value("diagnostics_period"), self._on_timer)
+
+    def destroy_node(self) -> None:
+        """End the receiver's thread with the node."""
+        if self._receiver is not None:
+            self._receiver.stop()
+            self._receiver.join()
+        super().destroy_node()
 
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value
@@ -136,6 +161,31 @@ class Translator(Node):
     def _on_adsb(self, message: Any) -> None:
         self._pass(self._traffic, lambda: adapters.adsb_vehicle(message, self._references))
 
+    def _on_ownship(self, message: AircraftState) -> None:
+        try:
+            self._live.own = aircraft(message, "ownship")
+        except FieldError:
+            self._live.own = None  # the runner says why
+
+    def _on_live(self) -> None:
+        """Pass on what the receiver has sent since the last look."""
+        assert self._receiver is not None
+        for _ in range(self._receiver.heard.qsize()):
+            try:
+                item = self._receiver.heard.get_nowait()
+            except queue.Empty:
+                return
+            if item is None:
+                self._reader.begin()
+                continue
+            self._heard = item[0]
+            try:
+                for found in self._reader.taken(item[1], item[0]):
+                    self._pass(self._traffic, partial(_raised, found))
+            except TimeoutError as late:
+                self._receiver.restart()
+                self._wrong = f"adsb {late}"
+
     def _pass(self, publisher: Any, read: Callable[[], Report | None]) -> None:
         """Publish a report; of traffic that cannot be translated its name and, if known, its place."""
         name = "own" if publisher is self._own else "traffic"
@@ -152,12 +202,29 @@ class Translator(Node):
                 publisher.publish(sighting_message(error.sighting))
         self._counts[name] = self._counts.get(name, 0) + 1
 
+    def _left_out(self) -> dict[str, int]:
+        """Return what of a live receiver was left out; a receiver that cannot be read or is silent is noted."""
+        if self._receiver is None:
+            return {}
+        silent = (self.get_clock().now().nanoseconds - self._heard) / SECOND
+        problem = self._receiver.problem or (f"has sent nothing for {silent:.0f} s" if silent > _SILENCE else "")
+        if problem:
+            self._wrong = f"adsb {self._value('adsb')} {problem}"
+            self.get_logger().warning(self._wrong, throttle_duration_sec=30.0)
+        return {f"{reason}, left out": count for reason, count in self._live.counts.items() if count}
+
     def _on_timer(self) -> None:
+        values = {name: str(count) for name, count in sorted((self._counts | self._left_out()).items())}
         level, message = (DiagnosticStatus.WARN, self._wrong) if self._wrong else (DiagnosticStatus.OK, "ready")
         self._wrong = ""
-        values = {name: str(count) for name, count in sorted(self._counts.items())}
         now = self.get_clock().now().nanoseconds
         self._health.publish(views.diagnostics(now, self.get_fully_qualified_name(), level, message, values))
+
+
+def _raised(found: Report | FieldError) -> Report:
+    if isinstance(found, FieldError):
+        raise found
+    return found
 
 
 def _kind(source: str, known: dict[str, Any]) -> Any:

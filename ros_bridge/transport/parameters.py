@@ -160,6 +160,7 @@ PARAMETERS = (
     Parameter("translator", "own_id", "", "the ownship's name, such as its 24-bit address in hexadecimal"),
     Parameter("translator", "own_altitude_reference", "wgs84", "what fixes' altitudes are above: wgs84, msl, pressure"),
     Parameter("translator", "traffic_source", "none", "none, adsb or nav_sat_fix"),
+    Parameter("translator", "adsb", "", "live receiver: tcp://HOST:30003 or the URL of an aircraft.json; empty: none"),
     Parameter("translator", "traffic_id", "", "the intruder's name, where its source is a fix"),
     *(
         Parameter("translator", f"adsb_{kind}_reference", "", f"what {kind} ADS-B altitudes are above; empty: unknown")
