@@ -92,7 +92,7 @@ function newScene() {
   const first = {
     "head-on": () => [arrival(0.02, 7, 0.85, 0.15)],
     crossing: () => [arrival(1.5, 7 / fast, 0.9, 0.3)],
-    overtaking: () => [{ ...arrival(Math.PI + 0.06, 3, slowest), speed: slowest }],
+    overtaking: () => [arrival(Math.PI + 0.06, 3, slowest)],
     // Displaced a little: what is exactly symmetric stays so, as the policy is, and meets in the middle.
     sides: () => Array.from({ length: count }, (_, i) => arrival(Math.PI + (2 * Math.PI * (i + 1)) / (count + 1), 7 / fast, fast, aside())),
     random: () => [],
@@ -429,6 +429,7 @@ function grips() {
     button.className = `grip ${part}`;
     Object.assign(button.dataset, { index, part });
     if (part === "tip") button.tabIndex = -1;
+    button.style.zIndex = { tip: 20, plane: 10 - index, goal: 0 }[part];
     button.setAttribute("aria-label", label);
     button.addEventListener("pointerdown", take);
     button.addEventListener("pointermove", drag);
@@ -438,8 +439,8 @@ function grips() {
     return button;
   };
   group.replaceChildren(
+    ...start.map((_, i) => grip("", i, "plane")),
     grip("Goal of the ownship; arrows move it", 0, "goal"),
-    ...start.map((_, i) => grip("", i, "plane")).reverse(),
     grip("Course and speed of the chosen aircraft", -1, "tip"),
   );
   get("count").textContent = start.length - 1;
