@@ -17,11 +17,12 @@ from threadpoolctl import threadpool_limits
 
 from agents.planner.answer import Source
 from agents.planner.planner import plan
+from agents.planner.request import Request
 from agents.policy.inference import Policy
 from benchmarks.measure import layers, report
 from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
-from envs.encounters import scenario
+from envs.encounters import Encounter, scenario
 from envs.kinematics import VehicleState
 from envs.starts import numbered
 from envs.trees import take
@@ -47,6 +48,18 @@ def floor(policy: Policy) -> Any:
     return work
 
 
+def question(
+    encounters: Encounter, request: Request, number: int
+) -> tuple[VehicleState, list[VehicleState], list[RoutePoint]]:
+    """Return what ``plan`` is asked at the start of one of the encounters: ownship, intruders, route."""
+    row = take(request, number)
+    own = VehicleState(*(float(field) for field in row.own))
+    present = np.flatnonzero(encounters.mask[number])
+    others = [VehicleState(*(float(field[k]) for field in row.traffic.state)) for k in present]
+    points = zip(row.route_x.tolist(), row.route_y.tolist(), strict=True)
+    return own, others, [RoutePoint(i, x, y) for i, (x, y) in enumerate(points)]
+
+
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
@@ -65,12 +78,7 @@ def main() -> None:
     floors: list[float] = []
     with threadpool_limits(1):
         for number in range(-20, options.requests):
-            row = take(request, max(number, 0))
-            own = VehicleState(*(float(field) for field in row.own))
-            present = np.flatnonzero(encounters.mask[max(number, 0)])
-            others = [VehicleState(*(float(field[k]) for field in row.traffic.state)) for k in present]
-            points = zip(row.route_x.tolist(), row.route_y.tolist(), strict=True)
-            route = [RoutePoint(i, x, y) for i, (x, y) in enumerate(points)]
+            own, others, route = question(encounters, request, max(number, 0))
             began = time.perf_counter()
             bare()
             middle, busy_before = time.perf_counter(), time.process_time()

@@ -13,7 +13,9 @@ import pytest
 from agents.config.load import ConfigError, dump, load
 from agents.learning.networks import Derived
 from agents.policy import features
-from benchmarks import gemm, measure, training
+from agents.policy.inference import Policy
+from agents.policy.set_features import EACH
+from benchmarks import deadline, gemm, measure, monte_carlo, training
 from benchmarks.learning import run as learning
 from benchmarks.learning import sb3 as sb3_task
 from benchmarks.learning import sides as learning_sides
@@ -80,6 +82,29 @@ def test_report_names_machine_and_versions(capsys: pytest.CaptureFixture[str]):
     assert printed["rate_per_s"] == 1.0
     assert printed["machine"]["cores"] >= 1
     assert printed["versions"]["numpy"] == np.__version__
+
+
+def test_layers_are_those_of_the_shipped_network():
+    shapes = measure.layers(Policy.load())
+    assert sum(inputs == EACH for inputs, _ in shapes) == 1
+    assert sum(outputs == 2 for _, outputs in shapes) == 1
+    assert monte_carlo.flops([(3, 5), (5, 2)]) == 2 * (15 + 10)
+
+
+def test_deadlines_are_measured_once_and_lateness_is_counted(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+):
+    monkeypatch.setattr(deadline, "BLOCK", len(deadline.KINDS))
+    monkeypatch.setattr(deadline, "DEADLINES_MS", (50.0, math.inf))
+    monkeypatch.setattr("sys.argv", ["deadline", "--out", str(tmp_path), "--requests", "5"])
+    deadline.main()
+    found = last_line(capsys)
+    assert found["answers_with_a_deadline"] == 5
+    lateness = [found[kind]["slowest_ms"][0] - 50.0 for kind in deadline.KINDS]
+    assert found["latest_after_its_deadline_ms"] == pytest.approx(max(lateness))
+    monkeypatch.setattr(deadline, "answers", None)  # what is there is not measured again
+    deadline.main()
+    assert last_line(capsys)["1 intruder"] == found["1 intruder"]
 
 
 @pytest.mark.slow

@@ -173,7 +173,7 @@ def test_rows_that_depend_on_their_place_are_refused(shipped: Policy) -> None:
 
 
 def test_trajectories_end_with_the_flight(policy: Policy) -> None:
-    flights, paths = flown("circle", policy, 0, 50)
+    flights, paths = flown("circle", ByPolicy(policy), 0, 50)
     steps = flights.duration.astype(int)
     for i, step in enumerate(steps):
         assert np.isfinite(paths.own.x[: step + 1, i]).all()

@@ -1,0 +1,130 @@
+"""What a deadline costs: ``python -m benchmarks.deadline --out runs/deadline [--requests 300]``.
+
+Each request is planned with every deadline: circle encounters, 2 to 8 intruders, eight of them close by, noisy reports,
+and starts so close that many cannot be resolved. Resolvable is what the planner solves without a deadline; times are
+of the thread's processor, on one core. A block of 100 requests is a file in ``--out``, and the same command goes on
+where it stopped. There lie ``deadline.json``, the figure too; the last line is the same JSON object.
+"""
+
+import json
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from agents.config.figures import save_figure
+from agents.planner import Intruder, Options, plan
+from agents.policy.inference import Policy
+from benchmarks.measure import report
+from benchmarks.planner import question
+from envs.aircraft import PAPER
+from envs.edge.command import Parser, run_cli
+from envs.edge.files import write_file
+from envs.encounters import scenario
+from envs.starts import numbered
+from eval.flights.plan_flight import request_of
+
+DEADLINES_MS = (5.0, 10.0, 20.0, 50.0, 100.0, math.inf)
+KINDS: dict[str, dict[str, Any]] = {
+    "1 intruder": {"name": "circle"},
+    "2 to 8": {"name": "multi"},
+    "8 close by": {"name": "multi", "intruders": (8, 8), "radius": (2500.0, 4500.0)},
+    "noisy": {"name": "noisy"},
+    "hardly resolvable": {"name": "circle", "radius": (1200.0, 2500.0), "conflicts_closer_than": 500.0, "attempts": 48},
+}
+BLOCK = 100
+
+
+def answers(block: int, policy: Policy) -> dict[str, Any]:
+    """Return of the requests of a block, by kind and deadline, whether they are SAFE and the time of the answer, ms."""
+    options, each = Options.for_aircraft(policy.aircraft), BLOCK // len(KINDS)
+    safe: dict[str, list[list[bool]]] = {}
+    spent: dict[str, list[list[float]]] = {}
+    for kind, changes in KINDS.items():
+        encounters = numbered(scenario(aircraft=PAPER, **changes), 0, block * each, each)
+        request = request_of(encounters, PAPER)
+        noise = {name: float(np.max(getattr(encounters.sensor, name))) for name in ("position_std", "velocity_std")}
+        safe[kind], spent[kind] = [], []
+        for number in range(each):
+            own, others, route = question(encounters, request, number)
+            asked = [Intruder(one, age=float(np.max(encounters.sensor.latency)), **noise) for one in others]
+            row = []
+            for limit in DEADLINES_MS:
+                began = time.thread_time()
+                answer = plan(own, asked, route, policy, replace(options, deadline_s=limit * 1e-3))
+                row.append((answer.safe, 1e3 * (time.thread_time() - began)))
+            safe[kind].append([one for one, _ in row])
+            spent[kind].append([ms for _, ms in row])
+    return {"safe": safe, "ms": spent}
+
+
+def figures(blocks: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the shares and times of all blocks, lists by deadline."""
+    found: dict[str, Any] = {"benchmark": "deadline", "deadlines_ms": [*DEADLINES_MS[:-1], None]}
+    late = 0.0
+    for kind in KINDS:
+        safe, ms = (np.array([row for block in blocks for row in block[what][kind]]) for what in ("safe", "ms"))
+        solved = safe[safe[:, -1]]
+        late = max(late, float((ms[:, :-1] - DEADLINES_MS[:-1]).max()))
+        found[kind] = {
+            "requests": len(safe),
+            "resolvable": len(solved),
+            "safe_of_resolvable": solved.mean(axis=0).tolist() if len(solved) else None,
+            "median_ms": np.median(ms, axis=0).tolist(),
+            "slowest_ms": ms.max(axis=0).tolist(),
+        }
+    answered = sum(found[kind]["requests"] for kind in KINDS) * (len(DEADLINES_MS) - 1)
+    return found | {"answers_with_a_deadline": answered, "latest_after_its_deadline_ms": late}
+
+
+def draw(found: dict[str, Any]) -> Any:
+    """Return the figure: SAFE of the resolvable, and the slowest answer, against the deadline."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    limits = DEADLINES_MS[:-1]
+    for kind in KINDS:
+        if found[kind]["safe_of_resolvable"]:
+            left.semilogx(limits, found[kind]["safe_of_resolvable"][:-1], marker="o", label=kind)
+        right.loglog(limits, found[kind]["slowest_ms"][:-1], marker="o", label=kind)
+    right.loglog(limits, [limit + 5.0 for limit in limits], "k--", label="deadline + 5 ms")
+    for axes, what in ((left, "SAFE of the resolvable"), (right, "slowest answer, ms")):
+        axes.set(xlabel="deadline, ms", ylabel=what, xticks=limits, xticklabels=[f"{limit:g}" for limit in limits])
+        axes.minorticks_off()
+        axes.grid(alpha=0.3)
+    right.legend(frameon=False)
+    return figure
+
+
+def main() -> None:
+    """Measure what is missing, and print."""
+    parser = Parser(description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, help="folder of the blocks, the result and the figure")
+    parser.add_argument("--requests", type=int, default=300, help="in whole blocks of 100 (default 300)")
+    parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
+    options = parser.parse_args()
+    policy, blocks = Policy.load(options.policy), []
+    options.out.mkdir(parents=True, exist_ok=True)
+    with threadpool_limits(1):
+        first = numbered(scenario("multi", PAPER), 1, 0, 1)
+        plan(*question(first, request_of(first, PAPER), 0), policy)  # the first plan of a process makes tables
+        for block in range(-(-options.requests // BLOCK)):
+            path = options.out / f"block-{block:05d}.json"
+            if not path.exists():
+                write_file(path, json.dumps({"policy": policy.sha256} | answers(block, policy)))
+            blocks.append(json.loads(path.read_text()))
+            if blocks[-1]["policy"] != policy.sha256:
+                parser.error(f"--out {options.out} holds answers of another policy; expected a new folder")
+    found = figures(blocks)
+    write_file(options.out / "deadline.json", json.dumps(found, indent=2) + "\n")
+    save_figure(draw(found), options.out / "deadline")
+    report(found, ("numpy",))
+
+
+if __name__ == "__main__":
+    run_cli(main)
