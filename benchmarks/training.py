@@ -96,7 +96,7 @@ def learner_alone(config: TrainConfig) -> Work:
         action = mean + jnp.exp(log_std) * jax.random.normal(noise_key, mean.shape)
         estimate = jax.random.normal(advantage_key, shape)
         log_prob = ppo.gaussian_log_prob(action, mean, log_std)
-        return fresh, ppo.Batch(seen, action, log_prob, estimate, estimate, jnp.ones(shape))
+        return fresh, ppo.Batch(seen, action, log_prob, estimate, estimate)
 
     state, samples = start()
     update = jax.jit(partial(ppo.update, parts=parts, settings=settings), donate_argnums=0)

@@ -80,10 +80,8 @@ def collect(
     # One wide product over the whole rollout instead of a narrow one per step.
     value = parts.value(state.critic, jax.tree.map(lambda a, b: jnp.concatenate([a, b[None]]), observation, last))
     terminated = result.terminated.astype(value.dtype)
-    estimate = advantages(
-        result.reward, value[:-1], value[1:], terminated, jnp.zeros_like(terminated), discount, gae_lambda
-    )
+    estimate = advantages(result.reward, value[:-1], value[1:], terminated, discount, gae_lambda)
     target = estimate + value[:-1]
-    samples = Batch(observation, action, log_prob, estimate, target, 1.0 - terminated)
+    samples = Batch(observation, action, log_prob, estimate, target)
     samples = jax.tree.map(lambda a: jnp.swapaxes(a, 0, 1), samples)
     return world, samples, result.statistics, {"explained_variance": explained_variance(value[:-1], target, parts.axis)}

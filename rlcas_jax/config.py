@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, NonNegativeFloat, model_validator
+from pydantic import Field, model_validator
 
 from agents.config.load import ConfigError, Strict, validated
 from agents.config.world import AircraftConfig, ScenarioConfig
@@ -78,12 +78,6 @@ class PpoConfig(Strict):
     """The gradients of actor and critic are each scaled down to this norm."""
     reward_scale: float = Field(default=0.01, gt=0.0)
     """Factor on the task's reward before learning; logged scores are unscaled."""
-    smoothness: tuple[NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0)
-    """Weights, in the loss, of the mean change of acceleration and turn rate (1: full deflection) from one time step to
-    the next, within a `segment`."""
-    critic_warmup_steps: int = Field(default=0, ge=0, le=10**12)
-    """Environment steps at the beginning in which the actor stays as it is, while a fresh critic learns its values
-    (`warm_start` from a policy file)."""
 
     @property
     def samples(self) -> int:
@@ -107,10 +101,6 @@ class PpoConfig(Strict):
                 raise ConfigError(
                     f"{name} is {part}; expected a divisor of {whole_name}, {whole}, such as {_divisor(whole, part)}"
                 )
-        if any(self.smoothness) and self.segment == 1:
-            raise ConfigError(
-                "segment is 1; expected 2 or more, as smoothness compares neighbouring steps of a segment"
-            )
         return self
 
 
@@ -218,7 +208,7 @@ class TrainConfig(Strict):
     warm_start: Path | None = None
     """Directory of an earlier run, or one of its checkpoints: training begins with its networks and the optimiser's
     state (a path as seen from the working directory). Or a policy file: training begins with its actor and a fresh
-    critic (see `ppo.critic_warmup_steps`). null: with fresh networks."""
+    critic. null: with fresh networks."""
     aircraft: AircraftConfig = Field(
         default=AircraftConfig(),
         json_schema_extra={"expected": "the path of a YAML file, a name that ships, or a group of keys"},

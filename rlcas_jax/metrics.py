@@ -28,15 +28,12 @@ METRICS = {
     "timeout": "Share of those episodes that ran out of time.",
     "episodes": "How many episodes ended during the update.",
     "episode_length": "Environment steps of the update per episode that ended in it, 1 s each.",
-    "loss": "What the optimiser minimises: policy_loss + value_loss / 2 - ppo.entropy * entropy, and the"
-    " weighted variations with ppo.smoothness; mean over the last epoch of the update.",
+    "loss": "What the optimiser minimises: policy_loss + value_loss / 2 - ppo.entropy * entropy; mean"
+    " over the last epoch of the update.",
     "policy_loss": "PPO's clipped surrogate objective, negated.",
     "value_loss": "Half the critic's mean squared error, in units of the scaled reward squared.",
     "entropy": "Entropy of the action distribution, nats; it falls as the policy makes up its mind.",
     "neg_log_prob": "Mean negative logarithm of the density of the actions taken, nats.",
-    "variation_acceleration": "Mean change of the acceleration that the policy commands from one step to the next, in"
-    " full deflections; only with ppo.smoothness.",
-    "variation_yaw_rate": "The same of the turn rate.",
     "approx_kl": "Estimate of the divergence between the policy before and after the update, nats; above about 0.05 the"
     " updates are too large.",
     "clip_fraction": "Share of the samples whose probability ratio left 1 +- ppo.clip.",

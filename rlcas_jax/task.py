@@ -101,12 +101,12 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
         flown, samples, statistics, figures = collect(
             learner, flying, drawn.noise, key, environment, parts, config.ppo.discount, config.ppo.gae_lambda
         )
-        learner, learned = ppo.update(learner, samples, drawn.shuffle_key, rate, parts, settings, drawn.actor_rate)
+        learner, learned = ppo.update(learner, samples, drawn.shuffle_key, rate, parts, settings)
         return (learner, flown), figures | learned | _episodes(statistics, count * steps, axis)
 
     if devices.mesh is not None:
         whole, split, second = PartitionSpec(), PartitionSpec(AXIS), PartitionSpec(None, AXIS)
-        drawn_specs = _Drawn(second, second, whole, whole, whole, split)
+        drawn_specs = _Drawn(second, second, whole, whole, split)
         # Without the check of what varies: it would add up the gradients before they can be averaged by name.
         iterate = jax.shard_map(
             iterate,
@@ -123,16 +123,7 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
         noise = jax.random.normal(noise_key, (steps, count, 2))
         done = state.update.astype(jnp.float32) / updates
         rate = config.ppo.learning_rate + (config.ppo.learning_rate_final - config.ppo.learning_rate) * done
-        warmup = 0 if phase else config.ppo.critic_warmup_steps
-        actor_waits = state.update * (count * steps) < warmup
-        drawn = _Drawn(
-            pool,
-            noise,
-            observe_key,
-            shuffle_key,
-            jnp.where(actor_waits, 0.0, rate) if warmup else rate,
-            jax.tree.map(jnp.asarray, flown_by),
-        )
+        drawn = _Drawn(pool, noise, observe_key, shuffle_key, jax.tree.map(jnp.asarray, flown_by))
         (learner, flown), figures = iterate((state.learner, state.environment), drawn, rate)
         finite = jax.tree.reduce(jnp.logical_and, jax.tree.map(lambda p: jnp.all(jnp.isfinite(p)), learner))
         std = jnp.exp(learner.actor["params"]["log_std"])
@@ -166,7 +157,7 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
 
 
 class _Drawn(NamedTuple):
-    """What is drawn for an update, and the actor's learning rate."""
+    """What is drawn for an update."""
 
     pool: Any
     """Starts, ``[rows, N]``."""
@@ -174,7 +165,6 @@ class _Drawn(NamedTuple):
     """Of the actions, ``[T, N, 2]``."""
     observe_key: Any
     shuffle_key: Any
-    actor_rate: Any
     fleet: Any
     """The ownships, :class:`rlcas_jax.fleet.Fleet`."""
 
@@ -189,7 +179,6 @@ def ppo_settings(config: TrainConfig) -> ppo.PpoSettings:
         clip=chosen.clip,
         entropy=chosen.entropy,
         max_grad_norm=chosen.max_grad_norm,
-        smoothness=chosen.smoothness,
     )
 
 

@@ -152,7 +152,7 @@ def _run(options: argparse.Namespace, aircraft: Aircraft, encounters: Sequence[t
     level = "info" if options.verbose else "fatal"
     simulator = _simulator(options, level)
     margin = MARGINS[options.vehicle] * aircraft.separation if options.margin is None else options.margin
-    recording, unrecorded = _flown(simulator, options, encounters, margin, level)
+    unrecorded = _flown(simulator, options, encounters, margin, level)
     if unrecorded:
         print(f"\npython -m ros_bridge.demo: error: {unrecorded}", file=sys.stderr)
     elif not simulator.logs:
@@ -161,8 +161,8 @@ def _run(options: argparse.Namespace, aircraft: Aircraft, encounters: Sequence[t
         _evaluate(simulator.logs, [one for _, one, _ in encounters], aircraft, margin)
         print(f"vehicle {options.vehicle}, margin {margin:g} m, seed {options.seed}, runner and monitor as processes\n")
         print(table(simulator.logs))
-    if recording is not None and recording.exists():
-        print(f"recorded: {recording} ({recording.stat().st_size / 1e6:.1f} MB)")
+    if options.record is not None and options.record.exists():
+        print(f"recorded: {options.record} ({options.record.stat().st_size / 1e6:.1f} MB)")
     return 0 if not unrecorded and kept(simulator.logs) and len(simulator.logs) == len(encounters) else 1
 
 
@@ -172,8 +172,8 @@ def _flown(
     encounters: Sequence[tuple[str, Any, int]],
     margin: float,
     level: str,
-) -> "tuple[Path | None, str]":
-    """Fly encounters; return the recording, if there is one, and why it could not be written, or ""."""
+) -> str:
+    """Fly encounters; return why the recording could not be written, or ""."""
     import rclpy
     from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
@@ -215,7 +215,7 @@ def _flown(
             recorder.close()
     except OSError as error:
         unrecorded = _unwritten(error)
-    return (None if recorder is None else recorder.path), unrecorded
+    return unrecorded
 
 
 def _unwritten(error: OSError) -> str:

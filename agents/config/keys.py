@@ -30,7 +30,6 @@ __all__ = [
 ]
 
 RENAMED = {
-    "critic_first": "critic_warmup_steps",
     "detour": "path_excess_cost",
     "doubtful": "fallback_cost_threshold",
     "rules": "aircraft",

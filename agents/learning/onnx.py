@@ -134,8 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _decision(content: PolicyFile) -> tuple[Callable[..., jax.Array], list[tuple[int | str, ...]]]:
     """Return the decision of a policy as a function of jax, and the shapes of its inputs."""
-    encoder = tuple(content.metadata["architecture"].get("encoder", ()))
-    actor = Actor(content.hidden, content.feature_set, encoder=encoder)
+    actor = Actor(content.hidden, content.feature_set, encoder=content.encoder)
     weights = variables({name: jnp.asarray(tensor) for name, tensor in content.actor.items()})
 
     def clipped(seen: Any, nothing: jax.Array) -> jax.Array:

@@ -5,7 +5,7 @@ Time runs along the first axis of a rollout, encounters along the second: ``[T, 
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,6 @@ __all__ = [
     "Learner",
     "LearnerState",
     "PpoSettings",
-    "action_variation",
     "advantages",
     "explained_variance",
     "gaussian_log_prob",
@@ -47,8 +46,6 @@ class PpoSettings:
     max_grad_norm: float = 0.5
     adam_epsilon: float = 1e-5
     normalize_advantage: bool = True
-    smoothness: tuple[float, float] = (0.0, 0.0)
-    """Weights of the change of either command from one step to the next (:func:`action_variation`)."""
 
 
 class Learner(NamedTuple):
@@ -91,8 +88,6 @@ class Batch(NamedTuple):
     advantage: jax.Array
     target: jax.Array
     """Return that the critic is fitted to, ``[...]``."""
-    continues: jax.Array
-    """1 where the next step is of the same episode, 0 at an episode's last step, ``[...]``."""
 
 
 def learner(actor: Actor, critic: Critic, settings: PpoSettings) -> Learner:
@@ -141,7 +136,6 @@ def advantages(
     value_t: jax.Array,
     value_tp1: jax.Array,
     terminated_t: jax.Array,
-    truncated_t: jax.Array,
     discount: float,
     gae_lambda: float,
 ) -> jax.Array:
@@ -152,13 +146,12 @@ def advantages(
         value_t: of the observation before the step, ``[T, N]``.
         value_tp1: of the observation after the step and before any reset, ``[T, N]``.
         terminated_t: the step ended the episode for good: nothing is worth anything after it, ``[T, N]``.
-        truncated_t: the step was the episode's last for a reason outside the task: its value goes on, ``[T, N]``.
         discount: per step.
-        gae_lambda: decay of the estimate; cut at either kind of end.
+        gae_lambda: decay of the estimate; cut at the end.
     """
     goes_on = 1.0 - terminated_t
     delta_t = reward_t + discount * value_tp1 * goes_on - value_t
-    decay_t = discount * gae_lambda * goes_on * (1.0 - truncated_t)
+    decay_t = discount * gae_lambda * goes_on
 
     def backward(carry: jax.Array, now: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         delta, decay = now
@@ -167,21 +160,6 @@ def advantages(
 
     _, estimates = jax.lax.scan(backward, jnp.zeros_like(delta_t[0]), (delta_t, decay_t), reverse=True)
     return estimates
-
-
-def action_variation(mean: jax.Array, continues: jax.Array) -> jax.Array:
-    """Return the mean change of each command from one step to the next, ``[2]``.
-
-    Its sum over a flight is the commands' total variation, which a turn that lasts longer and is gentler makes smaller
-    (Mysore et al. 2021 regularise policies by a difference of this kind).
-
-    Args:
-        mean: actions of whole segments of time, ``[S, L, 2]``; what is beyond [-1, 1] is not flown.
-        continues: 1 where the next step is of the same episode, else 0, ``[S, L]``.
-    """
-    flown = jnp.clip(mean, -1.0, 1.0)
-    changed = jnp.abs(flown[:, 1:] - flown[:, :-1])
-    return jnp.mean(changed * continues[:, :-1, None], axis=(0, 1))
 
 
 def normalized(advantage: jax.Array, axis: str | None = None) -> jax.Array:
@@ -206,7 +184,7 @@ def losses(
 
     Args:
         parameters: of actor and critic.
-        batch: samples, their advantages normalised if they shall be; for smoothness, whole segments one after another.
+        batch: samples, their advantages normalised if they shall be.
         parts: networks.
         settings: of the algorithm.
     """
@@ -222,13 +200,7 @@ def losses(
     value_loss = 0.5 * jnp.mean(jnp.square(value - batch.target))
     entropy = gaussian_entropy(log_std)
     loss = policy_loss + settings.value * value_loss - settings.entropy * entropy
-    figures = {}
-    if any(settings.smoothness):
-        segments = (-1, settings.segment)
-        variation = action_variation(mean.reshape(*segments, 2), batch.continues.reshape(segments))
-        loss = loss + variation @ jnp.array(settings.smoothness)
-        figures |= {"variation_acceleration": variation[0], "variation_yaw_rate": variation[1]}
-    return loss, figures | {
+    return loss, {
         "loss": loss,
         "policy_loss": policy_loss,
         "value_loss": value_loss,
@@ -246,7 +218,6 @@ def update(
     learning_rate: jax.Array,
     parts: Learner,
     settings: PpoSettings,
-    actor_rate: jax.Array | None = None,
 ) -> tuple[LearnerState, dict]:
     """Improve the networks by some epochs over a rollout.
 
@@ -260,12 +231,10 @@ def update(
         learning_rate: of this update.
         parts: networks and optimiser.
         settings: ``segment`` must divide T, and ``minibatches`` the number of segments.
-        actor_rate: learning rate of the actor, if it is another.
 
     Returns:
         The new state and the mean of each part of the loss over the last epoch, with the gradient's norm.
     """
-    actor_rate = learning_rate if actor_rate is None else actor_rate
     encounters, steps = rollout.log_prob.shape
     segments = encounters * steps // settings.segment
     per_minibatch = segments // settings.minibatches
@@ -279,9 +248,8 @@ def update(
         if parts.axis is not None:
             gradient, parts_of_loss = _mean_of_devices((gradient, parts_of_loss), parts.axis)
         direction, optimizer = parts.optimizer.update(gradient, carry.optimizer)
-        of_actor, of_critic = cast(tuple[Any, Any], direction)
-        actor = jax.tree.map(lambda p, d: p - actor_rate * d, carry.actor, of_actor)
-        critic = jax.tree.map(lambda p, d: p - learning_rate * d, carry.critic, of_critic)
+        networks = (carry.actor, carry.critic)
+        actor, critic = jax.tree.map(lambda p, d: p - learning_rate * d, networks, direction)
         parts_of_loss["grad_norm"] = optax.tree.norm(gradient)
         return LearnerState(actor, critic, optimizer), parts_of_loss
 

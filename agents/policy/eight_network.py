@@ -1,11 +1,11 @@
 """The network of schema 1 in numpy: eight numbers of the most critical intruder and the goal to an action.
 
-A batch goes through matrix products in one precision; a single observation takes a path of its own, because array
-overhead would cost ten times its arithmetic.
+Every row is a vector product of its own, because BLAS rounds the rows of a matrix product by the size of their batch; a
+single decision takes a path of plain floats, because array overhead would cost ten times its arithmetic.
 """
 
-from collections.abc import Callable, Sequence
-from math import isfinite
+from collections.abc import Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -13,21 +13,20 @@ from numpy.typing import DTypeLike
 
 from agents.policy.features import features, mirror_sign
 from agents.policy.file import PolicyFile
-from envs.aircraft import Aircraft
+from envs.aircraft import PAPER, Aircraft
 from envs.angles import sincos, wrap
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState
 from envs.observation import criticality, most_critical, observe
 
-__all__ = ["NOT_FINITE", "EightNetwork", "each_row", "observed", "observed_by_one", "scaled"]
-
-NOT_FINITE = "the policy gives an action that is not finite; expected bounded weights"
+__all__ = ["EightNetwork"]
 
 _BEHIND = 20.0  # separations
+_BLOCK = 256  # rows at a time, whose activations stay in cache; changes no bit
 
 
 class EightNetwork:
-    """The deterministic network of a policy file of schema 1.
+    """The deterministic network of a policy file of schema 1, an :class:`agents.policy.inference.Decider`.
 
     Attributes:
         layers: kernel ``[in, out]`` and bias ``[out]`` of the hidden layers and the head.
@@ -36,40 +35,51 @@ class EightNetwork:
     def __init__(self, content: PolicyFile, dtype: DTypeLike) -> None:
         """Take the tensors of a file; float32 or float64 is the precision of the products."""
         self._dtype, self._feature_set = np.dtype(dtype), content.feature_set
+        self._trained, self._scales = content.aircraft, PAPER
         names = [*(f"hidden_{number}" for number in range(len(content.hidden))), "head"]
         self.layers = [
             (content.actor[f"{name}/kernel"].astype(dtype), content.actor[f"{name}/bias"].astype(dtype))
             for name in names
         ]
 
-    def many(
-        self, observation: np.ndarray, product: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.matmul
+    def for_aircraft(self, aircraft: Aircraft) -> "EightNetwork":
+        """Return the network with observations scaled by another aircraft, alike to the one it was trained for."""
+        other, trained = copy(self), self._trained
+        other._scales = _scaled(
+            aircraft.separation / trained.separation, aircraft.limits.speed_max / trained.limits.speed_max
+        )
+        return other
+
+    def of_parity(self, rows: np.ndarray) -> np.ndarray:
+        """Return the actions ``[P, 2]`` for a file's parity vectors ``[P, 8]``."""
+        return self.of_observations(rows)
+
+    def of_observations(self, observation: np.ndarray) -> np.ndarray:
+        """Return the actions ``[N, 2]`` for observations ``[N, 8]``, in the precision of the layers."""
+        observation = observation.astype(self._dtype, copy=False)
+        blocks = [self._block(observation[i : i + _BLOCK]) for i in range(0, len(observation), _BLOCK)]
+        return np.concatenate(blocks) if blocks else np.empty((0, 2), self._dtype)
+
+    def of_states(
+        self, own: VehicleState, seen: VehicleState, present: np.ndarray, goal_x: np.ndarray, goal_y: np.ndarray
     ) -> np.ndarray:
-        """Return the actions ``[N, 2]`` for observations ``[N, 8]``, in the precision of the layers.
+        """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``."""
+        if not present.any(axis=-1).all():
+            seen, present = _never_alone(own, seen, present, self._scales)
+        critical = most_critical(own, seen, present, self._scales, np)
+        return self.of_observations(observe(own, critical, goal_x, goal_y, self._scales, np).astype(np.float32))
 
-        Raises:
-            ValueError: an action is not finite.
-        """
-        # Components become contiguous rows: elementwise work on strided columns is twice as slow.
-        components = list(np.ascontiguousarray(observation.T))
-        x = np.stack(features(components, self._feature_set, np)).T
-        *hidden, (kernel, bias) = self.layers
-        for hidden_kernel, hidden_bias in hidden:
-            x = product(x, hidden_kernel)
-            x += hidden_bias
-            np.tanh(x, out=x)
-        x = product(x, kernel) + bias
-        x[:, 1] *= mirror_sign(components, self._feature_set, np)
-        if not np.isfinite(x).all():
-            raise ValueError(NOT_FINITE)
-        return np.clip(x, -1.0, 1.0)
-
-    def single(self, values: list[float]) -> tuple[float, float]:
-        """Return the action for eight floats in [-1, 1]: features in double precision, then products with a vector.
-
-        Raises:
-            ValueError: it is not finite.
-        """
+    def of_one(
+        self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
+    ) -> tuple[float, float]:
+        """Return the action of one aircraft: features in double precision, then products with a vector."""
+        if len(intruders) == 1:
+            other = intruders[0]
+        elif intruders:
+            other = min(intruders, key=lambda one: criticality(own, one, self._scales, FLOATS))
+        else:
+            other = _absent(own, self._scales, FLOATS)
+        values = observe(own, other, goal_x, goal_y, self._scales, FLOATS)
         x = np.array(features(values, self._feature_set, FLOATS), self._dtype)
         *hidden, (kernel, bias) = self.layers
         for hidden_kernel, hidden_bias in hidden:
@@ -77,37 +87,25 @@ class EightNetwork:
             x += hidden_bias
             np.tanh(x, x)
         throttle, steering = (x.dot(kernel) + bias).tolist()
-        steering *= mirror_sign(values, self._feature_set, FLOATS)
-        if not (isfinite(throttle) and isfinite(steering)):
-            raise ValueError(NOT_FINITE)
-        return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
+        return throttle, steering * mirror_sign(values, self._feature_set, FLOATS)
+
+    def _block(self, observation: np.ndarray) -> np.ndarray:
+        # Components become contiguous rows: elementwise work on strided columns is twice as slow.
+        components = list(np.ascontiguousarray(observation.T))
+        x = np.stack(features(components, self._feature_set, np)).T
+        *hidden, (kernel, bias) = self.layers
+        for hidden_kernel, hidden_bias in hidden:
+            x = _each_row(x, hidden_kernel)
+            x += hidden_bias
+            np.tanh(x, out=x)
+        x = _each_row(x, kernel) + bias
+        x[:, 1] *= mirror_sign(components, self._feature_set, np)
+        return x
 
 
-def each_row(x: np.ndarray, kernel: np.ndarray) -> np.ndarray:
+def _each_row(x: np.ndarray, kernel: np.ndarray) -> np.ndarray:
     """Return ``x @ kernel`` ``[N, out]`` of N vector products: numpy hands each to BLAS alone."""
     return np.matmul(np.ascontiguousarray(x)[:, np.newaxis, :], kernel)[:, 0, :]
-
-
-def observed(
-    own: VehicleState, seen: VehicleState, present: np.ndarray, goal_x: Any, goal_y: Any, scales: Aircraft
-) -> np.ndarray:
-    """Return the observations ``[..., 8]`` of states in SI units; arguments as of ``Policy.command``."""
-    if not present.any(axis=-1).all():
-        seen, present = _never_alone(own, seen, present, scales)
-    return observe(own, most_critical(own, seen, present, scales, np), goal_x, goal_y, scales, np)
-
-
-def observed_by_one(
-    own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float, scales: Aircraft
-) -> list[float]:
-    """Return the observation of one aircraft in plain floats; arguments as of ``Policy.command_one``."""
-    if len(intruders) == 1:
-        other = intruders[0]
-    elif intruders:
-        other = min(intruders, key=lambda one: criticality(own, one, scales, FLOATS))
-    else:
-        other = _absent(own, scales, FLOATS)
-    return observe(own, other, goal_x, goal_y, scales, FLOATS)
 
 
 def _absent(own: VehicleState, scales: Aircraft, xp: Any) -> VehicleState:
@@ -130,13 +128,9 @@ def _never_alone(
     return VehicleState(*fields), present | alone
 
 
-def scaled(aircraft: Aircraft, length: float, speed: float) -> Aircraft:
-    """Return an aircraft whose lengths and speeds are so many times as large."""
-    limits = aircraft.limits._replace(
-        speed_min=speed * aircraft.limits.speed_min, speed_max=speed * aircraft.limits.speed_max
-    )
-    return aircraft._replace(
-        limits=limits,
-        separation=length * aircraft.separation,
-        traffic_speed_max=speed * aircraft.traffic_speed_max,
+def _scaled(length: float, speed: float) -> Aircraft:
+    """Return the paper's aircraft with lengths and speeds so many times as large."""
+    limits = PAPER.limits._replace(speed_min=speed * PAPER.limits.speed_min, speed_max=speed * PAPER.limits.speed_max)
+    return PAPER._replace(
+        limits=limits, separation=length * PAPER.separation, traffic_speed_max=speed * PAPER.traffic_speed_max
     )

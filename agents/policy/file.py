@@ -86,6 +86,11 @@ class PolicyFile:
         return tuple(self.metadata["architecture"]["hidden"])
 
     @property
+    def encoder(self) -> tuple[int, ...]:
+        """Widths of the layers that each intruder of a set passes; none for schema 1."""
+        return tuple(self.metadata["architecture"].get("encoder", ()))
+
+    @property
     def of_set(self) -> bool:
         """Whether the network takes any number of intruders (schema 2)."""
         return self.metadata["schema"] == SET_SCHEMA

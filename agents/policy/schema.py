@@ -13,8 +13,8 @@ import numpy as np
 
 from agents.policy.digest import canonical, sha256
 from agents.policy.features import FEATURE_SETS, size
-from agents.policy.scene import width
-from agents.policy.set_network import layer_shapes
+from agents.policy.scene import width as parity_width
+from agents.policy.set_features import EACH, OWN
 from envs.aircraft import Aircraft, AircraftError, Ratios, new_aircraft
 from envs.edge.command import InputError
 from envs.kinematics import FASTEST, Limits
@@ -240,25 +240,19 @@ def tensor_shapes(document: Mapping[str, Any]) -> dict[str, tuple[int | None, ..
     architecture = document["architecture"]
     shapes: dict[str, tuple[int | None, ...]] = {}
     outputs = len(ACTION["names"])
-    if document["schema"] == SET_SCHEMA:
-        for name, (inputs, units) in layer_shapes(architecture["encoder"], architecture["hidden"]).items():
-            shapes |= {f"actor/{name}/kernel": (inputs, units), f"actor/{name}/bias": (units,)}
-        return shapes | {
-            "actor/log_std": (outputs,),
-            PARITY_OBSERVATION: (None, width(architecture["intruders"])),
-            PARITY_ACTION: (None, outputs),
-        }
-    inputs = size(architecture["feature_set"])
-    names = [f"hidden_{i}" for i in range(len(architecture["hidden"]))]
-    for name, units in zip([*names, "head"], [*architecture["hidden"], outputs], strict=True):
-        shapes[f"actor/{name}/kernel"] = (inputs, units)
-        shapes[f"actor/{name}/bias"] = (units,)
-        inputs = units
-    return shapes | {
-        "actor/log_std": (outputs,),
-        PARITY_OBSERVATION: (None, SIZE),
-        PARITY_ACTION: (None, outputs),
-    }
+    of_set = document["schema"] == SET_SCHEMA
+    width, rows = OWN if of_set else size(architecture["feature_set"]), SIZE
+    layers = [(f"hidden_{i}", units) for i, units in enumerate(architecture["hidden"])] + [("head", outputs)]
+    if of_set:
+        encoder = EACH
+        for i, units in enumerate(architecture["encoder"]):
+            shapes |= {f"actor/each_{i}/kernel": (encoder, units), f"actor/each_{i}/bias": (units,)}
+            encoder = units
+        width, rows = width + encoder, parity_width(architecture["intruders"])
+    for name, units in layers:
+        shapes |= {f"actor/{name}/kernel": (width, units), f"actor/{name}/bias": (units,)}
+        width = units
+    return shapes | {"actor/log_std": (outputs,), PARITY_OBSERVATION: (None, rows), PARITY_ACTION: (None, outputs)}
 
 
 def check_values(tensors: Mapping[str, np.ndarray], source: str) -> None:

@@ -5,88 +5,108 @@ number, then the trunk. Every row is a vector product of its own, because BLAS r
 the size of their batch: a scene gives the same bits in any company.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from agents.policy.scene import Scene
-from agents.policy.set_features import EACH, OWN, set_inputs
+from agents.policy.escapes import KeptByOne
+from agents.policy.file import PolicyFile
+from agents.policy.scene import Scene, mirrored_one, scene, scene_of_one, unpacked_rows
+from agents.policy.set_features import OWN, set_inputs, set_inputs_of_one
+from envs.aircraft import Aircraft, ratios
+from envs.angles import atan2
+from envs.kinematics import VehicleState
+from envs.observation import decode
+from envs.relative import distance
 from envs.trees import mapped
 
-__all__ = ["SetNetwork", "layer_shapes"]
+__all__ = ["SetNetwork"]
 
 _PLACES = 128  # for intruders at a time, whose numbers stay in cache; changes no bit
 
 
-def layer_shapes(encoder: list[int], hidden: list[int]) -> dict[str, tuple[int, int]]:
-    """Return inputs and outputs of each layer by its name."""
-    shapes, width = {}, EACH
-    for number, outputs in enumerate(encoder):
-        shapes[f"each_{number}"] = (width, outputs)
-        width = outputs
-    width += OWN
-    for number, outputs in enumerate(hidden):
-        shapes[f"hidden_{number}"] = (width, outputs)
-        width = outputs
-    return shapes | {"head": (width, 2)}
-
-
 class SetNetwork:
-    """The deterministic network of a policy file of schema 2."""
+    """The deterministic network of a policy file of schema 2, an :class:`agents.policy.inference.Decider`."""
 
-    def __init__(self, tensors: Mapping[str, np.ndarray], encoder: int, hidden: int, dtype: DTypeLike) -> None:
-        """Take the tensors of a file.
+    def __init__(self, content: PolicyFile, dtype: DTypeLike) -> None:
+        """Take the tensors of a file; float32 or float64 is the precision in which the scene is evaluated."""
+        self._dtype, tensors = np.dtype(dtype), content.actor
 
-        Args:
-            tensors: by name, such as ``each_0/kernel`` ``[in, out]`` and ``head/bias`` ``[out]``.
-            encoder, hidden: number of layers of each kind.
-            dtype: float32 or float64, in which the scene is evaluated.
-        """
-        self._dtype = np.dtype(dtype)
-
-        def layers(name: str, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
-            names = [f"{name}_{number}" for number in range(count)]
+        def layers(*names: str) -> list[tuple[np.ndarray, np.ndarray]]:
             return [(tensors[f"{each}/kernel"].astype(dtype), tensors[f"{each}/bias"].astype(dtype)) for each in names]
 
-        self._encoder, self._hidden = layers("each", encoder), layers("hidden", hidden)
-        self._head = tensors["head/kernel"].astype(dtype), tensors["head/bias"].astype(dtype)
+        self._encoder = layers(*(f"each_{number}" for number in range(len(content.encoder))))
+        self._hidden = layers(*(f"hidden_{number}" for number in range(len(content.hidden))))
+        self._head = layers("head")[0]
+        self._take(content.aircraft)
 
-        self._widest = len(self._hidden[0][0])
+    def _take(self, aircraft: Aircraft) -> None:
+        self._aircraft, self._kept = aircraft, KeptByOne(ratios(aircraft.limits, aircraft.separation))
 
-    def __call__(self, seen: Scene) -> np.ndarray:
-        """Return the actions ``[N, 2]`` for scenes ``[N]`` with K >= 1 places for intruders, not clipped."""
-        seen = mapped(lambda field: field if np.asarray(field).dtype == bool else np.asarray(field, self._dtype), seen)
-        count = len(seen.own_speed)
-        block = max(1, _PLACES // seen.x.shape[-1])
-        if count <= block:
-            return self._actions(seen)
-        return np.concatenate([self._actions(_rows(seen, first, block)) for first in range(0, count, block)])
+    def for_aircraft(self, aircraft: Aircraft) -> "SetNetwork":
+        """Return the network for states of another aircraft."""
+        other = copy(self)
+        other._take(aircraft)
+        return other
 
-    def one(self, own: list[float], each: list[list[float]], sign: float) -> tuple[float, float]:
-        """Return the action of one scene, not clipped.
+    def of_parity(self, rows: np.ndarray) -> np.ndarray:
+        """Return the actions ``[P, 2]`` for a file's parity vectors (:func:`agents.policy.scene.unpacked_rows`)."""
+        return self._of_scenes(unpacked_rows(rows))
 
-        Args:
-            own, each: as :func:`agents.policy.set_features.set_inputs_of_one` gives them.
-            sign: factor of the yaw rate.
-        """
-        inputs = np.empty(self._widest, self._dtype)
-        inputs[:OWN] = own
+    def of_observations(self, observation: np.ndarray) -> np.ndarray:
+        """Return the actions ``[N, 2]`` for observations ``[N, 8]`` of one intruder."""
+        found = decode(list(observation.T.astype(float)), self._aircraft, np)
+        zeros = np.zeros(len(observation))
+        own = VehicleState(zeros, zeros, zeros, found.own_speed)
+        vx, vy = found.intruder_vx, found.intruder_vy
+        fields = found.intruder_x, found.intruder_y, atan2(vy, vx, np), distance(vx, vy, np)
+        seen = VehicleState(*(field[:, None] for field in fields))
+        return self.of_states(own, seen, np.ones((len(observation), 1), bool), found.goal_x, found.goal_y)
+
+    def of_states(
+        self, own: VehicleState, seen: VehicleState, present: np.ndarray, goal_x: np.ndarray, goal_y: np.ndarray
+    ) -> np.ndarray:
+        """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``."""
+        if present.shape[-1] == 0:
+            seen = VehicleState(*(np.zeros((len(present), 1)) for _ in seen))
+            present = np.zeros((len(present), 1), bool)
+        limits, separation = self._aircraft.limits, self._aircraft.separation
+        return self._of_scenes(scene(own, seen, present, goal_x, goal_y, limits, separation, np))
+
+    def of_one(
+        self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
+    ) -> tuple[float, float]:
+        """Return the action of one aircraft in plain floats."""
+        limits, separation = self._aircraft.limits, self._aircraft.separation
+        seen, sign = mirrored_one(scene_of_one(own, intruders, goal_x, goal_y, limits, separation))
+        mine, each = set_inputs_of_one(seen, self._kept(seen))
+        x = np.empty(len(self._hidden[0][0]), self._dtype)
+        x[:OWN] = mine
         if each:
             flat = np.array(each, self._dtype)
             for kernel, bias in self._encoder:
                 flat = np.tanh(flat @ kernel + bias)
-            inputs[OWN:] = flat.max(axis=0)
+            x[OWN:] = flat.max(axis=0)
         else:
-            inputs[OWN:] = -1.0
-        x = inputs
+            x[OWN:] = -1.0
         for kernel, bias in self._hidden:
             x = x.dot(kernel)
             x += bias
             np.tanh(x, x)
         acceleration, yaw_rate = (x.dot(self._head[0]) + self._head[1]).tolist()
         return acceleration, yaw_rate * sign
+
+    def _of_scenes(self, seen: Scene) -> np.ndarray:
+        """Return the actions ``[N, 2]`` for scenes ``[N]`` with K >= 1 places for intruders."""
+        seen = mapped(lambda field: field if np.asarray(field).dtype == bool else np.asarray(field, self._dtype), seen)
+        count = len(seen.own_speed)
+        block = max(1, _PLACES // seen.x.shape[-1])
+        if count <= block:
+            return self._actions(seen)
+        return np.concatenate([self._actions(_rows(seen, first, block)) for first in range(0, count, block)])
 
     def _actions(self, seen: Scene) -> np.ndarray:
         own, each, present, sign = set_inputs(seen, np)

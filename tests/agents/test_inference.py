@@ -113,13 +113,6 @@ def test_single_observations_agree_with_the_batch(dtype, observations):
     assert difference.max() < (PARITY_TOLERANCE if dtype == "float32" else 1e-8)
 
 
-def test_decide_is_the_call_in_plain_floats():
-    for row in random_observations()[:50]:
-        action = policy().decide(row.tolist())
-        assert [type(part) for part in action] == [float, float]
-        np.testing.assert_array_equal(np.array(action, np.float32), policy()(row))
-
-
 @pytest.mark.parametrize("shape", [(8,), (1, 8), (3, 8), (2, 3, 8), (0, 8), (4, 0, 8), (1, 1, 1, 8)])
 def test_shapes(shape):
     observation = np.random.default_rng(2).uniform(-1.0, 1.0, shape)
@@ -150,11 +143,12 @@ def test_observation_is_not_written_to_and_calls_repeat():
 
 def test_an_action_that_is_not_finite_is_refused():
     spoilt = Policy(content())
-    kernel, bias = spoilt._one_intruder.layers[-1]
-    spoilt._one_intruder.layers[-1] = kernel, bias + np.float32(np.nan)
-    for call in (spoilt, spoilt.rowwise, lambda rows: spoilt.decide(rows[0].tolist())):
+    kernel, bias = spoilt._decider.layers[-1]
+    spoilt._decider.layers[-1] = kernel, bias + np.float32(np.nan)
+    own = VehicleState(0.0, 0.0, 0.0, 75.0)
+    for call in (lambda: spoilt(random_observations()[:3]), lambda: spoilt.command_one(own, [], 1e4, 0.0)):
         with pytest.raises(ValueError, match="not finite"):
-            call(random_observations()[:3])
+            call()
 
 
 def test_actions_are_clipped():
@@ -163,24 +157,24 @@ def test_actions_are_clipped():
     expected = np.broadcast_to(np.float32([1, -1]), content().parity_action.shape)
     extreme = Policy(replace(content(), actor=loud, parity_action=expected))
     np.testing.assert_array_equal(extreme(random_observations()[:10]), expected[:10])
-    assert extreme.decide([0.0] * 8) == (1.0, -1.0)
+    assert extreme.command_one(VehicleState(0.0, 0.0, 0.0, 75.0), [], 1e4, 0.0) == (1.0, -1.0)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 16, 63, 255, 256, 257, 511, 700])
-def test_rowwise_rows_have_the_same_bits_in_any_company(count):
+def test_rows_have_the_same_bits_in_any_company(count):
     with threadpool_limits(1, user_api="blas"):
-        everything = policy().rowwise(random_observations()[:1000])
+        everything = policy()(random_observations()[:1000])
         order = np.random.default_rng(count).permutation(1000)[:count]
-        np.testing.assert_array_equal(policy().rowwise(random_observations()[order]), everything[order])
-        np.testing.assert_array_equal(policy().rowwise(random_observations()[:count]), everything[:count])
+        np.testing.assert_array_equal(policy()(random_observations()[order]), everything[order])
+        np.testing.assert_array_equal(policy()(random_observations()[:count]), everything[:count])
 
 
-def test_rowwise_one_row_calls_have_the_same_bits():
+def test_one_row_calls_have_the_same_bits():
     with threadpool_limits(1, user_api="blas"):
         for dtype in ("float32", "float64"):
-            everything = policy(dtype).rowwise(random_observations()[:300])
+            everything = policy(dtype)(random_observations()[:300])
             for i in range(0, 300, 7):
-                np.testing.assert_array_equal(policy(dtype).rowwise(random_observations()[i : i + 1])[0], everything[i])
+                np.testing.assert_array_equal(policy(dtype)(random_observations()[i : i + 1])[0], everything[i])
 
 
 ROWS_ALONE_AND_TOGETHER = """
@@ -190,32 +184,18 @@ from threadpoolctl import threadpool_limits
 policy, rng = Policy.load(), np.random.default_rng(0)
 observation = rng.uniform(-1.0, 1.0, (600, 8)).astype(np.float32)
 with threadpool_limits(1, user_api="blas"):
-    together = policy.rowwise(observation)
-    alone = np.concatenate([policy.rowwise(observation[i : i + 1]) for i in range(600)])
-    backwards = policy.rowwise(observation[::-1])[::-1]
+    together = policy(observation)
+    alone = np.concatenate([policy(observation[i : i + 1]) for i in range(600)])
+    backwards = policy(observation[::-1])[::-1]
 assert (alone == together).all() and (backwards == together).all()
 """
 
 
 @pytest.mark.parametrize("core", ["Prescott", "Haswell"])
-def test_rowwise_holds_for_the_kernels_of_other_processors(core):
+def test_rows_hold_for_the_kernels_of_other_processors(core):
     # Any x86 processor of today runs both; OpenBLAS ignores them on others.
     environment = {**os.environ, "OPENBLAS_CORETYPE": core}
     subprocess.run([sys.executable, "-c", ROWS_ALONE_AND_TOGETHER], check=True, env=environment)
-
-
-def test_rowwise_agrees_with_the_call():
-    observation = random_observations()[:600]
-    np.testing.assert_allclose(policy().rowwise(observation), policy()(observation), atol=PARITY_TOLERANCE)
-    assert policy().rowwise(observation[:0]).shape == (0, 2)
-
-
-@pytest.mark.parametrize(
-    ("shape", "message"), [((8,), r"shape \(8,\), expected \[N, 8\]"), ((2, 3, 8), r"expected \[N, 8\]")]
-)
-def test_rowwise_refuses(shape, message):
-    with pytest.raises(ValueError, match=message):
-        policy().rowwise(np.zeros(shape))
 
 
 @given(
@@ -227,12 +207,6 @@ def test_bad_components_are_named(component, value, batch):
     expected = f"'{NAMES[component]}'" + (r" of row \[0\]" if batch else "") + " is .*expected a value in"
     with pytest.raises(ValueError, match=expected):
         policy()(observation)
-    if batch:
-        with pytest.raises(ValueError, match=expected):
-            policy().rowwise(observation)
-    else:
-        with pytest.raises(ValueError, match=expected):
-            policy().decide(observation.tolist())
 
 
 @pytest.mark.parametrize(
@@ -254,12 +228,6 @@ def test_what_is_no_observation(observation, message):
         policy()(observation)
 
 
-@pytest.mark.parametrize("observation", [[0.0] * 7, [0.0] * 9, [], [None] * 8, ["0"] * 8, [[0.0] * 8] * 8, 0.5])
-def test_decide_refuses(observation):
-    with pytest.raises(ValueError, match="expected"):
-        policy().decide(observation)
-
-
 def test_slightly_outside_is_clipped():
     """A distance of a hair below -1 would otherwise pass through 0 inside the features."""
     for excess in (1e-7, 1e-6, 9e-6):
@@ -270,10 +238,10 @@ def test_slightly_outside_is_clipped():
 
 
 def test_one_policy_serves_many_threads():
-    rows = random_observations()[:200].tolist()
-    expected = [policy().decide(row) for row in rows]
+    rows = random_observations()[:200, None]
+    expected = [policy()(row).tolist() for row in rows]
     results = [[] for _ in range(4)]
-    threads = [threading.Thread(target=lambda r=r: r.extend(policy().decide(row) for row in rows)) for r in results]
+    threads = [threading.Thread(target=lambda r=r: r.extend(policy()(row).tolist() for row in rows)) for r in results]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -314,12 +282,6 @@ def test_other_features_are_noticed(monkeypatch):
 
 
 original = eight_network.features
-
-
-def test_single_path_is_checked_too(monkeypatch):
-    monkeypatch.setattr(Policy, "decide", lambda *_: (0.0, 0.0))
-    with pytest.raises(PolicyFileError, match="one by one"):
-        Policy(content())
 
 
 def scenes(count=40, most=3):

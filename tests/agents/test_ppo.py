@@ -21,7 +21,7 @@ from agents.learning.ppo import Batch, Learner, LearnerState, PpoSettings
 compiled_advantages = jax.jit(ppo.advantages)
 
 
-def looped(reward, value, value_next, terminated, truncated, discount, gae_lambda) -> np.ndarray:
+def looped(reward, value, value_next, terminated, discount, gae_lambda) -> np.ndarray:
     """Return generalised advantages of one episode stream ``[T]``, as the definition reads: a sum over the future."""
     steps = len(reward)
     estimate = np.zeros(steps)
@@ -30,45 +30,41 @@ def looped(reward, value, value_next, terminated, truncated, discount, gae_lambd
         for k in range(t, steps):
             bootstrap = 0.0 if terminated[k] else discount * value_next[k]
             estimate[t] += weight * (reward[k] + bootstrap - value[k])
-            if terminated[k] or truncated[k]:
+            if terminated[k]:
                 break
             weight *= discount * gae_lambda
     return estimate
 
 
-def compare_advantages(reward, value, value_next, terminated, truncated, discount, gae_lambda) -> None:
-    columns = [np.asarray(column, np.float32) for column in (reward, value, value_next, terminated, truncated)]
+def compare_advantages(reward, value, value_next, terminated, discount, gae_lambda) -> None:
+    columns = [np.asarray(column, np.float32) for column in (reward, value, value_next, terminated)]
     found = compiled_advantages(*columns, discount, gae_lambda)
     expected = [looped(*(c[:, n] for c in columns), discount, gae_lambda) for n in range(columns[0].shape[1])]
     np.testing.assert_allclose(found, np.stack(expected, axis=1), rtol=1e-4, atol=1e-4)
 
 
-def test_advantages_with_every_combination_of_flags() -> None:
-    """All 4^4 histories of four steps, each ending, or not, by termination, truncation or both."""
-    kinds = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
-    flags = np.array(list(itertools.product(kinds, repeat=4))).transpose(2, 1, 0)
-    generator = np.random.default_rng(0)
-    reward, value, value_next = generator.normal(size=(3, *flags.shape[1:]))
-    compare_advantages(reward, value, value_next, *flags, 0.9, 0.8)
+def test_advantages_with_every_combination_of_ends() -> None:
+    """All 2^6 histories of six steps, each of which ends the episode, or not."""
+    ends = np.array(list(itertools.product((0.0, 1.0), repeat=6))).T
+    reward, value, value_next = np.random.default_rng(0).normal(size=(3, *ends.shape))
+    compare_advantages(reward, value, value_next, ends, 0.9, 0.8)
 
 
-@given(st.integers(0, 2**32 - 1), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_advantages_against_a_plain_loop(seed, discount, gae_lambda, termination, truncation) -> None:
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_advantages_against_a_plain_loop(seed, discount, gae_lambda, termination) -> None:
     generator = np.random.default_rng(seed)
     reward, value, value_next = generator.normal(size=(3, 12, 5))
-    ends = generator.random((2, 12, 5)) < np.array([termination, truncation])[:, None, None]
-    compare_advantages(reward, value, value_next, *ends, discount, gae_lambda)
+    ends = generator.random((12, 5)) < termination
+    compare_advantages(reward, value, value_next, ends, discount, gae_lambda)
 
 
 def test_advantages_by_hand() -> None:
     """Rewards 1, 2; values 3, 4, then 5; discount 0.5, lambda 0.5: deltas 0 and 0.5; the first looks 0.25 ahead."""
     column = np.float32([[1.0], [2.0]]), np.float32([[3.0], [4.0]]), np.float32([[4.0], [5.0]])
     none = np.zeros((2, 1), np.float32)
-    np.testing.assert_allclose(compiled_advantages(*column, none, none, 0.5, 0.5)[:, 0], [0.0 + 0.25 * 0.5, 0.5])
+    np.testing.assert_allclose(compiled_advantages(*column, none, 0.5, 0.5)[:, 0], [0.0 + 0.25 * 0.5, 0.5])
     last = np.float32([[0.0], [1.0]])
-    np.testing.assert_allclose(compiled_advantages(*column, last, none, 0.5, 0.5)[:, 0], [0.25 * -2.0, -2.0])
-    first = np.float32([[1.0], [0.0]])
-    np.testing.assert_allclose(compiled_advantages(*column, none, first, 0.5, 0.5)[:, 0], [0.0, 0.5])
+    np.testing.assert_allclose(compiled_advantages(*column, last, 0.5, 0.5)[:, 0], [0.25 * -2.0, -2.0])
 
 
 def test_gaussian_log_prob_and_entropy_are_scipys() -> None:
@@ -103,9 +99,7 @@ def tiny_batch(old_ratio: list[float], advantage: list[float]) -> Batch:
     """Return three samples drawn at their mean, whose probability ratios are the ones given."""
     observation = np.float32([[0.5, 0.0], [0.0, -0.5], [1.0, 1.0]])
     log_prob = -math.log(2.0 * math.pi) - np.log(np.float32(old_ratio))
-    return Batch(
-        observation, observation, log_prob, np.float32(advantage), np.float32([0.0, 0.0, 3.0]), np.ones(3, np.float32)
-    )
+    return Batch(observation, observation, log_prob, np.float32(advantage), np.float32([0.0, 0.0, 3.0]))
 
 
 def losses(batch: Batch, **settings: Any) -> dict[str, float]:
@@ -176,34 +170,6 @@ def test_the_gradient_of_a_clipped_sample_is_zero() -> None:
     assert policy_gradient(1.1) != 0.0
 
 
-def test_action_variation_is_that_of_the_clipped_actions() -> None:
-    """By hand: 0, 0.5, at half the weight 3, of which 1 is flown, then another episode; the second goes up and back."""
-    mean = jnp.array([[[0.0, 0.0], [0.5, 0.4], [3.0, 0.0], [-2.0, 0.9]]])
-    calm = jnp.array([[1.0, 0.5, 0.0, 1.0]])
-    np.testing.assert_allclose(ppo.action_variation(mean, calm), [0.75 / 3.0, 0.6 / 3.0], rtol=1e-6)
-    pushed = jax.grad(lambda actions: ppo.action_variation(actions, calm).sum())(mean)
-    assert pushed[0, 2, 0] == 0.0, "beyond the limit nothing changes"
-    assert pushed[0, 0, 0] < 0.0 < pushed[0, 1, 1], "towards each other"
-
-
-def test_smoothness_weighs_the_variation_within_segments() -> None:
-    """Commands that rise and fall by 0.01 a step in each of many encounters, far apart from one another."""
-    settings = PpoSettings(epochs=1, minibatches=3, segment=4, smoothness=(2.0, 3.0))
-    parts: Any = BY_HAND._replace(optimizer=optax.set_to_zero())
-    index = 0.01 * np.arange(STEPS) + 0.1 * np.arange(ENCOUNTERS)[:, None]
-    observation = np.float32(np.stack([index, -index], axis=-1))
-    zeros = np.zeros((ENCOUNTERS, STEPS), np.float32)
-    log_prob = zeros - np.float32(math.log(2.0 * math.pi))
-    rollout = Batch(observation, observation, log_prob, zeros, zeros, zeros + 1.0)
-    state = LearnerState(*UNIT, parts.optimizer.init(UNIT))
-    _, rough = update(state, rollout, jax.random.key(0), 0.0, parts, settings)
-    assert float(rough["variation_acceleration"]) == pytest.approx(0.01, rel=1e-3)
-    assert float(rough["variation_yaw_rate"]) == pytest.approx(0.01, rel=1e-3)
-    _, plain = update(state, rollout, jax.random.key(0), 0.0, parts, replace(settings, smoothness=(0.0, 0.0)))
-    assert "variation_yaw_rate" not in plain
-    assert float(rough["loss"] - plain["loss"]) == pytest.approx((2.0 + 3.0) * 0.01, rel=1e-3)
-
-
 # The update.
 
 SETTINGS = PpoSettings(epochs=3, minibatches=4, segment=2, max_grad_norm=0.01)
@@ -219,9 +185,7 @@ def small() -> tuple[Learner, LearnerState, Batch]:
     observation, action = generator.normal(size=(*shape, 3)), generator.normal(size=(*shape, 2))
     mean, log_std = parts.policy(state.actor, observation.astype(np.float32))
     log_prob = ppo.gaussian_log_prob(action, mean, log_std)
-    rollout = Batch(
-        observation, action, log_prob, generator.normal(size=shape), 10.0 * generator.normal(size=shape), np.ones(shape)
-    )
+    rollout = Batch(observation, action, log_prob, generator.normal(size=shape), 10.0 * generator.normal(size=shape))
     return parts, state, jax.tree.map(lambda a: np.asarray(a, np.float32), rollout)
 
 
@@ -318,9 +282,7 @@ def test_every_epoch_uses_every_sample_once(segment: int) -> None:
     index = np.arange(total, dtype=np.float32).reshape(ENCOUNTERS, STEPS)
     zeros = np.zeros((ENCOUNTERS, STEPS), np.float32)
     action = np.zeros((ENCOUNTERS, STEPS, 2), np.float32)
-    rollout = Batch(
-        index[..., None], action, zeros - np.float32(math.log(2.0 * math.pi)), zeros, zeros + 1.0, zeros + 1.0
-    )
+    rollout = Batch(index[..., None], action, zeros - np.float32(math.log(2.0 * math.pi)), zeros, zeros + 1.0)
     after, _ = update(state, rollout, jax.random.key(0), 0.0, parts, settings)
     used, full_minibatches = after.optimizer
     np.testing.assert_array_equal(used, settings.epochs)

@@ -62,7 +62,7 @@ def completed(actor: dict[str, np.ndarray], hidden: tuple[int, ...]) -> PolicyFi
     observations = np.random.default_rng(0).uniform(-1.0, 1.0, (16, 8)).astype(np.float32)
     metadata = new_metadata(hidden, "cpa", SURROGATE, {}, steps=0, score=None, versions={}, notes="made by hand")
     blank = PolicyFile(actor, observations, np.zeros((16, 2), np.float32), metadata)
-    actions = EightNetwork(blank, np.float64).many(observations.astype(np.float64)).astype(np.float32)
+    actions = np.clip(EightNetwork(blank, np.float64).of_parity(observations), -1.0, 1.0).astype(np.float32)
     return PolicyFile(actor, observations, actions, metadata)
 
 

@@ -127,10 +127,6 @@ def test_a_dump_repeats_the_run(
         ),
         ("ppo.segment=3", "--set: ppo.segment is 3; expected a divisor of rollout, 32, such as 2"),
         (
-            "ppo={segment: 1, smoothness: [0.0, 1.0]}",
-            "--set: ppo.segment is 1; expected 2 or more, as smoothness compares neighbouring steps of a segment",
-        ),
-        (
             "ppo={minibatch: 8}",
             "--set: ppo.segment is 16; expected a divisor of minibatch, 8, such as 8",
         ),
@@ -212,8 +208,6 @@ CHANGED: dict[str, str] = {
     "ppo.entropy": "0.1",
     "ppo.max_grad_norm": "1.0",
     "ppo.reward_scale": "0.1",
-    "ppo.smoothness": "[0.1, 0.0]",
-    "ppo.critic_warmup_steps": "64",
     "aircraft.speed_min_mps": "40.0",
     "aircraft.speed_max_mps": "120.0",
     "aircraft.acceleration_min_mps2": "-1.0",

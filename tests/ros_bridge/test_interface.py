@@ -1,10 +1,9 @@
-"""What others rely on: parameters, public names, codes of messages, the page about ROS graphs, files of recordings."""
+"""What others rely on: parameters, public names, codes of messages, the page about ROS graphs."""
 
 import importlib
 import math
 import os
 import re
-import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -25,7 +24,6 @@ from ros_bridge.nodes.monitor import Monitor
 from ros_bridge.nodes.runner import Runner
 from ros_bridge.transport import parameters
 from ros_bridge.transport.overrides import refuse_unknown_nodes
-from ros_bridge.transport.recording import GrowingFile
 from tests.ros_bridge.graph import beside
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference" / "ros-parameters.md"
@@ -189,59 +187,3 @@ def test_the_program_of_the_page_gets_the_answers_of_the_page(left_out: str, pri
     assert done.returncode == 0, done.stderr
     # Some metres depend on when the request is made.
     assert re.sub(r"\d+ m ", "m ", done.stdout) == re.sub(r"\d+ m ", "m ", printed)
-
-
-# The file of a recording: whole after each write, and after one that fails.
-def begun(file: Path) -> tuple[GrowingFile, Any, int]:
-    writer = pytest.importorskip("mcap.writer", reason="mcap is not installed; to have it: make ros")
-    growing = GrowingFile(file)
-    made = writer.Writer(growing)
-    made.start(profile="ros2", library="test")
-    schema = made.register_schema("a/msg/B", "ros2msg", b"int32 a")
-    return growing, made, made.register_channel("/topic", "cdr", schema)
-
-
-def messages(file: Path) -> list[int]:
-    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
-    with file.open("rb") as stream:
-        return [message.sequence for _, _, message in reader.make_reader(stream).iter_messages()]
-
-
-def add(made: Any, channel: int, number: int, size: int = 8) -> None:
-    made.add_message(channel, log_time=number, publish_time=number, sequence=number, data=bytes(size))
-
-
-def test_file_is_readable_after_each_flush_and_at_the_end(tmp_path: Path):
-    file = tmp_path / "one.mcap"
-    growing, made, channel = begun(file)
-    for number in range(20):
-        add(made, channel, number)
-        made.flush()
-        assert messages(file) == list(range(number + 1))
-    made.finish()
-    growing.close(finished=True)
-    with file.open("rb") as stream:
-        reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
-        summary = reader.make_reader(stream).get_summary()
-    assert summary is not None and summary.statistics.message_count == 20
-    assert messages(file) == list(range(20))
-
-
-def test_file_that_can_grow_no_more_holds_what_it_held(tmp_path: Path):
-    file = tmp_path / "one.mcap"
-    growing, made, channel = begun(file)
-    add(made, channel, 0)
-    made.flush()
-    held = file.read_bytes()
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (len(held) + 100, hard))
-    try:
-        with pytest.raises(OSError, match="File too large") as caught:
-            for number in range(1, 50):
-                add(made, channel, number)
-                made.flush()
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    growing.close(finished=False)
-    assert caught.value.filename == str(file)
-    assert messages(file) == [0]

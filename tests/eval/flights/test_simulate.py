@@ -185,7 +185,7 @@ def test_trajectories_end_with_the_flight(policy: Policy) -> None:
 
 def test_noise_changes_what_is_seen_and_nothing_else(policy: Policy) -> None:
     starts = numbered(scenario("noisy", PAPER), 3, 0, 40)
-    sees_clear, sees_noisy = OnObservations(policy.rowwise), OnObservations(policy.rowwise)
+    sees_clear, sees_noisy = OnObservations(policy), OnObservations(policy)
     clear, clear_paths = fly_recorded(starts, sees_clear, PAPER)
     noisy, noisy_paths = fly_recorded(starts, sees_noisy, PAPER, noise=sensor_noise(3, 0, *starts.mask.shape))
     difference = sees_noisy.seen[0] - sees_clear.seen[0]
@@ -214,7 +214,7 @@ def test_parity_with_the_jax_surrogate_step_by_step(name: str, double: bool, pol
     """
     tolerance_m, tolerance_rad = (1e-4, 1e-9) if double else (0.5, 2e-5)
     starts = numbered(scenario(name, PAPER), 5, 0, 64)
-    decider = OnObservations(policy.rowwise)
+    decider = OnObservations(policy)
     flights, paths = fly_recorded(starts, decider, PAPER)
     with jax.enable_x64(double):
         kind = jnp.float64 if double else jnp.float32
