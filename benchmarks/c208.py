@@ -32,11 +32,10 @@ from envs.c208.point_mass import PointMassVehicle
 from envs.c208.vehicle import C208Vehicle, FlightError, StartError
 from envs.edge.command import Parser, run_cli
 from envs.encounters import scenario
-from envs.follower import PERIOD
+from envs.follower import PERIOD, deviation, offset
 from envs.gym.gymnasium_env import DeconflictionEnv
 from envs.kinematics import VehicleState
 from envs.starts import numbered
-from envs.tracking import deviation, offset
 from envs.waypoints import Knots, Legs, legs
 from envs.waypoints import at as along
 from eval.flights.plan_flight import request_of

@@ -9,9 +9,9 @@ from agents.assurance.lookahead import outlook
 from agents.assurance.state import Monitor, State
 from agents.assurance.thresholds import BLIND, WANTING, Cause, Thresholds
 from agents.planner.traffic import Traffic, predicted, required, uncertainty
+from envs.follower import deviation
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
-from envs.tracking import deviation
 
 __all__ = ["Measured", "floor", "has", "judged", "watched"]
 

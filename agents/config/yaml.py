@@ -35,36 +35,15 @@ _RESOLVERS = (
 
 
 _MOST_BYTES = 1_000_000
-_MOST_VALUES = 100_000
-"""With every alias counted as often as it stands for something."""
-_DEEPEST = 50
 
 
 class _Loader(yaml.SafeLoader):
-    def __init__(self, text: str) -> None:
-        super().__init__(text)
-        self._depth, self._values = 0, 0
-        self._held: dict[int, int] = {}  # values in each finished node, by the node's identity
-
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Compose a node; nesting, and what aliases expand to, are bounded while reading."""
-        event = self.peek_event()
-        where = f"line {event.start_mark.line + 1}"
-        alias = isinstance(event, yaml.AliasEvent)
-        if alias and event.anchor in self.anchors and id(self.anchors[event.anchor]) not in self._held:
-            raise YamlError(f"{where}: *{event.anchor} refers to itself")
-        if self._depth == _DEEPEST:
-            raise YamlError(f"{where}: nested deeper than {_DEEPEST} levels")
-        self._depth += 1
-        before = self._values
-        node = super().compose_node(parent, index)
-        self._depth -= 1
-        self._values += self._held[id(node)] if alias else 1
-        if self._values > _MOST_VALUES:
-            raise YamlError(f"{where}: holds more than {_MOST_VALUES} values")
-        if not alias:
-            self._held[id(node)] = self._values - before
-        return node
+        """Compose a node; what stands for another node is refused, for a few letters may stand for a billion values."""
+        if self.check_event(yaml.AliasEvent):
+            event = self.peek_event()
+            raise YamlError(f"line {event.start_mark.line + 1}: *{event.anchor} is an alias; expected the value itself")
+        return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[Any] = set()
@@ -133,7 +112,7 @@ def _parsed(text: str, name: str) -> Any:
     except YamlError as problem:
         raise YamlError(f"{name}: {problem}") from None
     # PyYAML converts what carries a tag, such as !!int, without looking at it first.
-    except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError) as problem:
+    except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as problem:
         mark = getattr(problem, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark is not None else ""
         what = getattr(problem, "problem", None) or str(problem)

@@ -63,36 +63,32 @@ def separations(geometry: Decoded, goal_bearing: Any, xp: Any) -> list[Any]:
         goal_bearing: direction of the goal from the ownship's heading, rad in [-pi, pi], left positive, ``[...]``.
         xp: array namespace.
     """
-    if xp is FLOATS:
-        return _at_once(geometry, goal_bearing).tolist()
-    if xp is np and goal_bearing.size <= _FEW:
-        return _in_blocks(geometry, goal_bearing)
+    arrays = np if xp is FLOATS else xp
+    spans, swung, ahead, aside, gains = _tables(
+        np.ndim(geometry.own_speed), np.dtype(getattr(geometry.own_speed, "dtype", float))
+    )
     goal_sine, goal_cosine = sincos(goal_bearing, xp)
-    size, hand = xp.abs(goal_bearing), xp.copysign(1.0, goal_bearing)
-    ways = [(geometry.intruder_x, geometry.intruder_y)] * 4
-    least: list[Any] = [None] * 4
-    for span, swung, quarter, gained in zip(_SPANS, _SWUNG.tolist(), _QUARTER.tolist(), _GAINED, strict=True):
-        turning = size > swung
-        home = (
-            xp.where(turning, math.cos(swung), goal_cosine),
-            xp.where(turning, math.sin(swung) * hand, goal_sine),
-        )
-        cosine, sine = math.cos(quarter), math.sin(quarter)
-        speeds = _threefold(gained, geometry.own_speed, xp) + geometry.own_speed
-        way = xp.clip(speeds, SURROGATE.speed_min, SURROGATE.speed_max) * span  # [3, ...]
-        drift_x, drift_y = geometry.intruder_vx * span, geometry.intruder_vy * span
-        for number, (ahead, aside) in enumerate(((cosine, sine), (cosine, -sine), (1.0, 0.0), home)):
-            step_x, step_y = drift_x - way * ahead, drift_y - way * aside
-            x, y = ways[number][0] + step_x, ways[number][1] + step_y
-            ways[number] = x, y
-            # How much of the piece lies behind its closest point; a hundredth of a metre matters to nobody.
-            back = (x * step_x + y * step_y) / (step_x * step_x + step_y * step_y + 0.01)
-            back = xp.clip(back, 0.0, 1.0)
-            x, y = x - back * step_x, y - back * step_y
-            square = x * x + y * y
-            before = least[number]
-            least[number] = square if before is None else xp.minimum(before, square)
-    return [each for square in least for each in _apart(xp.sqrt(square), xp)]
+    turning = arrays.abs(goal_bearing) > swung  # [K, ...]
+    home = (
+        arrays.where(turning, ahead[3], goal_cosine),
+        arrays.where(turning, aside[3] * arrays.copysign(1.0, goal_bearing), goal_sine),
+    )
+    cosine, sine = (
+        arrays.concatenate([arrays.broadcast_to(fixed[:3], (3, *turning.shape)), last[None]])[:, None]
+        for fixed, last in zip((ahead, aside), home, strict=True)
+    )
+    way = arrays.clip(gains + geometry.own_speed, SURROGATE.speed_min, SURROGATE.speed_max) * spans  # [3, K, ...]
+    step_x = geometry.intruder_vx * spans - way * cosine  # [4, 3, K, ...]
+    step_y = geometry.intruder_vy * spans - way * sine
+    x, y = (
+        arrays.cumsum(arrays.concatenate([step[:, :, :1] + first, step[:, :, 1:]], axis=2), axis=2)
+        for step, first in ((step_x, geometry.intruder_x), (step_y, geometry.intruder_y))
+    )
+    # How much of the piece lies behind its closest point; a hundredth of a metre matters to nobody.
+    back = arrays.clip((x * step_x + y * step_y) / (step_x * step_x + step_y * step_y + 0.01), 0.0, 1.0)
+    x, y = x - back * step_x, y - back * step_y
+    kept = arrays.sqrt(arrays.min(x * x + y * y, axis=2)).reshape((COUNT, *turning.shape[1:]))
+    return kept.tolist() if xp is FLOATS else list(kept)
 
 
 def advice(kept: list[Any], goal_bearing: Any, xp: Any) -> list[Any]:
@@ -140,78 +136,9 @@ def _blended(kept: list[Any], most: Any, goal_bearing: Any, alike: float, xp: An
     return (accelerating - braking) / whole, (left - right + home * to_goal) / whole
 
 
-def _threefold(values: np.ndarray, like: Any, xp: Any) -> Any:
-    """Return three numbers as ``[3, ...]`` beside a component ``[...]``, or ``[1, 3]`` beside a graph's column."""
-    if hasattr(like, "ndim"):
-        return xp.asarray(values, like.dtype).reshape((3,) + (1,) * like.ndim)
-    return xp.row(values)
-
-
-def _apart(values: Any, xp: Any) -> list[Any]:
-    """Return the three components of :func:`_threefold`."""
-    return [values[i] for i in range(3)] if hasattr(values, "ndim") else list(xp.columns(values, 3))
-
-
-_FEW = 256
-"""Rows up to which numpy takes all pieces at once, which saves calls; of more rows it takes one piece after the other,
-which saves memory. Both do the same operations in the same order, so that a row has the same bits in any company."""
-
-_ROWS = 32
-"""Rows taken at once: what lies between stays in cache."""
-
-
-def _in_blocks(geometry: Decoded, goal_bearing: np.ndarray) -> list[np.ndarray]:
-    """Return the separations of arrays of any shape, a few rows at a time."""
-    shape, dtype = goal_bearing.shape, goal_bearing.dtype
-    flat = [np.broadcast_to(field, shape).reshape(-1) for field in (*geometry, goal_bearing)]
-    kept = np.empty((COUNT, goal_bearing.size), dtype)
-    for first in range(0, goal_bearing.size, _ROWS):
-        rows = slice(first, first + _ROWS)
-        *fields, bearing = (field[rows] for field in flat)
-        kept[:, rows] = _at_once(Decoded(*fields), bearing)
-    return list(kept.reshape((COUNT, *shape)))
-
-
 _AHEAD = np.stack([np.cos(_QUARTER), np.cos(_QUARTER), np.ones_like(_QUARTER), np.cos(_SWUNG)])  # [4, K]
 _ASIDE = np.stack([np.sin(_QUARTER), -np.sin(_QUARTER), np.zeros_like(_QUARTER), np.sin(_SWUNG)])
 _GAINS = np.ascontiguousarray(_GAINED.T)  # [3, K]
-
-
-def _at_once(geometry: Decoded, goal_bearing: Any) -> np.ndarray:
-    """Do the same in numpy, ``[12, N]`` of arrays ``[N]`` and ``[12]`` of floats: all pieces at once, few calls."""
-    dims, dtype = np.ndim(geometry.own_speed), np.result_type(geometry.own_speed)
-    spans, swung, ahead, aside, gains = _tables(dims, dtype)
-    goal_sine, goal_cosine = sincos(goal_bearing, np if dims else FLOATS)
-    turning = np.abs(goal_bearing) > swung
-    shape = (4, *turning.shape)
-    cosine, sine = np.empty(shape, dtype), np.empty(shape, dtype)
-    cosine[:3], sine[:3] = ahead[:3], aside[:3]
-    cosine[3] = np.where(turning, ahead[3], goal_cosine)
-    sine[3] = np.where(turning, aside[3] * np.copysign(1.0, goal_bearing), goal_sine)
-    way = gains + geometry.own_speed  # [3, K, ...]
-    np.maximum(way, SURROGATE.speed_min, out=way)
-    np.minimum(way, SURROGATE.speed_max, out=way)
-    way *= spans
-    step_x = geometry.intruder_vx * spans - way * cosine[:, np.newaxis]  # [4, 3, K, ...]
-    step_y = geometry.intruder_vy * spans - way * sine[:, np.newaxis]
-    x, y = step_x.copy(), step_y.copy()
-    x[:, :, 0] += geometry.intruder_x
-    y[:, :, 0] += geometry.intruder_y
-    np.cumsum(x, axis=2, out=x)
-    np.cumsum(y, axis=2, out=y)
-    back = x * step_x
-    back += y * step_y
-    back /= step_x * step_x + step_y * step_y + 0.01
-    np.maximum(back, 0.0, out=back)
-    np.minimum(back, 1.0, out=back)
-    step_x *= back
-    step_y *= back
-    x -= step_x
-    y -= step_y
-    x *= x
-    y *= y
-    x += y
-    return np.sqrt(x.min(axis=2)).reshape((COUNT, *turning.shape[1:]))
 
 
 @cache

@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
-from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.transport.children import started
 
 __all__ = ["FRAME", "ORIGIN", "PATIENCE", "ahead", "cores_stolen", "placed", "resident", "scheduled", "start", "way"]

@@ -138,11 +138,8 @@ def _run(main: Callable[[], int | None] | str) -> int:
     if sys.argv[1:] == ["--version"]:  # also where the command itself cannot be imported
         print(_version())
         return 0
-    refusal, warning = foreign()
-    if refusal:
+    if refusal := foreign():
         raise InputError(refusal)
-    if warning:
-        print(f"warning: {warning}", file=sys.stderr)
     if not isinstance(main, str):
         return main() or 0
     module, _, name = main.partition(":")

@@ -1,4 +1,4 @@
-"""What is installed: the extra that a missing module belongs to, and other owners of the toolkit's package names."""
+"""What is installed: the extra that a missing module belongs to, and whether another package hides the toolkit's."""
 
 import importlib.util
 from pathlib import Path
@@ -41,31 +41,12 @@ def extra_of(module: str | None, command: str) -> str | None:
     return _OF_PACKAGE.get(command.partition(".")[0], found) if found == "report" else found
 
 
-def foreign() -> tuple[str, str]:
-    """Return why the toolkit's packages cannot be used, and what to beware of; empty texts where all is well.
-
-    The names ``agents``, ``envs`` and ``eval`` are common: another distribution that has them too hides the
-    toolkit's, or its files lie among the toolkit's, and uninstalling either then breaks the other.
-    """
+def foreign() -> str:
+    """Return why the toolkit's packages cannot be used: another one of the same, common name hides one; or ""."""
     home = Path(__file__).resolve().parents[2]
     for name in PACKAGES:
         spec = importlib.util.find_spec(name)
         at = None if spec is None or spec.origin is None else Path(spec.origin).resolve().parent
         if at is not None and at != home / name:
-            return f"the package {name} is {at}; expected {home / name}: something else hides the toolkit's", ""
-    owners = sorted(
-        (f"{info.name.partition('-')[0]} ({name})")
-        for info in home.glob("*.dist-info")
-        if not info.name.startswith("rlcas_toolkit-")
-        for name in _installed(info / "RECORD")
-    )
-    return "", f"{', '.join(owners)} installed packages of the same names into {home}" if owners else ""
-
-
-def _installed(record: Path) -> list[str]:
-    """Return which of the toolkit's package names an installed distribution has."""
-    try:
-        lines = b"\n" + record.read_bytes()
-    except OSError:
-        return []
-    return [name for name in PACKAGES if f"\n{name}/".encode() in lines]
+            return f"the package {name} is {at}; expected {home / name}: something else hides the toolkit's"
+    return ""

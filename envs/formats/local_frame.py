@@ -1,18 +1,21 @@
-"""Geographic positions on the WGS-84 ellipsoid as metres east and north of a reference point.
+"""Geographic positions on the WGS-84 ellipsoid as metres east and north of an origin, and back.
 
-The map is azimuthal equidistant about the reference, as in the ROS bridge: a point lies at its geodesic distance, in
-the direction in which the geodesic leaves the reference. Heights do not enter. Away from the reference the map's north
-is not true north; the angle between them, the convergence, turns velocities at the point where they were measured.
+The map is azimuthal equidistant about the origin: a point lies at its geodesic distance, in the direction in which the
+geodesic leaves the origin. Distances from the origin are exact, and between any two points within 57 km of it good to
+0.6 m (within 60 km to 0.69 m); a tangent plane would sink 282 m under the ellipsoid there, so altitudes stay altitudes
+and never enter the map. Away from the origin the map's north is not true north: the angle between them, the
+convergence, turns velocities and headings at the point where they are measured (0.58 degrees 60 km east of an origin at
+47 degrees latitude, tens of degrees near a pole).
 """
 
+import math
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from pyproj import Geod, Transformer
 
 from envs.angles import wrap
-
-__all__ = ["WGS84", "Place", "geocentric", "local"]
 
 WGS84 = Geod(ellps="WGS84")
 
@@ -32,6 +35,14 @@ class Place(NamedTuple):
         return east * cosine - north * sine, east * sine + north * cosine
 
 
+class Geodetic(NamedTuple):
+    """Points on the ellipsoid; fields ``[...]``."""
+
+    latitude: Any  # degrees
+    longitude: Any  # degrees, in [-180, 180)
+    convergence: Any  # as of Place
+
+
 def local(latitude: Any, longitude: Any, reference: tuple[float, float]) -> Place:
     """Return where latitudes and longitudes ``[...]`` are on the map about those of a reference, rad."""
     latitude, longitude = np.asarray(latitude, np.float64), np.asarray(longitude, np.float64)
@@ -41,6 +52,48 @@ def local(latitude: Any, longitude: Any, reference: tuple[float, float]) -> Plac
     return Place(length * np.sin(out), length * np.cos(out), convergence)
 
 
+@dataclass(frozen=True, slots=True)
+class LocalFrame:
+    """The map about an origin, degrees."""
+
+    latitude: float
+    longitude: float
+
+    def place(self, latitude: Any, longitude: Any) -> Place:
+        """Return where points ``[...]`` are, degrees; 360 degrees of longitude more or less make no difference."""
+        here = math.radians(self.latitude), math.radians(self.longitude)
+        return local(np.radians(latitude), np.radians(longitude), here)
+
+    def geodetic(self, x: Any, y: Any) -> Geodetic:
+        """Return the points of the ellipsoid at x and y, m, ``[...]``: the inverse of :meth:`place`."""
+        x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+        out, length = np.arctan2(x, y), np.hypot(x, y)
+        start = np.full(x.shape, self.longitude), np.full(x.shape, self.latitude)
+        longitude, latitude, back = WGS84.fwd(*start, np.degrees(out), length)
+        longitude = np.remainder(np.asarray(longitude) + 180.0, 360.0) - 180.0
+        # At the origin the geodesic has no direction.
+        turn = np.where(length > 1e-6, wrap(np.radians(back) + math.pi - out, np), 0.0)
+        return Geodetic(np.asarray(latitude), longitude, turn)
+
+
+def distance(latitude_a: float, longitude_a: float, latitude_b: float, longitude_b: float) -> float:
+    """Return the length of the geodesic between two points, degrees, m."""
+    return float(WGS84.inv(longitude_a, latitude_a, longitude_b, latitude_b)[2])
+
+
+def displacement(latitude_a: float, longitude_a: float, latitude_b: float, longitude_b: float) -> tuple[float, float]:
+    """Return the way from one point to another, degrees, true east and north at the first, m."""
+    out, _, length = WGS84.inv(longitude_a, latitude_a, longitude_b, latitude_b)
+    return length * math.sin(math.radians(out)), length * math.cos(math.radians(out))
+
+
+def carried(latitude: float, longitude: float, east: float, north: float, seconds: float) -> tuple[float, float]:
+    """Return latitude and longitude, degrees, after flying straight ahead for some seconds at a velocity in m/s."""
+    track = math.degrees(math.atan2(east, north))
+    longitude, latitude, _ = WGS84.fwd(longitude, latitude, track, math.hypot(east, north) * seconds)
+    return float(latitude), float(longitude)
+
+
 def geocentric(latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
-    """Return points of the ellipsoid in Cartesian coordinates about the Earth's centre, m, ``[..., 3]``."""
+    """Return points (rad) of the ellipsoid in Cartesian coordinates about the Earth's centre, m, ``[..., 3]``."""
     return np.stack(_TO_CARTESIAN.transform(longitude, latitude, np.zeros_like(latitude), radians=True), axis=-1)

@@ -10,9 +10,10 @@ import numpy as np
 from gymnasium import error
 from gymnasium.envs.registration import register, registry
 
-from envs import flight, starts
+from envs import starts
 from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter, Scenario
+from envs.gym import flight
 from envs.gym.gymnasium_contract import (
     OUTCOMES,
     action_space,

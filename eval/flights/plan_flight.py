@@ -13,12 +13,11 @@ from envs import intruder
 from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter
-from envs.follower import PERIOD, gains, steer
+from envs.follower import PERIOD, gains, offset, steer
 from envs.intruder import Intent, IntruderState
 from envs.kinematics import Limits, VehicleState, advance
 from envs.outcome import Rules
 from envs.relative import distance, leg_separation
-from envs.tracking import offset
 from envs.trees import column, take
 from envs.waypoints import Knots, at, legs
 from eval.flights.simulate import OUTCOMES, Flights, reversal_rate, turned_to

@@ -17,9 +17,8 @@ from agents.planner.traffic import predicted
 from agents.policy.inference import Policy
 from envs.backend import FLOATS
 from envs.c208.air_mass import Wind, over_ground
-from envs.follower import PERIOD
+from envs.follower import PERIOD, offset
 from envs.kinematics import VehicleState, advance, commands
-from envs.tracking import offset
 from envs.waypoints import Legs, at
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi.flight import Flight

@@ -12,10 +12,8 @@ from agents.config.load import ConfigError, Parser, Strict, file_of, load, valid
 from agents.config.yaml import YamlError, read
 from rlcas_jax.cli import add_configuration, overrides_of
 from rlcas_jax.config import SEED_END, TrainConfig
-from rlcas_jax.sweep.space import Objective, Parameter, check
+from rlcas_jax.sweep.space import Space, check
 from rlcas_jax.sweep.space import parse as parse_space
-
-__all__ = ["CONFIG", "SETTINGS", "Options", "SweepConfig", "parse"]
 
 CONFIG, SETTINGS = "config.yaml", "settings.yaml"
 
@@ -39,19 +37,10 @@ space file (YAML): keys of the training configuration (python -m rlcas_jax.train
 class SweepConfig(Strict):
     """A sweep as it stands in ``settings.yaml`` of its directory."""
 
-    trials: int = Field(default=20, ge=1, le=1_000_000)
+    trials: int = Field(ge=1, le=1_000_000)
     """Trials in all, those that were stopped early among them."""
     seeds: int = Field(default=1, ge=1, le=1000)
     """Training runs of a trial; the objective is their mean."""
-    objective: Objective = "success"
-    """What is maximised, of the deterministic policy after training: success (share of the resolvable encounters
-    that it resolves) or score (mean sparse return)."""
-    sampler_seed: int = Field(default=0, ge=0, lt=SEED_END)
-    """Seed of the search."""
-    startup: int = Field(default=10, ge=0, le=1_000_000)
-    """Trials that are drawn evenly from the space and never stopped early, before the model is asked."""
-    pruning: bool = True
-    """Stop a trial whose evaluations during training stay below the median of the trials before it."""
     space: dict[str, Any]
     """The space file."""
 
@@ -63,8 +52,7 @@ class Options:
     directory: Path
     base: TrainConfig
     settings: SweepConfig
-    space: tuple[Parameter, ...]
-    timeout_s: float | None  # time after which no further trial begins, s
+    space: Space
     resumed: bool
     quiet: bool
 
@@ -76,41 +64,32 @@ def parse(argv: Sequence[str] | None = None) -> Options:
         ConfigError: the arguments, the configuration, the space or the directory are not usable.
     """
     given = _parser().parse_args(argv)
-    if given.timeout is not None and not 0.0 < given.timeout < float("inf"):
-        raise ConfigError(f"--timeout is {given.timeout}; expected a number of seconds above 0")
     directory: Path = given.out
     if given.resume:
-        for name in ("config", "space", "set", "steps", "seeds", "objective", "sampler_seed", "startup", "no_pruning"):
-            if getattr(given, name) not in (None, [], False):
-                raise ConfigError(f"--{name.replace('_', '-')} cannot change a sweep that is resumed; leave it out")
+        for name in ("config", "space", "set", "steps", "seeds"):
+            if getattr(given, name):
+                raise ConfigError(f"--{name} cannot change a sweep that is resumed; leave it out")
         file, source, overrides = directory / CONFIG, directory / SETTINGS, []
-        changed = [] if given.trials is None else [f"trials={given.trials}"]
-        base, settings = load(TrainConfig, file), load(SweepConfig, source, changed)
+        settings = load(SweepConfig, source, [f"trials={given.trials}"] if given.trials else [])
     else:
         if not is_unused(directory):
             raise ConfigError(f"--out {directory} exists and is not empty; name another, or add --resume to go on")
         if given.space is None or given.trials is None:
             raise ConfigError(f"--{'space' if given.space is None else 'trials'} is missing (see --help)")
-        file, source = given.config, given.space
-        overrides = overrides_of(given)
-        base, settings = load(TrainConfig, file, overrides), _settings(given)
+        file, source, overrides = given.config, given.space, overrides_of(given)
+        try:
+            values = {"trials": given.trials, "space": read(file_of(given.space))}
+        except YamlError as problem:
+            raise ConfigError(str(problem)) from None
+        settings = validated(SweepConfig, values | ({} if given.seeds is None else {"seeds": given.seeds}))
+    base = load(TrainConfig, file, overrides)
     if base.phases:
         raise ConfigError("phases: expected a training of one phase, as trials are compared step by step")
-    space = parse_space(settings.space, source, settings.objective)
+    space = parse_space(settings.space, source)
     check(space, source, lambda texts: load(TrainConfig, file, [*overrides, *texts]))
     if settings.seeds > SEED_END - base.seed:
         raise ConfigError(f"--seeds is {settings.seeds}; expected 1 to {SEED_END - base.seed}")
-    return Options(directory, base, settings, space, given.timeout, given.resume, given.quiet)
-
-
-def _settings(given: Any) -> SweepConfig:
-    names = ("trials", "seeds", "objective", "sampler_seed", "startup")
-    values = {name: getattr(given, name) for name in names if getattr(given, name) is not None}
-    try:
-        values["space"] = read(file_of(given.space))
-    except YamlError as problem:
-        raise ConfigError(str(problem)) from None
-    return validated(SweepConfig, values | {"pruning": not given.no_pruning})
+    return Options(directory, base, settings, space, given.resume, given.quiet)
 
 
 def _parser() -> Parser:
@@ -122,13 +101,4 @@ def _parser() -> Parser:
     add("--out", type=Path, required=True, metavar="DIR", help="directory of the sweep")
     add("--resume", action="store_true", help="go on with the sweep of --out; only --trials may change")
     add("--seeds", type=int, metavar="N", help="training runs of a trial, whose mean counts (default: 1)")
-    text = (
-        "what to maximise, of the deterministic policy after training: success, the share resolved of the resolvable "
-        "encounters (default), or score, the mean sparse return (-100 to 100)"
-    )
-    add("--objective", choices=("success", "score"), help=text)
-    add("--sampler-seed", type=int, metavar="N", help="seed of the search (default: 0)")
-    add("--startup", type=int, metavar="N", help="trials drawn evenly and never stopped early, at first (default: 10)")
-    add("--no-pruning", action="store_true", help="train every trial to its end")
-    add("--timeout", type=float, metavar="S", help="begin no trial after this time, s (default: never)")
     return parser

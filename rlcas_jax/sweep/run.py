@@ -20,19 +20,17 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.interrupt import INTERRUPTED, Interrupt
 from rlcas_jax.progress import Reporter
 from rlcas_jax.sweep.cli import CONFIG, SETTINGS, Options, parse
-from rlcas_jax.sweep.space import overrides
+from rlcas_jax.sweep.space import overrides, suggested
 
 if TYPE_CHECKING:
     from optuna.study import Study
     from optuna.trial import Trial
 
-__all__ = ["STUDY", "main", "trial_directory"]
-
 STUDY = "study.db"
 FAILED = 1
 
-_INTERMEDIATE = {"success": "eval_success", "score": "eval_score"}
-_FINAL = {"success": "success_given_resolvable", "score": "score_mean"}
+STARTUP = 10
+"""Trials that are drawn evenly from the space and never stopped early, before the sampler's model is asked."""
 
 
 class _StoppedError(Exception):
@@ -40,7 +38,7 @@ class _StoppedError(Exception):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; return 0 when done or out of time, 1 when no trial succeeded, 130 when interrupted."""
+    """Run the command line; return 0 when done, 1 when no trial succeeded, 130 when interrupted."""
     options = parse(argv)
     keep_compiled()
     with Interrupt() as interrupt, locked(options.directory):
@@ -50,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         study = _opened(options)
         missing = max(options.settings.trials - _counted(study), 0)
         with suppress(_StoppedError):
-            study.optimize(lambda trial: _objective(trial, options, interrupt), missing, options.timeout_s)
+            study.optimize(lambda trial: _objective(trial, options, interrupt), missing)
         best = _written(options, study)
     if interrupt.requested:
         print(f"interrupted: go on with  python -m rlcas_jax.sweep --resume --out {options.directory}")
@@ -69,7 +67,6 @@ def _opened(options: Options) -> "Study":
     from optuna.trial import TrialState
 
     optuna.logging.set_verbosity(optuna.logging.WARNING if options.quiet else optuna.logging.INFO)
-    settings = options.settings
     storage = optuna.storages.RDBStorage(f"sqlite:///{(options.directory / STUDY).absolute()}")
     study = optuna.create_study(
         storage=storage, study_name=options.base.name, direction="maximize", load_if_exists=True
@@ -78,10 +75,9 @@ def _opened(options: Options) -> "Study":
         study.tell(trial.number, state=TrialState.FAIL)
         study.enqueue_trial(trial.params)
     # Optuna does not store the sampler's state: with the same seed a resumed study would repeat its first draws.
-    seed = settings.sampler_seed + len(study.trials)
-    study.sampler = optuna.samplers.TPESampler(seed=seed, n_startup_trials=settings.startup)
-    startup = max(settings.startup, 1)
-    study.pruner = optuna.pruners.MedianPruner(startup) if settings.pruning else optuna.pruners.NopPruner()
+    seed = options.base.seed + len(study.trials)
+    study.sampler = optuna.samplers.TPESampler(seed=seed, n_startup_trials=STARTUP)
+    study.pruner = optuna.pruners.MedianPruner(STARTUP)
     return study
 
 
@@ -92,15 +88,14 @@ def _counted(study: "Study") -> int:
 
 
 def _objective(trial: "Trial", options: Options, interrupt: Interrupt) -> float:
-    """Train a trial's seeds and return the mean of the objective."""
+    """Train a trial's seeds and return the mean share resolved of the resolvable."""
     import jax
     import optuna
     from optuna.trial import TrialState
 
     from rlcas_jax.loop import TrainingError
 
-    settings = options.settings
-    values = {parameter.key: parameter.suggest(trial) for parameter in options.space}
+    seeds, values = options.settings.seeds, suggested(trial, options.space)
     for done in trial.study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)):
         if done.params == values:
             return float(done.value or 0.0)
@@ -108,14 +103,14 @@ def _objective(trial: "Trial", options: Options, interrupt: Interrupt) -> float:
     found = []
     try:
         config = load(TrainConfig, options.directory / CONFIG, overrides(values))
-        for index in range(settings.seeds):
-            own = directory if settings.seeds == 1 else directory / f"seed-{index}"
+        for index in range(seeds):
+            own = directory if seeds == 1 else directory / f"seed-{index}"
             watch = _Watch(options, trial if index == 0 else None, config)
             summary = _trained(config.model_copy(update={"seed": config.seed + index}), own, watch, interrupt)
             if interrupt.requested:
                 trial.study.enqueue_trial(values)
                 raise _StoppedError
-            found.append(float(summary["evaluation"][_FINAL[settings.objective]]))
+            found.append(float(summary["evaluation"]["success_given_resolvable"]))
     except (ConfigError, TrainingError, jax.errors.JaxRuntimeError) as problem:
         # Of a pruned trial Optuna learns that its region is bad, of a failed one nothing.
         reason = " ".join(str(problem).split())[:200]
@@ -132,18 +127,18 @@ class _Watch(Reporter):
 
     def __init__(self, options: Options, trial: "Trial | None", config: TrainConfig) -> None:
         super().__init__(quiet=options.quiet)
-        self._trial, self._metric = trial, _INTERMEDIATE[options.settings.objective]
+        self._trial = trial
         self._every = config.evaluation.every_steps
         self._last = max(1, config.steps // config.ppo.samples) * config.ppo.samples
 
     def update(self, row: Mapping[str, float]) -> None:
         """Take the figures of an update; raises ``optuna.TrialPruned``."""
         super().update(row)
-        if self._trial is not None and self._metric in row:
+        if self._trial is not None and "eval_success" in row:
             import optuna
 
             # Counted, because trials of different batch sizes are evaluated at different steps.
-            self._trial.report(row[self._metric], int(row["step"]) // self._every)
+            self._trial.report(row["eval_success"], int(row["step"]) // self._every)
             if row["step"] < self._last and self._trial.should_prune():
                 raise optuna.TrialPruned
 
@@ -170,7 +165,6 @@ def _written(options: Options, study: "Study") -> bool:
     best = study.best_trial if complete else None
     report = {
         "name": options.base.name,
-        "objective": options.settings.objective,
         "finished": _counted(study) >= options.settings.trials,
         "states": Counter(trial.state.name.lower() for trial in trials),
         "best": best and {"trial": best.number, "value": best.value, "parameters": best.params},
@@ -179,10 +173,10 @@ def _written(options: Options, study: "Study") -> bool:
     if best is not None:
         chosen = overrides(best.params)
         config = load(TrainConfig, options.directory / CONFIG, chosen)
-        head = f"# Trial {best.number} of {len(trials)}: {options.settings.objective} {best.value:.6g}"
+        head = f"# Trial {best.number} of {len(trials)}: success {best.value:.6g}"
         write_file(options.directory / "best.yaml", f"{head}, {', '.join(chosen)}\n{dump(config)}")
         _draw(study, len(complete), options.directory / "figures")
-        print(f"best: trial {best.number}, {options.settings.objective} {best.value:.6g}: {', '.join(chosen)}")
+        print(f"best: trial {best.number}, success {best.value:.6g}: {', '.join(chosen)}")
     print(f"study, best configuration and figures: {options.directory}")
     return best is not None
 

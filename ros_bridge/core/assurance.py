@@ -18,15 +18,15 @@ from agents.assurance.state import Flown, State
 from agents.assurance.thresholds import Thresholds
 from agents.planner.publish import received
 from agents.planner.request import Altitude, Intruder
+from envs.formats.local_frame import LocalFrame, carried, distance
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
 from ros_bridge.core.conversions import STATUS_SAFE, PlanPoint, trajectory
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.geodesy import ACCURATE, LocalFrame, carried, distance
 from ros_bridge.core.reach import Reach, level, out_of_reach
 from ros_bridge.core.replies import flown, geodetic_points
 from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import Situation, placed
+from ros_bridge.core.situation import ACCURATE, Situation, placed
 from ros_bridge.core.tracks import Track
 
 __all__ = [

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from agents.planner.request import Altitude
+from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.fields import (
     FieldError,
     flags,
@@ -20,7 +21,6 @@ from ros_bridge.core.fields import (
     stamp,
     std,
 )
-from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.reports import FASTEST, Report, Sighting
 
 __all__ = [

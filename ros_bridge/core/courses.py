@@ -9,9 +9,9 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from envs.formats.local_frame import displacement
 from ros_bridge.core.estimates import Estimate, first, improved
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.geodesy import displacement
 from ros_bridge.core.reports import Report
 
 __all__ = ["Course", "begun", "extended"]

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.assurance.tracker import Tracks, begin, follow
+from envs.formats.local_frame import carried, displacement
 from envs.kinematics import VehicleState
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.geodesy import carried, displacement
 from ros_bridge.core.reports import Report
 
 __all__ = ["Estimate", "first", "improved"]

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from agents.planner.request import Altitude
+from envs.formats.local_frame import distance
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.geodesy import distance
 from ros_bridge.core.reports import FASTEST, Report
 from ros_bridge.core.tracks import Track, Verdict
 

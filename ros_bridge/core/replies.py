@@ -9,11 +9,11 @@ import numpy as np
 from agents.planner.answer import Plan
 from agents.planner.request import Altitude
 from envs.angles import wrap
+from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
 from ros_bridge.core.conversions import PlanPoint
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.situation import Task
 
 __all__ = ["flown", "geodetic_points", "plan_points", "start_point"]

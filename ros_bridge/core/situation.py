@@ -16,11 +16,11 @@ import numpy as np
 from agents.planner.answer import RequestError
 from agents.planner.request import Altitude, Intruder, Options
 from envs.angles import wrap
+from envs.formats.local_frame import LocalFrame, distance
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from ros_bridge.core.conversions import Alert, Origin, Route
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.geodesy import ACCURATE, LocalFrame, distance
 from ros_bridge.core.reach import Reach, level, out_of_reach
 from ros_bridge.core.refusals import Code, Refusal
 from ros_bridge.core.reports import FASTEST, Report
@@ -28,6 +28,9 @@ from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict
 
 __all__ = ["Code", "Excluded", "Refusal", "Settings", "Situation", "Task", "placed", "refusal_of", "task", "turn_of"]
 
+
+ACCURATE = 100_000.0
+"""Distance from the origin, m, up to which ownship and route are accepted; it follows from the map's errors."""
 
 _EXTENSION = 5.0  # of a route's last leg, separations
 _COPY_DISTANCE, _COPY_SPEED, _COPY_TURN = 250.0, 10.0, 0.2

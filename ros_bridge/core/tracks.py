@@ -12,9 +12,9 @@ from enum import Enum
 from types import MappingProxyType
 from typing import NamedTuple
 
+from envs.formats.local_frame import carried, distance
 from ros_bridge.core.courses import Course, begun, extended
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.geodesy import carried, distance
 from ros_bridge.core.reports import FASTEST, Report, Sighting
 
 __all__ = ["UNKNOWN", "Fault", "Rules", "Sighted", "Track", "Verdict", "forgotten", "refused", "taken"]

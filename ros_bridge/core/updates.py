@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from envs.formats.local_frame import carried, distance
 from ros_bridge.core import conversions
 from ros_bridge.core.fields import SECOND, FieldError, identifier, readable
-from ros_bridge.core.geodesy import carried, distance
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import UNKNOWN, Fault, Rules, Track, Verdict, refused, taken

@@ -24,10 +24,10 @@ from rclpy.node import Node
 from rlcas_msgs.msg import AircraftState, AssuranceStatus, Trajectory
 
 from envs.follower import PERIOD, guidance
+from envs.formats.local_frame import LocalFrame
 from envs.waypoints import Legs
 from ros_bridge.core import updates
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
-from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.situation import Situation, placed
 from ros_bridge.core.tracks import Rules
 from ros_bridge.sim.guidance import Guidance, curve

@@ -14,7 +14,6 @@ from agents.policy.inference import Policy
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from ros_bridge.core.fields import SECOND, FieldError, stamp
-from ros_bridge.core.geodesy import distance
 from ros_bridge.core.situation import Code, Refusal, Settings, Task
 from ros_bridge.transport.messages import uuid_of
 
@@ -89,4 +88,3 @@ def rehearsed(policy: Policy, options: Options) -> None:
         policy,
         replace(options, extend_route=True, deadline_s=math.inf),
     )
-    distance(0.0, 0.0, 0.0, 1.0)  # loads the ellipsoid

@@ -36,8 +36,8 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from envs.encounters import Encounter
 from envs.follower import PERIOD
+from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
-from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.situation import Code
 from ros_bridge.nodes.simulator_messages import route_of, state_message
 from ros_bridge.sim.flight_log import FlightLog

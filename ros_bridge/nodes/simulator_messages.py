@@ -6,8 +6,8 @@ import math
 from rlcas_msgs.msg import AircraftState, Trajectory, Waypoint
 
 from agents.planner.request import Altitude
+from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.reports import Report
 from ros_bridge.sim.receivers import Quality, Received
 from ros_bridge.sim.world import ALTITUDE, OWN, EncounterFlight

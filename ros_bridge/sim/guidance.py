@@ -6,10 +6,10 @@ until it is withdrawn. Messages are read by their fields; nothing here needs ROS
 
 from typing import Any
 
+from envs.formats.local_frame import LocalFrame
 from envs.waypoints import Legs, knots, legs
 from ros_bridge.core.conversions import STATUS_SAFE, trajectory
 from ros_bridge.core.fields import FieldError
-from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.replies import flown
 
 __all__ = ["Guidance", "curve"]

@@ -15,8 +15,6 @@ import yaml
 __all__ = ["refuse_unknown_nodes", "refuse_unknown_parameters"]
 
 _OURS = "rlcas_"
-_RENAMED = {"thorough": "exhaustive"}
-"""Parameters of earlier versions, and what they are called now."""
 
 
 def refuse_unknown_parameters(node: Any, known: Iterable[str]) -> None:
@@ -49,8 +47,8 @@ def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None
             if Path(value).exists() and not Path(value).is_file():
                 raise ValueError(f"{value} is not a regular file, expected a parameter file")
             try:
-                sections = list(_sections(Path(value).read_text(encoding="utf-8")))
-            except (OSError, UnicodeDecodeError, yaml.YAMLError):
+                sections = list(_sections(yaml.safe_load(Path(value).read_text(encoding="utf-8"))))
+            except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError):
                 continue  # ROS refuses it itself
         elif flag in ("-p", "--param") and ":" in value.partition(":=")[0]:
             sections, where = [value.partition(":")[0].rpartition("/")[2]], f"{flag} {value}"
@@ -60,30 +58,15 @@ def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None
                 raise ValueError(f"{where} has parameters for {name}, which is no node{_near(name, known)}")
 
 
-def _sections(text: str) -> Iterable[str]:
-    """Yield the names of the nodes that a file's sections are for; sections in others stand in a namespace.
-
-    Events are read one by one, so that neither depth nor aliases cost anything.
-    """
-    keys: list[str | None] = []  # of the mappings around; None: in a sequence, or before a key
-    waiting = True  # for a key
-    for event in yaml.parse(text):
-        if isinstance(event, yaml.CollectionStartEvent):
-            keys.append(None)
-            waiting = isinstance(event, yaml.MappingStartEvent)
-        elif isinstance(event, yaml.CollectionEndEvent):
-            keys.pop()
-            waiting = bool(keys) and keys[-1] is not None
-        elif isinstance(event, yaml.ScalarEvent) and waiting and keys:
-            if event.value == "ros__parameters" and len(keys) > 1 and keys[-2] is not None:
-                yield keys[-2].rpartition("/")[2]
-            keys[-1], waiting = event.value, False
-        elif isinstance(event, yaml.NodeEvent) and keys:
-            waiting = keys[-1] is not None
+def _sections(tree: Any) -> Iterable[str]:
+    """Yield the names of the nodes that a file's sections are for; sections in others stand in a namespace."""
+    for name, inside in tree.items() if isinstance(tree, dict) else ():
+        if isinstance(inside, dict) and "ros__parameters" in inside:
+            yield str(name).rpartition("/")[2]
+        elif name != "ros__parameters":
+            yield from _sections(inside)
 
 
 def _near(name: str, known: Iterable[str]) -> str:
-    if name in _RENAMED:
-        return f"; it is called {_RENAMED[name]} now"
     near = difflib.get_close_matches(name, list(known), 1)
     return f"; the nearest is {near[0]}" if near else ""

@@ -1,7 +1,6 @@
 import os
 import subprocess
 import sys
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -238,19 +237,12 @@ def test_an_old_key_is_refused_with_its_new_name(monkeypatch: pytest.MonkeyPatch
         load(Outer, None, ["items=[{name: a, speed: 1}]"])
 
 
-BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
-    f"{name}: &{name} [{', '.join(f'*{before}' for _ in range(10))}]\n" for before, name in pairwise("abcdefghi")
-)
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("name: " + "[" * 2_000 + "]" * 2_000, "nested deeper"),
-        ("name: " + "{a: " * 2_000 + "}" * 2_000, "nested deeper"),
-        ("name: &a [1, *a]", "refers to itself"),
-        ("name: &a {b: {c: *a}}", "refers to itself"),
-        (BOMB, "holds more than"),
+        ("name: " + "[" * 2_000 + "]" * 2_000, "not valid YAML"),
+        ("name: " + "{a: " * 2_000 + "}" * 2_000, "not valid YAML"),
+        ("name: &a [1, *a]", r"c\.yaml: line 1: \*a is an alias; expected the value itself"),
         ("name: " + "x" * 2_000_000, "bytes; expected at most"),
     ],
 )
@@ -267,12 +259,6 @@ def test_a_value_that_is_not_what_its_tag_says_is_refused(tmp_path: Path, value:
     path.write_text(f"name: {value}\n", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"c\.yaml: .*not valid YAML"):
         load(Outer, path)
-
-
-def test_aliases_are_read(tmp_path: Path):
-    path = tmp_path / "c.yaml"
-    path.write_text("a: &a [1, 2]\nb: [*a, *a]\n", encoding="utf-8")
-    assert read(path) == {"a": [1, 2], "b": [[1, 2], [1, 2]]}
 
 
 def test_a_named_pipe_is_no_configuration(tmp_path: Path):

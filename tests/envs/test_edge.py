@@ -113,24 +113,6 @@ def test_a_package_of_the_same_name_in_front_is_refused(tmp_path: Path):
     assert result.stderr.startswith("error: the package agents is ")
 
 
-def test_a_distribution_with_the_same_package_names_is_named(tmp_path: Path):
-    for package in PACKAGES:
-        (tmp_path / package).symlink_to(ROOT / package)
-    for name, package in (("swarm-1.0", "agents"), ("rlcas_toolkit-0.1.0", "agents"), ("other-2.0", "other")):
-        (tmp_path / f"{name}.dist-info").mkdir()
-        (tmp_path / f"{name}.dist-info" / "RECORD").write_text(f"{package}/__init__.py,,\n", encoding="utf-8")
-    text = (
-        "from envs.edge import installation; from pathlib import Path\n"
-        "Path.resolve = lambda path: path.absolute()\n"
-        "print(installation.foreign())"
-    )
-    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
-    command = [sys.executable, "-c", text]
-    result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
-    assert "swarm (agents) installed" in result.stdout
-    assert "other" not in result.stdout.replace("another", "")
-
-
 def commands() -> list[str]:
     """Return every module of the five packages that is a program."""
     found = []

@@ -9,10 +9,11 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from envs import flight, starts, world
+from envs import starts, world
 from envs.aircraft import PAPER
 from envs.backend import FLOATS
 from envs.encounters import scenario
+from envs.gym import flight
 from envs.intruder import Recording, start, step
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, advance, commands, velocity
 from envs.outcome import RULES, judge, reward

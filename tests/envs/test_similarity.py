@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 
 from agents.config.load import load
 from agents.config.world import AircraftConfig
-from envs import flight, starts, world
+from envs import starts, world
 from envs.aircraft import PAPER, Aircraft, new_aircraft, ratios
 from envs.encounters import SCENARIOS, Encounter, EncounterError, scenario
+from envs.gym import flight
 from envs.kinematics import Limits, VehicleState
 from envs.observation import observe_set, ranked
 from envs.trees import take

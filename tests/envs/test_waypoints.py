@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envs.follower import PERIOD, KinematicVehicle, guidance
+from envs.follower import PERIOD, KinematicVehicle, deviation, guidance, offset
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState, advance
-from envs.tracking import deviation, offset
 from envs.waypoints import ARCS, CLOSED, Knots, Legs, RoutePoint, Waypoint, at, knots, leg, legs, locate
 from tests.support import accelerations, angle_between, random_states, states, yaw_rates
 

@@ -71,6 +71,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(loop, "prepared", lambda config, directory: SimpleNamespace(config=config, directory=directory))
     monkeypatch.setattr(loop, "run", stand_in)
     monkeypatch.setattr(finish, "finish", evaluated)
+    monkeypatch.setattr(sweep, "STARTUP", 3)
     monkeypatch.setattr(sweep, "gc", SimpleNamespace(collect=int))  # nothing to collect, and looking takes time
     monkeypatch.setattr(sweep, "_draw", lambda *_: None)
 
@@ -80,7 +81,7 @@ def arguments(folder: Path, out: str = "out", space: str = SPACE, trials: int = 
         (folder / name).write_text(text)
     given = f"--config {folder / 'tiny.yaml'} --space {folder / 'space.yaml'} --out {folder / out}"
     given += "" if "--trials" in more else f" --trials {trials}"
-    return [*given.split(), "--quiet", "--startup", "3", *more.split()]
+    return [*given.split(), "--quiet", *more.split()]
 
 
 def trials(out: Path) -> list[optuna.trial.FrozenTrial]:
@@ -92,20 +93,19 @@ def trials(out: Path) -> list[optuna.trial.FrozenTrial]:
     [
         ("ppo.learning_rat: {low: 1, high: 2}", "ppo.learning_rat is unknown; did you mean ppo.learning_rate?"),
         ("learning_rate: {low: 1e-4, high: 1e-3}", "did you mean ppo.learning_rate?"),
-        ("ppo.learning_rate: {low: 1e-4, high: 1e-3, lg: true}", "lg is unknown; did you mean log?"),
-        ("ppo.learning_rate: {low: 1e-4, high: 2}", "space.yaml: ppo.learning_rate is 2; expected a number above 0"),
-        ("ppo.learning_rate: {low: 1e-3, high: 1e-4}", "expected less than high, 0.0001"),
-        ("ppo.learning_rate: {low: 1e-3}", "ppo.learning_rate.high is null; expected a number"),
-        ("ppo.learning_rate: {low: 1e-3, high: .inf}", "high is inf; expected a number"),
-        ("ppo.learning_rate: {low: 1e-3, high: 1e-2, log: 1}", "log is 1; expected true or false"),
-        ("ppo.entropy: {low: 0, high: 1e-2, log: true}", "expected low above 0 and no step"),
-        ("ppo.epochs: {low: 1.5, high: 3}", "ppo.epochs.low is 1.5; expected a whole number"),
-        ("shaping.goal: {low: 0, high: 1, step: 0.3}", "expected a whole part of high less low"),
+        (
+            "ppo.learning_rate: {low: 1e-4, high: 1e-3, lg: true}",
+            "expected {low, high}, with log or step, or {choices}",
+        ),
+        ("ppo.learning_rate: {low: 1e-4, high: 2}", "space.yaml: ppo.learning_rate is 2.0; expected a number above 0"),
+        ("ppo.learning_rate: {low: 1e-3, high: 1e-4}", "low <= high"),
+        ("ppo.learning_rate: {low: 1e-3}", "'high'"),
+        ("ppo.learning_rate: {low: 1e-3, high: .inf}", "numbers of a key that is one"),
+        ("ppo.entropy: {low: 0, high: 1e-2, log: true}", "must hold for `log=True`"),
         ("ppo.minibatch: {choices: [64, 96]}", "ppo.minibatch is 96; expected a divisor of environments times rollout"),
-        ("ppo.minibatch: {choices: [64]}", "expected a list of at least 2 values"),
-        ("ppo.minibatch: {choices: [64, 64]}", "expected every value once"),
-        ("ppo.minibatch: [64, 128]", r"is \[64, 128\]; expected {low, high} or {choices}"),
-        ("network.feature_set: {low: 1, high: 2}", "network.feature_set is no number"),
+        ("ppo.minibatch: {choices: []}", "must contain one or more elements"),
+        ("ppo.minibatch: [64, 128]", r"is \[64, 128\]; expected {low, high}"),
+        ("network.feature_set: {low: 1, high: 2}", "expected {choices: "),
         ("network.feature_set: {choices: [cpa, nome]}", "did you mean none?"),
         ("scenarios.0.name: {choices: [circle, cirkle]}", "did you mean circle?"),
         ("scenarios.5.weight: {low: 1, high: 2}", "'5' is no item of a list of 2"),
@@ -122,13 +122,6 @@ def test_a_space_that_is_not_usable_is_refused_in_a_sentence(entry: str, says: s
     assert not (tmp_path / "out").exists()
 
 
-def test_rewards_can_be_searched_only_where_they_are_not_the_objective(tmp_path: Path) -> None:
-    space = "world.reward_timeout: {low: -50, high: -10}"
-    parse(arguments(tmp_path, space=space))
-    with pytest.raises(ConfigError, match="on equal terms"):
-        parse(arguments(tmp_path, space=space, more="--objective score"))
-
-
 def test_a_value_that_is_valid_only_with_some_others_is_taken(tmp_path: Path) -> None:
     space = "ppo.minibatch: {choices: [64, 512]}\nppo.environments: {choices: [16, 32]}"
     assert len(parse(arguments(tmp_path, space=space)).space) == 2
@@ -138,8 +131,6 @@ def test_a_value_that_is_valid_only_with_some_others_is_taken(tmp_path: Path) ->
     ("more", "says"),
     [
         ("--seeds 0", "seeds is 0; expected a whole number at least 1"),
-        ("--timeout 0", "--timeout is 0.0; expected a number of seconds above 0"),
-        ("--objective speed", "invalid choice: 'speed'"),
         ("--set ppo.clap=1", "did you mean ppo.clip?"),
         ("--resume", "cannot change a sweep"),
     ],
@@ -152,7 +143,7 @@ def test_a_bad_option_is_refused(more: str, says: str, tmp_path: Path) -> None:
 def test_the_example_is_a_space_of_the_quick_configuration() -> None:
     given = "--config configs/quick.yaml --space configs/sweep_quick.yaml --trials 1 --out runs/none-such"
     options = parse([str(ROOT / word) if word.startswith("configs/") else word for word in given.split()])
-    assert "ppo.learning_rate" in [parameter.key for parameter in options.space]
+    assert "ppo.learning_rate" in options.space
 
 
 @pytest.mark.usefixtures("quick")
@@ -164,7 +155,7 @@ def test_a_sweep_leaves_its_study_and_the_best_configuration(
         monkeypatch.setattr(loop, name, stand)
     monkeypatch.setattr(finish, "finish", evaluated)
     out = tmp_path / "out"
-    assert sweep.main(arguments(tmp_path, trials=9, more="--no-pruning")) == 0
+    assert sweep.main(arguments(tmp_path, trials=9)) == 0
     found = trials(out)
     best = max(found, key=lambda trial: trial.value or 0.0)
     report = json.loads((out / "sweep.json").read_text())
@@ -192,12 +183,12 @@ def test_trials_below_the_median_are_stopped_early(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("quick")
 def test_several_seeds_count_by_their_mean(tmp_path: Path) -> None:
-    sweep.main(arguments(tmp_path, trials=1, more="--seeds 3 --objective score"))
+    sweep.main(arguments(tmp_path, trials=1, more="--seeds 3"))
     (trial,) = trials(tmp_path / "out")
     folder = sweep.trial_directory(tmp_path / "out", 0)
     configs = [load(TrainConfig, folder / f"seed-{i}" / "config.yaml") for i in range(3)]
     assert [config.seed for config in configs] == [0, 1, 2]
-    assert trial.value == pytest.approx(100.0 * sum(map(quality, configs)) / 3)
+    assert trial.value == pytest.approx(sum(map(quality, configs)) / 3)
 
 
 def test_a_trial_that_diverges_does_not_end_the_sweep(

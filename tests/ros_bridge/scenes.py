@@ -12,8 +12,8 @@ import pytest
 from agents.assurance.thresholds import Thresholds
 from agents.planner.request import Options
 from envs.aircraft import PAPER
+from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
-from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.situation import Code, Refusal, Settings, Situation, task
 from ros_bridge.core.tracks import Rules
 

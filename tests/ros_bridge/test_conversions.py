@@ -13,9 +13,9 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 import pyproj
 
 from agents.planner.request import Altitude
+from envs.formats.local_frame import LocalFrame, carried, distance
 from ros_bridge.core import conversions
 from ros_bridge.core.fields import FieldError
-from ros_bridge.core.geodesy import LocalFrame, carried, distance
 from tests.ros_bridge.scenes import NOW, SECOND, aircraft, alert, geo_reference, point, published, stamp
 
 rubbish = st.sampled_from([math.nan, math.inf, -math.inf, 1e300, -1e300])

@@ -15,8 +15,8 @@ from agents.planner.answer import Plan
 from agents.planner.planner import plan
 from agents.planner.publish import rechecked
 from agents.policy.inference import Policy
+from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
-from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.replies import flown, plan_points, start_point
 from ros_bridge.core.situation import Code, Situation, Task, task
 from ros_bridge.core.tracks import Rules

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
 from envs import kinematics
+from envs.formats.local_frame import LocalFrame
 from envs.kinematics import SURROGATE, VehicleState
 from ros_bridge.core.conversions import aircraft as read
-from ros_bridge.core.geodesy import LocalFrame
 from ros_bridge.core.situation import turn_of
 from ros_bridge.core.tracks import UNKNOWN, Rules, Track, Verdict, forgotten, refused, taken
 from tests.ros_bridge.scenes import NOW, SECOND, SETTINGS, aircraft

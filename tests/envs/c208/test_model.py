@@ -28,9 +28,8 @@ from envs.c208.propulsion import idle_thrust, maximum_thrust, thrust
 from envs.c208.trim import TrimError, level_table, solve, stored
 from envs.c208.vehicle import C208Vehicle
 from envs.edge.command import ConfigError
-from envs.follower import PERIOD
+from envs.follower import PERIOD, deviation
 from envs.kinematics import SURROGATE, VehicleState, advance
-from envs.tracking import deviation
 from envs.waypoints import Knots, Legs, at, legs
 
 

@@ -14,9 +14,10 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.passive_env_checker import env_render_passive_checker
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from envs import encounters, flight, starts, surrogate
+from envs import encounters, starts, surrogate
 from envs.aircraft import PAPER
 from envs.encounters import SCENARIOS, Encounter
+from envs.gym import flight
 from envs.gym.gymnasium_env import ENV_ID, DeconflictionEnv
 from envs.gym.gymnasium_vector import DeconflictionVectorEnv
 from envs.intruder import Intent
