@@ -96,8 +96,7 @@ def _code(root: Path) -> Iterator[tuple[str, str]]:
 
 
 def _has_public_names(tree: ast.Module) -> bool:
-    assigned = [node for node in tree.body if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)]
-    return any(node.targets[0].id == "__all__" for node in assigned)  # pyright: ignore[reportAttributeAccessIssue]
+    return any(isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name[0] != "_" for node in tree.body)
 
 
 def _target(link: str, origin: Path) -> Path:

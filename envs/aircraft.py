@@ -12,8 +12,6 @@ from envs.edge.command import InputError
 from envs.kinematics import FASTEST, Limits
 from envs.outcome import Rules
 
-__all__ = ["PAPER", "Aircraft", "AircraftError", "Ratios", "new_aircraft", "ratios"]
-
 _STEPS = 300
 """Time steps until a route counts as missed: 30 D / speed_max of 0.1 D / speed_max each (paper: 300 s of 1 s)."""
 

@@ -11,8 +11,6 @@ from typing import Any
 
 from envs.backend import FLOATS
 
-__all__ = ["atan2", "sincos", "wrap"]
-
 _TWO_PI = 2.0 * math.pi
 _HALF_PI = 0.5 * math.pi
 _SIN = (

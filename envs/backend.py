@@ -8,8 +8,6 @@ dominate).
 import math
 from typing import Any
 
-__all__ = ["EXACT_FLOATS", "FLOATS", "FloatNamespace"]
-
 
 class FloatNamespace:
     """The part of the array namespace that the core uses, for plain floats and booleans.

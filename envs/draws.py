@@ -2,8 +2,6 @@
 
 import numpy as np
 
-__all__ = ["normals", "uniforms"]
-
 _WORDS_PER_COUNT = 4  # Philox gives four 64-bit words per counter value
 
 

@@ -17,18 +17,6 @@ from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from envs.relative import distance, straight_cpa
 
-__all__ = [
-    "MOST_INTRUDERS",
-    "SCENARIOS",
-    "Encounter",
-    "EncounterError",
-    "Scenario",
-    "choose",
-    "padded",
-    "sample",
-    "scenario",
-]
-
 
 class EncounterError(InputError):
     """An encounter or scenario that cannot be had; the message says which and why."""

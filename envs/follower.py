@@ -13,8 +13,6 @@ from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState, advance
 from envs.waypoints import Legs, at
 
-__all__ = ["GAINS", "PERIOD", "Deviation", "KinematicVehicle", "Vehicle", "deviation", "guidance", "offset", "steer"]
-
 PERIOD = 0.1
 """Control period, s."""
 

@@ -12,18 +12,6 @@ import numpy as np
 from envs.angles import atan2, sincos, wrap
 from envs.kinematics import Limits, VehicleState, advance
 
-__all__ = [
-    "COASTING",
-    "GAINS",
-    "LOOKAHEAD",
-    "Gains",
-    "Intent",
-    "IntruderState",
-    "Recording",
-    "start",
-    "step",
-]
-
 LOOKAHEAD = 10_000_000.0
 """Distance of the waypoint, m for each second of a time step: no intruder reaches it and turns back, and a turn's own
 displacement does not bend the course flown after it (with 50 km, a change of 120 degrees at 1 degree/s would end at

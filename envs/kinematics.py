@@ -10,18 +10,6 @@ from typing import Any, NamedTuple
 
 from envs.angles import sincos, wrap
 
-__all__ = [
-    "C208_PUBLISHED",
-    "FASTEST",
-    "SURROGATE",
-    "Limits",
-    "VehicleState",
-    "advance",
-    "commands",
-    "velocity",
-    "within",
-]
-
 
 class VehicleState(NamedTuple):
     """Position, heading and speed of one or many aircraft; every field has the batch shape ``[...]``."""

@@ -13,21 +13,6 @@ from envs.kinematics import VehicleState
 from envs.relative import bearing, distance, straight_cpa
 from envs.trees import mapped
 
-__all__ = [
-    "NAMES",
-    "ROW",
-    "SIZE",
-    "Decoded",
-    "SetObservation",
-    "beside",
-    "criticality",
-    "decode",
-    "most_critical",
-    "observe",
-    "observe_set",
-    "ranked",
-]
-
 NAMES = (
     "own_speed",
     "own_heading",

@@ -2,8 +2,6 @@
 
 from typing import Any, NamedTuple
 
-__all__ = ["RULES", "Outcome", "Rules", "judge", "reward"]
-
 
 class Rules(NamedTuple):
     """Numbers of the task; floats, so that they can be data of a compiled function."""

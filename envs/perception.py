@@ -10,8 +10,6 @@ from envs.angles import atan2
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
 
-__all__ = ["Sensor", "carried_back", "perceive"]
-
 
 class Sensor(NamedTuple):
     """Quality of the intruder's reports; floats or ``[..., 1]``."""

@@ -5,8 +5,6 @@ from typing import Any, NamedTuple
 from envs.angles import atan2, wrap
 from envs.kinematics import VehicleState, velocity
 
-__all__ = ["StraightCpa", "bearing", "distance", "leg_separation", "straight_cpa"]
-
 
 def distance(x: Any, y: Any, xp: Any) -> Any:
     """Return the length of the vector (x, y), m, ``[...]``."""

@@ -13,8 +13,6 @@ from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from envs.trees import mapped
 
-__all__ = ["cast", "checked", "joined", "numbered", "report_noise"]
-
 
 def numbered(scenario: Scenario, seed: int, first: int, count: int) -> Encounter:
     """Return the encounters ``first .. first + count - 1`` of a seed, float64 fields ``[count]`` and ``[count, K]``.

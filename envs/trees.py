@@ -5,8 +5,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-__all__ = ["column", "mapped", "scatter", "take"]
-
 T = TypeVar("T")
 
 

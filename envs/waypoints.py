@@ -16,8 +16,6 @@ import numpy as np
 from envs.angles import wrap
 from envs.kinematics import VehicleState
 
-__all__ = ["ARCS", "CLOSED", "Knots", "Legs", "RoutePoint", "Waypoint", "at", "knots", "leg", "legs", "locate"]
-
 ARCS = 10
 """Arcs of a leg."""
 

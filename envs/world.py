@@ -18,20 +18,6 @@ from envs.outcome import Outcome, Rules
 from envs.perception import Sensor, carried_back, perceive
 from envs.relative import distance, leg_separation
 
-__all__ = [
-    "State",
-    "StepResult",
-    "World",
-    "begin",
-    "evaluate",
-    "move_intruders",
-    "observe",
-    "observe_set",
-    "perceived",
-    "smallest",
-    "step",
-]
-
 
 class World(NamedTuple):
     """Parameters of the world, all of them data."""

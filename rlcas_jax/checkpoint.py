@@ -22,8 +22,6 @@ from safetensors.numpy import save as save_tensors
 from envs.edge.command import InputError
 from envs.edge.files import check_regular, write_file
 
-__all__ = ["CheckpointError", "latest", "meta", "restore", "restore_part", "save"]
-
 SCHEMA = "rlcas-checkpoint-1"
 KEPT = 3  # newest checkpoints that stay
 _HEADER = "rlcas-checkpoint"

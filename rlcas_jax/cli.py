@@ -12,8 +12,6 @@ from agents.config.load import ConfigError, Parser, dump, load
 from envs.edge.files import write_file
 from rlcas_jax.config import SEED_END, TrainConfig
 
-__all__ = ["Job", "Options", "Processes", "add_configuration", "overrides_of", "parse", "write_configurations"]
-
 _DESCRIPTION = """\
 Train a conflict resolution policy in the surrogate.
 

@@ -9,8 +9,6 @@ import jax.numpy as jnp
 from agents.learning.networks import Seen
 from agents.learning.ppo import Batch, Learner, LearnerState, advantages, explained_variance, gaussian_log_prob
 
-__all__ = ["Environment", "Step", "collect"]
-
 
 class Step(NamedTuple):
     """What an environment's step yields besides its new state; fields ``[N]``."""

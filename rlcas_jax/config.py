@@ -13,18 +13,6 @@ from envs.aircraft import PAPER
 from envs.encounters import Scenario
 from envs.outcome import Rules
 
-__all__ = [
-    "SEED_END",
-    "CheckpointConfig",
-    "EvaluationConfig",
-    "FamilyConfig",
-    "NetworkConfig",
-    "PpoConfig",
-    "ShapingConfig",
-    "TrainConfig",
-    "WorldConfig",
-]
-
 SEED_END = 2**31
 """Seeds are below this."""
 

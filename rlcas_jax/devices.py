@@ -16,8 +16,6 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from agents.config.load import ConfigError
 from rlcas_jax.cli import Processes
 
-__all__ = ["AXIS", "Devices", "agreed", "connect", "everywhere", "first", "local", "place"]
-
 AXIS = "encounters"  # name of the mesh's one axis
 
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["FIGURES", "STYLE", "main", "stretches", "training_figures"]
-
 PAPER_SCORE = 75.0  # average episode reward that the paper reports at the end of its training
 _BLUE, _GREEN, _ORANGE, _GREY = "#0072b2", "#00795a", "#d55e00", "#767676"  # apart for every kind of colour vision
 STYLE: dict[Any, Any] = {

@@ -21,8 +21,6 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.figures import training_figures
 from rlcas_jax.loop import Run, outcomes, rates
 
-__all__ = ["POLICY", "evaluate", "export", "finish", "set_of", "table"]
-
 POLICY = "policy.safetensors"
 
 

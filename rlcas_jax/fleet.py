@@ -14,8 +14,6 @@ from envs.encounters import Scenario
 from envs.kinematics import Limits
 from rlcas_jax.config import TrainConfig
 
-__all__ = ["Fleet", "fleet", "of_fleet"]
-
 
 class Fleet(NamedTuple):
     """The ownship of each environment; fields ``[N]``."""

@@ -7,8 +7,6 @@ import threading
 from types import FrameType
 from typing import Any, TextIO
 
-__all__ = ["INTERRUPTED", "Interrupt"]
-
 INTERRUPTED = 130  # exit status
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 

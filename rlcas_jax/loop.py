@@ -27,8 +27,6 @@ from rlcas_jax.memory import check_memory
 from rlcas_jax.task import Task, TrainState, build
 from rlcas_jax.warm_start import warm_learner
 
-__all__ = ["Run", "Training", "TrainingError", "made_with", "outcomes", "prepared", "rates", "run"]
-
 LEAST_ACCEPTED = 0.05
 """Smallest share of a scenario's draws that must meet its conditions."""
 

@@ -10,8 +10,6 @@ from agents.policy.set_features import EACH, OWN
 from envs.observation import SIZE
 from rlcas_jax.config import TrainConfig
 
-__all__ = ["check_memory", "needed_bytes"]
-
 _FLOAT = 4
 _START = 40  # numbers of an encounter's start with one intruder, and of each further one some of them again
 

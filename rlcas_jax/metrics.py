@@ -12,8 +12,6 @@ from typing import IO, Any
 
 import numpy as np
 
-__all__ = ["FILE", "METRICS", "WALL_CLOCK", "Writer", "read"]
-
 FILE = "metrics.jsonl"
 
 METRICS = {

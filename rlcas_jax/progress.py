@@ -7,8 +7,6 @@ from typing import TextIO
 
 from agents.config.progress import Progress, spaced
 
-__all__ = ["Reporter"]
-
 _SILENCE_S = 10.0  # least time between two plain lines
 
 

@@ -3,8 +3,6 @@
 from envs.edge.command import run_cli
 from rlcas_jax.metrics import FILE, METRICS, WALL_CLOCK
 
-__all__ = ["main", "pages"]
-
 _CONFIGURATION = """\
 # Configuration of training
 

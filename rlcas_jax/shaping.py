@@ -13,15 +13,6 @@ from envs.relative import distance
 from envs.surrogate import State
 from rlcas_jax.config import ShapingConfig, TrainConfig
 
-__all__ = [
-    "heading_change_cost",
-    "learning_reward",
-    "path_excess_cost",
-    "potential",
-    "shaped",
-    "turn_rate_cost",
-]
-
 
 def learning_reward(
     reward: jax.Array, before: State, after: State, yaw_rate: jax.Array, config: TrainConfig, aircraft: Aircraft

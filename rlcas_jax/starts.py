@@ -8,8 +8,6 @@ from envs.encounters import Encounter, Scenario
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.fleet import fleet, of_fleet
 
-__all__ = ["draw", "late", "noisy", "required_separation"]
-
 
 def draw(
     key: jax.Array,

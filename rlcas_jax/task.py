@@ -23,8 +23,6 @@ from rlcas_jax.fleet import fleet
 from rlcas_jax.shaping import learning_reward
 from rlcas_jax.starts import draw, noisy
 
-__all__ = ["Task", "TrainState", "build", "fly", "ppo_settings", "seen"]
-
 
 class TrainState(NamedTuple):
     """Everything that a resumed run needs to go on exactly as an uninterrupted one."""

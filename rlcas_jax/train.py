@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from rlcas_jax.devices import Devices
     from rlcas_jax.interrupt import Interrupt
 
-__all__ = ["main"]
-
 FAILED = 1
 
 

@@ -13,8 +13,6 @@ from agents.policy import file as policy_file
 from rlcas_jax import checkpoint
 from rlcas_jax.config import TrainConfig
 
-__all__ = ["warm_learner"]
-
 
 def warm_learner(config: TrainConfig, shapes: Any) -> Any:
     """Return the networks and the optimiser that ``warm_start`` names.

@@ -14,8 +14,6 @@ from pathlib import Path
 
 from envs.edge.command import Parser, run_cli
 
-__all__ = ["main"]
-
 _SOURCE = Path(__file__).resolve().parent / "rlcas_msgs"
 
 

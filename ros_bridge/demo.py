@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from ros_bridge.nodes.simulator import Simulator
     from ros_bridge.sim.flight_log import FlightLog
 
-__all__ = ["FOUR", "MARGINS", "main"]
-
 FOUR = ("crossing_left", "crossing_right", "head_on", "same_course")
 """The paper's scenarios."""
 

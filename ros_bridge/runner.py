@@ -23,8 +23,6 @@ from collections.abc import Sequence
 
 from envs.edge.command import run_cli
 
-__all__ = ["main"]
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node."""

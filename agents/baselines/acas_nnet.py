@@ -29,8 +29,6 @@ from envs.edge.command import InputError
 from envs.edge.files import check_regular
 from envs.observation import most_critical
 
-__all__ = ["ADVISORIES", "AdvisoryLogic", "Network", "NnetError", "load_logic", "read"]
-
 ADVISORIES = ("clear of conflict", "weak left", "weak right", "strong left", "strong right")
 """Meaning of the outputs 0 to 4, and of the networks by previous advisory."""
 

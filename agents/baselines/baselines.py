@@ -17,19 +17,6 @@ from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.kinematics import VehicleState, velocity
 
-__all__ = [
-    "BASELINES",
-    "Baseline",
-    "Direct",
-    "PotentialField",
-    "RightHand",
-    "Sight",
-    "checked",
-    "course_to_goal",
-    "may_return",
-    "steered",
-]
-
 _GAIN = 0.5  # of the error of the heading that is turned in a time step
 _EVER, _PAST = 1e5, 1.05
 _MARGIN = 1.1

@@ -5,8 +5,6 @@ from typing import Any
 
 from envs.edge.files import written
 
-__all__ = ["save_figure"]
-
 
 def save_figure(figure: Any, path: Path, dpi: int = 150) -> list[Path]:
     """Write ``path.png`` and ``path.svg`` and return their paths.

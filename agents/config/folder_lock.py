@@ -9,8 +9,6 @@ from pathlib import Path
 
 from agents.config.load import ConfigError
 
-__all__ = ["LOCK", "is_unused", "locked"]
-
 LOCK = ".lock"
 """Name of the lock's file; it stays in the folder and says which process had it last."""
 

@@ -14,21 +14,6 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-__all__ = [
-    "MOVED",
-    "RENAMED",
-    "Key",
-    "expected",
-    "field_at",
-    "help_text",
-    "keys",
-    "markdown",
-    "nearest",
-    "nested_model",
-    "one_of",
-    "shown",
-]
-
 RENAMED = {
     "detour": "path_excess_cost",
     "doubtful": "fallback_cost_threshold",

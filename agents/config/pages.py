@@ -7,8 +7,6 @@ from pathlib import Path
 from agents.config.load import ConfigError, Parser
 from envs.edge.files import write_file
 
-__all__ = ["write_pages"]
-
 
 def write_pages(program: str, description: str | None, pages: Mapping[str, str]) -> None:
     """Write pages, texts by the name of their file, into the directory that the command line names.

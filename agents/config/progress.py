@@ -7,8 +7,6 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self, TextIO
 
-__all__ = ["Progress", "duration", "spaced"]
-
 
 class Progress:
     """Shows what is done of a whole, some figures and the time left.

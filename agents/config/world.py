@@ -18,8 +18,6 @@ from envs.encounters import SCENARIOS, EncounterError, Scenario, scenario
 from envs.kinematics import FASTEST, SURROGATE, Limits
 from envs.outcome import RULES, Rules
 
-__all__ = ["AircraftConfig", "RulesConfig", "ScenarioConfig", "VehicleConfig"]
-
 
 class RulesConfig(Strict):
     """The task; the time step is 1 s."""

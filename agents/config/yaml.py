@@ -15,8 +15,6 @@ import yaml
 
 from envs.edge.files import check_regular
 
-__all__ = ["YamlError", "coerced", "read", "write"]
-
 
 class YamlError(ValueError):
     """Text that is not the YAML of a configuration; the message says where and why."""

@@ -10,8 +10,6 @@ from flax import linen as nn
 from agents.policy.features import features, mirror_sign
 from agents.policy.set_features import SetInputs
 
-__all__ = ["Actor", "Critic", "Derived", "Seen", "derived"]
-
 
 class Derived(NamedTuple):
     """The inputs that the networks derive from an observation, once for several uses."""

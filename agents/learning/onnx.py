@@ -27,8 +27,6 @@ from envs.edge.command import InputError, Parser
 from envs.edge.files import write_file
 from envs.observation import SIZE
 
-__all__ = ["OPSET", "ExportError", "export", "inputs_of", "main", "model"]
-
 OPSET = 21
 """Of the operators, domain ``ai.onnx``."""
 

@@ -14,21 +14,6 @@ from jax.flatten_util import ravel_pytree
 
 from agents.learning.networks import Actor, Critic, Seen
 
-__all__ = [
-    "Batch",
-    "Learner",
-    "LearnerState",
-    "PpoSettings",
-    "advantages",
-    "explained_variance",
-    "gaussian_log_prob",
-    "initial_state",
-    "learner",
-    "losses",
-    "normalized",
-    "update",
-]
-
 _LOG_SQRT_TWO_PI = 0.9189385332046727
 
 

@@ -5,8 +5,6 @@ from typing import Any, NamedTuple
 from envs.angles import atan2, sincos, wrap
 from envs.kinematics import Limits, VehicleState, velocity
 
-__all__ = ["EVERY", "Task", "clear", "end_speed"]
-
 EVERY = 5
 """Time steps between the moments at which a manoeuvre asks whether the way back is clear."""
 

@@ -17,8 +17,6 @@ from envs.outcome import Rules
 from envs.relative import bearing, distance
 from envs.trees import take
 
-__all__ = ["REGARDLESS", "Flight", "Manoeuvre", "fly", "fly_away", "steps", "takeoff", "tracks"]
-
 REGARDLESS = -1e9
 """Slack, m, with which the way to the goal always counts as clear."""
 

@@ -17,23 +17,6 @@ from envs.outcome import Rules, judge
 from envs.relative import distance, leg_separation
 from envs.trees import column, scatter, take
 
-__all__ = [
-    "CHILDREN",
-    "COARSE",
-    "ELITES",
-    "SPREAD",
-    "STAGES",
-    "Flown",
-    "Found",
-    "concatenated",
-    "fly_out",
-    "parts",
-    "refine",
-    "scaled",
-    "search",
-    "within_range",
-]
-
 BLOCK = 16_384
 """Escapes flown at once against up to 8 intruders (fewer against more): some 100 MB."""
 

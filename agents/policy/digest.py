@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["canonical", "digest", "sha256"]
-
 
 def canonical(document: Any) -> str:
     """Return the one JSON text of a document: sorted keys, no white space, ASCII, no NaN or infinity.

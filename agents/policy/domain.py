@@ -13,8 +13,6 @@ from agents.policy.file import PolicyFile
 from envs.aircraft import Aircraft, Ratios, ratios
 from envs.edge.command import InputError
 
-__all__ = ["TRAFFIC_SPEED", "OutsideDomainError", "check_domain", "departures", "domain", "excess"]
-
 TRAFFIC_SPEED = (0.4, 1.3)
 """Intruders' speeds, in the ownship's greatest."""
 

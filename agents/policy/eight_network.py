@@ -19,8 +19,6 @@ from envs.backend import FLOATS
 from envs.kinematics import VehicleState
 from envs.observation import criticality, most_critical, observe
 
-__all__ = ["EightNetwork"]
-
 _BEHIND = 20.0  # separations
 _BLOCK = 256  # rows at a time, whose activations stay in cache; changes no bit
 

@@ -22,8 +22,6 @@ from envs.backend import FLOATS
 from envs.kinematics import SURROGATE
 from envs.observation import Decoded
 
-__all__ = ["ADVICE", "COUNT", "HORIZON", "PRESSED", "advice", "pressed", "separations"]
-
 _SPANS = (1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 4.0, 4.0, 5.0, 5.0, 6.0, 6.0, 8.0, 8.0, 10.0, 10.0, 12.0, 15.0)
 """Durations of the pieces, s."""
 

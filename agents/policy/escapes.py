@@ -17,8 +17,6 @@ from agents.policy.scene import Scene
 from envs.aircraft import Ratios
 from envs.angles import atan2, sincos
 
-__all__ = ["COUNT", "HORIZON", "THROTTLES", "TURNS", "KeptByOne", "kept", "steering"]
-
 HORIZON = 10.0
 """How far ahead is looked, D / ``speed_max`` (paper: 100 s)."""
 

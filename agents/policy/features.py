@@ -12,8 +12,6 @@ from envs.aircraft import PAPER
 from envs.kinematics import SURROGATE
 from envs.observation import Decoded, decode
 
-__all__ = ["FEATURE_SETS", "KEPT_UNIT", "MIRRORED", "begins", "features", "mirror_sign", "size"]
-
 FEATURE_SETS = ("none", "cpa", "mirror", "foresight", "advised", "pressed")
 """``none``: the bare observation (the paper's set-up); ``cpa``: geometry and closest point of approach; ``mirror``: the
 same with every scene seen so that the intruder is left of the line to the goal: an exactly symmetric policy;

@@ -14,20 +14,6 @@ from envs.backend import FLOATS
 from envs.kinematics import Limits, VehicleState
 from envs.relative import distance
 
-__all__ = [
-    "FARTHEST",
-    "OWN_NUMBERS",
-    "Scene",
-    "mirrored",
-    "mirrored_one",
-    "parts",
-    "scene",
-    "scene_of_one",
-    "unpacked",
-    "unpacked_rows",
-    "width",
-]
-
 FARTHEST = 20.0
 """Greatest distance that is seen, D; what is farther is seen there, in its direction."""
 

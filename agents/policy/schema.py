@@ -20,22 +20,6 @@ from envs.edge.command import InputError
 from envs.kinematics import FASTEST, Limits
 from envs.observation import NAMES, SIZE
 
-__all__ = [
-    "ACTION",
-    "OBSERVATION",
-    "PARITY_ACTION",
-    "PARITY_OBSERVATION",
-    "SCENE",
-    "SCHEMA",
-    "SET_SCHEMA",
-    "PolicyFileError",
-    "SetOf",
-    "check_metadata",
-    "check_values",
-    "new_metadata",
-    "tensor_shapes",
-]
-
 
 class PolicyFileError(InputError):
     """A policy file that cannot be used; the message says which file, what is wrong, where, what was expected."""

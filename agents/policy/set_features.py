@@ -13,8 +13,6 @@ from agents.policy.scene import Scene, mirrored
 from envs.backend import FLOATS
 from envs.relative import distance
 
-__all__ = ["EACH", "OWN", "SetInputs", "set_inputs", "set_inputs_of_one"]
-
 OWN = 15 + escapes.COUNT
 """Numbers that describe the ownship, its goal and what simple manoeuvres keep."""
 

@@ -23,8 +23,6 @@ from envs.observation import decode
 from envs.relative import distance
 from envs.trees import mapped
 
-__all__ = ["SetNetwork"]
-
 _PLACES = 128  # for intruders at a time, whose numbers stay in cache; changes no bit
 
 

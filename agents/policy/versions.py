@@ -3,8 +3,6 @@
 import platform
 from importlib import metadata
 
-__all__ = ["versions"]
-
 
 def versions(*packages: str) -> dict[str, str]:
     """Return the version of Python and of each package; ``not installed`` where there is none."""

@@ -21,8 +21,6 @@ from envs.relative import distance, leg_separation
 from envs.starts import cast, joined
 from envs.trees import column, take
 
-__all__ = ["ENOUGH", "OUTCOMES", "Causal", "Foresight", "causal"]
-
 OUTCOMES = ("violation", "reached", "timeout")
 """Names of the outcome codes 0, 1, 2."""
 

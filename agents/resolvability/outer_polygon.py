@@ -12,8 +12,6 @@ import numpy as np
 
 from agents.resolvability.reachable_bound import DIRECTIONS
 
-__all__ = ["ROUNDING", "beside", "corners", "outside"]
-
 ROUNDING = 1e-6
 """Added to all supports that are computed from corners, m: far more than the arithmetic errs by."""
 

@@ -23,8 +23,6 @@ from envs.outcome import Rules
 from envs.relative import distance
 from envs.trees import take
 
-__all__ = ["Ahead", "contained", "look_ahead", "split"]
-
 STEP = 0.05
 """Of the integration of the supports, in time steps of the task."""
 

@@ -19,8 +19,6 @@ from envs.angles import wrap
 from envs.kinematics import Limits
 from envs.outcome import Rules
 
-__all__ = ["DIRECTIONS", "EPSILON", "Funnel", "delta", "farthest", "narrowed", "relaxed", "root", "support"]
-
 EPSILON = 1e-4
 """A proof grants the ownship limits wider by this fraction."""
 

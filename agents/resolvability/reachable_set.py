@@ -17,8 +17,6 @@ from envs.angles import wrap
 from envs.kinematics import Limits
 from envs.trees import take
 
-__all__ = ["Cells", "States", "branches", "last_time", "merged", "moves", "start"]
-
 
 class States(NamedTuple):
     """Sets of states at one time; fields ``[M]``, in the frame of the ownship's start."""

@@ -19,8 +19,6 @@ from envs.relative import bearing
 from envs.starts import cast
 from envs.trees import scatter, take
 
-__all__ = ["ROUNDS", "SECOND", "Witnesses", "least_cost"]
-
 SECOND = 1e-3
 """Cost of a second of flight, m: of flights of the same length the earlier arrival is the better, for any aircraft."""
 

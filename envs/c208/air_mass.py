@@ -12,8 +12,6 @@ from envs.angles import wrap
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState
 
-__all__ = ["NO_WIND", "Wind", "air_commands", "air_demands", "ground_commands", "over_ground", "through_air"]
-
 Wind = tuple[float, float]  # velocity of the air towards east and north, m/s
 NO_WIND: Wind = (0.0, 0.0)
 

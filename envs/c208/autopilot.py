@@ -19,8 +19,6 @@ from envs.c208.model import stall_angle
 from envs.c208.propulsion import DENSITIES, DENSITY_0, SPEEDS, Curve, density_at, tables
 from envs.c208.trim import REFERENCE_ALTITUDE, REFERENCE_WEIGHT, Trim, stored
 
-__all__ = ["BANK_MAX", "CLIMB_MAX", "ROLL_DELAY", "TICK", "Autopilot", "Controls", "Measured"]
-
 TICK = 0.05  # period, s
 BANK_MAX, CLIMB_MAX = math.radians(45.0), 5.0  # rad and m/s
 _SLUG_FT2 = 1.35581795  # kg m^2

@@ -7,8 +7,6 @@ import numpy as np
 
 from envs.kinematics import VehicleState
 
-__all__ = ["CALM", "NOMINAL", "TURBULENCE", "Conditions", "Loading", "check_start", "check_state", "checked"]
-
 TURBULENCE = {"none": (0, 0.0), "light": (3, 25.0), "moderate": (4, 50.0)}
 """Probability index and wind at 20 ft, ft/s, of MIL-F-8785C."""
 

@@ -9,20 +9,6 @@ import csv
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-__all__ = [
-    "DATA",
-    "FACTS",
-    "FOOT",
-    "GRAVITY",
-    "POINTS",
-    "POUND",
-    "SLUG_PER_FT3",
-    "VARIANTS",
-    "Point",
-    "Variant",
-    "value",
-]
-
 DATA = Path(__file__).parent / "data"  # root of the files that ship
 FOOT, POUND, SLUG_PER_FT3 = 0.3048, 4.4482216, 515.378819  # m, N and kg/m^3
 GRAVITY = 9.80665  # m/s^2

@@ -14,8 +14,6 @@ from envs.c208.model import aircraft
 if TYPE_CHECKING:
     import jsbsim
 
-__all__ = ["STEP", "Fdm", "FdmError"]
-
 STEP = 1.0 / 60.0  # of the physics, s
 
 

@@ -17,8 +17,6 @@ from envs.follower import PERIOD, Vehicle
 from envs.kinematics import Limits, VehicleState, advance
 from envs.waypoints import Legs
 
-__all__ = ["LOOKAHEAD", "Guide", "Lookahead", "Path", "follow"]
-
 _SEARCH = 2  # steps towards the point abeam; each squares what is left of the error
 _UNBOUNDED = Limits(0.0, 1e3, -1e3, 1e3, 1e3)
 

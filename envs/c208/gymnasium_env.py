@@ -18,8 +18,6 @@ from envs.gym.gymnasium_env import DeconflictionEnv, register, registry
 from envs.kinematics import VehicleState, commands
 from envs.world import State, StepResult
 
-__all__ = ["ENV_ID", "C208Env"]
-
 ENV_ID = "rlcas/C208-v0"
 
 

@@ -18,8 +18,6 @@ from envs.c208.facts import DATA, FACTS, FOOT, POUND, SLUG_PER_FT3, VARIANTS, Va
 from envs.edge.command import Parser, run_cli
 from envs.edge.files import write_file
 
-__all__ = ["aircraft", "engine", "files", "lift_curve", "main", "stall_angle"]
-
 _WRITTEN = "Written by python -m envs.c208.model: change the facts or the template, not this file."
 
 

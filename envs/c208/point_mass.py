@@ -18,8 +18,6 @@ from envs.c208.propulsion import Curve, density_at, idle_thrust, maximum_thrust
 from envs.c208.trim import REFERENCE_ALTITUDE, REFERENCE_WEIGHT, stored
 from envs.kinematics import VehicleState
 
-__all__ = ["PointMassVehicle"]
-
 _LAGS = 0.65, 0.5, 1.5  # of bank, longitudinal acceleration and climb, s
 _LONGEST = 0.05  # of an integration step, s
 

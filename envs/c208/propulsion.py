@@ -13,8 +13,6 @@ import numpy as np
 
 from envs.c208.facts import Variant, value
 
-__all__ = ["DENSITY_0", "HORSEPOWER", "Curve", "density_at", "idle_thrust", "maximum_thrust", "tables", "thrust"]
-
 DENSITY_0 = 1.225  # of the standard atmosphere at sea level, kg/m^3
 HORSEPOWER = 745.7  # W
 

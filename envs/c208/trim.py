@@ -17,8 +17,6 @@ from envs.c208.propulsion import Curve
 from envs.edge.command import Parser, run_cli
 from envs.edge.files import write_file
 
-__all__ = ["REFERENCE_ALTITUDE", "REFERENCE_WEIGHT", "Table", "Trim", "TrimError", "solve", "stored", "surfaces"]
-
 REFERENCE_ALTITUDE = 2500.0  # of the stored equilibria and of flights, m
 REFERENCE_WEIGHT = 8807.0 * POUND  # of the stored equilibria, N
 TABLE_SPEEDS = tuple(float(speed) for speed in range(46, 107, 3))  # true airspeeds of the stored equilibria, m/s

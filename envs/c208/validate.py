@@ -19,8 +19,6 @@ from envs.c208.propulsion import DENSITY_0, HORSEPOWER, idle_thrust, maximum_thr
 from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve
 from envs.edge.command import Parser, run_cli
 
-__all__ = ["KNOT", "Verdict", "envelope", "main", "measured", "modes"]
-
 KNOT = 0.514444  # m/s
 
 

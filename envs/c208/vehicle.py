@@ -18,8 +18,6 @@ from envs.c208.fdm import STEP, Fdm
 from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve, surfaces
 from envs.kinematics import VehicleState
 
-__all__ = ["LOG_COLUMNS", "C208Vehicle", "FlightError", "StartError"]
-
 _EQUATOR, _MERIDIAN = 6_378_137.0, 6_335_439.3  # radii of curvature at the equator along both, m (WGS 84)
 _SUBSTEPS = round(TICK / STEP)
 _WIND_LAG = 10.0  # of the autopilot's estimate of the wind, s

@@ -18,8 +18,6 @@ from typing import Any, NoReturn
 from envs.edge.installation import extra_of, foreign
 from envs.edge.text import visible
 
-__all__ = ["ConfigError", "InputError", "Parser", "run_cli"]
-
 
 class InputError(ValueError):
     """Bad input of a user; the message is one sentence: what is wrong, where, what was expected."""

@@ -11,8 +11,6 @@ from pathlib import Path
 
 from envs.edge.command import ConfigError
 
-__all__ = ["check_regular", "check_space", "write_file", "written"]
-
 
 @contextmanager
 def written(target: str | os.PathLike[str]) -> Generator[Path, None, None]:

@@ -3,8 +3,6 @@
 import importlib.util
 from pathlib import Path
 
-__all__ = ["EXTRAS", "PACKAGES", "extra_of", "foreign"]
-
 PACKAGES = ("rlcas_jax", "envs", "agents", "eval", "ros_bridge")
 
 EXTRAS = {

@@ -16,8 +16,6 @@ from envs.traffic.text_file import json_of, text_of
 from envs.traffic.track_units import FOOT, KNOT, Range
 from envs.traffic.tracks import Repairs, TrackError, TrackFile
 
-__all__ = ["is_adsb", "ordered_flights", "read_adsb"]
-
 _STANDING = 10.0  # m; a position that stays the same while the aircraft flies further than this is stale
 
 _FIELDS = {

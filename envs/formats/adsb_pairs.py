@@ -21,8 +21,6 @@ from envs.formats.track_rows import Rows, place_of, track_of
 from envs.traffic.replay import horizon
 from envs.traffic.tracks import Repairs, Track, TrackError, at_times, summed
 
-__all__ = ["APART", "Nearby", "adsb_pairs"]
-
 APART = 60.0  # s
 _SHORTEST = 30.0  # seconds before the closest approach that both must be known for
 

@@ -14,8 +14,6 @@ from collections.abc import Sequence
 
 from envs.formats.local_frame import WGS84
 
-__all__ = ["ACCELERATION", "CLIMB", "HEIGHT", "POSITION", "VELOCITY", "WINDOW", "missed", "within"]
-
 POSITION, VELOCITY, ACCELERATION = 300.0, 50.0, 5.0
 """m, m/s and m/s^2, horizontally. Of 210 000 steps of real reports a second apart 7 are beyond."""
 

@@ -30,17 +30,6 @@ from envs.traffic.track_units import FOOT
 from envs.traffic.tracks import Track, at_times
 from envs.trees import take
 
-__all__ = [
-    "Scene",
-    "check_same",
-    "daidalus_text",
-    "is_number",
-    "lincoln_objects",
-    "rows_of_scenes",
-    "scenes_of",
-    "scenes_of_tracks",
-]
-
 EXACT = 1.0  # m
 
 

@@ -25,8 +25,6 @@ from envs.kinematics import FASTEST, VehicleState
 from envs.perception import Sensor
 from envs.traffic.text_file import number_of, text_of
 
-__all__ = ["COLUMNS", "MOST_INTRUDERS", "Column", "read", "write", "write_rows"]
-
 MOST_INTRUDERS = 64  # more rows for one encounter are refused as a mistake
 _MOST_PLACES = 2_000_000  # encounters times the intruders of the fullest one
 _FAR = 1_000_000.0

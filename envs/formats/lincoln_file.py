@@ -18,8 +18,6 @@ from envs.traffic.text_file import json_of
 from envs.traffic.track_units import DEGREES, FOOT, KNOT, Range
 from envs.traffic.tracks import DISTANT, Repairs, Track, TrackError, summed
 
-__all__ = ["EVENTS", "LincolnEncounter", "read_lincoln", "tracks_of"]
-
 _STEP = 0.1
 _LONGEST = 36_000.0
 _LONGEST_FILE = 2_000_000.0  # s, of all encounters together

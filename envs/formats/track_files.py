@@ -15,8 +15,6 @@ from envs.traffic.text_file import lines_of, number_of
 from envs.traffic.track_units import DEGREES, FAMILIES, FOOT, KNOT, Range, si
 from envs.traffic.tracks import DISTANT, TrackError, TrackFile
 
-__all__ = ["read_daidalus"]
-
 
 class _Column(NamedTuple):
     """What we call a column and what it measures; the range that is accepted is in SI units and radians."""

@@ -15,8 +15,6 @@ from envs.formats.consistency import ACCELERATION, CLIMB, HEIGHT, POSITION, VELO
 from envs.formats.local_frame import local
 from envs.traffic.tracks import DISTANT, Repairs, Track, TrackError, TrackFile, summed
 
-__all__ = ["Reading", "Rows", "flights_of", "place_of", "track_file", "track_of"]
-
 _LASTING = 30.0  # rows that agree with each other for so long, s, but not with the rest, are a flight of their own
 _MOST_FILLED = 100_000  # rows across the gaps of an aircraft
 _MOST_OPEN = 8  # flights of one aircraft that a row is held against: the latest

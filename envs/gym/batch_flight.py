@@ -12,8 +12,6 @@ from envs.observation import ROW, SIZE
 from envs.relative import distance
 from envs.surrogate import State, World
 
-__all__ = ["Setting", "begin", "step"]
-
 
 class Setting(NamedTuple):
     """What a step is compiled for; plain numbers only."""

@@ -20,8 +20,6 @@ from envs.perception import Sensor
 from envs.relative import distance
 from envs.world import State, StepResult, World
 
-__all__ = ["begin", "observe", "observe_set", "separations", "step"]
-
 
 def begin(encounter: Encounter, dt: float) -> State:
     """Return the start of one encounter without absent intruders.

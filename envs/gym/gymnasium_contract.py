@@ -14,18 +14,6 @@ from envs.observation import ROW, SIZE
 from envs.outcome import Rules
 from envs.world import World
 
-__all__ = [
-    "OUTCOMES",
-    "action_space",
-    "as_dict",
-    "checked_actions",
-    "checked_options",
-    "checked_world",
-    "family",
-    "has_display",
-    "observation_space",
-]
-
 OUTCOMES = ("flying", "violation", "reached", "timeout")
 """Names of the outcomes in ``info``."""
 

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from envs.gym.rendering import Drawing, Scene
     from envs.gym.window import Window
 
-__all__ = ["ENV_ID", "DeconflictionEnv"]
-
 ENV_ID = "rlcas/Deconfliction-v0"
 
 

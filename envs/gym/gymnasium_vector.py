@@ -27,8 +27,6 @@ from envs.gym.reserve import Reserve
 from envs.outcome import Rules
 from envs.surrogate import State
 
-__all__ = ["DeconflictionVectorEnv"]
-
 
 class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
     """N encounters of :class:`envs.gym.gymnasium_env.DeconflictionEnv`, in single precision on jax's device.

@@ -14,8 +14,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
-__all__ = ["GOAL", "INTRUDER", "OWNSHIP", "VIOLATION", "Drawing", "Scene", "frame", "view"]
-
 OWNSHIP = "#0072b2"
 INTRUDER = "#e69f00"
 GOAL = "#009e73"

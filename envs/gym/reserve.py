@@ -8,8 +8,6 @@ from envs.kinematics import VehicleState
 from envs.starts import cast, joined, numbered
 from envs.trees import take
 
-__all__ = ["Reserve"]
-
 _LEAST = 1_024  # fewest starts drawn at a time, so that drawing is seldom
 
 

@@ -5,8 +5,6 @@ import time
 
 from envs.gym.rendering import Drawing, Scene
 
-__all__ = ["DisplayError", "Window"]
-
 
 class DisplayError(RuntimeError):
     """There is no window to be had; the message says why and what to do."""

@@ -26,8 +26,6 @@ import numpy as np
 from envs.encounters import EncounterError
 from envs.traffic.text_file import lines_of, number_of
 
-__all__ = ["ACCELERATION", "CLIMB", "SPEED", "TURN", "EncounterModel", "Variable", "read_model"]
-
 SPEED, ACCELERATION, CLIMB, TURN = "v", r"\dot v", r"\dot h", r"\dot \psi"  # names of the variables that make a track
 
 _BLOCKS = (

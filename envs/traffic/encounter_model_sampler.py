@@ -19,9 +19,6 @@ from envs.kinematics import Limits, VehicleState, advance
 from envs.traffic.encounter_model import ACCELERATION, CLIMB, SPEED, TURN, EncounterModel, Variable
 from envs.traffic.track_units import FOOT, KNOT
 
-__all__ = ["Sampled", "dimensions", "flown", "sample_model"]
-
-
 _SI = {SPEED: KNOT, ACCELERATION: KNOT, CLIMB: FOOT / 60.0, TURN: -math.radians(1.0)}
 """SI value of one unit; turns are clockwise in the model and counter-clockwise here."""
 

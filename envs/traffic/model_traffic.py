@@ -34,8 +34,6 @@ from envs.traffic.encounter_model_sampler import dimensions, flown, sample_model
 from envs.traffic.replay import encounters_of
 from envs.trees import scatter, take
 
-__all__ = ["ModelTraffic", "encounters_with"]
-
 _OWN_DRAWS = 5
 _STREAM = 1 << 32  # of the first attempt's draws: beyond those of starts and reports (envs.starts)
 _FREE = FASTEST._replace(speed_min=0.0)

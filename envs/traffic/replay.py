@@ -16,8 +16,6 @@ from envs.kinematics import FASTEST, VehicleState, advance
 from envs.perception import Sensor
 from envs.traffic.tracks import Repairs, Track, TrackError, at_times
 
-__all__ = ["Replay", "encounters_of", "horizon", "off_arcs", "replay"]
-
 
 class Replay(NamedTuple):
     """Encounters of recorded intruders."""

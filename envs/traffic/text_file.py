@@ -8,8 +8,6 @@ from typing import Any
 
 from envs.edge.files import check_regular
 
-__all__ = ["json_of", "lines_of", "number_of", "text_of"]
-
 _MOST_BYTES = 128 * 2**20  # of the text, after unpacking
 _MOST_LINES = 2_000_000
 _MOST_PARTS = 10_000_000  # lists and objects in a JSON file

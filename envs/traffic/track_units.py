@@ -6,8 +6,6 @@ from typing import NamedTuple
 
 from envs.traffic.tracks import TrackError
 
-__all__ = ["DEGREES", "FAMILIES", "FOOT", "KNOT", "NAUTICAL_MILE", "Range", "si"]
-
 FOOT, NAUTICAL_MILE = 0.3048, 1_852.0
 KNOT = NAUTICAL_MILE / 3_600.0
 

@@ -7,9 +7,6 @@ import numpy as np
 
 from envs.edge.command import InputError
 
-__all__ = ["DISTANT", "Repairs", "Track", "TrackError", "TrackFile", "at_times", "summed"]
-
-
 DISTANT = 1_000_000.0  # m; further from its reference a flat map holds neither distances nor directions
 
 

@@ -25,8 +25,6 @@ from ros_bridge.core.fields import (
 )
 from ros_bridge.core.reports import FASTEST, Report, Sighting
 
-__all__ = ["adsb_vehicle", "fix_sighting", "inspva", "nav_sat_fix", "odometry_velocity"]
-
 # MAVLink message 246: ADSB_FLAGS, and of ADSB_EMITTER_TYPE what moves on the ground or not at all.
 _COORDINATES, _ALTITUDE, _HEADING, _VELOCITY = 1, 2, 4, 8
 _VERTICAL_VELOCITY = 128

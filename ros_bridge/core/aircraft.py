@@ -7,8 +7,6 @@ from agents.policy.file import PolicyFileError
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 
-__all__ = ["aircraft_of", "loaded"]
-
 
 @cache
 def loaded(policy_file: str) -> Policy:

@@ -29,20 +29,6 @@ from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import ACCURATE, Situation, placed
 from ros_bridge.core.tracks import Track
 
-__all__ = [
-    "Published",
-    "Supervision",
-    "activated",
-    "answered",
-    "apart",
-    "backup",
-    "initial",
-    "published",
-    "stepped",
-    "to_fly",
-    "withdrawn",
-]
-
 _SPACING = 0.25
 """Least time between two reports of an intruder that the monitor gets, in time steps: it reads turns from reports 0.2
 time steps apart."""

@@ -23,22 +23,6 @@ from ros_bridge.core.fields import (
 )
 from ros_bridge.core.reports import FASTEST, Report, Sighting
 
-__all__ = [
-    "ALTITUDE_CODES",
-    "Alert",
-    "Origin",
-    "PlanPoint",
-    "Route",
-    "Station",
-    "aircraft",
-    "alert",
-    "geo_reference",
-    "report",
-    "route",
-    "sighting",
-    "trajectory",
-]
-
 POSITION, ALTITUDE, VELOCITY, VERTICAL_SPEED, TRUE_AIRSPEED, WIND, POSITION_STD, VELOCITY_STD = (
     1 << n for n in range(8)
 )

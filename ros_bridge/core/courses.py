@@ -14,8 +14,6 @@ from ros_bridge.core.estimates import Estimate, first, improved
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report
 
-__all__ = ["Course", "begun", "extended"]
-
 _WINDOWS = (3.0, 20.0)
 """Lengths of the two windows that displacements are compared over, s: fast aircraft show a contradiction in the short
 one, slow ones in the long one."""

@@ -16,8 +16,6 @@ from envs.kinematics import VehicleState
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report
 
-__all__ = ["Estimate", "first", "improved"]
-
 
 class Estimate(NamedTuple):
     """An estimate, and what the tracker remembers; its place is the origin of the tracker's map, east and north."""

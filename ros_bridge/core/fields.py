@@ -9,21 +9,6 @@ from typing import Any, TypeVar
 
 from ros_bridge.core.reports import Sighting
 
-__all__ = [
-    "SECOND",
-    "FieldError",
-    "flags",
-    "identifier",
-    "integer",
-    "latitude",
-    "longitude",
-    "nanoseconds",
-    "number",
-    "readable",
-    "stamp",
-    "std",
-]
-
 SECOND = 1_000_000_000
 """Nanoseconds in a second: times of messages are whole nanoseconds."""
 

@@ -15,8 +15,6 @@ from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import FASTEST, Report
 from ros_bridge.core.tracks import Track, Verdict
 
-__all__ = ["Reach", "level", "out_of_reach"]
-
 _CLIMB = 30.0
 """Vertical speed that may have been taken up since the last report, m/s."""
 

@@ -2,8 +2,6 @@
 
 from enum import IntEnum
 
-__all__ = ["Code", "Refusal"]
-
 
 class Code(IntEnum):
     """Status codes of GenerateTrajectory."""

@@ -16,8 +16,6 @@ from ros_bridge.core.conversions import PlanPoint
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.situation import Task
 
-__all__ = ["flown", "geodetic_points", "plan_points", "start_point"]
-
 
 def plan_points(plan: Plan, task: Task) -> tuple[PlanPoint, ...]:
     """Return the waypoints of a plan on the ellipsoid; those of the route keep the route's altitude."""

@@ -5,8 +5,6 @@ from typing import NamedTuple
 
 from agents.planner.request import Altitude
 
-__all__ = ["FASTEST", "Report", "Sighting"]
-
 FASTEST = 400.0
 """Ground speed that no aircraft exceeds, m/s."""
 

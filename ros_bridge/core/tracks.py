@@ -17,8 +17,6 @@ from ros_bridge.core.courses import Course, begun, extended
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import FASTEST, Report, Sighting
 
-__all__ = ["UNKNOWN", "Fault", "Rules", "Sighted", "Track", "Verdict", "forgotten", "refused", "taken"]
-
 
 class Verdict(Enum):
     """What became of a report."""

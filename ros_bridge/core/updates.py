@@ -11,8 +11,6 @@ from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import UNKNOWN, Fault, Rules, Track, Verdict, refused, taken
 
-__all__ = ["alert", "geo_reference", "ownship", "reset", "route", "traffic"]
-
 
 def ownship(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
     """Take in an AircraftState of the ownship; ``now`` in ns.

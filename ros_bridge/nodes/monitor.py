@@ -50,8 +50,6 @@ from ros_bridge.transport.messages import header, point_message, trajectory_mess
 from ros_bridge.transport.node_base import ListeningNode
 from ros_bridge.transport.settings import monitor_thresholds
 
-__all__ = ["Monitor", "main"]
-
 _BACKUP_AGAIN = SECOND  # between two publications of the backup that is flown
 _RUNNER = "rlcas_runner"
 

@@ -35,8 +35,6 @@ from ros_bridge.transport import process, qos
 from ros_bridge.transport.messages import uuid_of
 from ros_bridge.transport.settings import declare, limits_of
 
-__all__ = ["Pilot", "main"]
-
 _RUNNER, _MONITOR = "rlcas_runner", "rlcas_monitor"
 _SILENCE = 0.5  # s of the monitor, after which an error is logged
 

@@ -17,8 +17,6 @@ from ros_bridge.core.fields import SECOND, FieldError, stamp
 from ros_bridge.core.situation import Code, Refusal, Settings, Task
 from ros_bridge.transport.messages import uuid_of
 
-__all__ = ["NO_PLAN", "check", "pinned", "planned", "rehearsed"]
-
 NO_PLAN = uuid.UUID(int=0)
 """In a request: no plan in particular."""
 

@@ -31,8 +31,6 @@ from ros_bridge.transport.messages import plan_message, trajectory_message, uuid
 from ros_bridge.transport.node_base import ListeningNode
 from ros_bridge.transport.settings import planning_settings, report_rules
 
-__all__ = ["Runner"]
-
 _VIEWS_EVERY = 0.1  # s at most from a plan to its situation
 
 

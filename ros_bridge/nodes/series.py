@@ -11,8 +11,6 @@ from ros_bridge.nodes.simulator import Simulator
 from ros_bridge.sim.flight_log import kept, table
 from ros_bridge.transport import process
 
-__all__ = ["Series", "main"]
-
 
 class Series(Simulator):
     """Flies the encounters that its parameters name, and finishes."""

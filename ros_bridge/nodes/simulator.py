@@ -48,8 +48,6 @@ from ros_bridge.transport import qos
 from ros_bridge.transport.messages import header, uuid_of
 from ros_bridge.transport.settings import declare, limits_of
 
-__all__ = ["Simulator"]
-
 _RUNNER, _MONITOR = "rlcas_runner", "rlcas_monitor"
 _START = 1_000 * SECOND  # at which every clock begins
 _TICK = round(PERIOD * SECOND)

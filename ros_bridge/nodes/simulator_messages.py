@@ -13,8 +13,6 @@ from ros_bridge.sim.receivers import Quality, Received
 from ros_bridge.sim.world import ALTITUDE, OWN, EncounterFlight
 from ros_bridge.transport.messages import aircraft_message
 
-__all__ = ["route_of", "state_message"]
-
 _SPACING, _BEYOND = 5.0, 45.0  # of the route's points, and how far it goes on beyond the goal, separations
 
 

@@ -42,8 +42,6 @@ from ros_bridge.transport.adsb_receiver import Receiver, checked_source
 from ros_bridge.transport.messages import aircraft_message, sighting_message
 from ros_bridge.transport.settings import declare
 
-__all__ = ["Translator", "main", "paired"]
-
 _RUNNER = "rlcas_runner"
 _OWN = {
     "none": None,

@@ -5,8 +5,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-__all__ = ["NEVER_ASKED", "FlightLog", "kept", "table"]
-
 NEVER_ASKED = "no alert"
 """The first answer where no plan was requested."""
 

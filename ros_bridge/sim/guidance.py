@@ -12,8 +12,6 @@ from ros_bridge.core.conversions import STATUS_SAFE, trajectory
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.replies import flown
 
-__all__ = ["Guidance", "curve"]
-
 STATUS_WITHDRAWN = 3
 FLY_PLAN, FLY_BACKUP = 1, 2
 _REMEMBERED = 8  # plans; the monitor names one of the last two

@@ -12,8 +12,6 @@ import numpy as np
 
 from envs.kinematics import VehicleState
 
-__all__ = ["Quality", "Received", "Receiver"]
-
 _TOLERANCE = 1e-6  # s
 
 

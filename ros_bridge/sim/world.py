@@ -18,18 +18,6 @@ from envs.relative import leg_separation, straight_cpa
 from envs.trees import take
 from envs.waypoints import Legs, Waypoint, at, knots, legs
 
-__all__ = [
-    "ALTITUDE",
-    "OWN",
-    "VEHICLES",
-    "EncounterFlight",
-    "FlightPath",
-    "SimulationError",
-    "Truth",
-    "straight_on",
-    "vehicle",
-]
-
 ALTITUDE = 2_500.0
 """At which all fly, m."""
 

@@ -14,8 +14,6 @@ import threading
 import time
 from collections.abc import Generator, Iterable
 
-__all__ = ["FLAG", "end_with_parent", "free_domain", "started", "stopped"]
-
 FLAG = "--end-with-parent"
 """With which a node is started that shall end when its standard input is closed."""
 

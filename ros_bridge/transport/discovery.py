@@ -15,8 +15,6 @@ from collections.abc import Generator, MutableMapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-__all__ = ["CONFIGURED", "PORTS", "PROFILE", "configure_dds", "port", "reserved_ports"]
-
 PROFILE = Path(__file__).parents[1] / "fastdds" / "profile.xml"
 """How Fast DDS takes part for a node of ours."""
 

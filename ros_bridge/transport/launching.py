@@ -13,8 +13,6 @@ from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-__all__ = ["ARGUMENTS", "declared", "node", "shared", "value"]
-
 ARGUMENTS = (
     ("namespace", "", "of all nodes, such as n123; empty: none"),
     ("use_sim_time", "false", "whether the nodes take the time from /clock"),

@@ -34,18 +34,6 @@ from ros_bridge.core.replies import plan_points, start_point
 from ros_bridge.core.reports import Report, Sighting
 from ros_bridge.core.situation import Task
 
-__all__ = [
-    "aircraft_message",
-    "header",
-    "identity",
-    "plan_message",
-    "point_message",
-    "sighting_message",
-    "time_message",
-    "trajectory_message",
-    "uuid_of",
-]
-
 _CODES = {name: code for code, name in ALTITUDE_CODES.items()}
 _SOURCES = {
     Source.NONE: Trajectory.SOURCE_NONE,

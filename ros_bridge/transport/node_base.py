@@ -16,8 +16,6 @@ from ros_bridge.core.tracks import forgotten
 from ros_bridge.transport import qos
 from ros_bridge.transport.settings import aircraft_text, declare, planning_options, report_rules
 
-__all__ = ["ListeningNode"]
-
 _BACKWARD = SECOND // 2  # by how much the clock may step back before everything received is forgotten
 
 

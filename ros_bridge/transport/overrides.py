@@ -12,8 +12,6 @@ from typing import Any
 
 import yaml
 
-__all__ = ["refuse_unknown_nodes", "refuse_unknown_parameters"]
-
 _OURS = "rlcas_"
 
 

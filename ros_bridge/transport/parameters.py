@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 from envs.aircraft import Aircraft
 from envs.edge.command import Parser, run_cli
 
-__all__ = ["NODES", "PARAMETERS", "Parameter", "help_text", "of", "reference"]
-
 NODES = ("runner", "monitor", "simulator", "translator", "pilot")
 """Names of the nodes; the node of each is called ``rlcas_`` and the name."""
 

@@ -19,8 +19,6 @@ from ros_bridge.transport.children import FLAG, end_with_parent
 from ros_bridge.transport.discovery import configure_dds, reserved_ports
 from ros_bridge.transport.overrides import refuse_unknown_nodes
 
-__all__ = ["main"]
-
 _LOOK = 1.0  # s between two looks at whether the node has finished
 
 

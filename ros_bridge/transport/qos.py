@@ -7,8 +7,6 @@ from typing import Any
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-__all__ = ["CLOCK", "EVENTS", "LATCHED", "SENSOR", "TRAFFIC", "publisher_events", "route_input", "subscription_events"]
-
 SENSOR = QoSProfile(depth=5, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Of the ownship: takes every publisher; a lost report is followed by another."""
 

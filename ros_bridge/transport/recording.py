@@ -23,8 +23,6 @@ from visualization_msgs.msg import MarkerArray
 
 from ros_bridge.transport import qos
 
-__all__ = ["TOPICS", "Recorder", "RecordingError", "definition"]
-
 _RUNNER, _MONITOR = "rlcas_runner", "rlcas_monitor"
 TOPICS = (
     (Clock, "/clock", qos.CLOCK),

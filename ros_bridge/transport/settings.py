@@ -20,17 +20,6 @@ from ros_bridge.core.tracks import Rules
 from ros_bridge.transport.overrides import refuse_unknown_parameters
 from ros_bridge.transport.parameters import Parameter, of
 
-__all__ = [
-    "aircraft_text",
-    "declare",
-    "limits_of",
-    "monitor_thresholds",
-    "planning_options",
-    "planning_settings",
-    "report_rules",
-    "resolved",
-]
-
 _KEPT = 0.5
 """Share of the sigmas planned with that must be left before a new plan is asked for: what is believed of an intruder
 wanders inside its uncertainty, and a plan that needs all of it would be void with every second report."""

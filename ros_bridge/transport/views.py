@@ -21,8 +21,6 @@ from ros_bridge.core.fields import SECOND
 from ros_bridge.core.situation import Task
 from ros_bridge.transport.messages import header
 
-__all__ = ["diagnostics", "markers", "path"]
-
 _STEP = 2.0  # s between the points of the drawn line
 _SAFE, _UNSAFE, _TRAFFIC = (0.1, 0.6, 0.3), (0.85, 0.2, 0.1), (0.9, 0.55, 0.1)
 
