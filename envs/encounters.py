@@ -177,10 +177,8 @@ def sample(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
     """Turn unit-uniform draws into encounters.
 
     Args:
-        scenario: the family.
         draws: ``[A, N, D]`` in [0, 1) with D = ``scenario.dimensions``: A attempts of which each encounter takes
             the first that meets the scenario's conditions.
-        xp: array namespace.
 
     Returns:
         The encounters ``[N]`` and whether each meets the conditions (where not, its last attempt stands).

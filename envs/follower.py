@@ -81,7 +81,6 @@ def guidance(legs: Legs, state: VehicleState, time: Any, dt: float = PERIOD, gai
         state: of the aircraft, ``[...]``.
         time: on the plan's clock, s, ``[...]`` or a scalar.
         dt: control period, s.
-        gains: of the feedback.
     """
     return steer(at(legs, time), at(legs, time + dt), state, dt, gains)
 

@@ -99,8 +99,6 @@ def step(
         intent: ``[..., K]``.
         time: s since the start at the beginning of the step, ``[..., 1]`` or broadcastable.
         dt: duration of the step, s.
-        xp: array namespace.
-        gains: of the heading controller.
         response: time step that the gains count in, s, where the motion's is another; None: ``dt``.
     """
     response = dt if response is None else response

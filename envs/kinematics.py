@@ -76,7 +76,6 @@ def commands(action: Any, limits: Limits, xp: Any) -> tuple[Any, Any]:
     Args:
         action: a pair of ``[...]`` in [-1, 1] (acceleration, yaw rate; values beyond are clipped).
         limits: full deflection of either component.
-        xp: array namespace.
     """
     throttle = xp.clip(action[0], -1.0, 1.0)
     steering = xp.clip(action[1], -1.0, 1.0)
@@ -101,8 +100,6 @@ def advance(state: VehicleState, acceleration: Any, yaw_rate: Any, dt: Any, limi
         acceleration: m/s^2, ``[...]``; only the speed limits are applied here, not those on commands.
         yaw_rate: rad/s, positive to the left, ``[...]``; ``|yaw_rate| * dt`` must not exceed 1 rad.
         dt: s, broadcasts.
-        limits: speed limits.
-        xp: array namespace.
     """
     # The gap and not the limit is chosen: of two plain numbers numpy would make float64.
     gap = xp.where(acceleration > 0.0, limits.speed_max - state.speed, limits.speed_min - state.speed)

@@ -43,7 +43,6 @@ def observe(own: VehicleState, intruder: VehicleState, goal_x: Any, goal_y: Any,
         intruder: the intruder to be seen, ``[...]``.
         goal_x, goal_y: goal position, m, ``[...]``.
         aircraft: floats, or fields ``[...]``.
-        xp: array namespace.
     """
     mine, other = _own_parts(own, goal_x, goal_y, aircraft, xp), _traffic_parts(own, intruder, aircraft, xp)
     return _stacked([mine[0], mine[1], other[0], other[1], other[2], other[3], mine[2], mine[3]], xp)
@@ -71,7 +70,6 @@ def observe_set(
         mask: which of them exist, bool ``[..., K]``.
         goal_x, goal_y: goal position, m, ``[...]``.
         aircraft: floats, or fields ``[...]``.
-        xp: array namespace.
 
     Raises:
         ValueError: the mask has another shape than the intruders.
@@ -177,7 +175,6 @@ def criticality(own: VehicleState, intruders: VehicleState, aircraft: Aircraft, 
         own: ownship with fields ``[..., 1]``.
         intruders: fields ``[..., K]``.
         aircraft: of the ownship; floats, or fields ``[..., 1]``.
-        xp: array namespace.
     """
     radius = 1.5 * aircraft.separation
     length = 1_000.0 / aircraft.separation

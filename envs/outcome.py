@@ -44,7 +44,6 @@ def judge(separation: Any, goal_distance: Any, time: Any, rules: Rules, xp: Any)
         goal_distance: distance to the goal at the end of the step, m, ``[...]``.
         time: time since the start at the end of the step, s, ``[...]``.
         rules: the task's numbers.
-        xp: array namespace.
     """
     violation = separation < rules.separation
     reached = xp.logical_and(goal_distance <= rules.goal_radius, xp.logical_not(violation))

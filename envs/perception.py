@@ -45,7 +45,6 @@ def perceive(
         sensor: its latency must not exceed ``2 dt``.
         noise: standard normal draws, four components ``[...]`` each (x, y, vx, vy).
         dt: duration of a step, s.
-        xp: array namespace.
     """
     steps = sensor.latency * (1.0 / dt)
     recent = xp.clip(steps, 0.0, 1.0)

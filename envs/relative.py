@@ -49,7 +49,6 @@ def leg_separation(
         own, own_next: ownship before and after the step, ``[...]``.
         other, other_next: the other aircraft before and after it, ``[...]``.
         dt: duration of the step, s.
-        xp: array namespace.
     """
     x0, y0 = other.x - own.x, other.y - own.y
     chord_x, chord_y = other_next.x - own_next.x - x0, other_next.y - own_next.y - y0

@@ -61,7 +61,6 @@ def checked(encounter: Encounter, aircraft: Aircraft, batch: tuple[int, ...] = (
 
     Args:
         encounter: own fields ``batch``, intruder fields ``[*batch, K]`` or what broadcasts to them.
-        aircraft: the ownship.
         batch: leading shape; ``()`` for one encounter, which may also come as a batch of one.
 
     Raises:

@@ -45,7 +45,6 @@ def observe(state: State, aircraft: Aircraft, noise: jax.Array | None = None) ->
 
     Args:
         state: ``[N]``.
-        aircraft: whose scales the observation has.
         noise: standard normal draws ``[4, N, K]`` of the reports; None for perfect knowledge.
     """
     return world.observe(state, world.perceived(state, noise, aircraft.dt, jnp), aircraft, jnp)
@@ -80,7 +79,6 @@ def redraw_pool(key: jax.Array, scenarios: list[Scenario], weights: list[float],
     """Sample a pool of starts from a mixture of scenarios, ``[rows, count]``.
 
     Args:
-        key: of the draw.
         scenarios: the mixture's components; those with fewer intruders get absent ones.
         weights: their probabilities, summing to 1.
         rows: rows of the pool, one used per step.

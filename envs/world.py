@@ -72,8 +72,6 @@ def begin(encounter: Encounter, xp: Any, *, history_dt: Any = None, required_sep
     """Return the state at the start of encounters ``[...]``.
 
     Args:
-        encounter: the starts.
-        xp: array namespace.
         history_dt: the time step, s, where reports may be late and need a history of the intruders; None: they are not.
         required_separation: by which each encounter is judged instead of the rules', m, ``[...]``.
     """
@@ -105,8 +103,6 @@ def step(state: State, action: tuple[Any, Any], world: World, xp: Any) -> tuple[
     Args:
         state: ``[...]``.
         action: acceleration and yaw rate as fractions of the limits, ``[...]`` each, clipped to [-1, 1].
-        world: parameters.
-        xp: array namespace.
     """
     # Update the intruders: their controllers compute the controls, then the vehicles move.
     intruders = move_intruders(state, world.rules.dt, xp)
@@ -132,8 +128,6 @@ def evaluate(state: State, own: VehicleState, intruders: Any, rules: Rules, xp: 
         state: before the step, ``[...]``.
         own: ownship after it, ``[...]``.
         intruders: after it, ``[..., K]``.
-        rules: of the task.
-        xp: array namespace.
     """
     if state.required_separation is not None:
         rules = rules._replace(separation=state.required_separation)
@@ -161,7 +155,6 @@ def perceived(state: State, noise: Any, dt: Any, xp: Any) -> Any:
         noise: standard normal draws of the reports, ``[4, ..., K]``, or of plain floats a sequence of K times 4; None
             for perfect knowledge.
         dt: time step, s; reports are at most two of them old.
-        xp: array namespace.
     """
     now = _vehicles(state.intruders, xp)
     if noise is None:
@@ -177,8 +170,6 @@ def observe(state: State, seen: Any, aircraft: Aircraft, xp: Any) -> Any:
     Args:
         state: ``[...]``.
         seen: intruders as :func:`perceived`, ``[..., K]``.
-        aircraft: whose scales the observation has.
-        xp: array namespace.
     """
     chosen = observation.most_critical(state.own, seen, state.mask, aircraft, xp)
     return observation.observe(state.own, chosen, state.goal_x, state.goal_y, aircraft, xp)
@@ -191,8 +182,6 @@ def observe_set(state: State, seen: Any, count: int | None, aircraft: Aircraft, 
         state: ``[...]``.
         seen: intruders as :func:`perceived`, ``[..., K]``.
         count: of the most critical ones to be seen, in their order; None: all K as they come.
-        aircraft: whose scales the observation has.
-        xp: array namespace.
     """
     mask = state.mask
     if count is not None:

@@ -44,13 +44,9 @@ def collect(
     """Roll the policy out and prepare the samples of an update.
 
     Args:
-        state: of the learner.
         environment_state: ``[N]``.
         noise: standard normal draws of the actions, ``[T, N, 2]``.
         key: of what the environment's observations draw.
-        environment: to fly in.
-        parts: networks.
-        discount: per step.
         gae_lambda: decay of the advantage estimate.
 
     Returns:

@@ -72,7 +72,6 @@ def prepared(config: TrainConfig, directory: Path, devices: Devices | None = Non
     """Check everything that a training needs, and write nothing.
 
     Args:
-        config: what to train.
         directory: of the run; need not exist unless it is resumed.
         devices: to train on; one by default.
         resume: go on from the directory's newest checkpoint instead of starting.
@@ -102,7 +101,6 @@ def run(training: Training, reporter: progress.Reporter, interrupt: Interrupt | 
 
     Args:
         training: see :func:`prepared`; its directory exists, for all processes if there are several.
-        reporter: shows the progress.
         interrupt: asked between updates whether to stop early.
 
     Raises:

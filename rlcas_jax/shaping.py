@@ -47,13 +47,7 @@ def shaped(before: jax.Array, after: jax.Array, terminated: jax.Array, discount:
 
 
 def potential(state: State, weights: ShapingConfig, aircraft: Aircraft) -> jax.Array:
-    """Return the potential of each encounter, ``[N]``, in units of the scaled reward.
-
-    Args:
-        state: encounters in progress.
-        weights: of the distance to the goal.
-        aircraft: the ownship.
-    """
+    """Return the potential of each encounter, ``[N]``, in units of the scaled reward."""
     left = distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp)
     return -weights.goal * left * (0.1 / aircraft.separation)
 

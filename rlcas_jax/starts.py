@@ -18,8 +18,6 @@ def draw(
     """Return encounters at their start, ``[rows, environments]``.
 
     Args:
-        key: of the draw.
-        config: of the training.
         scenarios: those of the configuration.
         rows: encounters of each environment.
     """
@@ -44,7 +42,6 @@ def required_separation(starts: Encounter, config: TrainConfig) -> jax.Array | N
 
     Args:
         starts: a column is flown by the same environment.
-        config: of the training.
     """
     world, separation = config.world, config.aircraft.separation_m
     if world.separation_spread == 0.0:

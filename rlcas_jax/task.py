@@ -59,7 +59,6 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
     """Assemble the task of a configuration; its functions are compiled when they are first called.
 
     Args:
-        config: what to train.
         devices: to split the encounters over; one by default. The same encounters are flown with the same draws
             whatever their number, and each device shuffles its own.
         phase: number of the phase of training; each has draws of its own.
@@ -195,9 +194,7 @@ def seen(state: surrogate.State, aircraft: Aircraft, feature_set: str, noise: ja
     """Return what networks with a feature set take of encounters ``[N]``.
 
     Args:
-        state: of the encounters.
         aircraft: the ownship; floats, or limits ``[N]``.
-        feature_set: of the networks.
         noise: standard normal draws ``[4, N, K]`` of the reports; None for perfect knowledge.
     """
     if feature_set != "set":
@@ -212,7 +209,6 @@ def fly(policy: Callable[[surrogate.State], jax.Array], encounter: Encounter, wo
 
     Args:
         policy: states -> actions ``[N, 2]``.
-        encounter: the starts.
         world: parameters; the time limit must be a whole number of steps, known when this is compiled.
     """
     none = jnp.zeros(encounter.goal_x.shape, bool)

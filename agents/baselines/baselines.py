@@ -91,8 +91,6 @@ def may_return(sight: Sight, aircraft: Aircraft, required: float) -> np.ndarray:
     published resolvers, where all of them are past their closest point of approach and far enough.
 
     Args:
-        sight: of the encounters.
-        aircraft: the ownship.
         required: separation from the intruders, m.
     """
     own = VehicleState(*(field[:, None] for field in sight.own))

@@ -20,7 +20,6 @@ def locked(folder: Path, option: str = "--out") -> Generator[None]:
     The system releases the lock when the process ends, however it ends (``flock``). A forked child shares the lock.
 
     Args:
-        folder: of the run.
         option: by which the command line names the folder, for the messages.
 
     Raises:

@@ -14,7 +14,6 @@ def write_pages(program: str, description: str | None, pages: Mapping[str, str])
     Args:
         program: such as ``python -m rlcas_jax.reference``.
         description: what ``--help`` says.
-        pages: to write.
 
     Raises:
         ConfigError: there is no such directory.

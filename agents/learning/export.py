@@ -44,13 +44,10 @@ def to_policy_file(  # noqa: PLR0913 - it describes a file
 
     Args:
         actor_variables: of :class:`agents.learning.networks.Actor`: ``{"params": {"trunk": {...}, "log_std": [2]}}``.
-        hidden: widths of its hidden layers.
         feature_set: its derived inputs, one of :data:`agents.policy.features.FEATURE_SETS`.
         limits: of the vehicle it was trained for, floats, SI.
         config: the resolved training configuration, of JSON types.
-        steps: environment steps of training.
         score: mean sparse reward per encounter, None if it was not evaluated.
-        notes: free text.
         of_set: for the feature set ``set``.
 
     Raises:

@@ -55,9 +55,6 @@ class ExportError(InputError):
 def model(content: PolicyFile) -> Any:
     """Return the ``onnx.ModelProto`` of a policy, checked by onnx; equal policies give equal bytes.
 
-    Args:
-        content: of the policy file.
-
     Raises:
         ExportError: the onnx package is not installed.
     """
@@ -88,7 +85,6 @@ def export(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> fl
     """Write the ONNX model of a policy file, whole or not at all.
 
     Args:
-        source: the policy file.
         target: the model's file; replaced if there is one.
 
     Returns:

@@ -131,7 +131,6 @@ def advantages(
         value_t: of the observation before the step, ``[T, N]``.
         value_tp1: of the observation after the step and before any reset, ``[T, N]``.
         terminated_t: the step ended the episode for good: nothing is worth anything after it, ``[T, N]``.
-        discount: per step.
         gae_lambda: decay of the estimate; cut at the end.
     """
     goes_on = 1.0 - terminated_t
@@ -168,10 +167,7 @@ def losses(
     """Return the scalar loss of a minibatch and its parts (means over the samples of this device).
 
     Args:
-        parameters: of actor and critic.
         batch: samples, their advantages normalised if they shall be.
-        parts: networks.
-        settings: of the algorithm.
     """
     actor_variables, critic_variables = parameters
     mean, log_std = parts.policy(actor_variables, batch.observation)
@@ -210,11 +206,7 @@ def update(
     statistics are taken over all of them, so that every device makes the same step.
 
     Args:
-        state: parameters and optimiser.
         rollout: ``[N, T, ...]``, encounters first, so that a segment of time is contiguous.
-        key: of the shuffles.
-        learning_rate: of this update.
-        parts: networks and optimiser.
         settings: ``segment`` must divide T, and ``minibatches`` the number of segments.
 
     Returns:

@@ -39,8 +39,6 @@ def end_speed(length: Any, speed: Any, seconds: Any, limits: Limits, xp: Any) ->
         length: m, ``[...]``.
         speed: now, m/s, ``[...]``.
         seconds: time left, s, ``[...]``.
-        limits: of the vehicle.
-        xp: array namespace.
     """
     gain, left = limits.acceleration_max, xp.maximum(seconds, 0.0)
     missing = length - speed * left
@@ -68,7 +66,6 @@ def clear(
         required: required separation from it, m, ``[...]``.
         time: now, s.
         task: limits and end.
-        xp: array namespace.
     """
     sine, cosine = sincos(own.heading, xp)
     dx, dy = goal[0] - own.x, goal[1] - own.y

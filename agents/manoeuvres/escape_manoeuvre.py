@@ -98,7 +98,6 @@ def fly(
         goal: its position, m, ``[M]`` each.
         traffic: the true intruders now, ``[M, K]``.
         mask: which of them exist, ``[M, K]``.
-        rules: of the task.
         limits: of the ownship; floats.
     """
     own = flight.own

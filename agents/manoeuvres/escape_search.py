@@ -122,8 +122,6 @@ def fly_out(
         traffic: its intruders' states ``[T + 1, N, K]``.
         which: number of the encounter that each escape belongs to, ``[M]``.
         manoeuvre: the escapes, ``[M]``.
-        rules: of the task.
-        limits: of the ownship.
         scoring: go on after a violation, to learn by how much it was missed. Otherwise an escape is dropped at
             its violation.
         first: without scoring, drop all of an encounter's escapes as soon as one of them has reached the goal.

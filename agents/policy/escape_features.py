@@ -59,7 +59,6 @@ def separations(geometry: Decoded, goal_bearing: Any, xp: Any) -> list[Any]:
     Args:
         geometry: in the ownship's frame, fields ``[...]``.
         goal_bearing: direction of the goal from the ownship's heading, rad in [-pi, pi], left positive, ``[...]``.
-        xp: array namespace.
     """
     arrays = np if xp is FLOATS else xp
     spans, swung, ahead, aside, gains = _tables(
@@ -97,7 +96,6 @@ def advice(kept: list[Any], goal_bearing: Any, xp: Any) -> list[Any]:
     Args:
         kept: of each manoeuvre, squashed to (-1, 1), :data:`COUNT` times ``[...]``.
         goal_bearing: as for :func:`separations`.
-        xp: array namespace.
     """
     most = reduce(xp.maximum, kept)
     return [most, *_blended(kept, most, goal_bearing, _ALIKE, xp)]
@@ -113,7 +111,6 @@ def pressed(kept: list[Any], goal_bearing: Any, xp: Any) -> list[Any]:
     Args:
         kept: as for :func:`advice`.
         goal_bearing: as for :func:`separations`.
-        xp: array namespace.
     """
     most = reduce(xp.maximum, kept)
     near = xp.clip((_FROM - most) * (1.0 / (_FROM - _UPTO)), 0.0, 1.0)

@@ -49,7 +49,6 @@ def kept(seen: Scene, xp: Any) -> Any:
 
     Args:
         seen: fields ``[...]`` and ``[..., K]`` with K >= 1.
-        xp: array namespace, numpy or jax.numpy.
     """
     speed, ratios = seen.own_speed, seen.ratios
     dtype, axes = speed.dtype, (1,) * speed.ndim

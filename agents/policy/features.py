@@ -61,7 +61,6 @@ def mirror_sign(observation: list[Any], feature_set: str, xp: Any) -> Any:
     Args:
         observation: the eight components of the contract, ``[...]`` each.
         feature_set: one of :data:`FEATURE_SETS`.
-        xp: array namespace.
     """
     if feature_set not in MIRRORED:
         return 1.0
@@ -77,7 +76,6 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
     Args:
         observation: the eight components of the contract, ``[...]`` each.
         feature_set: one of :data:`FEATURE_SETS`.
-        xp: array namespace.
 
     Returns:
         :func:`size` components ``[...]``, all within about [-3, 3].

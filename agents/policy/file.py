@@ -152,7 +152,6 @@ def parse(data: bytes, source: str) -> PolicyFile:
     The parity vectors are returned, not evaluated: that takes the network (:class:`agents.inference.Policy`).
 
     Args:
-        data: the whole file.
         source: name of the file for messages.
 
     Raises:

@@ -88,7 +88,6 @@ class Policy:
         """Build the network and compare it with the file's parity vectors.
 
         Args:
-            content: of a policy file.
             dtype: float32 or float64.
             source: name of the file for messages.
 

@@ -56,7 +56,6 @@ def scene(
         goal_x, goal_y: m, ``[...]``.
         limits: of the ownship, floats or ``[...]``.
         separation: required, m, float or ``[...]``.
-        xp: array namespace, numpy or jax.numpy.
     """
     length, speed = 1.0 / separation, 1.0 / limits.speed_max
     sine, cosine = sincos(own.heading, xp)

@@ -107,14 +107,11 @@ def new_metadata(  # noqa: PLR0913 - it describes a file
     """Return the metadata of a policy under the present contracts.
 
     Args:
-        hidden: widths of the hidden layers.
         feature_set: ``set``, or one of :data:`agents.policy.features.FEATURE_SETS`.
         limits: of the vehicle that the policy was trained for; floats, SI.
         config: the resolved training configuration, of JSON types.
-        steps: environment steps of training.
         score: mean sparse reward per encounter, None if it was not evaluated.
         versions: of the software that made the policy.
-        notes: free text.
         of_set: for the feature set ``set``.
 
     Raises:

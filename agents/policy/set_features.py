@@ -41,7 +41,6 @@ def set_inputs(seen: Scene, xp: Any) -> SetInputs:
 
     Args:
         seen: not mirrored.
-        xp: array namespace, numpy or jax.numpy.
     """
     seen, sign = mirrored(seen, xp)
     # Manoeuvres along the last axis: there numpy adds up a row in the same order whatever the number of rows.

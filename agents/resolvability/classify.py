@@ -140,8 +140,6 @@ def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limit
     Args:
         encounter: one, fields without a leading axis (``take(encounters, 7)``).
         witness: its escape, likewise.
-        rules: of the task.
-        limits: of the ownship.
 
     Raises:
         ValueError: there is no witness (its parameters are nan).

@@ -114,8 +114,6 @@ def split(ahead: Ahead, rules: Rules, limits: Limits, nodes: int = NODES) -> Any
 
     Args:
         ahead: ``[N]``.
-        rules: of the task.
-        limits: of the ownship.
         nodes: halves of halves that may be looked at where following the survivors proves nothing.
     """
     proven = np.full(ahead.speed.shape, np.nan)

@@ -77,7 +77,6 @@ def narrowed(funnel: Funnel, times: Any, at: Any, turn: Any, speed: Any, limits:
         at: time of the cut, ``[N]``, s.
         turn: heading change that separates the halves, ``[N]``, rad; nan where the speed does.
         speed: speed that separates the halves, ``[N]``, m/s; nan where the turn does.
-        limits: as proofs grant them.
     """
     later = times - at[:, None]
     turned = limits.yaw_rate_max * np.abs(later)
@@ -108,7 +107,6 @@ def support(
         funnel: ``[..., T]``.
         directions: rad from the initial heading, ``[..., D]``.
         step: between the funnel's times, s.
-        limits: as proofs grant them.
         growing: the funnel never narrows (true of :func:`root`).
         stride: cells per returned time.
     """

@@ -63,7 +63,6 @@ def last_time(
             flight as well, because it is asked at the test times alone.
         stride: between test times, s.
         cells: how finely to tell states apart.
-        limits: as proofs grant them.
     """
     x, y, radius = discs
     short_of = np.cos(DIRECTIONS) * goal[0] + np.sin(DIRECTIONS) * goal[1] - goal[2]
@@ -128,7 +127,6 @@ def moves(before: States, ended: States, tests: int, stride: float, limits: Limi
         ended: at its end, ``[M]``; supports are not used.
         tests: strides in the segment.
         stride: s.
-        limits: as proofs grant them.
     """
     rate, strongest = limits.yaw_rate_max, max(limits.acceleration_max, -limits.acceleration_min)
     top_speed = max(limits.speed_max, float(np.max(before.speed_high)))

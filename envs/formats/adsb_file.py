@@ -44,7 +44,6 @@ def read_adsb(
     """Read the tracks of some aircraft during some time, local to the first aircraft's first position.
 
     Args:
-        path: of the file.
         aircraft: ICAO addresses; the first counts as the ownship.
         window: first and last time, s since 1970.
         repair: drop rows that are incomplete, out of order or impossible, and fill gaps, instead of refusing the file.

@@ -128,7 +128,6 @@ def write_rows(path: str | os.PathLike[str], groups: Sequence[Sequence[Sequence[
     """Write encounters atomically as a file that :func:`read` gives back (to rounding of the degrees).
 
     Args:
-        path: of the file.
         groups: of each encounter a row an intruder, in SI units and in the order of :data:`COLUMNS`.
         names: of the encounters, distinct.
 

@@ -61,7 +61,6 @@ def read_daidalus(path: str | os.PathLike[str], *, repair: bool = False, max_gap
     Geographic positions become local ones around the ownship's first.
 
     Args:
-        path: of the file.
         repair: drop rows that are not finite, out of range, out of order or impossible, and fill gaps, instead of
             refusing the file.
         max_gap: longest time between two rows of an aircraft, s.

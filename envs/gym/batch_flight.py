@@ -40,9 +40,7 @@ def begin(encounter: Encounter, key: jax.Array, tick: int, setting: Setting) -> 
 
     Args:
         encounter: the starts, float32.
-        key: of the noise.
         tick: number of the call under this key.
-        setting: static.
 
     Returns:
         The state and, packed as float32 ``[N, S + 2]``: observation (S), distance to the nearest intruder and to the
@@ -70,9 +68,7 @@ def step(
         pool: starts ``[P]``, at least N of them from row ``used`` on.
         used: rows of the pool that are taken.
         actions: ``[N, 2]``.
-        key: of the noise.
         tick: number of the call under this key.
-        setting: static.
 
     Returns:
         The state to go on with and, packed as float32 ``[N, 2 S + 6]``, because a transfer costs more than what it

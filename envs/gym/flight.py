@@ -49,8 +49,6 @@ def observe(state: State, aircraft: Aircraft, noise: np.ndarray | None = None) -
     """Return the observation of the most critical intruder, float32 ``[8]``.
 
     Args:
-        state: of the encounter.
-        aircraft: whose scales the observation has.
         noise: standard normal draws ``[4, K]`` of the reports; None for perfect knowledge.
     """
     seen = _perceived(state, aircraft, noise)

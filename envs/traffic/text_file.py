@@ -17,7 +17,6 @@ def text_of(source: str, error: type[Exception]) -> str:
     """Return the text of a file in UTF-8, with or without a byte order mark, plain or gzipped.
 
     Args:
-        source: its path.
         error: what is raised, with a sentence that names the file, where it cannot be read.
     """
     try:

@@ -56,7 +56,6 @@ def check(space: Space, source: Path | str, load: Callable[[list[str]], TrainCon
     """Find out whether each choice and both ends of each range are valid, alone or with some values of the others.
 
     Args:
-        space: the search space.
         source: what an error sentence names.
         load: ``KEY=VALUE`` texts -> configuration, raises ConfigError.
 

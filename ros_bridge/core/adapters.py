@@ -42,7 +42,6 @@ def nav_sat_fix(message: Any, twist: Any, identity: str, reference: str = "wgs84
     Args:
         message: sensor_msgs/NavSatFix.
         twist: geometry_msgs/Twist with the velocity in ENU over the ground, m/s.
-        identity: of the aircraft.
         reference: of the altitude that the driver really publishes.
         name: in messages.
 

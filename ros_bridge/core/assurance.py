@@ -131,8 +131,6 @@ def stepped(supervision: Supervision, situation: Situation, now: int) -> tuple[S
     """Judge the present moment.
 
     Args:
-        supervision: the monitor.
-        situation: what is known.
         now: ns.
 
     Returns:

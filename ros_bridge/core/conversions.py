@@ -100,8 +100,6 @@ def report(
     """Return a checked report from plain values, whatever message they come from.
 
     Args:
-        name: of the source in messages.
-        identity: of the aircraft.
         time: ns.
         position: latitude and longitude, degrees.
         velocity: true east and north, m/s.

@@ -36,7 +36,6 @@ def flown(
     Args:
         frame: of the reader; it need not be the writer's.
         began: time of the start, ns.
-        start: of the plan.
         points: its waypoints.
     """
     every = [start, *points]

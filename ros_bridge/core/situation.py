@@ -106,9 +106,7 @@ def task(situation: Situation, now: int, settings: Settings, asked_route: Route 
     """Return the task at a moment.
 
     Args:
-        situation: what is known.
         now: ns.
-        settings: of the runner.
         asked_route: takes the place of the published one.
 
     Raises:

@@ -135,11 +135,9 @@ def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> tu
     """Take in a report.
 
     Args:
-        track: of the same aircraft.
         report: checked.
         name: of the aircraft in messages, such as ``ownship`` or ``intruder 4b1a2c``.
         now: on the node's clock, ns.
-        rules: for reports.
     """
     ahead = (report.time - now) / SECOND
     if ahead > rules.future:

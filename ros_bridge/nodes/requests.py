@@ -25,9 +25,7 @@ def check(request: GenerateTrajectory.Request, now: int, settings: Settings, hol
     """Refuse a request of an unknown reason, of another time, or that would replace a plan that holds no more.
 
     Args:
-        request: as received.
         now: ns.
-        settings: of the runner.
         holding: id of the plan that holds.
 
     Raises:

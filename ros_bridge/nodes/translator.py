@@ -60,8 +60,6 @@ def paired(fix: Any, twist: Any, identity: str, reference: str, apart: float) ->
     Args:
         fix: sensor_msgs/NavSatFix.
         twist: geometry_msgs/TwistStamped or nav_msgs/Odometry, the newest; None: there has been none.
-        identity: of the aircraft.
-        reference: of the fix's altitude.
         apart: largest time between the two, s.
 
     Raises:

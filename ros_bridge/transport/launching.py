@@ -53,9 +53,7 @@ def node(context: Any, name: str, parameters: Mapping[str, Any] | None = None, *
     """Return the action that starts one of our nodes.
 
     Args:
-        context: of the launch.
         name: of the module, such as ``runner``.
-        parameters: of the node.
         **more: for :class:`launch_ros.actions.Node`.
     """
     given: list[Any] = [{"use_sim_time": value(context, "use_sim_time").lower() == "true"} | dict(parameters or {})]

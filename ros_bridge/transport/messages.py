@@ -87,9 +87,6 @@ def trajectory_message(status: int, time: int, frame: str, revision: int, **more
     Args:
         status: of Trajectory.
         time: of its start, ns.
-        frame: that the header names.
-        revision: of the trajectory.
-        **more: other fields.
     """
     none = {"min_separation": -1.0, "time_of_min_separation": -1.0, "rejoin_index": -1}
     given = {"id": identity(uuid.uuid4())} | none | more
@@ -100,10 +97,6 @@ def plan_message(plan: Plan, task: Task, frame: str, revision: int, *, certified
     """Return a plan, safe or not, as a trajectory; one without waypoints has the status UNRESOLVED and none.
 
     Args:
-        plan: of the task.
-        task: that was planned.
-        frame: that the header names.
-        revision: of the trajectory.
         certified: whether a SAFE plan carries its certificate.
     """
     out = {one.number for one in plan.excluded}

@@ -33,7 +33,6 @@ def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None
     """Refuse parameters, in files or arguments, for a node of ours that there is not.
 
     Args:
-        arguments: of the command line.
         known: names of our nodes.
 
     Raises:
