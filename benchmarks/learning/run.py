@@ -14,7 +14,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -95,11 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     figures = summary(runs.seeds) | {
         "configuration": config.name,
         "hidden": list(config.network.hidden),
-        "steps": extent.steps,
-        "budget_s": extent.budget_s,
-        "trial_s": extent.trial_s,
-        "trial_seeds": extent.trial_seeds,
-        "trial_target": extent.trial_target,
+        **{name: value for name, value in asdict(extent).items() if name not in ("seeds", "trials")},
         "settings": runs.chosen,
         "trials": {
             name: [described(trial, extent.trial_target) for trial in tried] for name, tried in runs.trials.items()
@@ -186,9 +182,15 @@ def _parsed(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
     add("--learner", action="append", choices=LEARNERS, help="a learner; may be given several times (default: all)")
     add("--steps", type=int, help="environment steps of a training (default 5000000; 400000 with --quick)")
     add("--seeds", type=int, help="trainings of each learner (default 3; 2 with --quick)")
-    add("--budget", type=float, metavar="SECONDS", help="most time of a training, s (default 600; 30 with --quick)")
+    add(
+        "--budget",
+        dest="budget_s",
+        type=float,
+        metavar="SECONDS",
+        help="most time of a training, s (default 600; 30 with --quick)",
+    )
     add("--trials", type=int, help="settings that every learner tries first; 0: none (default 4; 2 with --quick)")
-    add("--trial-seconds", type=float, help="most time of each of them, s (default 40; 6 with --quick)")
+    add("--trial-seconds", dest="trial_s", type=float, help="most time of each of them, s (default 40; 6 with --quick)")
     add("--trial-seeds", type=int, help="trainings of each of them (default 1)")
     add(
         "--trial-target",
@@ -199,24 +201,12 @@ def _parsed(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
     add("--quick", action="store_true", help="short trainings: shows that it works, and no learner at its end")
     add("--out", type=Path, default=Path("runs/learning"), help="directory of the results (default runs/learning)")
     options = parser.parse_args(argv)
-    given = {
-        "steps": options.steps,
-        "seeds": options.seeds,
-        "budget_s": options.budget,
-        "trials": options.trials,
-        "trial_s": options.trial_seconds,
-        "trial_seeds": options.trial_seeds,
-        "trial_target": options.trial_target,
-    }
+    given = {name: getattr(options, name) for name in asdict(QUICK)}
     extent = replace(QUICK if options.quick else Extent(), **{k: v for k, v in given.items() if v is not None})
-    for option, value, least in (
-        ("--steps", extent.steps, 1),
-        ("--seeds", extent.seeds, 1),
-        ("--trials", extent.trials, 0),
-        ("--trial-seeds", extent.trial_seeds, 1),
-    ):
-        if value < least:
-            raise ConfigError(f"{option} is {value}; expected {least} or more")
+    for name, least in (("steps", 1), ("seeds", 1), ("trials", 0), ("trial_seeds", 1)):
+        if getattr(extent, name) < least:
+            option = name.replace("_", "-")
+            raise ConfigError(f"--{option} is {getattr(extent, name)}; expected {least} or more")
     for option, seconds in (("--budget", extent.budget_s), ("--trial-seconds", extent.trial_s)):
         if not 0.0 < seconds < math.inf:
             raise ConfigError(f"{option} is {seconds}; expected more than 0 s")
@@ -310,19 +300,14 @@ def _write_curves(runs: _Runs, path: Path) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    def rows(phase: str, learner: str, logs: Sequence[Log]) -> list[dict[str, Any]]:
-        return [
-            {"phase": phase, "learner": learner, "number": number} | point._asdict()
-            for number, log in enumerate(logs)
-            for point in log.curve
-        ]
-
+    named = [("trial", name, [log for one in tried for log in one.logs]) for name, tried in runs.trials.items()]
+    named += [("seed", name, logs) for name, logs in runs.seeds.items()]
     table = [
-        row
-        for name, tried in runs.trials.items()
-        for row in rows("trial", name, [log for trial in tried for log in trial.logs])
+        {"phase": phase, "learner": name, "number": number} | point._asdict()
+        for phase, name, logs in named
+        for number, log in enumerate(logs)
+        for point in log.curve
     ]
-    table += [row for name, logs in runs.seeds.items() for row in rows("seed", name, logs)]
     kinds = {"phase": pa.string(), "learner": pa.string(), "number": pa.int64(), "steps": pa.int64()}
     kinds |= {"wall_s": pa.float64(), "score": pa.float64(), "episodes": pa.int64()}
     pq.write_table(pa.Table.from_pylist(table, schema=pa.schema(list(kinds.items()))), path)

@@ -1,19 +1,32 @@
-"""Rows of recorded tracks, ordered in time and held against each other (:mod:`envs.formats.consistency`).
+"""Rows of recorded tracks, ordered in time and held against each other.
+
+From one row to the next, and over each :data:`WINDOW` seconds, the change of position must be what the reported
+velocities make of it (by the trapezoidal rule), within
+
+    ``POSITION + VELOCITY t + ACCELERATION / 4 sum(dt^2)`` horizontally and ``HEIGHT + CLIMB t`` vertically,
+
+t seconds in all and dt from row to row; the last term is what an acceleration between two rows can do. A row that
+no aircraft could have reached so is an outlier, of another aircraft with the same address, or of another clock.
 
 Nothing is repaired unless asked for, and what was repaired is counted.
 """
 
 import math
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from envs.angles import wrap
-from envs.formats.consistency import ACCELERATION, CLIMB, HEIGHT, POSITION, VELOCITY, WINDOW, missed, within
-from envs.formats.local_frame import local
+from envs.formats.local_frame import WGS84, local
 from envs.traffic.tracks import DISTANT, Repairs, Track, TrackError, TrackFile, summed
+
+POSITION, VELOCITY, ACCELERATION = 300.0, 50.0, 5.0
+"""m, m/s and m/s^2, horizontally. Of 210 000 steps of real reports a second apart 7 are beyond."""
+
+HEIGHT, CLIMB = 100.0, 50.0  # m and m/s, vertically
+WINDOW = 20.0  # s
 
 _LASTING = 30.0  # rows that agree with each other for so long, s, but not with the rest, are a flight of their own
 _MOST_FILLED = 100_000  # rows across the gaps of an aircraft
@@ -185,19 +198,49 @@ class _Flight:
     def follows(self, values: dict[str, float]) -> bool:
         """Return whether an aircraft can come from the last row to another; if so what it misses is noted."""
         step = values["time"] - self.times[-1]
-        east, north, up = missed(self.rows[-1][1], values)
+        east, north, up = _missed(self.rows[-1][1], values)
         bend = 0.25 * ACCELERATION * step * step
-        if not within((east, north, up, bend), step):
+        if not _within((east, north, up, bend), step):
             return False
         last = self.missed[-1]
         total = (last[0] + east, last[1] + north, last[2] + up, last[3] + bend)
         begin = max(bisect_right(self.times, values["time"] - WINDOW) - 1, 0)
         first = self.missed[begin]
         since = (total[0] - first[0], total[1] - first[1], total[2] - first[2], total[3] - first[3])
-        if not within(since, values["time"] - self.times[begin]):
+        if not _within(since, values["time"] - self.times[begin]):
             return False
         self.missed.append(total)
         return True
+
+
+def _within(off: Sequence[float], seconds: float) -> bool:
+    """Return whether rows agree: how far they are off, east, north and up, and what an acceleration can do, m."""
+    east, north, up, bend = off
+    level = math.hypot(east, north) <= POSITION + VELOCITY * seconds + bend
+    return level and abs(up) <= HEIGHT + CLIMB * seconds
+
+
+def _missed(before: dict[str, float], after: dict[str, float]) -> tuple[float, float, float]:
+    """Return how far a row is, east, north and up, m, from where the velocities of both rows lead from the first."""
+    step, turn = after["time"] - before["time"], 0.0
+    if "lat" in before:
+        out, back, length = WGS84.inv(before["lon"], before["lat"], after["lon"], after["lat"], radians=True)
+        east, north = length * math.sin(out), length * math.cos(out)
+        turn = back + math.pi - out if length > 1e-6 else 0.0
+    else:
+        east, north = after["sx"] - before["sx"], after["sy"] - before["sy"]
+    (vx, vy), (wx, wy) = _velocity(before), _velocity(after)
+    # North where the geodesic ends is turned against north where it begins.
+    cosine, sine = math.cos(turn), math.sin(turn)
+    wx, wy = wx * cosine - wy * sine, wx * sine + wy * cosine
+    up = after["alt"] - before["alt"] - 0.5 * (before["vs"] + after["vs"]) * step
+    return east - 0.5 * (vx + wx) * step, north - 0.5 * (vy + wy) * step, up
+
+
+def _velocity(values: dict[str, float]) -> tuple[float, float]:
+    if "gs" in values:
+        return values["gs"] * math.sin(values["trk"]), values["gs"] * math.cos(values["trk"])
+    return values["vx"], values["vy"]
 
 
 def _same_place(before: dict[str, float], after: dict[str, float]) -> bool:
@@ -222,7 +265,7 @@ def _sentence(name: str, number: int, values: dict[str, float], flight: _Flight,
             f"{place}: the position of {values['time']:.15g} s is that of {before['time']:.15g} s at "
             f"{values['gs']:.0f} m/s, expected another"
         )
-    east, north, up = missed(before, values)
+    east, north, up = _missed(before, values)
     if abs(up) > HEIGHT + CLIMB * step:
         return (
             f"{how.field(number, 'alt')}: {abs(up):.0f} m off the altitude to which {how.noun} {line} of {name!r} and "

@@ -84,7 +84,7 @@ class Recorder:
                 node.create_subscription(kind, topic, partial(self._write, channel), quality, raw=True)
             writer.flush()
 
-    def _write(self, channel: int, data: bytes) -> None:
+    def _write(self, channel: int, data: Any) -> None:
         if self._writer is None:
             return
         now = self._now() + self._shift

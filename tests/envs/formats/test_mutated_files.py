@@ -15,10 +15,10 @@ from envs import draws
 from envs.encounters import EncounterError
 from envs.formats import encounter_file
 from envs.formats.adsb_file import read_adsb
-from envs.formats.consistency import ACCELERATION, CLIMB, HEIGHT, POSITION, VELOCITY, WINDOW
 from envs.formats.encounter_exchange import scenes_of
 from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_files import read_daidalus
+from envs.formats.track_rows import ACCELERATION, CLIMB, HEIGHT, POSITION, VELOCITY, WINDOW
 from envs.traffic.encounter_model import read_model
 from envs.traffic.encounter_model_sampler import dimensions, flown, sample_model
 from envs.traffic.track_units import FOOT, KNOT
@@ -73,7 +73,7 @@ def mutated(rows: list[Row], rng: np.random.Generator, time: str, name: str) -> 
 
 
 def check_track(track: Track) -> None:
-    """Hold a track against the tolerance that envs.formats.consistency states, with 1 % for the map's distortion."""
+    """Hold a track against the tolerance that envs.formats.track_rows states, with 1 % for the map's distortion."""
     fields = np.stack(track[1:8])
     assert np.isfinite(fields).all()
     step = np.diff(track.time)
