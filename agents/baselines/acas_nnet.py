@@ -1,7 +1,7 @@
 """Networks in the ``.nnet`` text format, and the advisory logics of the field that come in it.
 
 The format (K. Julian, Stanford, 2016) is a text: the number of layers, inputs, outputs and the widest layer; the
-layers' sizes; a line without use; minima, maxima, means and ranges of the inputs, the last two with one more for all
+layers' sizes; a number without use; minima, maxima, means and ranges of the inputs, the last two with one more for all
 outputs; then for each layer its weights, a line a row, and its biases, a line each. Comment lines, which begin with
 ``//``, and blank lines may stand anywhere, a byte order mark at the beginning.
 
@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -35,12 +34,11 @@ ADVISORIES = ("clear of conflict", "weak left", "weak right", "strong left", "st
 _RATES = np.radians([0.0, 1.5, -1.5, 3.0, -3.0])
 _FOOT = 0.3048
 _HORIZONTAL, _ACAS_XU = 3, 5
-_MOST = 100_000_000
 _PREVIOUS = re.compile(r"(pra(?=[0-4]_)|v2a_(?=[1-5]_)|run2a_(?=[1-5]_))(\d)")
 
 
 class NnetError(InputError):
-    """A file that is no network; the message says file, line, and what was expected."""
+    """A file that is no network; the message says file and what was expected."""
 
 
 @dataclass(frozen=True)
@@ -78,31 +76,25 @@ def read(path: str | os.PathLike[str]) -> Network:
     """Read a network.
 
     Raises:
-        NnetError: the file cannot be read or is not as documented; the message names file and line.
+        NnetError: the file cannot be read or is not as documented.
     """
     source = os.fspath(path)
-    lines = _Lines(source)
-    layers, inputs, outputs, widest = lines.whole("layers, inputs, outputs and widest layer", 4)
-    sizes = lines.whole("sizes of the layers", layers + 1)
-    if sizes[0] != inputs or sizes[-1] != outputs or max(sizes[1:]) > max(widest, outputs):
-        raise lines.error(f"sizes {sizes} do not fit {inputs} inputs, {outputs} outputs and at most {widest} a layer")
-    if sum(a * b for a, b in pairwise(sizes)) > _MOST:
-        raise lines.error(f"sizes {sizes}: expected at most {_MOST} weights")
-    lines.unused(inputs)
-    low, high = lines.numbers("minima of the inputs", inputs), lines.numbers("maxima of the inputs", inputs)
-    if not (low < high).all():
-        raise lines.error("a maximum does not exceed its minimum")
-    mean = lines.numbers("means of the inputs and of the outputs", inputs + 1)
-    span = lines.numbers("ranges of the inputs and of the outputs", inputs + 1)
-    if not (span > 0.0).all():
-        raise lines.error("a range is not positive")
-    weights, biases = [], []
-    for layer, (columns, rows) in enumerate(pairwise(sizes), start=1):
-        matrix = [lines.numbers(f"weights of layer {layer}, row {i + 1}", columns) for i in range(rows)]
-        weights.append(np.array(matrix))
-        biases.append(np.array([lines.numbers(f"bias {i + 1} of layer {layer}", 1)[0] for i in range(rows)]))
-    lines.end()
-    return Network(tuple(weights), tuple(biases), low, high, mean, span)
+    numbers = _numbers(source)
+    layers, inputs, outputs, _ = _whole(numbers[:4], 4, source)
+    sizes = _whole(numbers[4:], layers + 1, source)
+    if sizes[0] != inputs or sizes[-1] != outputs:
+        raise NnetError(f"{source}: sizes {sizes} do not fit {inputs} inputs and {outputs} outputs")
+    shapes = [(inputs,), (inputs,), (inputs + 1,), (inputs + 1,)]
+    shapes += [shape for columns, rows in pairwise(sizes) for shape in ((rows, columns), (rows,))]
+    ends = np.cumsum([math.prod(shape) for shape in shapes], dtype=object)
+    begin = 4 + len(sizes) + 1  # after the number without use
+    if len(numbers) != begin + ends[-1]:
+        raise NnetError(f"{source}: {len(numbers)} numbers, expected {begin + ends[-1]} for the sizes {sizes}")
+    parts = np.split(numbers[begin:], ends[:-1].astype(int))
+    low, high, mean, span, *rest = (part.reshape(shape) for part, shape in zip(parts, shapes, strict=True))
+    if not ((low < high).all() and (span > 0.0).all()):
+        raise NnetError(f"{source}: expected maxima of the inputs above their minima, and ranges above 0")
+    return Network(tuple(rest[::2]), tuple(rest[1::2]), low, high, mean, span)
 
 
 @dataclass(frozen=True)
@@ -192,73 +184,27 @@ def _product(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.einsum("ni,oi->no", x, weight)
 
 
-class _Lines:
-    """The lines of a file, read one after the other."""
-
-    def __init__(self, source: str) -> None:
-        self._source, self._number = source, 0
-        try:
-            check_regular(source)
-            self._lines = Path(source).read_text(encoding="utf-8-sig").splitlines()
-        except FileNotFoundError:
-            raise NnetError(f"{source}: there is no such file") from None
-        except UnicodeDecodeError as problem:
-            raise NnetError(f"{source}: not a text in UTF-8 (byte {problem.start})") from None
-        except OSError as problem:
-            raise NnetError(f"{source}: cannot be read: {problem.strerror}") from None
-
-    def error(self, text: str) -> NnetError:
-        """Return an error about the line read last."""
-        return NnetError(f"{self._source} line {self._number}: {text}")
-
-    def next(self) -> str | None:
-        """Return the next line that is neither blank nor a comment; None at the end."""
-        for line in self._lines[self._number :]:
-            self._number += 1
-            if line.strip() and not line.lstrip().startswith("//"):
-                return line
-        return None
-
-    def unused(self, inputs: int) -> None:
-        """Pass over the line without use; a blank one is it where the minima of several inputs follow."""
-        before = self._number
-        line = self.next()
-        if line is not None and self._number > before + 1 and len(_cells(line)) == inputs > 1:
-            self._number -= 1
-
-    def numbers(self, what: str, count: int) -> np.ndarray:
-        """Return the finite numbers of the next line; a comma at its end is usual."""
-        line = self.next()
-        if line is None:
-            raise NnetError(f"{self._source}: ends after line {self._number}, expected {what}")
-        cells = _cells(line)
-        if len(cells) != count:
-            raise self.error(f"{len(cells)} numbers, expected {count}: {what}")
-        return np.array([self._number_of(cell.strip(), what) for cell in cells])
-
-    def whole(self, what: str, count: int) -> list[int]:
-        """Return the positive whole numbers of the next line."""
-        values: list[Any] = self.numbers(what, count).tolist()
-        for value in values:
-            if value != int(value) or not 1 <= value <= 1e6:
-                raise self.error(f"{value:g}, expected whole numbers of at least 1: {what}")
-        return [int(value) for value in values]
-
-    def end(self) -> None:
-        """Refuse what is left."""
-        line = self.next()
-        if line is not None:
-            raise self.error(f"{line.strip()[:40]!r}, expected the end of the file")
-
-    def _number_of(self, cell: str, what: str) -> float:
-        try:
-            value = float(cell)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value) or "_" in cell or not cell.isascii():
-            raise self.error(f"{cell!r} is not a finite number: {what}")
-        return value
+def _numbers(source: str) -> np.ndarray:
+    """Return all numbers of a file, in their order."""
+    try:
+        check_regular(source)
+        lines = Path(source).read_text(encoding="utf-8-sig").splitlines()
+        cells = ",".join(line for line in lines if not line.lstrip().startswith("//")).split(",")
+        numbers = np.array([cell for cell in cells if cell.strip()], np.float64)
+    except FileNotFoundError:
+        raise NnetError(f"{source}: there is no such file") from None
+    except ValueError as problem:
+        raise NnetError(f"{source}: not a text of numbers ({problem})") from None
+    except OSError as problem:
+        raise NnetError(f"{source}: cannot be read: {problem.strerror}") from None
+    if not np.isfinite(numbers).all():
+        raise NnetError(f"{source}: a number is not finite")
+    return numbers
 
 
-def _cells(line: str) -> list[str]:
-    return line.strip().removesuffix(",").split(",")
+def _whole(numbers: np.ndarray, count: int, source: str) -> list[int]:
+    """Return the first numbers, which must be whole and positive."""
+    found = numbers[:count]
+    if len(found) < count or (found != np.round(found)).any() or (found < 1).any():
+        raise NnetError(f"{source}: begins with {found.tolist()}, expected {count} whole numbers of at least 1")
+    return found.astype(int).tolist()

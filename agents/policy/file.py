@@ -33,7 +33,6 @@ from envs.kinematics import Limits
 
 __all__ = [
     "MAX_BYTES",
-    "_MAX_HEADER_BYTES",
     "PolicyFile",
     "PolicyFileError",
     "claims",
@@ -46,13 +45,8 @@ __all__ = [
 MAX_BYTES = 64 * 1024 * 1024
 """Larger files are refused unread; the default architecture takes 0.3 MB."""
 
-_MAX_HEADER_BYTES = 1_000_000
-"""Of the JSON at the beginning of a file; the default architecture takes 0.02 MB."""
-
 _KEY = "rlcas_policy"
 _ENTRY = {"dtype", "shape", "data_offsets"}
-_HEADER_AT = 8
-"""A safetensors file begins with the length of its header, eight bytes little-endian."""
 
 
 @dataclass(frozen=True)
@@ -157,15 +151,11 @@ def parse(data: bytes, source: str) -> PolicyFile:
     Raises:
         PolicyFileError: the bytes are no policy file of this schema, or are damaged, inconsistent or not finite.
     """
-    header = _header(data, source)
-    metadata = _metadata(header.pop("__metadata__", None), source)
+    tensors, entry = _loaded(data, source)
+    metadata = _metadata(entry, source)
     claimed = metadata.pop("sha256", None)
     check_metadata(metadata, source)
-    _check_entries(header, tensor_shapes(metadata), source)
-    try:
-        tensors = load(data)
-    except SafetensorError as error:
-        raise PolicyFileError(f"{source}: not a valid safetensors file: {error}") from error
+    _check_tensors(tensors, tensor_shapes(metadata), source)
     actual = digest(tensors, metadata)
     if claimed != actual:
         raise PolicyFileError(f"{source}: the content has SHA-256 {actual}, expected {claimed!r}: edited or damaged")
@@ -208,31 +198,21 @@ def write(path: str | os.PathLike[str], policy: PolicyFile) -> None:
         raise PolicyFileError(f"{os.fspath(path)}: cannot be written: {error.strerror}") from error
 
 
-def _header(data: bytes, source: str) -> dict[str, Any]:
-    """Return the JSON header of a safetensors file: tensors' entries and ``__metadata__``."""
-    if not data:
-        raise PolicyFileError(f"{source}: the file is empty")
-    if data.startswith((b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05", b"PK\x03\x04")):
-        raise PolicyFileError(f"{source}: looks like a pickle or an archive, expected a safetensors file")
-    length = int.from_bytes(data[:_HEADER_AT], "little")
-    if len(data) < _HEADER_AT + length:
-        expected = f"at least {_HEADER_AT + length}"
-        raise PolicyFileError(f"{source}: {len(data)} bytes, expected {expected}: truncated, or no safetensors file")
-    if length > _MAX_HEADER_BYTES:
-        raise PolicyFileError(f"{source}: a header of {length} bytes, expected at most {_MAX_HEADER_BYTES}")
+def _loaded(data: bytes, source: str) -> tuple[dict[str, np.ndarray], Any]:
+    """Return the tensors of a safetensors file and its ``__metadata__``."""
     try:
-        text = data[_HEADER_AT : _HEADER_AT + length].decode()
+        tensors = load(data)
+        text = data[8 : 8 + int.from_bytes(data[:8], "little")].decode()
         header = json.loads(text)
         plain = json.dumps(header, separators=(",", ":"), ensure_ascii=False)
         blanks = -len(plain.encode()) % 8  # they fill it to a multiple of eight bytes
-    except (ValueError, RecursionError) as error:
-        raise PolicyFileError(f"{source}: the header is not JSON, expected a safetensors file: {error}") from error
-    if not isinstance(header, dict):
-        raise PolicyFileError(f"{source}: the header is not an object, expected a safetensors file")
+    except (SafetensorError, LookupError, ValueError, RecursionError) as error:
+        raise PolicyFileError(f"{source}: not a valid safetensors file: {error}") from error
+    entry = header.pop("__metadata__", None)
     # The digest covers what the header means. Holding its text to one spelling makes every byte count.
-    if text != plain + " " * blanks:
+    if text != plain + " " * blanks or any(each.keys() != _ENTRY for each in header.values()):
         raise PolicyFileError(f"{source}: the header is not in canonical form: edited or damaged")
-    return header
+    return tensors, entry
 
 
 def _metadata(entry: Any, source: str) -> dict[str, Any]:
@@ -249,27 +229,20 @@ def _metadata(entry: Any, source: str) -> dict[str, Any]:
     return document
 
 
-def _check_entries(header: Mapping[str, Any], shapes: Mapping[str, tuple[int | None, ...]], source: str) -> None:
-    """Raise unless the header lists exactly the tensors of the architecture, in float32 and of its shapes."""
-    if missing := sorted(shapes.keys() - header.keys()):
+def _check_tensors(
+    tensors: Mapping[str, np.ndarray], shapes: Mapping[str, tuple[int | None, ...]], source: str
+) -> None:
+    """Raise unless these are exactly the tensors of the architecture, in float32 and of its shapes."""
+    if missing := sorted(shapes.keys() - tensors.keys()):
         raise PolicyFileError(f"{source}: tensor {missing[0]} is missing; the architecture needs {', '.join(shapes)}")
-    if unexpected := sorted(header.keys() - shapes.keys()):
+    if unexpected := sorted(tensors.keys() - shapes.keys()):
         raise PolicyFileError(f"{source}: tensor {unexpected[0]!r} is unexpected; expected only {', '.join(shapes)}")
-    counts: set[int] = set()
     for name, expected in shapes.items():
-        entry = header[name]
-        entry = entry if isinstance(entry, dict) else {}
-        if entry.keys() != _ENTRY:
-            raise PolicyFileError(
-                f"{source}: tensor {name} has the fields {sorted(entry)!r:.100}, expected {sorted(_ENTRY)}"
-            )
-        if entry.get("dtype") != "F32":
-            raise PolicyFileError(f"{source}: tensor {name} has dtype {entry.get('dtype')!r}, expected 'F32'")
-        shape, wanted = entry.get("shape"), ["P" if length is None else length for length in expected]
-        if not isinstance(shape, list) or len(shape) != len(wanted) or any(type(length) is not int for length in shape):
-            raise PolicyFileError(f"{source}: tensor {name} has shape {shape!r}, expected {wanted}")
-        if any(want not in ("P", have) for have, want in zip(shape, wanted, strict=True)):
-            raise PolicyFileError(f"{source}: tensor {name} has shape {shape}, expected {wanted}")
-        counts |= {have for have, want in zip(shape, wanted, strict=True) if want == "P"}
+        shape, wanted = tensors[name].shape, ["P" if length is None else length for length in expected]
+        if tensors[name].dtype != np.float32:
+            raise PolicyFileError(f"{source}: tensor {name} has dtype {tensors[name].dtype}, expected float32")
+        if len(shape) != len(wanted) or any(want not in ("P", have) for have, want in zip(shape, wanted, strict=True)):
+            raise PolicyFileError(f"{source}: tensor {name} has shape {list(shape)}, expected {wanted}")
+    counts = {len(tensors[PARITY_OBSERVATION]), len(tensors[PARITY_ACTION])}
     if len(counts) != 1 or counts == {0}:
         raise PolicyFileError(f"{source}: parity tensors hold {sorted(counts)} vectors, expected one number above 0")

@@ -10,16 +10,30 @@ convergence, turns velocities and headings at the point where they are measured 
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from pyproj import Geod, Transformer
 
 from envs.angles import wrap
 
-WGS84 = Geod(ellps="WGS84")
+if TYPE_CHECKING:
+    from pyproj import Geod, Transformer
 
-_TO_CARTESIAN = Transformer.from_pipeline("+proj=cart +ellps=WGS84")
+
+@cache
+def wgs84() -> "Geod":
+    """Return the ellipsoid; imported on first use, because it takes a tenth of a node's start."""
+    from pyproj import Geod
+
+    return Geod(ellps="WGS84")
+
+
+@cache
+def _cartesian() -> "Transformer":
+    from pyproj import Transformer
+
+    return Transformer.from_pipeline("+proj=cart +ellps=WGS84")
 
 
 class Place(NamedTuple):
@@ -47,7 +61,7 @@ def local(latitude: Any, longitude: Any, reference: tuple[float, float]) -> Plac
     """Return where latitudes and longitudes ``[...]`` are on the map about those of a reference, rad."""
     latitude, longitude = np.asarray(latitude, np.float64), np.asarray(longitude, np.float64)
     start = np.full(latitude.shape, reference[1]), np.full(latitude.shape, reference[0])
-    out, back, length = map(np.asarray, WGS84.inv(*start, longitude, latitude, radians=True))
+    out, back, length = map(np.asarray, wgs84().inv(*start, longitude, latitude, radians=True))
     convergence = np.where(length > 1e-6, wrap(back + np.pi - out, np), 0.0)
     return Place(length * np.sin(out), length * np.cos(out), convergence)
 
@@ -69,7 +83,7 @@ class LocalFrame:
         x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         out, length = np.arctan2(x, y), np.hypot(x, y)
         start = np.full(x.shape, self.longitude), np.full(x.shape, self.latitude)
-        longitude, latitude, back = WGS84.fwd(*start, np.degrees(out), length)
+        longitude, latitude, back = wgs84().fwd(*start, np.degrees(out), length)
         longitude = np.remainder(np.asarray(longitude) + 180.0, 360.0) - 180.0
         # At the origin the geodesic has no direction.
         turn = np.where(length > 1e-6, wrap(np.radians(back) + math.pi - out, np), 0.0)
@@ -78,22 +92,22 @@ class LocalFrame:
 
 def distance(latitude_a: float, longitude_a: float, latitude_b: float, longitude_b: float) -> float:
     """Return the length of the geodesic between two points, degrees, m."""
-    return float(WGS84.inv(longitude_a, latitude_a, longitude_b, latitude_b)[2])
+    return float(wgs84().inv(longitude_a, latitude_a, longitude_b, latitude_b)[2])
 
 
 def displacement(latitude_a: float, longitude_a: float, latitude_b: float, longitude_b: float) -> tuple[float, float]:
     """Return the way from one point to another, degrees, true east and north at the first, m."""
-    out, _, length = WGS84.inv(longitude_a, latitude_a, longitude_b, latitude_b)
+    out, _, length = wgs84().inv(longitude_a, latitude_a, longitude_b, latitude_b)
     return length * math.sin(math.radians(out)), length * math.cos(math.radians(out))
 
 
 def carried(latitude: float, longitude: float, east: float, north: float, seconds: float) -> tuple[float, float]:
     """Return latitude and longitude, degrees, after flying straight ahead for some seconds at a velocity in m/s."""
     track = math.degrees(math.atan2(east, north))
-    longitude, latitude, _ = WGS84.fwd(longitude, latitude, track, math.hypot(east, north) * seconds)
+    longitude, latitude, _ = wgs84().fwd(longitude, latitude, track, math.hypot(east, north) * seconds)
     return float(latitude), float(longitude)
 
 
 def geocentric(latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
     """Return points (rad) of the ellipsoid in Cartesian coordinates about the Earth's centre, m, ``[..., 3]``."""
-    return np.stack(_TO_CARTESIAN.transform(longitude, latitude, np.zeros_like(latitude), radians=True), axis=-1)
+    return np.stack(_cartesian().transform(longitude, latitude, np.zeros_like(latitude), radians=True), axis=-1)

@@ -19,7 +19,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from envs.angles import wrap
-from envs.formats.local_frame import WGS84, local
+from envs.formats.local_frame import local, wgs84
 from envs.traffic.tracks import DISTANT, Repairs, Track, TrackError, TrackFile, summed
 
 POSITION, VELOCITY, ACCELERATION = 300.0, 50.0, 5.0
@@ -224,7 +224,7 @@ def _missed(before: dict[str, float], after: dict[str, float]) -> tuple[float, f
     """Return how far a row is, east, north and up, m, from where the velocities of both rows lead from the first."""
     step, turn = after["time"] - before["time"], 0.0
     if "lat" in before:
-        out, back, length = WGS84.inv(before["lon"], before["lat"], after["lon"], after["lat"], radians=True)
+        out, back, length = wgs84().inv(before["lon"], before["lat"], after["lon"], after["lat"], radians=True)
         east, north = length * math.sin(out), length * math.cos(out)
         turn = back + math.pi - out if length > 1e-6 else 0.0
     else:

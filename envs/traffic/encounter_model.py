@@ -19,6 +19,7 @@ The units stand nowhere in the file, they are those of the form: kt, kt/s, ft/mi
 import math
 import os
 import re
+from graphlib import CycleError, TopologicalSorter
 from typing import NamedTuple
 
 import numpy as np
@@ -226,13 +227,12 @@ def _parents(file: _File, block: str, labels: list[str]) -> list[tuple[int, ...]
         if len(values) != count or not np.isin(values, (0.0, 1.0)).all():
             raise file.error(block, f": expected {count} times 0 or 1", i)
         graph[i] = values
-    left = set(range(count))
-    while left:
-        free = [i for i in left if not any(graph[j, i] for j in left)]
-        if not free:
-            raise file.error(block, f": {labels[min(left)]!r} is its own ancestor, expected none")
-        left -= set(free)
-    return [tuple(np.flatnonzero(graph[:, i]).tolist()) for i in range(count)]
+    parents = [tuple(np.flatnonzero(graph[:, i]).tolist()) for i in range(count)]
+    try:
+        TopologicalSorter(dict(enumerate(parents))).prepare()
+    except CycleError as error:
+        raise file.error(block, f": {labels[error.args[1][0]]!r} is its own ancestor, expected none") from None
+    return parents
 
 
 def _variables(

@@ -11,6 +11,7 @@ below the traffic's greatest, where it is held.
 """
 
 import math
+from graphlib import TopologicalSorter
 from typing import NamedTuple
 
 import numpy as np
@@ -105,14 +106,8 @@ def _initial(model: EncounterModel, draws: np.ndarray) -> np.ndarray:
 
 def _order(variables: tuple[Variable, ...], before: int = 0) -> list[int]:
     """Return the variables so that parents come first; those below ``before`` are known already."""
-    known, order = set(range(before)), []
-    while len(order) < len(variables):
-        free = [
-            i for i, each in enumerate(variables) if before + i not in known and all(j in known for j in each.parents)
-        ]
-        known |= {before + i for i in free}
-        order += free
-    return order
+    parents = {before + i: variable.parents for i, variable in enumerate(variables)}
+    return [i - before for i in TopologicalSorter(parents).static_order() if i >= before]
 
 
 def _table(variable: Variable) -> np.ndarray:

