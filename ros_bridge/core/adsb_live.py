@@ -13,10 +13,10 @@ from datetime import UTC, datetime
 from typing import Any
 
 from agents.planner.request import Altitude
+from envs.formats.local_frame import carried, distance
 from envs.traffic.track_units import FOOT, KNOT
 from ros_bridge.core.conversions import report
 from ros_bridge.core.fields import SECOND, FieldError, latitude, longitude, number, readable
-from ros_bridge.core.geodesy import carried, distance
 from ros_bridge.core.reports import FASTEST, Report, Sighting
 
 __all__ = ["LATEST", "AircraftJson", "BaseStation", "Traffic"]
