@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from agents.config.figures import save_figure
 from agents.config.load import ConfigError, Parser
 from envs.edge.files import write_file
 from eval.plots import save as picture_folder
@@ -35,8 +36,8 @@ and the interval comes from them.
 Without --resolvable-only the rate of all losses is estimated, and that of those not proven unresolvable beside it;
 with it, proven unresolvable encounters never count, so that all particles search where a decider can be blamed.
 
-Written to --out: rare.json, rare.png and .svg (the levels), config.yaml, and worst.csv: encounters that were lost, to
-be flown again by eval.monte_carlo --scenario file:worst.csv."""
+Written to --out: rare.json, rare.png and .svg (the levels), tail.png and .svg (an extreme-value fit), config.yaml, and
+worst.csv: encounters that were lost, to be flown again by eval.monte_carlo --scenario file:worst.csv."""
 
 _EPILOG = """\
 examples:
@@ -85,10 +86,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _write_worst(options.out, problem, made, blamed)
     from agents.config.load import dump
     from eval.rare.figure import levels_figure
+    from eval.rare.tail import tail_figure
 
     found["wall_s"] = time.perf_counter() - begun
     write_file(options.out / "config.yaml", dump(config))
     picture_folder.write(options.out, "rare", found, levels_figure(found))
+    if found["tail"]:
+        save_figure(tail_figure(found), options.out / "tail", 130)
     _show(found, options.out)
     return 0
 
@@ -114,6 +118,12 @@ def _parser() -> argparse.ArgumentParser:
     add("--moves", type=whole(1), default=5, metavar="N", help="steps of each at each level (default: 5)")
     add("--repetitions", type=whole(3), default=10, metavar="N", help="independent estimates (default: 10)")
     add("--confidence", type=real(0.5, 0.999999), default=0.95, metavar="P", help="of all intervals (default: 0.95)")
+    add(
+        "--encounters-per-hour",
+        type=real(1e-6, 1e4),
+        metavar="R",
+        help="of flight, stated by you: says losses an hour too (default: not said)",
+    )
     add("--out", type=Path, required=True, metavar="DIR", help="folder for what is written, new or empty")
     return parser
 
@@ -153,6 +163,7 @@ def _found(
 ) -> dict[str, Any]:
     """Return the content of rare.json, without policy and wall time."""
     from agents.policy.versions import versions
+    from eval.rare.tail import fits
     from eval.stats.intervals import share
 
     by_level = np.stack([one.probability for one in made])
@@ -189,6 +200,10 @@ def _found(
         "ancestors": [one.ancestors for one in made],
         "flights": sum(one.evaluations for one in made),
         "flights_of_the_pilot": plan.evaluations,
+        "tail": fits(first, plan.levels[-1]),
+        "losses_per_hour": None
+        if options.encounters_per_hour is None
+        else {end: options.encounters_per_hour * rate[end] for end in ("value", "low", "high")},
         "plain_flights_for_the_same_error": (1.0 - rate["value"]) / rate["value"] / error**2 if error else None,
         "versions": versions("numpy", "scipy", "safetensors"),
     }
@@ -247,6 +262,11 @@ def _show(found: dict[str, Any], out: Path) -> None:
     for key, name in ({"rate": "losses not proven unresolvable"} if found["resolvable_only"] else names).items():
         ends = f"{found[key]['low']:.3g} .. {found[key]['high']:.3g}"
         print(f"{name:34} {found[key]['value']:.3g}   {100.0 * found['confidence']:g} % interval {ends}")
+    for one in found["tail"]:
+        print(f"extreme-value fit below {one['threshold_m']:.0f} m: {one['rate']:.3g} (shape {one['shape']:+.2f})")
+    if found["losses_per_hour"] is not None:
+        value, low, high = (found["losses_per_hour"][end] for end in ("value", "low", "high"))
+        print(f"losses an hour of flight: {value:.3g} ({low:.3g} .. {high:.3g})")
     plain = found["plain_flights_for_the_same_error"]
     many = "an unknown number" if plain is None else f"{plain:.2g} for the same error"
     print(f"flights {found['flights']}; plain sampling would take {many}")

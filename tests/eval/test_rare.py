@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.special import ndtr
+from scipy.stats import genpareto
 
 from agents.config.load import ConfigError
 from envs.aircraft import PAPER
@@ -22,6 +23,7 @@ from eval.flights.simulate import Direct, fly
 from eval.rare import run as rare
 from eval.rare.problem import FlightProblem
 from eval.rare.splitting import Draws, Plan, SplittingError, pilot, repetition
+from eval.rare.tail import fits
 
 CIRCLE = scenario("circle", PAPER)
 SMALL = ["--particles", "60", "--repetitions", "3", "--moves", "1"]
@@ -86,6 +88,18 @@ def test_an_exact_tail_is_met_without_bias_and_at_a_fraction_of_the_cost() -> No
     # Plain sampling of as many evaluations would have this error.
     evaluations = sum(one.evaluations for one in made)
     assert error < 0.1 * np.sqrt(exact / evaluations)
+
+
+def test_an_extreme_value_fit_meets_a_known_tail() -> None:
+    values = genpareto.rvs(-0.3, scale=500.0, size=20_000, random_state=np.random.default_rng(1))
+    made = fits(-values, float(-genpareto.ppf(0.9995, -0.3, scale=500.0)))
+    assert len(made) == 7
+    for one in made:
+        # A shape's standard error is (1 + shape) / sqrt(n) (Smith, Biometrika 72 (1985) 67).
+        assert one["shape"] == pytest.approx(-0.3, abs=4.0 * 0.7 / np.sqrt(one["below"]))
+        assert 2e-4 < one["rate"] < 1.2e-3  # the truth: 5e-4
+        assert np.allclose(one["quantiles_m"], one["fitted_quantiles_m"], rtol=0.3, atol=5.0)
+    assert not fits(np.arange(50.0), 1.0)  # too few below every threshold
 
 
 def test_straight_courses_agree_with_a_million_plain_samples() -> None:
@@ -181,9 +195,13 @@ def test_proven_unresolvable_encounters_can_be_left_out(policy) -> None:
 def test_files_of_an_estimate(tmp_path: Path, policy_path: Path) -> None:
     out = tmp_path / "rare"
     arguments = ["--policy", str(policy_path), "--mode", "none", "--closer-than", "30", *SMALL]
-    assert rare.main([*arguments, "--out", str(out)]) == 0
+    assert rare.main([*arguments, "--encounters-per-hour", "0.5", "--out", str(out)]) == 0
     found = json.loads((out / "rare.json").read_text(encoding="utf-8"))
     assert {path.name for path in out.iterdir()} >= {"rare.json", "rare.png", "rare.svg", "config.yaml", "worst.csv"}
+    assert (out / "tail.png").stat().st_size > 10_000
+    assert found["losses_per_hour"]["high"] == 0.5 * found["rate"]["high"]
+    assert found["tail"][0]["threshold_m"] > 30.0
+    assert 0.01 < found["tail"][0]["rate"] < 0.2
     levels = [each["level_m"] for each in found["levels"]]
     assert levels == sorted(levels, reverse=True)
     assert levels[-1] == 30.0

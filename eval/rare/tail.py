@@ -1,0 +1,67 @@
+"""An extreme-value fit beside splitting: the smallest separations of plain sampling as a generalised Pareto tail.
+
+How far separations lie below a threshold is distributed so in the limit of low thresholds (Pickands, Annals of
+Statistics 3 (1975) 119). Diagnostics are fits that stay as the threshold falls, and quantiles on the diagonal.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from eval.plots.style import BLUE, ORANGE, VERMILION, tidy
+
+_SHARES = (0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02)
+_LEAST = 30  # separations of a fit
+_QUANTILES = np.arange(0.025, 1.0, 0.05)
+
+
+def fits(values: np.ndarray, level: float) -> list[dict[str, Any]]:
+    """Return a fit for each share of ``values [N]`` that is enough for one, with the rate below ``level``, m."""
+    from scipy.stats import genpareto
+
+    made = []
+    for share in _SHARES:
+        threshold = float(np.quantile(values, share))
+        below = threshold - values[values < threshold]
+        if len(below) < _LEAST or not level < threshold < np.inf:
+            continue
+        shape, _, scale = map(float, genpareto.fit(below, floc=0.0))
+        part = len(below) / len(values)
+        made.append(
+            {
+                "name": f"{share:g}",
+                "threshold_m": threshold,
+                "below": len(below),
+                "shape": shape,
+                "scale_m": scale,
+                "rate": part * float(genpareto.sf(threshold - level, shape, 0.0, scale)),
+                "quantiles_m": np.quantile(below, _QUANTILES).tolist(),
+                "fitted_quantiles_m": genpareto.ppf(_QUANTILES, shape, 0.0, scale).tolist(),
+            }
+        )
+    return made
+
+
+def tail_figure(found: Mapping[str, Any]) -> Figure:
+    """Return the diagnostics of ``rare.json``'s content: rate and shape by threshold, and quantiles."""
+    made, rate = found["tail"], found["rate"]
+    figure = Figure((11.0, 3.4), layout="constrained")
+    rates, shapes, quantiles = figure.subplots(1, 3)
+    place = [one["threshold_m"] for one in made]
+    rates.plot(place, [one["rate"] for one in made], "o-", color=BLUE, label="fit")
+    rates.axhspan(rate["low"], rate["high"], color=ORANGE, alpha=0.3, label="splitting")
+    rates.set(xlabel="threshold, m", ylabel="losses an encounter")
+    rates.legend(frameon=False)
+    shapes.plot(place, [one["shape"] for one in made], "o-", color=BLUE)
+    shapes.set(xlabel="threshold, m", ylabel="shape of the fit")
+    for one in made:
+        quantiles.plot(one["fitted_quantiles_m"], one["quantiles_m"], ".-", label=f"{one['threshold_m']:.0f} m")
+    most = max((one["quantiles_m"][-1] for one in made), default=1.0)
+    quantiles.plot([0.0, most], [0.0, most], color=VERMILION, linewidth=0.8)
+    quantiles.set(xlabel="below the threshold: fitted, m", ylabel="sampled, m")
+    quantiles.legend(frameon=False, fontsize=7)
+    for axes in (rates, shapes, quantiles):
+        tidy(axes, "both")
+    return figure
