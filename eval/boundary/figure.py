@@ -1,4 +1,4 @@
-"""The figure of the boundary: where the intruder may start, by the grid and by the verdicts, and both near the edge."""
+"""The figure of the boundary: where the intruder may start, by the grid and by the verdicts."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Patch
+from matplotlib.patches import Circle
 
 from agents.resolvability.classify import Verdict
 from envs.aircraft import Aircraft
@@ -18,7 +18,6 @@ __all__ = ["boundary_figure"]
 _KM = 1e-3
 _LEVELS = (0.4, 0.6, 0.8, 1.0, 1.2)  # separations
 _SHADES = ("#C9C9C9", "#D6D6D6", "#E2E2E2", "#EDEDED", "#F6F6F6", "#FFFFFF")
-_EDGE = 0.02  # separations to either side of the boundary
 _STYLES: dict[Verdict, dict[str, Any]] = {
     Verdict.RESOLVABLE: {"marker": "o", "color": BLUE, "s": 7.0, "linewidths": 0.0},
     Verdict.UNRESOLVABLE: {"marker": "s", "color": VERMILION, "s": 7.0, "linewidths": 0.0},
@@ -36,12 +35,9 @@ def boundary_figure(slices: Sequence[tuple[Answers, Mapping[str, Any]]], aircraf
     separation = aircraft.separation
     columns = min(len(slices), 3)
     rows = math.ceil(len(slices) / columns)
-    figure = Figure(figsize=(4.9 * columns, 6.4 * rows + 0.9), layout="constrained")
-    grid = figure.add_gridspec(2 * rows, columns, height_ratios=[4.6, 1.0] * rows)
-    for number, (answers, figures) in enumerate(slices):
-        row, column = divmod(number, columns)
-        _map(figure.add_subplot(grid[2 * row, column]), answers, figures, aircraft)
-        _edge(figure.add_subplot(grid[2 * row + 1, column]), answers, figures, separation)
+    figure = Figure(figsize=(4.9 * columns, 5.3 * rows + 0.9), layout="constrained")
+    for number, (answers, figures) in enumerate(slices, 1):
+        _map(figure.add_subplot(rows, columns, number), answers, figures, aircraft)
     handles: list[Any] = [
         sample(f"the grid's boundary: {separation:.0f} m can just be kept", color="black", linewidth=1.6),
         sample(f"{separation:.0f} m around the ownship", color="black", linewidth=1.0, linestyle="--"),
@@ -50,7 +46,6 @@ def boundary_figure(slices: Sequence[tuple[Answers, Mapping[str, Any]]], aircraf
         look = {"marker": style["marker"], "markersize": 7.0, "color": style["color"], "linestyle": ""}
         look["markeredgecolor"] = style.get("edgecolors", style["color"])
         handles.append(sample(_NAMES[verdict], **look))
-    handles.append(Patch(facecolor="#BBBBBB", label="the grid's error (lower panels)"))
     legend(figure, handles, min(2 * columns, 3), 10)
     return figure
 
@@ -95,22 +90,3 @@ def _map(axes: Any, answers: Answers, figures: Mapping[str, Any], aircraft: Airc
         f"{sum(figures['disagreements'].values())} disagreements, {figures['undecided']} undecided",
         fontsize=10,
     )
-
-
-def _edge(axes: Any, answers: Answers, figures: Mapping[str, Any], separation: float) -> None:
-    """Draw the grid's value of every point near the boundary, a row for each verdict."""
-    excess = answers.value - separation
-    error = figures["grid_error_m"]
-    axes.axvspan(-error, error, color="#BBBBBB", linewidth=0.0)
-    axes.axvline(0.0, color="black", linewidth=1.0)
-    order = (Verdict.UNRESOLVABLE, Verdict.UNDECIDED, Verdict.RESOLVABLE)
-    for height, verdict in enumerate(order):
-        shown = np.flatnonzero((answers.verdict == verdict) & (np.abs(excess) < _EDGE * separation))
-        # Rows are spread by a fixed sequence, so that points do not hide each other.
-        spread = 0.62 * ((0.618034 * np.arange(shown.size)) % 1.0 - 0.5)
-        axes.scatter(excess[shown], height + spread, rasterized=True, zorder=3.0, **_STYLES[verdict])
-    axes.set_xlim(-_EDGE * separation, _EDGE * separation)
-    axes.set_ylim(-0.5, 2.5)
-    axes.set_yticks(range(3), ["unresolvable", "undecided", "resolvable"], fontsize=8)
-    axes.set_xlabel(f"separation that can be kept by the grid minus {separation:.0f} m, in m", fontsize=9)
-    axes.spines[["top", "right"]].set_visible(False)

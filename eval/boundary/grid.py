@@ -130,11 +130,9 @@ class _Step(NamedTuple):
 
     turn: int
     shift: Any  # relative displacement, m, [P, S, 2]
-    low: Any
-    """Node of speed at or below the new speed, ``[S]``, and the part of the way from there to the next, ``[S]``."""
+    low: Any  # node of speed at or below the new speed, [S], and the part of the way from there to the next, [S]
     part: Any
-    near: Any
-    """Closest approach during the step from the nodes of a box around the intruder, m, ``[P, S, B, C]``, float32."""
+    near: Any  # closest approach during the step from the nodes of a box around the intruder, m, [P, S, B, C], float32
     box: tuple[slice, slice]
 
 

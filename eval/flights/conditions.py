@@ -22,24 +22,15 @@ LARGEST_OFF = 0.75
 class Conditions(NamedTuple):
     """Initial conditions, seen from the ownship towards the most critical intruder; fields ``[N]``."""
 
-    intruders: np.ndarray
-    """How many there are, int32."""
-    own_speed: np.ndarray
-    """m/s."""
-    intruder_speed: np.ndarray
-    """m/s."""
-    distance: np.ndarray
-    """m."""
-    bearing: np.ndarray
-    """Of the intruder from the own heading, rad in [-pi, pi), left positive."""
-    relative_heading: np.ndarray
-    """Intruder's heading less own heading, rad in [-pi, pi), counter-clockwise."""
-    t_cpa: np.ndarray
-    """Time to the closest point of approach on straight courses, s."""
-    d_cpa: np.ndarray
-    """Distance there, m."""
-    route_length: np.ndarray
-    """Distance from the start to the goal, m."""
+    intruders: np.ndarray  # how many there are, int32
+    own_speed: np.ndarray  # m/s
+    intruder_speed: np.ndarray  # m/s
+    distance: np.ndarray  # m
+    bearing: np.ndarray  # of the intruder from the own heading, rad in [-pi, pi), left positive
+    relative_heading: np.ndarray  # intruder's heading less own heading, rad in [-pi, pi), counter-clockwise
+    t_cpa: np.ndarray  # time to the closest point of approach on straight courses, s
+    d_cpa: np.ndarray  # distance there, m
+    route_length: np.ndarray  # distance from the start to the goal, m
 
 
 def conditions(encounters: Encounter, aircraft: Aircraft) -> Conditions:

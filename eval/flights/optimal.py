@@ -28,8 +28,7 @@ ROUNDS = 8
 class WitnessSearch(NamedTuple):
     """Effort of the search for the least-cost witness of each encounter."""
 
-    rounds: int = ROUNDS
-    """Of its refinement."""
+    rounds: int = ROUNDS  # of its refinement
 
 
 def fly_witnesses(encounters: Encounter, search: WitnessSearch, aircraft: Aircraft) -> tuple[Flights, Trajectories]:

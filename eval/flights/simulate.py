@@ -59,38 +59,28 @@ class Direct(NamedTuple):
 class Flights(NamedTuple):
     """How encounters ended; fields ``[N]``."""
 
-    outcome: np.ndarray
-    """Code, an index into :data:`OUTCOMES`, int8."""
-    score: np.ndarray
-    """Sum of the sparse reward."""
-    duration: np.ndarray
-    """s until the end."""
-    min_separation: np.ndarray
-    """Smallest distance to any intruder, m, between the steps too."""
-    time_of_min_separation: np.ndarray
-    """End of the step in which that happened, s after the start."""
+    outcome: np.ndarray  # code, an index into OUTCOMES, int8
+    score: np.ndarray  # sum of the sparse reward
+    duration: np.ndarray  # s until the end
+    min_separation: np.ndarray  # smallest distance to any intruder, m, between the steps too
+    time_of_min_separation: np.ndarray  # end of the step in which that happened, s after the start
     path_length: np.ndarray
     """Length flown, m (mean speed of each step; at most 0.1 m off where a speed limit is met inside a step)."""
-    goal_distance: np.ndarray
-    """At the end, m."""
-    reversals: np.ndarray
-    """How often the commanded turn changed side, int32; commands below :func:`reversal_rate` do not count."""
+    goal_distance: np.ndarray  # at the end, m
+    reversals: np.ndarray  # how often the commanded turn changed side, int32; commands below reversal_rate do not count
 
 
 class _Air(NamedTuple):
     """Encounters in progress; fields ``[M]``."""
 
     state: State
-    number: np.ndarray
-    """Row of each among the encounters flown."""
+    number: np.ndarray  # row of each among the encounters flown
     min_separation: np.ndarray
     time_of_min_separation: np.ndarray
     path_length: np.ndarray
-    side: np.ndarray
-    """Of the last turn, int8: see :func:`turned_to`."""
+    side: np.ndarray  # of the last turn, int8: see turned_to
     reversals: np.ndarray
-    memory: np.ndarray
-    """Of a baseline."""
+    memory: np.ndarray  # of a baseline
 
 
 def reversal_rate(limits: Limits) -> float:

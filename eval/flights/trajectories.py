@@ -13,14 +13,10 @@ __all__ = ["Trajectories", "TrajectoryRecorder", "until"]
 class Trajectories(NamedTuple):
     """Flights at T + 1 times one time step apart; NaN after an encounter's end."""
 
-    own: VehicleState
-    """Fields ``[T + 1, N]``."""
-    intruders: VehicleState
-    """Fields ``[T + 1, N, K]``."""
-    action: np.ndarray
-    """``[T, N, 2]``; NaN where no action decides."""
-    separation: np.ndarray
-    """Smallest distance to any intruder during each step, m, ``[T, N]``."""
+    own: VehicleState  # fields [T + 1, N]
+    intruders: VehicleState  # fields [T + 1, N, K]
+    action: np.ndarray  # [T, N, 2]; NaN where no action decides
+    separation: np.ndarray  # smallest distance to any intruder during each step, m, [T, N]
 
 
 def until(flown: Trajectories, end: np.ndarray, dt: float) -> Trajectories:

@@ -154,12 +154,9 @@ class Drawn(NamedTuple):
     """The conditions of one flight."""
 
     air: Conditions
-    altitude: float
-    """m above the sea."""
-    believed_wind: tuple[float, float]
-    """As the planner knows it, towards east and north, m/s."""
-    latency: float
-    """Of the intruders' reports, s."""
+    altitude: float  # m above the sea
+    believed_wind: tuple[float, float]  # as the planner knows it, towards east and north, m/s
+    latency: float  # of the intruders' reports, s
 
 
 def drawn(family: ConditionConfig, seed: int, number: int, takeoff_weight: float) -> Drawn:

@@ -30,34 +30,24 @@ class Pilot(Protocol):
     @property
     def late(self) -> float:
         """How much later than planned the aircraft is at its place, s; 0 where nothing is planned."""
-        ...
 
     def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
         """Decide at the beginning of a second by states over the ground as believed, of the intruders ``[1, K]``."""
-        ...
 
     def commands(self, own: VehicleState, time: float) -> tuple[float, float]:
         """Return acceleration (m/s^2) and turn rate (rad/s) of the track for the coming period."""
-        ...
 
 
 class Flight(NamedTuple):
     """What happened; T periods, S whole seconds. Positions over the ground."""
 
-    own: VehicleState
-    """At the start and after every period, ``[T + 1]``."""
-    altitude: np.ndarray
-    """m above the sea, ``[T + 1]``."""
-    late: np.ndarray
-    """As the guidance had it, s, ``[T + 1]``."""
-    intruders: VehicleState
-    """At the start and after every second, ``[S + 1, K]``."""
-    separation: np.ndarray
-    """Smallest distance to any intruder in each second, m, ``[S]``."""
-    goal_distance: np.ndarray
-    """At the start and after every period, m, ``[T + 1]``."""
-    failure: str | None
-    """Why the flight could not go on; None: it could."""
+    own: VehicleState  # at the start and after every period, [T + 1]
+    altitude: np.ndarray  # m above the sea, [T + 1]
+    late: np.ndarray  # as the guidance had it, s, [T + 1]
+    intruders: VehicleState  # at the start and after every second, [S + 1, K]
+    separation: np.ndarray  # smallest distance to any intruder in each second, m, [S]
+    goal_distance: np.ndarray  # at the start and after every period, m, [T + 1]
+    failure: str | None  # why the flight could not go on; None: it could
 
 
 class Traffic:

@@ -42,54 +42,37 @@ _ASSURED_ENDS, _CLOSED_ENDS = ("violation",), ("violation", "goal")
 class Campaign(NamedTuple):
     """All that the flights of a run follow from; can be sent to another process."""
 
-    policy: Path | None
-    """File of the policy; None for the shipped one."""
-    source: Scenario | Encounter
-    """A scenario to draw from, or the encounters of a file."""
+    policy: Path | None  # file of the policy; None for the shipped one
+    source: Scenario | Encounter  # a scenario to draw from, or the encounters of a file
     seed: int
-    aircraft: Aircraft
-    """That decisions and plans are made for; its time step is 1 s."""
-    mode: str
-    """plan, closed or assured."""
+    aircraft: Aircraft  # that decisions and plans are made for; its time step is 1 s
+    mode: str  # plan, closed or assured
     setting: Setting
-    vehicle: str
-    """That flies, one of :data:`eval.hifi.config.VEHICLES`."""
-    family: ConditionConfig
-    """Of the conditions."""
+    vehicle: str  # that flies, one of eval.hifi.config.VEHICLES
+    family: ConditionConfig  # of the conditions
 
 
 class Scene(NamedTuple):
     """Where a flight begins."""
 
-    encounter: Encounter
-    """``[1]``, in the air mass."""
+    encounter: Encounter  # [1], in the air mass
     drawn: Drawn
-    wind: Wind
-    """That blows."""
-    frame: Wind
-    """That the planner knows."""
-    own: VehicleState
-    """Over the ground, plain floats."""
-    route: Route
-    """Over the ground; the second point is the goal."""
-    noise: Callable[[int], np.ndarray] | None
-    """Of the intruders' reports by second, ``[4, 1, K]``."""
+    wind: Wind  # that blows
+    frame: Wind  # that the planner knows
+    own: VehicleState  # over the ground, plain floats
+    route: Route  # over the ground; the second point is the goal
+    noise: Callable[[int], np.ndarray] | None  # of the intruders' reports by second, [4, 1, K]
 
 
 class Flown(NamedTuple):
     """A flight and all that is known of it."""
 
     scene: Scene
-    made: Made | None
-    """The plan; None in mode closed."""
-    legs: Legs | None
-    """Of the plan, in the air mass; None without one."""
-    flight: Flight | None
-    """None where it could not begin."""
-    errors: Errors | None
-    """Against the plan, in mode plan."""
-    problem: str | None
-    """Why it could not begin."""
+    made: Made | None  # the plan; None in mode closed
+    legs: Legs | None  # of the plan, in the air mass; None without one
+    flight: Flight | None  # None where it could not begin
+    errors: Errors | None  # against the plan, in mode plan
+    problem: str | None  # why it could not begin
     pilot: Pilot | None
 
 

@@ -105,12 +105,9 @@ class Assured:
         self._monitor = assurance.activate(monitor, np.arange(1), made.knots, made.safe, 0.0, known, thresholds)
         self._mask, self._guide, self._flies = known.mask, None, None
         self._reached = False
-        self.replans = 0
-        """New plans asked for."""
-        self.taken_up = 0
-        """New plans that were flown."""
-        self.backup_seconds = 0
-        """On the backup."""
+        self.replans = 0  # new plans asked for
+        self.taken_up = 0  # new plans that were flown
+        self.backup_seconds = 0  # on the backup
 
     @property
     def late(self) -> float:

@@ -37,16 +37,13 @@ class Airborne(Protocol):
     @property
     def state(self) -> VehicleState:
         """Over the ground, plain floats."""
-        ...
 
     @property
     def altitude(self) -> float:
         """Above the sea, m."""
-        ...
 
     def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
         """Fly on under an acceleration (m/s^2) and a turn rate (rad/s) of the track."""
-        ...
 
 
 class _Cessna:

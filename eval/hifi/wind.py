@@ -36,10 +36,8 @@ class Route(NamedTuple):
 class Made(NamedTuple):
     """A plan for a wind."""
 
-    plans: Plans
-    """``[1]``, in the air mass."""
-    request: Request | None
-    """That it answers, ``[1]``; None where none could be made."""
+    plans: Plans  # [1], in the air mass
+    request: Request | None  # that it answers, [1]; None where none could be made
     problem: str | None
     """Why there is no plan although the planner was not asked, or its answer does not count; None: there is."""
 

@@ -22,12 +22,9 @@ class Volume(NamedTuple):
     """A volume; with ``tau`` 0 a cylinder around the aircraft."""
 
     name: str
-    horizontal: float
-    """Radius and largest horizontal miss distance (DMOD = HMD), m."""
-    vertical: float
-    """Half height, m."""
-    tau: float = 0.0
-    """Modified tau within which a predicted miss below ``horizontal`` counts, s."""
+    horizontal: float  # radius and largest horizontal miss distance (DMOD = HMD), m
+    vertical: float  # half height, m
+    tau: float = 0.0  # modified tau within which a predicted miss below horizontal counts, s
     source: str = ""
 
 

@@ -11,11 +11,9 @@ from eval.stats.intervals import clopper_pearson, number, percentiles, resampled
 
 __all__ = ["Ratio", "ratio", "summarise_weighted"]
 
-_FEW_EVENTS = 10
-"""Events without the resolver below which a ratio says little."""
+_FEW_EVENTS = 10  # events without the resolver below which a ratio says little
 
-_DOMINANT = 0.1
-"""Share of the weighted events beyond which a single encounter decides the ratio."""
+_DOMINANT = 0.1  # share of the weighted events beyond which a single encounter decides the ratio
 
 
 @dataclass(frozen=True)
@@ -25,18 +23,13 @@ class Ratio:
     value: float
     low: float
     high: float
-    unresolved: float
-    """The part of encounters that have the event without the resolver and still have it with."""
-    induced: float
-    """The part of encounters that have it only with the resolver."""
-    events: int
-    """Encounters with the event, with the resolver."""
+    unresolved: float  # the part of encounters that have the event without the resolver and still have it with
+    induced: float  # the part of encounters that have it only with the resolver
+    events: int  # encounters with the event, with the resolver
     events_without: int
     total: int
-    effective: float
-    """Kish's effective sample size, (sum w)^2 / sum w^2."""
-    warnings: tuple[str, ...]
-    """Sentences on why the sample cannot carry the claim."""
+    effective: float  # kish's effective sample size, (sum w)^2 / sum w^2
+    warnings: tuple[str, ...]  # sentences on why the sample cannot carry the claim
 
 
 def ratio(
@@ -91,15 +84,9 @@ def ratio(
 
 
 def _weights(weights: np.ndarray | None, count: int) -> np.ndarray:
-    if weights is None:
-        if count == 0:
-            raise ValueError("there is no encounter; expected at least one")
-        return np.ones(count)
-    weight = np.asarray(weights, np.float64)
-    if weight.shape != (count,):
-        raise ValueError(f"weights have shape {weight.shape}, expected ({count},)")
-    if not (np.isfinite(weight).all() and (weight >= 0.0).all() and weight.sum() > 0.0):
-        raise ValueError("weights must be finite and not negative, at least one of them positive")
+    weight = np.ones(count) if weights is None else np.asarray(weights, np.float64)
+    if weight.shape != (count,) or not (np.isfinite(weight).all() and (weight >= 0.0).all() and weight.sum() > 0.0):
+        raise ValueError(f"weights must be {count}, finite and not negative, at least one of them positive")
     return weight
 
 

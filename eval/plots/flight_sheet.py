@@ -64,7 +64,7 @@ def trajectory_sheet(
         panels.append(
             Panel(
                 f"{number}: {kinds[number]}, {table['min_separation_m'][number]:.0f} m, "
-                f"{table['duration_s'][number]:.0f} s{_planned_by(table, number)}",
+                f"{table['duration_s'][number]:.0f} s",
                 np.stack([flown.own.x[:, i], flown.own.y[:, i]]),
                 np.stack([flown.intruders.x[:, i, present].T, flown.intruders.y[:, i, present].T], axis=1),
                 flown.separation[:, i],
@@ -73,8 +73,7 @@ def trajectory_sheet(
             )
         )
     figure = sheet(panels, rules, 4, (3.25, 3.55), 8.5)
-    planned = "; source of the plan" if "plan_source" in table else ""
-    figure.suptitle(f"encounter: outcome, smallest separation, duration{planned}", fontsize=10)
+    figure.suptitle("encounter: outcome, smallest separation, duration", fontsize=10)
     return figure
 
 
@@ -89,15 +88,6 @@ def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
     room = min(PANELS, len(kinds))
     picked = spread(failures, max(_FAILURES_SHOWN, room - len(successes)))
     return [*picked.tolist(), *spread(successes, room - len(picked)).tolist()]
-
-
-def _planned_by(table: Mapping[str, np.ndarray], number: int) -> str:
-    """Return the source of the plan and the number of new ones, for a title."""
-    if "plan_source" not in table:
-        return ""
-    refused = "" if table["plan_status"][number] == "safe" else ", unresolved"
-    again = int(table["replans"][number]) if "replans" in table else 0
-    return f"\n{table['plan_source'][number]}{refused}" + (f", {again} new plans" if again else "")
 
 
 def _draw(axes: Axes, panel: Panel, rules: Rules) -> None:

@@ -107,14 +107,11 @@ def _geometry(axes: Any, advisory: Advisory, aircraft: Aircraft) -> None:
 
 
 def _goal(axes: Any, edge: float, scene: Scene) -> None:
-    """Draw a tick at the edge where the goal lies, and a star at the goal if it is on the map."""
+    """Draw a tick at the edge where the goal lies."""
     direction = np.array([-math.sin(scene.goal_bearing), math.cos(scene.goal_bearing)])
     outer = edge / max(abs(direction)) * direction
     tick = np.stack([0.92 * outer, outer]).T
     axes.plot(*tick, color="black", linewidth=3.5, solid_capstyle="butt", path_effects=_WIDE_HALO, zorder=5.0)
-    goal = _KM * scene.goal_distance * direction
-    if max(abs(goal)) < edge:
-        axes.plot(*goal, marker="*", markersize=13.0, color="white", markeredgecolor="black", zorder=5.0)
 
 
 def _bar(figure: Figure, cells: Any, row: Any, full: float, label: str, ends: tuple[str, str]) -> None:

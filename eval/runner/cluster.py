@@ -29,12 +29,9 @@ from eval.runner.workers import Chunk, Task, WorkerError
 
 __all__ = ["Cluster", "connected"]
 
-_ANSWER_S = 5.0
-"""Time in which a scheduler must answer."""
-_PATIENCE_S = 2.0
-"""Time after which the number of workers is asked for again."""
-_AHEAD = 2
-"""Chunks under way for each worker: one in the air, one waiting there, so that none waits for the network."""
+_ANSWER_S = 5.0  # time in which a scheduler must answer
+_PATIENCE_S = 2.0  # time after which the number of workers is asked for again
+_AHEAD = 2  # chunks under way for each worker: one in the air, one waiting there, so that none waits for the network
 _ADDRESS = re.compile(r"(?:(?:tcp|tls|ws|wss)://)?(?:\[[0-9A-Fa-f:.%]+\]|[^\s:/\[\]]+):(?P<port>[0-9]{1,5})")
 
 
@@ -50,7 +47,7 @@ class Cluster:
         """Return the number of workers, as of the last two seconds; ``WorkerError``: the scheduler has gone."""
         if time.monotonic() - self._asked >= _PATIENCE_S:
             try:
-                found = len(self._threads())
+                found = len(self._client.nthreads())
             except (OSError, CancelledError):
                 raise self._lost() from None
             if found == 0 and self._known > 0:
@@ -80,12 +77,6 @@ class Cluster:
                 raise ConfigError(
                     f"--scheduler {self._address}: worker {worker} has {unlike}, expected the same versions everywhere"
                 )
-        threads = max(self._threads().values(), default=1)
-        if threads > 1:
-            self._note(
-                f"has workers of {threads} threads, of which one flies: processes of one thread each serve better "
-                "(dask worker --nworkers N --nthreads 1)"
-            )
 
     def fly(
         self, task: Task, work: Any, sha256: str, chunks: Iterable[Chunk], stopped: Callable[[], bool]
@@ -121,11 +112,6 @@ class Cluster:
         finally:
             for future, _ in air.values():
                 future.cancel()
-
-    def _threads(self) -> dict[str, int]:
-        """Return how many threads each worker has, by its address."""
-        found: Any = self._client.nthreads()
-        return found
 
     def _next(self, landed: SimpleQueue[Future], stopped: Callable[[], bool]) -> Future | None:
         """Return a chunk that has ended, None where none can end because no worker is left."""

@@ -91,8 +91,7 @@ class UnfinishedError(Exception):
 
     def __init__(self, message: str, status: int) -> None:
         super().__init__(message)
-        self.status = status
-        """Of the exit."""
+        self.status = status  # of the exit
 
 
 def whole_table(

@@ -31,17 +31,12 @@ _SHIPPED = "data/policy.safetensors"
 class Payload:
     """All that the chunks of a run follow from."""
 
-    name: str
-    """Of the run; no two have the same."""
+    name: str  # of the run; no two have the same
     task: Task
-    work: Any
-    """An evaluation or a campaign, without the path of its policy."""
-    policy: bytes
-    """Content of the policy file."""
-    sha256: str
-    """Digest that the policy must have."""
-    versions: Mapping[str, str]
-    """Of the packages on which rows depend, where the run was begun."""
+    work: Any  # an evaluation or a campaign, without the path of its policy
+    policy: bytes  # content of the policy file
+    sha256: str  # digest that the policy must have
+    versions: Mapping[str, str]  # of the packages on which rows depend, where the run was begun
 
 
 def packed(name: str, task: Task, work: Any, sha256: str) -> bytes:

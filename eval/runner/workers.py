@@ -40,12 +40,10 @@ class Chunk(NamedTuple):
 class Task(NamedTuple):
     """How chunks of one kind of evaluation are flown; its functions are found again by their names in a worker."""
 
-    prepare: Callable[[Any, Policy], Any]
-    """(what is flown, the policy) -> what the next function flies with."""
+    prepare: Callable[[Any, Policy], Any]  # (what is flown, the policy) -> what the next function flies with
     columns: Callable[[Any, int, int], dict[str, np.ndarray]]
     """(what was prepared, first encounter, how many) -> table of the chunk."""
-    packages: tuple[str, ...] = DECISIVE
-    """On whose versions the rows depend."""
+    packages: tuple[str, ...] = DECISIVE  # on whose versions the rows depend
 
 
 class RunError(RuntimeError):
@@ -64,14 +62,10 @@ def cores() -> int:
 def fly_chunks(
     task: Task, work: Any, workers: int, chunks: Iterable[Chunk], stopped: Callable[[], bool]
 ) -> Iterator[tuple[Chunk, dict[str, np.ndarray]]]:
-    """Fly chunks and yield the table of each as it gets ready, in any order.
+    """Fly chunks of some work, with the path of its policy, and yield the table of each in any order.
 
-    Args:
-        task: for this kind of work.
-        work: what is flown, with the path of its policy.
-        workers: processes; with 1 everything happens in this one.
-        chunks: to fly.
-        stopped: asked before each chunk; once it is true, none is begun and those in the air are finished.
+    With one worker everything happens in this process. ``stopped`` is asked before each chunk: once it is true, none is
+    begun and those in the air are finished.
 
     Raises:
         EncounterError: an encounter cannot be drawn.

@@ -38,26 +38,19 @@ def quantities(aircraft: Aircraft) -> dict[str, Quantity]:
     angles, speeds = _steps(-180, 180, 30), tuple(np.linspace(limits.speed_min, limits.speed_max, 11).tolist())
     traffic = (0.0, 0.5 * limits.speed_min, *speeds, 0.5 * (limits.speed_max + fastest), fastest)
     distances = [unit * part for part in (1, 1.5, 2, 3, 4, 6, 8, 10, 12, 15, 20)]
+    times = tuple(2.0 * aircraft.time_unit * step for step in range(11))
     misses = [unit * part for part in (0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 1, 2, 5)]
     found = (
         Quantity("relative_heading", "intruder's heading less own heading", "deg", "relative_heading_deg", angles),
         Quantity("bearing", "bearing of the intruder from the own heading", "deg", "bearing_deg", angles),
         Quantity("distance", "distance to the intruder at the start", "m", "distance_m", tuple(distances)),
-        Quantity(
-            "time_to_conflict",
-            "time to the closest point of approach",
-            "s",
-            "t_cpa_s",
-            tuple(2.0 * aircraft.time_unit * step for step in range(11)),
-        ),
+        Quantity("time_to_conflict", "time to the closest point of approach", "s", "t_cpa_s", times),
         Quantity("miss_distance", "distance at the closest point of approach", "m", "d_cpa_m", tuple(misses)),
         Quantity("own_speed", "own speed at the start", "m/s", "own_speed_m_s", speeds),
         Quantity("intruder_speed", "speed of the intruder", "m/s", "intruder_speed_m_s", traffic),
         Quantity("intruders", "number of intruders", "", "intruders", _steps(0.5, 8.5, 1)),
         Quantity("wind", "speed of the wind", "m/s", "wind_m_s", _steps(0, 15, 2.5)),
-        Quantity(
-            "wind_error", "error of the wind that plans were made for", "m/s", "wind_error_m_s", _steps(0, 5, 0.5)
-        ),
+        Quantity("wind_error", "error of the wind as the planner has it", "m/s", "wind_error_m_s", _steps(0, 5, 0.5)),
         Quantity("turbulence", "turbulence of MIL-F-8785C", "", "turbulence", words=("none", "light", "moderate")),
         Quantity("latency", "age of the reports", "s", "latency_s", _steps(0, 2, 0.25)),
     )

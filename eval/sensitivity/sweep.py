@@ -61,10 +61,7 @@ def swept(text: str) -> Sweep:
     """Return what ``NAME`` or ``NAME=V1,V2,...`` asks for; what cannot be varied raises ``ConfigError``."""
     name, sign, listed = text.partition("=")
     if name in ("wind", "turbulence"):
-        raise ConfigError(
-            f"--vary {name}: the surrogate has no {name}; expected a run of eval.hifi with it, such as --condition "
-            "moderate, and its folder as --run"
-        )
+        raise ConfigError(f"--vary {name}: the surrogate has no {name}; expected a run of eval.hifi with it as --run")
     if name not in PARAMETERS:
         raise ConfigError(f"--vary {name}: unknown; {one_of(name, PARAMETERS)}")
     parameter = PARAMETERS[name]

@@ -25,11 +25,6 @@ class Pairs(NamedTuple):
     second_only: int
     neither: int
 
-    @property
-    def total(self) -> int:
-        """Number of encounters."""
-        return self.both + self.first_only + self.second_only + self.neither
-
 
 def pairs(first: np.ndarray, second: np.ndarray) -> Pairs:
     """Count the four cells of two deciders' successes, bool ``[N]``, of the same encounters in the same order.
@@ -58,15 +53,15 @@ def tango(counts: Pairs, confidence: float = 0.95) -> Interval:
     """
     if not 0.0 < confidence < 1.0:
         raise ValueError(f"confidence {confidence} is outside (0, 1)")
-    if counts.total == 0:
+    if sum(counts) == 0:
         raise ValueError("there is no pair; expected at least one")
     from scipy.special import ndtri
 
     quantile = float(ndtri(0.5 + 0.5 * confidence))
-    value = (counts.second_only - counts.first_only) / counts.total
+    value = (counts.second_only - counts.first_only) / sum(counts)
     # A statistic of exactly the quantile at the end of the range (no success of one, no failure of the other).
-    low = -1.0 if counts.first_only == counts.total else _where(counts, quantile)
-    high = 1.0 if counts.second_only == counts.total else _where(counts, -quantile)
+    low = -1.0 if counts.first_only == sum(counts) else _where(counts, quantile)
+    high = 1.0 if counts.second_only == sum(counts) else _where(counts, -quantile)
     return Interval(value, min(low, value), max(high, value))
 
 
@@ -97,7 +92,7 @@ def _score(counts: Pairs, difference: float) -> float:
     shares q and q + d the likelihood is stationary where 2 n q^2 + (d (2 n - s + f) - f - s) q - f d (1 - d) = 0,
     of which the larger root lies in the range (f, s: pairs won by the first, the second alone).
     """
-    total, first, second = counts.total, counts.first_only, counts.second_only
+    total, first, second = sum(counts), counts.first_only, counts.second_only
     linear = difference * (2 * total - second + first) - first - second
     constant = -first * difference * (1.0 - difference)
     root = math.sqrt(max(linear * linear - 8.0 * total * constant, 0.0))
