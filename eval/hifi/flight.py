@@ -30,12 +30,14 @@ class Pilot(Protocol):
     @property
     def late(self) -> float:
         """How much later than planned the aircraft is at its place, s; 0 where nothing is planned."""
+        ...
 
     def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
         """Decide at the beginning of a second by states over the ground as believed, of the intruders ``[1, K]``."""
 
     def commands(self, own: VehicleState, time: float) -> tuple[float, float]:
         """Return acceleration (m/s^2) and turn rate (rad/s) of the track for the coming period."""
+        ...
 
 
 class Flight(NamedTuple):

@@ -52,7 +52,8 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, A
         "whole_min_separation_m_of_safe": quantiles(whole, (0.0, 0.01, 0.5)),
         "errors": {name: quantiles(table[name][safe], _SHARES) for name in _ERRORS},
         "margin": margin(table, confidence),
-        "reasons": dict(Counter(_kind(text) for text in table["reason"] if text).most_common()),
+        # Without their numbers, so that equal ones are counted together.
+        "reasons": dict(Counter(re.sub(r"-?\d+(\.\d+)?", "#", text) for text in table["reason"] if text).most_common()),
     }
     if "replans" in table:
         summary["replans_mean"] = float(np.mean(table["replans"]))
@@ -88,8 +89,3 @@ def upper_bound(values: np.ndarray, share: float, confidence: float) -> float | 
 
     reached = np.flatnonzero(bdtr(np.arange(values.size), values.size, share) >= confidence)
     return float(np.sort(values)[reached[0]]) if reached.size else None
-
-
-def _kind(reason: str) -> str:
-    """Return a reason without its numbers, so that equal ones are counted together."""
-    return re.sub(r"-?\d+(\.\d+)?", "#", reason)

@@ -19,11 +19,8 @@ from eval.hifi.config import Drawn
 
 __all__ = ["PROMPT", "VARIANT_OF", "Airborne", "Navigation", "begin", "lookahead_of", "reach_of", "takeoff_weight"]
 
-VARIANT_OF = {"c208_ex": "ex", "c208": "675", "point_mass": "ex", "surrogate": "ex"}
-"""Variant of the Cessna 208B behind each kind of vehicle."""
-
-PROMPT = Lookahead(turn=0.0, speed=0.0)
-"""Guidance of a vehicle without lags."""
+VARIANT_OF = {"c208_ex": "ex", "c208": "675", "point_mass": "ex", "surrogate": "ex"}  # Cessna behind each vehicle
+PROMPT = Lookahead(turn=0.0, speed=0.0)  # guidance of a vehicle without lags
 
 _POUND, _FOOT, _KNOT = 4.4482216, 0.3048, 0.514444
 _STREAM = (1 << 40) + 2  # of the navigation's errors
@@ -37,10 +34,12 @@ class Airborne(Protocol):
     @property
     def state(self) -> VehicleState:
         """Over the ground, plain floats."""
+        ...
 
     @property
     def altitude(self) -> float:
         """Above the sea, m."""
+        ...
 
     def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
         """Fly on under an acceleration (m/s^2) and a turn rate (rad/s) of the track."""

@@ -39,12 +39,15 @@ class Problem(Protocol):
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:
         """Of the standard normal numbers that one particle takes."""
+        ...
 
     def supported(self, draws: Draws) -> np.ndarray:
         """Return which particles the distribution is about, bool ``[N]``: it is that of normal draws given this."""
+        ...
 
     def value(self, draws: Draws) -> np.ndarray:
         """Return the values of supported particles, ``[N]``; infinite where the event cannot count."""
+        ...
 
 
 class Plan(NamedTuple):

@@ -47,7 +47,8 @@ class Cluster:
         """Return the number of workers, as of the last two seconds; ``WorkerError``: the scheduler has gone."""
         if time.monotonic() - self._asked >= _PATIENCE_S:
             try:
-                found = len(self._client.nthreads())
+                workers: Any = self._client.nthreads()
+                found = len(workers)
             except (OSError, CancelledError):
                 raise self._lost() from None
             if found == 0 and self._known > 0:
