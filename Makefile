@@ -6,6 +6,7 @@
 #   make proofs       check the mathematics behind SAFE (needs coq, coquelicot, gappa)
 #   make docs         build the documentation site into site/ (the build needs no network)
 #   make ros          add ROS 2 and our interfaces to the environment (Linux on x86-64; needs g++)
+#   make bluesky      make an environment in .bluesky with BlueSky and BlueSky-Gym
 #   make constraints  resolve all dependencies anew (needs uv)
 #   make clean        remove the environment and caches, keep runs/
 
@@ -18,7 +19,7 @@ PROJECT := pyproject.toml constraints/build.in
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 COMPILE := $(UV) pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 --no-emit-index-url
 
-.PHONY: help demo test test-slow lint format proofs docs venv venv-run ros constraints clean
+.PHONY: help demo test test-slow lint format proofs docs venv venv-run ros bluesky constraints clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -61,6 +62,15 @@ venv: .venv/dev.stamp
 	@touch $@
 
 ros: .venv/ros.stamp
+
+# BlueSky-Gym needs an older numpy than the rest; what decides in it needs numpy and safetensors alone.
+.bluesky/stamp: pyproject.toml
+	@echo "installing BlueSky into .bluesky"
+	@$(PYTHON) -m venv .bluesky
+	@.bluesky/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[bluesky]'
+	@touch $@
+
+bluesky: .bluesky/stamp
 
 # A second demo goes to a directory of its own.
 demo: venv-run
@@ -107,5 +117,5 @@ constraints:
 	  cat constraints/peers.txt; } > constraints/peers.tmp && mv constraints/peers.tmp constraints/peers.txt
 
 clean:
-	rm -rf .venv build dist site *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf .venv .bluesky build dist site *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -15,6 +15,7 @@ EXTRAS = {
     "sweep": ("optuna",),
     "onnx": ("onnx", "onnxruntime"),
     "peers": ("sbx", "stable_baselines3", "torch"),
+    "bluesky": ("bluesky", "bluesky_gym"),
     "ros": (
         *("builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "mcap", "mcap_ros2", "nav_msgs", "rcl_interfaces"),
         *("rclpy", "rlcas_msgs", "rosgraph_msgs", "rosidl_adapter", "sensor_msgs", "std_msgs"),

@@ -1,0 +1,242 @@
+"""The policy in BlueSky beside BlueSky's own: ``.bluesky/bin/python -m benchmarks.bluesky``.
+
+Episodes of BlueSky-Gym's ``HorizontalCREnv-v0``: the pilot of :mod:`eval.bluesky.gym` and a straight flight to the
+waypoint, beside what the environment's authors logged of their learners. Circles: aircraft that all meet in the middle,
+each draw flown with ``RESO RLCAS``, with MVP and without resolution. Every flight is a line of a file in ``--out``, and
+a flight that is there already is not flown again; it counts for one policy file.
+"""
+
+import json
+import os
+import random
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from importlib import import_module
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.inference import Policy
+from benchmarks.measure import report
+from envs.edge.command import Parser, run_cli
+from eval.stats.intervals import clopper_pearson
+
+PUBLISHED = {"SAC": 88.1, "DDPG": 80.3, "TD3": 70.6, "PPO": 42.3}
+"""Episodes without intrusion, %, of the last 1000 in the logs of BlueSky-Gym's repository."""
+
+SIZES = 4, 8, 16
+METHODS = "RLCAS", "MVP", "OFF"
+
+NM = 1852.0
+RADIUS = 60.0 * NM  # m, of the circles
+LONGEST = 1600  # s; the straight flights take 1000
+REACHED = 3.0 * NM  # m from its goal, where a flight ends
+EARTH = 6_371_000.0  # m, as BlueSky
+
+
+@cache
+def _environment() -> Any:
+    import gymnasium
+
+    from eval.bluesky.gym import ENVIRONMENT, Pilot
+
+    import_module("bluesky_gym").register_envs()
+    return gymnasium.make(ENVIRONMENT), Pilot()
+
+
+def episode(task: tuple[str, int]) -> dict[str, Any]:
+    """Fly one episode of the environment; it draws from the global generators, which the seed sets."""
+    pilot, seed = task
+    environment, policy = _environment()
+    np.random.seed(seed)  # noqa: NPY002
+    random.seed(seed)
+    seen, _ = environment.reset(seed=seed)
+    over, info = False, {}
+    while not over:
+        drift = np.arctan2(seen["sin_drift"], seen["cos_drift"])
+        action = policy(seen) if pilot == "RLCAS" else np.clip(-drift / np.radians(45.0), -1.0, 1.0)
+        seen, _, reached, late, info = environment.step(action)
+        over = reached or late
+    return {
+        "pilot": pilot,
+        "seed": seed,
+        "intrusions": int(info["total_intrusions"]),
+        "drift_rad": float(info["average_drift"]),
+        "reward": float(np.ravel(info["total_reward"])[0]),
+    }
+
+
+@cache
+def _simulator() -> Any:
+    bluesky: Any = import_module("bluesky")
+    bluesky.init(mode="sim", detached=True)
+    import_module("eval.bluesky.plugin")
+    return bluesky
+
+
+def circle(task: tuple[str, int, int]) -> dict[str, Any]:
+    """Fly one circle: A320s at flight level 300, of Mach 0.73 to 0.79, to the points opposite to where they start."""
+    method, count, seed = task
+    bluesky = _simulator()
+    draw = np.random.default_rng([seed, count])
+    angle = 2.0 * np.pi * (np.arange(count) + draw.uniform(-0.25, 0.25, count)) / count
+    radius = RADIUS * draw.uniform(0.95, 1.05, count)
+    north, east = radius * np.cos(angle), radius * np.sin(angle)
+    bluesky.sim.reset()
+    for command in ("DT 1", "ASAS ON", f"RESO {method}"):
+        bluesky.stack.stack(command)
+    for i in range(count):
+        name, heading, mach = f"A{i}", float(np.degrees(angle[i]) + 180.0) % 360.0, float(draw.uniform(0.73, 0.79))
+        at, to = np.degrees([north[i], east[i]]) / EARTH, np.degrees([-north[i], -east[i]]) / EARTH
+        bluesky.traf.cre(name, "A320", float(at[0]), float(at[1]), heading, 30_000 * 0.3048, mach)
+        bluesky.stack.stack(f"{name} ADDWPT {to[0]} {to[1]}")
+        bluesky.stack.stack(f"{name} LNAV ON")
+    bluesky.stack.stack("OP")
+    lost, intrusion, flown, nearest = set(), 0, np.zeros(count), np.inf
+    for _ in range(LONGEST):
+        bluesky.sim.step()
+        traffic = bluesky.traf
+        number = np.array([int(name[1:]) for name in traffic.id])
+        y, x = (EARTH * np.radians(each) for each in (traffic.lat, traffic.lon))
+        flown[number] = traffic.distflown
+        apart = np.hypot(x[:, None] - x, y[:, None] - y)[np.triu_indices(len(number), 1)]
+        close = np.stack(np.triu_indices(len(number), 1))[:, apart < 5.0 * NM]
+        lost |= set(map(tuple, number[close].T.tolist()))
+        intrusion, nearest = intrusion + close.shape[1], min(nearest, apart.min(initial=np.inf))
+        arrived = np.flatnonzero(np.hypot(x + east[number], y + north[number]) < REACHED)
+        if arrived.size:
+            traffic.delete(arrived.tolist())
+        if traffic.ntraf == 0:
+            break
+    return {
+        "method": method,
+        "aircraft": count,
+        "seed": seed,
+        "losses": len(lost),
+        "intrusion_s": intrusion,
+        "nearest_nm": float(nearest / NM),
+        "extra_path": float(np.mean(flown / (2.0 * radius - REACHED)) - 1.0),
+        "arrived": count - int(bluesky.traf.ntraf),
+    }
+
+
+def _fly(work: Callable[[Any], dict[str, Any]], tasks: list[Any], path: Path, workers: int) -> list[dict[str, Any]]:
+    """Return the flights of all tasks in their order, those not in the file flown now and added to it."""
+    digest = Policy.load().sha256[:8]
+
+    def key(name: str, *numbers: int) -> str:
+        return " ".join(map(str, (name, *numbers, digest if name == "RLCAS" else "")))
+
+    rows: dict[str, dict[str, Any]] = {}
+    if path.exists():
+        rows = {row["key"]: row for row in map(json.loads, path.read_text(encoding="utf-8").splitlines())}
+    missing = [task for task in tasks if key(*task) not in rows]
+    if missing:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        os.environ["OPENBLAS_NUM_THREADS"] = "1"  # of the workers
+        with (
+            ProcessPoolExecutor(workers, get_context("spawn")) as pool,
+            path.open("a", encoding="utf-8", buffering=1) as file,
+        ):
+            for task, row in zip(missing, pool.map(work, missing), strict=True):
+                rows[key(*task)] = row | {"key": key(*task)}
+                file.write(json.dumps(rows[key(*task)]) + "\n")
+    return [rows[key(*task)] for task in tasks]
+
+
+def _mean(rows: Iterable[dict[str, Any]], name: str) -> float:
+    return float(np.mean([row[name] for row in rows]))
+
+
+def of_episodes(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the figures of one pilot's episodes."""
+    free = sum(row["intrusions"] == 0 for row in rows)
+    low, high = clopper_pearson(free, len(rows))
+    return {
+        "episodes": len(rows),
+        "free_of_intrusion": free / len(rows),
+        "interval": [low, high],
+        "drift_rad": _mean(rows, "drift_rad"),
+        "reward": _mean(rows, "reward"),
+    }
+
+
+def of_circles(rows: list[dict[str, Any]], paired: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the figures of one method's circles; ``paired`` are RLCAS's of the same draws."""
+    fewer = [mine["losses"] - other["losses"] for mine, other in zip(paired, rows, strict=True)]
+    return {
+        "draws": len(rows),
+        "losses": sum(row["losses"] for row in rows),
+        "draws_with_loss": sum(row["losses"] > 0 for row in rows),
+        "intrusion_s": sum(row["intrusion_s"] for row in rows),
+        "extra_path": _mean(rows, "extra_path"),
+        "arrived": sum(row["arrived"] for row in rows) / sum(row["aircraft"] for row in rows),
+        "draws_rlcas_loses_fewer": sum(each < 0 for each in fewer),
+        "draws_rlcas_loses_more": sum(each > 0 for each in fewer),
+    }
+
+
+def draw(episodes: dict[str, Any], circles: dict[str, Any], path: Path) -> None:
+    """Draw both comparisons side by side."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(8, 2.8), layout="constrained")
+    if episodes:
+        shares = PUBLISHED | {name: 100.0 * found["free_of_intrusion"] for name, found in episodes.items()}
+        names = sorted(shares, key=shares.__getitem__)
+        bars = axes[0].barh(names, [shares[name] for name in names], color="#7a8a99")
+        bars[names.index("RLCAS")].set_color("#0b6fb8")
+        axes[0].bar_label(bars, fmt="%.1f", padding=2)
+        axes[0].set(xlim=(0, 112), title="Episodes without intrusion, %", xlabel="HorizontalCREnv-v0")
+    for place, (method, colour) in enumerate(zip(METHODS, ("#0b6fb8", "#e09a2d", "#7a8a99"), strict=True)):
+        sizes = [size for size in SIZES if f"{method} {size}" in circles]
+        heights = [circles[f"{method} {n}"]["losses"] / circles[f"{method} {n}"]["draws"] for n in sizes]
+        bars = axes[1].bar(np.arange(len(sizes)) + 0.27 * (place - 1), heights, 0.25, label=method, color=colour)
+        axes[1].bar_label(bars, fmt="%.3g", fontsize=7)
+        axes[1].set_xticks(range(len(sizes)), [f"{n} aircraft" for n in sizes])
+    axes[1].set(yscale="symlog", title="Losses of separation a circle")
+    axes[1].legend(frameon=False, fontsize=8)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = Parser(description=__doc__)
+    parser.add_argument("--episodes", type=int, default=1000, help="of BlueSky-Gym (default 1000)")
+    parser.add_argument("--draws", type=int, default=100, help="circles of each size (default 100)")
+    parser.add_argument("--seed", type=int, default=0, help="of the first episode and draw (default 0)")
+    parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    parser.add_argument("--out", type=Path, default=Path("runs/bluesky"), help="folder (default runs/bluesky)")
+    options = parser.parse_args()
+    seeds = [range(options.seed, options.seed + count) for count in (options.episodes, options.draws)]
+    tasks: list[Any] = [(pilot, seed) for seed in seeds[0] for pilot in ("RLCAS", "straight")]
+    rows = _fly(episode, tasks, options.out / "episodes.jsonl", options.workers)
+    pilots = {name: [row for row in rows if row["pilot"] == name] for name in ("RLCAS", "straight")}
+    episodes = {name: of_episodes(flown) for name, flown in pilots.items() if flown}
+    for name, found in episodes.items():
+        low, high = found["interval"]
+        share = f"{100 * found['free_of_intrusion']:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
+        print(f"{name:10} {share} without intrusion, drift {found['drift_rad']:.3f} rad")
+    print("published ", ", ".join(f"{name} {value} %" for name, value in PUBLISHED.items()))
+    tasks = [(method, size, seed) for seed in seeds[1] for size in SIZES for method in METHODS]
+    rows = _fly(circle, tasks, options.out / "circles.jsonl", options.workers)
+    circles = {}
+    for size in SIZES:
+        flown = {m: [row for row in rows if (row["method"], row["aircraft"]) == (m, size)] for m in METHODS}
+        for method, each in flown.items():
+            if each:
+                found = circles[f"{method} {size}"] = of_circles(each, flown["RLCAS"])
+                text = "{losses} losses in {draws} draws, {intrusion_s} s, path +{extra_path:.1%}, {arrived:.1%} arrive"
+                print(f"{size:2} aircraft, {method:6}", text.format(**found))
+    draw(episodes, circles, options.out / "bluesky.png")
+    figures = {"policy": Policy.load().sha256[:8], "published_percent": PUBLISHED}
+    packages = ("bluesky-simulator", "bluesky-gym", "numpy")
+    report(figures | {"horizontal_cr": episodes, "circles": circles}, packages)
+
+
+if __name__ == "__main__":
+    run_cli(main)

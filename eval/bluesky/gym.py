@@ -1,0 +1,105 @@
+"""A pilot of BlueSky-Gym's ``HorizontalCREnv-v0``: its observations to its actions, by the shipped policy.
+
+The environment commands a heading every 50 s and no speed, which is slower than the policy decides. So a few headings
+are each flown ahead for that time and then on by the policy, the traffic on straight courses, until it is past; taken
+is the heading with the least drift off the waypoint among those that keep the separation best.
+"""
+
+import math
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from agents.inference import Policy
+from envs.aircraft import new_aircraft
+from envs.kinematics import Limits, VehicleState, advance, commands, velocity
+from envs.relative import bearing
+
+__all__ = ["ENVIRONMENT", "Pilot", "seen"]
+
+ENVIRONMENT = "HorizontalCREnv-v0"
+
+_given: Any = import_module("bluesky_gym.envs.horizontal_cr_env")
+_LENGTH = 1000.0 * _given.WAYPOINT_DISTANCE_MAX  # m, unit of distances
+_SPEED = float(_given.AC_SPD)  # m/s, unit of speeds
+_HEADING = math.radians(_given.D_HEADING)  # full deflection
+_SEPARATION = 1852.0 * _given.INTRUSION_DISTANCE  # m
+_REACHED = 1000.0 * _given.DISTANCE_MARGIN  # m from the waypoint
+_PERIOD = 5.0 * _given.ACTION_FREQUENCY  # s between two actions, of steps of 5 s
+_FASTEST = 89.0  # m/s; the aircraft begin faster, and BlueSky slows them at sea level
+
+MARGIN = 1.02
+"""Separation that is kept where it can be, in that of the environment."""
+
+_TURNS = np.radians([0.0, -15.0, 15.0, -30.0, 30.0, -45.0, 45.0])
+_STEP = 25.0  # s, of the flight ahead
+_STEPS = 60
+
+
+class Pilot:
+    """Flies the environment: called with an observation, it returns the action."""
+
+    def __init__(self, policy: Policy | None = None) -> None:
+        """Take a policy, by default the shipped one."""
+        self._policy = policy or Policy.load()
+
+    def __call__(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Return the action ``[1]`` in [-1, 1] for an observation of the environment."""
+        speed, traffic, goal = seen(observation)
+        first = np.append(np.clip(math.atan2(goal[1], goal[0]), -_HEADING, _HEADING), _TURNS)
+        nearest, drift = self._ahead(first, speed, traffic, goal)
+        lack = np.maximum(MARGIN - nearest / _SEPARATION, 0.0)
+        best = np.lexsort((drift, lack))[0]
+        return np.array([-first[best] / _HEADING])
+
+    def _ahead(
+        self, heading: np.ndarray, speed: float, traffic: list[VehicleState], goal: tuple[float, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return least distance from the traffic, m, and drift, rad s, of flights that begin with headings ``[N]``."""
+        separation = MARGIN * _SEPARATION
+        # No speed is commanded, and BlueSky turns more tightly: a narrow and agile aircraft of the policy's family.
+        change, yaw_rate = 0.1 * speed * speed / separation, speed / (0.3 * separation)
+        limits = Limits(0.7 * speed, speed, -change, change, yaw_rate)
+        policy = self._policy.for_aircraft(new_aircraft(limits, separation))
+        zeros, shape = np.zeros(len(heading)), (len(heading), len(traffic))
+        own = VehicleState(zeros, zeros, heading, zeros + speed)
+        others = VehicleState(*(np.broadcast_to(field, shape) for field in np.transpose(traffic)))
+        goal_x, goal_y = zeros + goal[0], zeros + goal[1]
+        nearest, drift, past = zeros + np.inf, zeros, zeros > 0.0
+        for step in range(_STEPS):
+            turn = zeros
+            if step * _STEP >= _PERIOD:
+                turn = commands(policy.command(own, others, np.ones(shape, bool), goal_x, goal_y).T, limits, np)[1]
+            own = advance(own, zeros, turn, _STEP, limits, np)
+            others = advance(others, np.zeros(shape), 0.0, _STEP, limits, np)
+            x, y = others.x - own.x[:, None], others.y - own.y[:, None]
+            off = np.abs(bearing(own, goal_x, goal_y, np))
+            nearest = np.where(past, nearest, np.minimum(nearest, np.hypot(x, y).min(axis=1)))
+            drift = drift + np.where(past, 0.0, off * _STEP)
+            (east, north), (own_east, own_north) = velocity(others, np), velocity(own, np)
+            parting = x * (east - own_east[:, None]) + y * (north - own_north[:, None]) > 0.0
+            past |= np.hypot(goal_x - own.x, goal_y - own.y) < _REACHED
+            past |= parting.all(axis=1) & (off < 0.1)
+            if past.all():
+                break
+        return nearest, drift
+
+
+def seen(observation: Mapping[str, np.ndarray]) -> tuple[float, list[VehicleState], tuple[float, float]]:
+    """Return the speed of all aircraft, m/s, the traffic and the waypoint, m, in the ownship's frame (x ahead, y left).
+
+    The environment's two differences of speed are ``-v cos a`` and ``v - v sin a`` of the intruder's relative course a
+    and the common speed v, which follows from both.
+    """
+    along, across = (_SPEED * np.asarray(observation[f"{axis}_difference_speed"], float) for axis in "xy")
+    most = int(np.argmax(across))
+    speed = float((along[most] ** 2 + across[most] ** 2) / (2.0 * across[most]))
+    course = np.arctan2(speed - across, -along)
+    speed = min(speed, _FASTEST)
+    away = _LENGTH * np.asarray(observation["intruder_distance"], float)
+    at = away * observation["cos_difference_pos"], away * observation["sin_difference_pos"], course
+    traffic = [VehicleState(x, y, heading, speed) for x, y, heading in np.transpose(at).tolist()]
+    to_goal = _LENGTH * float(observation["waypoint_distance"][0])
+    return speed, traffic, (to_goal * float(observation["cos_drift"][0]), to_goal * float(observation["sin_drift"][0]))

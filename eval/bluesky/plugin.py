@@ -1,0 +1,150 @@
+"""BlueSky plugin: with ``RESO RLCAS`` every aircraft in conflict decides for itself by the shipped policy.
+
+It flies the policy from the moment BlueSky detects a conflict until the closest approach of its last conflict is past,
+and its autopilot otherwise; climbs and descents stay with the autopilot (docs/howto/bluesky.md).
+"""
+
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from agents.inference import Policy
+from envs.aircraft import new_aircraft
+from envs.edge.command import InputError
+from envs.kinematics import Limits, VehicleState, commands
+
+__all__ = ["RLCAS", "init_plugin"]
+
+bs: Any = import_module("bluesky")
+_Resolution: Any = import_module("bluesky.traffic.asas").ConflictResolution
+_EARTH, _GRAVITY = import_module("bluesky.tools.aero").Rearth, 9.80665
+
+NEAREST = 16
+"""Aircraft that a decision takes into account at most."""
+
+_AHEAD = 20.0  # required separations; where the goal of an aircraft without a waypoint lies
+_APART = 1.5  # required separations, beyond which an aircraft that has waited long leaves the way to the other
+_ACCELERATION = 0.5  # m/s^2; the least that BlueSky grants every aircraft in flight
+
+
+def init_plugin() -> dict[str, str]:
+    """Return the plugin's name and type."""
+    return {"plugin_name": "RLCAS", "plugin_type": "sim"}
+
+
+class RLCAS(_Resolution):
+    """Conflict resolution by the policy: every aircraft in conflict, one call for all of equal limits."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.policy, self.outside = Policy.load(), "refuse"
+        self._known: dict[tuple[float, ...], Policy | str] = {}
+        self._said: set[str] = set()
+        self._lasting: dict[str, float] = {}  # s, for how long an aircraft has been in conflict
+
+    @property
+    def altactive(self) -> np.ndarray:
+        """Altitude and vertical speed are the autopilot's."""
+        return np.zeros_like(self.active)
+
+    vsactive = altactive
+
+    @bs.stack.command(name="RLCASOUTSIDE")
+    def setoutside(self, allow: bool) -> tuple[bool, str]:
+        """Set whether aircraft that the policy was not trained for fly it, too."""
+        self.outside = "allow" if allow else "refuse"
+        self._known.clear()
+        return True, f"RLCAS: aircraft that the policy was not trained for: {self.outside}"
+
+    def update(self, conf: Any, ownship: Any, intruder: Any) -> None:
+        """Decide which aircraft resolve a conflict, as every method of BlueSky does, and what each of them does."""
+        if _Resolution.selected() is not RLCAS:
+            return
+        self.resumenav(conf, ownship, intruder)
+        self.active &= ~self.resooffac
+        names = [ownship.id[index] for index in np.flatnonzero(self.active)]
+        self._lasting = {name: self._lasting.get(name, 0.0) + float(bs.traf.asastimer.dt_act) for name in names}
+        groups: dict[Policy, list[int]] = {}
+        for index in np.flatnonzero(self.active).tolist():
+            policy = self._policy_of(index, conf)
+            if policy is None:
+                self.active[index] = False
+            else:
+                groups.setdefault(policy, []).append(index)
+        for policy, members in groups.items():
+            self._decide(policy, np.array(members), conf, ownship, intruder)
+
+    def _policy_of(self, index: int, conf: Any) -> Policy | None:
+        """Return the policy for an aircraft as BlueSky flies it now, None if it is not for it."""
+        traffic, performance = bs.traf, bs.traf.perf
+        name, flown = traffic.type[index], str(performance.actype[index])
+        if flown and flown.upper() != name.upper():
+            self._say(name, f"BlueSky does not know the aircraft type {name}; it flies with the limits of {flown}")
+        slowest, fastest = (limit[index] for limit in performance.currentlimits()[:2])
+        # Beside the wind the limits hold through the air: they move with the air, as far as it goes along the course.
+        along = float(traffic.gs[index] - traffic.tas[index])
+        phi = traffic.ap.turnphi[index]
+        bank = phi if phi > traffic.eps[index] ** 2 else traffic.ap.bankdef[index]
+        low, high = np.ceil(slowest + along), np.floor(fastest + along)
+        # As BlueSky's own methods: the larger zone of two aircraft counts.
+        zone = conf.rpz[index] if conf.global_rpz else conf.rpz.max()
+        separation = np.round(zone * self.resofach)
+        key = float(low), float(high), float(bank), float(separation)
+        if key not in self._known:
+            try:
+                yaw_rate = _GRAVITY * np.tan(bank) / max(high, 1.0)
+                limits = Limits(max(low, 0.0), high, -_ACCELERATION, _ACCELERATION, yaw_rate)
+                self._known[key] = self.policy.for_aircraft(new_aircraft(limits, separation), outside=self.outside)
+            except InputError as problem:
+                self._known[key] = str(problem)
+        found = self._known[key]
+        if isinstance(found, str):
+            self._say(f"{name} outside", f"{traffic.id[index]} ({name}) flies on without conflict resolution: {found}")
+            return None
+        return found
+
+    def _say(self, about: str, sentence: str) -> None:
+        if about not in self._said:
+            self._said.add(about)
+            bs.stack.echo(f"RLCAS: {sentence}")
+
+    def _decide(self, policy: Policy, flown: np.ndarray, conf: Any, ownship: Any, intruder: Any) -> None:
+        """Set track (deg) and speed (m/s) of the aircraft ``[N]`` for the time until the next decision."""
+        dt, separation = float(bs.traf.asastimer.dt_act), policy.aircraft.separation
+
+        def east_north(lat: Any, lon: Any) -> tuple[np.ndarray, np.ndarray]:
+            own_lat, own_lon = ownship.lat[flown][:, None], ownship.lon[flown][:, None]
+            east = np.radians((lon - own_lon + 180.0) % 360.0 - 180.0) * np.cos(np.radians(0.5 * (lat + own_lat)))
+            return _EARTH * east, _EARTH * np.radians(lat - own_lat)
+
+        x, y = east_north(intruder.lat[None], intruder.lon[None])
+        above, climb = intruder.alt - ownship.alt[flown, None], intruder.vs - ownship.vs[flown, None]
+        later = above + climb * conf.dtlookahead[flown, None]
+        height = np.maximum(conf.hpz, conf.hpz[flown, None])
+        crossing = (np.minimum(np.abs(above), np.abs(later)) < height) | (above * later < 0.0)
+        present = crossing & ~self.noresoac & (np.arange(ownship.ntraf) != flown[:, None])
+        away = np.hypot(x, y)
+        # Two that wait for each other, side by side, would fly on so for ever: the other on its left gives way.
+        heading = np.radians(90.0 - ownship.trk[flown])
+        left = y * np.cos(heading)[:, None] > x * np.sin(heading)[:, None]
+        lasting = np.array([self._lasting[ownship.id[index]] for index in flown])
+        waits = (lasting > conf.dtlookahead[flown])[:, None] & self.active
+        present &= ~(waits & left & (away > _APART * separation))
+        away = np.where(present, away, np.inf)
+        near = np.argsort(away, axis=-1)[:, :NEAREST]
+        x, y, away = (np.take_along_axis(each, near, axis=-1) for each in (x, y, away))
+        course, pace = np.arctan2(intruder.gsnorth, intruder.gseast)[near], intruder.gs[near]
+        ahead, bearing = _AHEAD * separation, np.radians(90.0 - bs.traf.ap.trk[flown])
+        waypoint = east_north(bs.traf.actwp.lat[flown, None], bs.traf.actwp.lon[flown, None])
+        follows = np.asarray(bs.traf.swlnav[flown], bool)
+        goal_x = np.where(follows, waypoint[0][:, 0], ahead * np.cos(bearing))
+        goal_y = np.where(follows, waypoint[1][:, 0], ahead * np.sin(bearing))
+        zeros = np.zeros(len(flown))
+        own = VehicleState(zeros, zeros, heading, ownship.gs[flown])
+        action = policy.command(own, VehicleState(x, y, course, pace), np.isfinite(away), goal_x, goal_y)
+        acceleration, yaw_rate = commands(action.T, policy.limits, np)
+        self.trk[flown] = (ownship.trk[flown] - np.degrees(yaw_rate * dt)) % 360.0
+        self.tas[flown] = np.clip(
+            ownship.gs[flown] + acceleration * dt, policy.limits.speed_min, policy.limits.speed_max
+        )

@@ -1,0 +1,133 @@
+"""The policy in BlueSky and in BlueSky-Gym, both real and headless, in the environment that ``make bluesky`` makes."""
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PYTHON = ROOT / ".bluesky" / "bin" / "python"
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not PYTHON.exists(), reason="there is no .bluesky: make bluesky"),
+]
+
+PLUGIN = """
+import json
+from pathlib import Path
+
+import bluesky as bs
+import numpy as np
+
+Path("plugins").mkdir()
+Path("plugins/rlcas.py").symlink_to(SOURCE)
+bs.init(mode="sim", detached=True, workdir=".")
+said = []
+bs.stack.echo = said.append
+
+
+def fly(method, kind, seconds=700, level=30_000, first="OP"):
+    bs.sim.reset()
+    said.clear()
+    for command in ("DT 1", "PLUGIN LOAD RLCAS", "ASAS ON", f"RESO {method}", first):
+        bs.stack.stack(command)
+    # Two aircraft meet head on, a third crosses; a fourth flies far below.
+    starts = (0, 0, 90, 0), (0, 1.9, 270, 0), (-0.95, 0.95, 0, 0), (0, 0, 90, 9_000)
+    for i, (lat, lon, heading, low) in enumerate(starts):
+        bs.traf.cre(f"A{i}", kind, float(lat), float(lon), float(heading), (level - low) * 0.3048, 0.75)
+    least, turned, level_off = 1e9, 0.0, 0.0
+    for _ in range(seconds):
+        bs.sim.step()
+        y, x = (np.radians(each[:3]) * 6_371_000 for each in (bs.traf.lat, bs.traf.lon))
+        least = min(least, np.hypot(x[:, None] - x, y[:, None] - y)[np.triu_indices(3, 1)].min() / 1852)
+        turned = max(turned, abs(bs.traf.hdg[3] - 90.0))
+        level_off = max(level_off, np.abs(bs.traf.vs).max())
+    return {"least": float(least), "turned_below": float(turned), "climb": float(level_off), "said": list(said),
+            "course": float(bs.traf.hdg[0])}
+
+
+found = {"OFF": fly("OFF", "A320"), "RLCAS": fly("RLCAS", "A320")}
+found["unknown"] = fly("RLCAS", "XQ99", 400)
+found["outside"] = fly("RLCAS", "EC35", 400, 2_000)
+found["off_for_all"] = fly("RLCAS", "A320", 700, 30_000, "RESOOFF A0 A1 A2")
+print(json.dumps(found))
+"""
+
+GYM = """
+import json, random
+
+import bluesky as bs
+import bluesky_gym
+import gymnasium
+import numpy as np
+
+from eval.bluesky.gym import ENVIRONMENT, Pilot, seen
+
+bluesky_gym.register_envs()
+environment, pilot, free, wrong = gymnasium.make(ENVIRONMENT), Pilot(), [], 0.0
+for seed in range(4):
+    np.random.seed(seed)
+    random.seed(seed)
+    observation, over = environment.reset(seed=seed)[0], False
+    while not over:
+        speed, traffic, goal = seen(observation)
+        heading, lat, lon = (np.radians(each) for each in (bs.traf.hdg, bs.traf.lat, bs.traf.lon))
+        x, y = 6_371_000 * (lon - lon[0]) * np.cos(lat[0]), 6_371_000 * (lat - lat[0])
+        sine, cosine = np.sin(heading[0]), np.cos(heading[0])
+        ahead, left = np.array([sine, cosine]), np.array([-cosine, sine])
+        for one, i in zip(traffic, range(1, 6), strict=True):
+            place = np.array([x[i], y[i]])
+            wrong = max(wrong, np.hypot(one.x - place @ ahead, one.y - place @ left) / np.hypot(*place))
+            wrong = max(wrong, abs((one.heading - heading[0] + heading[i] + np.pi) % (2 * np.pi) - np.pi))
+        wrong = max(wrong, abs(speed - min(bs.traf.gs[0], 89.0)) / speed)
+        action = pilot(observation)
+        assert environment.action_space.contains(action)
+        observation, _, reached, late, info = environment.step(action)
+        over = reached or late
+    free.append(info["total_intrusions"] == 0 and bool(reached))
+print(json.dumps({"free": free, "wrong": float(wrong)}))
+"""
+
+
+def run(program: str, folder: Path) -> dict:
+    done = subprocess.run(
+        [PYTHON, "-c", program.replace("SOURCE", repr(str(ROOT / "eval" / "bluesky" / "plugin.py")))],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=900,
+        check=False,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"},
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def test_aircraft_in_bluesky_keep_the_separation_by_the_policy(tmp_path: Path):
+    found = run(PLUGIN, tmp_path)
+    assert found["OFF"]["least"] < 1.0
+    flown = found["RLCAS"]
+    assert flown["least"] >= 5.0
+    assert flown["climb"] == 0.0
+    assert flown["turned_below"] < 1.0, "an aircraft 9000 ft below is in no conflict"
+    assert abs(flown["course"] - 90.0) < 5.0, "past the conflict the aircraft flies its course again"
+    assert not [text for text in flown["said"] if text.startswith("RLCAS")]
+    assert found["off_for_all"]["least"] < 1.0, "RESOOFF holds"
+
+    unknown = [text for text in found["unknown"]["said"] if text.startswith("RLCAS")]
+    assert len(unknown) == 1
+    assert "XQ99" in unknown[0]
+    assert "B744" in unknown[0]
+
+    outside = [text for text in found["outside"]["said"] if text.startswith("RLCAS")]
+    assert len(outside) == 1, "what is not flown is said once"
+    assert "EC35" in outside[0]
+
+
+def test_the_pilot_flies_the_environment_of_bluesky_gym(tmp_path: Path):
+    found = run(GYM, tmp_path)
+    assert found["wrong"] < 0.02, "what is read from an observation is the state of the simulator"
+    assert sum(found["free"]) >= 3
