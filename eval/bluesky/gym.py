@@ -22,11 +22,11 @@ __all__ = ["ENVIRONMENT", "Pilot", "seen"]
 ENVIRONMENT = "HorizontalCREnv-v0"
 
 _given: Any = import_module("bluesky_gym.envs.horizontal_cr_env")
-_LENGTH = 1000.0 * _given.WAYPOINT_DISTANCE_MAX  # m, unit of distances
+_LENGTH = 1000 * _given.WAYPOINT_DISTANCE_MAX  # m, unit of distances
 _SPEED = float(_given.AC_SPD)  # m/s, unit of speeds
 _HEADING = math.radians(_given.D_HEADING)  # full deflection
 _SEPARATION = 1852.0 * _given.INTRUSION_DISTANCE  # m
-_REACHED = 1000.0 * _given.DISTANCE_MARGIN  # m from the waypoint
+_REACHED = 1000 * _given.DISTANCE_MARGIN  # m from the waypoint
 _PERIOD = 5.0 * _given.ACTION_FREQUENCY  # s between two actions, of steps of 5 s
 _FASTEST = 89.0  # m/s; the aircraft begin faster, and BlueSky slows them at sea level
 
