@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -212,6 +213,9 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     parser.add_argument("--out", type=Path, default=Path("runs/bluesky"), help="folder (default runs/bluesky)")
     options = parser.parse_args()
+    for name in ("bluesky", "bluesky_gym"):
+        if find_spec(name) is None:
+            raise ModuleNotFoundError(name=name)
     seeds = [range(options.seed, options.seed + count) for count in (options.episodes, options.draws)]
     tasks: list[Any] = [(pilot, seed) for seed in seeds[0] for pilot in ("RLCAS", "straight")]
     rows = _fly(episode, tasks, options.out / "episodes.jsonl", options.workers)

@@ -7,8 +7,9 @@ is the heading with the least drift off the waypoint among those that keep the s
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,14 +22,8 @@ __all__ = ["ENVIRONMENT", "Pilot", "seen"]
 
 ENVIRONMENT = "HorizontalCREnv-v0"
 
-_given: Any = import_module("bluesky_gym.envs.horizontal_cr_env")
-_LENGTH = 1000 * _given.WAYPOINT_DISTANCE_MAX  # m, unit of distances
-_SPEED = float(_given.AC_SPD)  # m/s, unit of speeds
-_HEADING = math.radians(_given.D_HEADING)  # full deflection
-_SEPARATION = 1852.0 * _given.INTRUSION_DISTANCE  # m
-_REACHED = 1000 * _given.DISTANCE_MARGIN  # m from the waypoint
-_PERIOD = 5.0 * _given.ACTION_FREQUENCY  # s between two actions, of steps of 5 s
 _FASTEST = 89.0  # m/s; the aircraft begin faster, and BlueSky slows them at sea level
+_NM, _KM, _STEP_OF_BLUESKY = 1852, 1000, 5.0  # m, m, s
 
 MARGIN = 1.02
 """Separation that is kept where it can be, in that of the environment."""
@@ -36,6 +31,35 @@ MARGIN = 1.02
 _TURNS = np.radians([0.0, -15.0, 15.0, -30.0, 30.0, -45.0, 45.0])
 _STEP = 25.0  # s, of the flight ahead
 _STEPS = 60
+
+
+class _Units(NamedTuple):
+    """Constants of the environment, SI."""
+
+    length: float
+    """Unit of distances in observations."""
+    speed: float
+    """Unit of speeds in observations."""
+    heading: float
+    """Full deflection of the action, rad."""
+    separation: float
+    reached: float
+    """Distance from the waypoint where an episode ends."""
+    period: float
+    """Time between two actions."""
+
+
+@cache
+def _units() -> _Units:
+    given: Any = import_module("bluesky_gym.envs.horizontal_cr_env")
+    return _Units(
+        _KM * given.WAYPOINT_DISTANCE_MAX,
+        given.AC_SPD,
+        math.radians(given.D_units().heading),
+        _NM * given.INTRUSION_DISTANCE,
+        _KM * given.DISTANCE_MARGIN,
+        _STEP_OF_BLUESKY * given.ACTION_FREQUENCY,
+    )
 
 
 class Pilot:
@@ -48,17 +72,17 @@ class Pilot:
     def __call__(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return the action ``[1]`` in [-1, 1] for an observation of the environment."""
         speed, traffic, goal = seen(observation)
-        first = np.append(np.clip(math.atan2(goal[1], goal[0]), -_HEADING, _HEADING), _TURNS)
+        first = np.append(np.clip(math.atan2(goal[1], goal[0]), -_units().heading, _units().heading), _TURNS)
         nearest, drift = self._ahead(first, speed, traffic, goal)
-        lack = np.maximum(MARGIN - nearest / _SEPARATION, 0.0)
+        lack = np.maximum(MARGIN - nearest / _units().separation, 0.0)
         best = np.lexsort((drift, lack))[0]
-        return np.array([-first[best] / _HEADING])
+        return np.array([-first[best] / _units().heading])
 
     def _ahead(
         self, heading: np.ndarray, speed: float, traffic: list[VehicleState], goal: tuple[float, float]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return least distance from the traffic, m, and drift, rad s, of flights that begin with headings ``[N]``."""
-        separation = MARGIN * _SEPARATION
+        separation = MARGIN * _units().separation
         # No speed is commanded, and BlueSky turns more tightly: a narrow and agile aircraft of the policy's family.
         change, yaw_rate = 0.1 * speed * speed / separation, speed / (0.3 * separation)
         limits = Limits(0.7 * speed, speed, -change, change, yaw_rate)
@@ -70,7 +94,7 @@ class Pilot:
         nearest, drift, past = zeros + np.inf, zeros, zeros > 0.0
         for step in range(_STEPS):
             turn = zeros
-            if step * _STEP >= _PERIOD:
+            if step * _STEP >= _units().period:
                 turn = commands(policy.command(own, others, np.ones(shape, bool), goal_x, goal_y).T, limits, np)[1]
             own = advance(own, zeros, turn, _STEP, limits, np)
             others = advance(others, np.zeros(shape), 0.0, _STEP, limits, np)
@@ -80,7 +104,7 @@ class Pilot:
             drift = drift + np.where(past, 0.0, off * _STEP)
             (east, north), (own_east, own_north) = velocity(others, np), velocity(own, np)
             parting = x * (east - own_east[:, None]) + y * (north - own_north[:, None]) > 0.0
-            past |= np.hypot(goal_x - own.x, goal_y - own.y) < _REACHED
+            past |= np.hypot(goal_x - own.x, goal_y - own.y) < _units().reached
             past |= parting.all(axis=1) & (off < 0.1)
             if past.all():
                 break
@@ -93,13 +117,13 @@ def seen(observation: Mapping[str, np.ndarray]) -> tuple[float, list[VehicleStat
     The environment's two differences of speed are ``-v cos a`` and ``v - v sin a`` of the intruder's relative course a
     and the common speed v, which follows from both.
     """
-    along, across = (_SPEED * np.asarray(observation[f"{axis}_difference_speed"], float) for axis in "xy")
+    along, across = (_units().speed * np.asarray(observation[f"{axis}_difference_speed"], float) for axis in "xy")
     most = int(np.argmax(across))
     speed = float((along[most] ** 2 + across[most] ** 2) / (2.0 * across[most]))
     course = np.arctan2(speed - across, -along)
     speed = min(speed, _FASTEST)
-    away = _LENGTH * np.asarray(observation["intruder_distance"], float)
+    away = _units().length * np.asarray(observation["intruder_distance"], float)
     at = away * observation["cos_difference_pos"], away * observation["sin_difference_pos"], course
     traffic = [VehicleState(x, y, heading, speed) for x, y, heading in np.transpose(at).tolist()]
-    to_goal = _LENGTH * float(observation["waypoint_distance"][0])
+    to_goal = _units().length * float(observation["waypoint_distance"][0])
     return speed, traffic, (to_goal * float(observation["cos_drift"][0]), to_goal * float(observation["sin_drift"][0]))

@@ -5,6 +5,7 @@ and its autopilot otherwise; climbs and descents stay with the autopilot (docs/h
 """
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,12 @@ from envs.kinematics import Limits, VehicleState, commands
 
 __all__ = ["RLCAS", "init_plugin"]
 
-bs: Any = import_module("bluesky")
-_Resolution: Any = import_module("bluesky.traffic.asas").ConflictResolution
-_EARTH, _GRAVITY = import_module("bluesky.tools.aero").Rearth, 9.80665
+# Without BlueSky the module can be imported, and no more.
+_HERE = find_spec("bluesky") is not None
+bs: Any = import_module("bluesky") if _HERE else None
+_Resolution: Any = import_module("bluesky.traffic.asas").ConflictResolution if _HERE else object
+_command: Any = bs.stack.command if _HERE else lambda name: lambda function: function
+_EARTH, _GRAVITY = 6_371_000.0, 9.80665  # m, m/s^2, as BlueSky
 
 NEAREST = 16
 """Aircraft that a decision takes into account at most."""
@@ -50,7 +54,7 @@ class RLCAS(_Resolution):
 
     vsactive = altactive
 
-    @bs.stack.command(name="RLCASOUTSIDE")
+    @_command(name="RLCASOUTSIDE")
     def setoutside(self, allow: bool) -> tuple[bool, str]:
         """Set whether aircraft that the policy was not trained for fly it, too."""
         self.outside = "allow" if allow else "refuse"

@@ -124,7 +124,7 @@ def test_aircraft_in_bluesky_keep_the_separation_by_the_policy(tmp_path: Path):
 
     outside = [text for text in found["outside"]["said"] if text.startswith("RLCAS")]
     assert len(outside) == 1, "what is not flown is said once"
-    assert "turn_radius" in outside[0], "to a zone of 1 NM an A320 turns too widely"
+    assert "outside_domain" in outside[0], "for a zone of 1 NM an A320 is too sluggish"
 
 
 def test_the_pilot_flies_the_environment_of_bluesky_gym(tmp_path: Path):
