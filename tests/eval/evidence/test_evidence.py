@@ -29,7 +29,7 @@ LIST = """\
 readings: {eval.monte_carlo: {file: summary.json, chunks: true, keys: ["success*", "path*"]}}
 results:
   one: {title: one, command: "eval.monte_carlo --workers 1 --set figures=false --encounters {n}", n: 24}
-  two: {title: two, command: "eval.monte_carlo --workers 1 --set figures=false --seed 1 --encounters {n}", n: 100_000}
+  two: {title: two, command: "eval.monte_carlo --workers 1 --set figures=false --set chunk=20 --encounters {n}", n: 999}
 tables: {first: {rows: [one], columns: {resolved: "{success_given_resolvable}"}}}
 """
 
