@@ -38,20 +38,22 @@ def fly(method, kind, seconds=700, more="OP"):
     starts = (0, 0, 90, 0), (0, 1.9, 270, 0), (-0.95, 0.95, 0, 0), (0, 0, 90, 9_000)
     for i, (lat, lon, heading, low) in enumerate(starts):
         bs.traf.cre(f"A{i}", kind, float(lat), float(lon), float(heading), (30_000 - low) * 0.3048, 0.75)
-    least, turned, level_off = 1e9, 0.0, 0.0
+    least, turned, level_off, resolving = 1e9, 0.0, 0.0, 0
     for _ in range(seconds):
         bs.sim.step()
         y, x = (np.radians(each[:3]) * 6_371_000 for each in (bs.traf.lat, bs.traf.lon))
         least = min(least, np.hypot(x[:, None] - x, y[:, None] - y)[np.triu_indices(3, 1)].min() / 1852)
+        resolving = max(resolving, int(bs.traf.cr.active.sum()))
         turned = max(turned, abs(bs.traf.hdg[3] - 90.0))
         level_off = max(level_off, np.abs(bs.traf.vs).max())
     return {"least": float(least), "turned_below": float(turned), "climb": float(level_off), "said": list(said),
-            "course": float(bs.traf.hdg[0])}
+            "course": float(bs.traf.hdg[0]), "resolving": resolving}
 
 
 found = {"OFF": fly("OFF", "A320", 500), "RLCAS": fly("RLCAS", "A320")}
 found["unknown"] = fly("RLCAS", "XQ99", 200)
 found["outside"] = fly("RLCAS", "A320", 200, "ZONER 1")
+found["allowed"] = fly("RLCAS", "A320", 200, "ZONER 1;RLCASOUTSIDE ON")
 found["off_for_all"] = fly("RLCAS", "A320", 500, "RESOOFF A0 A1 A2")
 print(json.dumps(found))
 """
@@ -125,6 +127,8 @@ def test_aircraft_in_bluesky_keep_the_separation_by_the_policy(tmp_path: Path):
     outside = [text for text in found["outside"]["said"] if text.startswith("RLCAS")]
     assert len(outside) == 1, "what is not flown is said once"
     assert "outside_domain" in outside[0], "for a zone of 1 NM an A320 is too sluggish"
+    assert found["outside"]["resolving"] == 0
+    assert found["allowed"]["resolving"] == 2
 
 
 def test_the_pilot_flies_the_environment_of_bluesky_gym(tmp_path: Path):
