@@ -195,7 +195,8 @@ class MonteCarloConfig(Strict):
     """The ownship and its task, which rules, scenarios and plans follow; null: the one that the policy was trained for.
     """
     allow_outside_domain: bool = False
-    """Whether an aircraft outside the family that the policy was trained for is flown all the same."""
+    """Whether an aircraft outside the family that the policy was trained for is flown all the same, and more intruders
+    than it was trained with."""
     planner: PlannerConfig = PlannerConfig()
     tracks: TracksConfig = TracksConfig()
     figures: bool = True

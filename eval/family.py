@@ -90,6 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     check_digest(options.policy, policy.sha256, options.policy_sha256, "--policy-sha256")
     aircraft = [drawn(options.aircraft_seed, number) for number in range(options.count)]
     if not options.allow_outside_domain:
+        policy.check_intruders(options.intruders[1])
         for one in aircraft:
             policy.for_aircraft(one.aircraft())
     picture_folder.create(options.out)
@@ -113,7 +114,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
     add("--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have (default: any)")
-    add("--allow-outside-domain", action="store_true", help="fly aircraft that the policy was not trained for, too")
+    add("--allow-outside-domain", action="store_true", help="fly what the policy was not trained for, too")
     add("--aircraft-seed", type=whole(0), default=0, metavar="N", help="of the aircraft (default: 0)")
     add("--count", type=whole(1), default=20, metavar="N", help="of aircraft (default: 20)")
     add("--encounters", type=whole(1), default=500, metavar="N", help="of each aircraft (default: 500)")

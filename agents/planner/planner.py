@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from agents.planner import fallback
-from agents.planner.answer import Plan
+from agents.planner.answer import Plan, RequestError
 from agents.planner.budget import Budget
 from agents.planner.candidates import empty, evaluate, keep_best
 from agents.planner.certificate import certificate
@@ -21,7 +21,7 @@ from agents.planner.publish import Plans, published
 from agents.planner.request import Altitude, Intruder, Request, checked, eligible, finite, required_separation
 from agents.planner.rollout import roll
 from agents.policy.domain import departures
-from agents.policy.inference import Policy
+from agents.policy.inference import OutsideDomainError, Policy
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import RoutePoint
@@ -54,10 +54,15 @@ def plan(
         A plan, SAFE or UNRESOLVED with the reasons and the trajectory of greatest separation that is known.
 
     Raises:
-        RequestError: the request is incomplete, out of range or inconsistent; it names the field.
+        RequestError: the request is incomplete, out of range or inconsistent, or has more intruders than the policy was
+            trained with (``policy.for_aircraft(..., outside="allow")`` takes them); it names the field.
     """
     options = Options.for_aircraft(policy.aircraft) if options is None else options
     request, excluded, kept = checked(own, intruders, route, options, own_altitude)
+    try:
+        policy.check_intruders(len(kept))
+    except OutsideDomainError as problem:
+        raise RequestError("intruders", f"are too many: {problem}") from None
     budget = Budget(options.deadline_s)
     plans = _planned(request, policy, options, budget, floats=True)
     answer = published(request, plans, route, excluded, kept, options, tuple(budget.skipped))
@@ -90,13 +95,14 @@ def plan_many(request: Request, policy: Policy, options: Options, *, floats: boo
         request: ``[N]``; taken as it is: in range, with two points of the route at least.
         policy: decides.
         options: how plans shall be.
-        floats: roll the policy for a single request in plain floats: ten times faster, and rounded differently.
+        floats: roll the policy in plain floats, one request after the other: ten times faster for one, and rounded
+            differently.
 
     Raises:
         RequestError: a number is not finite.
     """
     finite(request)
-    return _planned(request, policy, options, Budget(), floats=floats and request.points.size == 1)
+    return _planned(request, policy, options, Budget(), floats=floats)
 
 
 def _planned(request: Request, policy: Policy, options: Options, budget: Budget, *, floats: bool) -> Plans:

@@ -10,7 +10,7 @@ from typing import Any, NoReturn, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from agents.policy.domain import OutsideDomainError, check_domain, domain
+from agents.policy.domain import OutsideDomainError, check_domain, check_intruders, domain
 from agents.policy.eight_network import EightNetwork
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read
 from agents.policy.set_network import SetNetwork
@@ -73,6 +73,7 @@ class Policy:
         metadata: of the policy file (docs/reference/policy-file.md).
         aircraft: that the policy was trained for, and
         limits: of it.
+        most: intruders that it was trained with at once.
         tensors: of the network by their names in the file.
         dtype: in which the network is evaluated.
     """
@@ -81,6 +82,7 @@ class Policy:
     metadata: Mapping[str, Any]
     aircraft: Aircraft
     limits: Limits
+    most: int
     tensors: Mapping[str, np.ndarray]
     dtype: np.dtype[Any]
 
@@ -101,7 +103,8 @@ class Policy:
         self.sha256 = content.sha256
         self.metadata = content.metadata
         self.limits, self.aircraft, self.tensors = content.limits, content.aircraft, content.actor
-        self._content = content
+        self._content, self._outside = content, "refuse"
+        self.most = int(self.domain["intruders"][1])
         kind = SetNetwork if content.of_set else EightNetwork
         # In float64 so that a difference is one of meaning, never of rounding.
         _check_parity(kind(content, np.float64), content, PARITY_TOLERANCE, "in float64", source)
@@ -113,7 +116,7 @@ class Policy:
 
         Args:
             aircraft: of the family that the policy was trained for.
-            outside: ``allow`` takes an aircraft outside that family, too.
+            outside: ``allow`` takes an aircraft outside that family, and more intruders than it was trained with, too.
 
         Raises:
             OutsideDomainError: the aircraft is outside the family.
@@ -123,6 +126,7 @@ class Policy:
         if outside == "refuse":
             check_domain(self._content, aircraft)
         other = copy(self)
+        other._outside = outside
         other.aircraft, other.limits = aircraft, aircraft.limits
         other._decider = self._decider.for_aircraft(aircraft)
         return other
@@ -131,6 +135,15 @@ class Policy:
     def domain(self) -> dict[str, tuple[float, float]]:
         """Ranges of the traffic that the policy was trained for and is claimed, SI, for its aircraft."""
         return domain(self._content, self.aircraft)
+
+    def check_intruders(self, count: int) -> None:
+        """Refuse more intruders than the policy was trained with, unless :meth:`for_aircraft` has allowed them.
+
+        Raises:
+            OutsideDomainError: there are more.
+        """
+        if self._outside == "refuse":
+            check_intruders(self.most, count)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str] | None = None, dtype: DTypeLike = np.float32) -> "Policy":
@@ -173,7 +186,7 @@ class Policy:
             goal_x, goal_y: m, ``[...]``.
 
         Raises:
-            ValueError: a shape is wrong, or a number is not finite.
+            ValueError: a shape is wrong, or a number is not finite; ``OutsideDomainError``: there are too many.
         """
         own = VehicleState(*(np.asarray(field, float) for field in own))
         goal_x, goal_y = np.asarray(goal_x, float), np.asarray(goal_y, float)
@@ -181,6 +194,8 @@ class Policy:
         present = np.asarray(present, bool)
         if present.shape[:-1] != shape or present.ndim != len(shape) + 1:
             raise ValueError(f"present has shape {present.shape}, expected [*{shape}, K]")
+        if present.shape[-1] > self.most:
+            self.check_intruders(int(np.max(np.count_nonzero(present, axis=-1), initial=0)))
         seen = VehicleState(*(np.broadcast_to(np.asarray(field, float), present.shape) for field in intruders))
         one, wide = VehicleState(*(field.reshape(-1) for field in own)), (own.x.size, present.shape[-1])
         each = VehicleState(*(field.reshape(wide) for field in seen))
@@ -198,8 +213,9 @@ class Policy:
             goal_x, goal_y: m.
 
         Raises:
-            ValueError: a number is not finite.
+            ValueError: a number is not finite; ``OutsideDomainError``: there are too many.
         """
+        self.check_intruders(len(intruders))
         throttle, steering = self._decider.of_one(own, intruders, goal_x, goal_y)
         if not (isfinite(throttle) and isfinite(steering)):
             raise ValueError(_NOT_FINITE)

@@ -136,6 +136,8 @@ def _prepared(options: argparse.Namespace) -> "tuple[MonteCarloConfig, Compariso
     from eval.compare.deciders import Comparison, aircraft_of_all, entries_of
     from eval.config import FILE, TRACKS, MonteCarloConfig
     from eval.flights.chunks import Evaluation
+    from eval.flights.simulate import ByPolicy
+    from eval.flights.sources import most_intruders
     from eval.runner.options import loaded, named_source
 
     for text in options.set:
@@ -149,6 +151,9 @@ def _prepared(options: argparse.Namespace) -> "tuple[MonteCarloConfig, Compariso
     aircraft = aircraft_of_all(options.policy, options.policy_sha256)
     entries = entries_of(options.policy, options.mode, options.baseline, aircraft)
     source, names, resolved = named_source(config, aircraft, "--encounters")
+    for decider in (entry.decider for entry in entries):
+        if isinstance(decider, ByPolicy):
+            decider.policy.check_intruders(most_intruders(source))
     evaluation = Evaluation(None, source, names, config.seed, aircraft)
     return config, Comparison(entries, evaluation), resolved["encounters"]
 

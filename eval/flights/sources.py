@@ -23,7 +23,17 @@ from envs.traffic.tracks import Repairs, TrackError, summed
 from envs.trees import take
 from eval.config import FILE, MODEL, MonteCarloConfig, TracksConfig, TrafficConfig
 
-__all__ = ["Source", "drawn", "read_model_traffic", "read_source", "read_tracks", "said", "say", "spread"]
+__all__ = [
+    "Source",
+    "drawn",
+    "most_intruders",
+    "read_model_traffic",
+    "read_source",
+    "read_tracks",
+    "said",
+    "say",
+    "spread",
+]
 
 _DONE = {
     "not_finite": "rows without a valid value dropped",
@@ -113,6 +123,16 @@ def drawn(source: Source, seed: int, first: int, count: int) -> tuple[Encounter,
     if isinstance(source, Scenario):
         return numbered(source, seed, first, count), np.ones(count)
     return take(source, slice(first, first + count)), np.ones(count)
+
+
+def most_intruders(source: Source) -> int:
+    """Return the greatest number of intruders of an encounter."""
+    if isinstance(source, Scenario):
+        return source.intruders[1]
+    if isinstance(source, ModelTraffic):
+        return 1
+    mask = source.starts.mask if isinstance(source, Replay) else source.mask
+    return int(np.max(np.count_nonzero(mask, axis=-1)))
 
 
 def spread(source: Source) -> tuple[float, float]:

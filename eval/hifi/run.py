@@ -103,11 +103,14 @@ def _config(options: argparse.Namespace) -> "HifiConfig":
 
 def campaign_of(config: "HifiConfig", workers: int = 1) -> "tuple[Campaign, HifiConfig]":
     """Return what a configuration names to be flown, and the configuration as resolved for so many workers."""
+    from eval.flights.sources import most_intruders
     from eval.hifi.flights import Campaign
 
     policy = named_policy(config)
     aircraft = config.flown_aircraft(policy)
     source, _, resolved = named_source(config, aircraft, "flights")
+    if not config.allow_outside_domain:
+        policy.check_intruders(most_intruders(source))
     resolved |= {"policy_sha256": policy.sha256}
     resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
     campaign = Campaign(

@@ -67,7 +67,7 @@ def first_options(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="YAML file, or a name: c208, jet, light, paper, uas (default: the policy's own)",
     )
-    add("--allow-outside-domain", action="store_true", help="fly an aircraft that the policy was not trained for, too")
+    add("--allow-outside-domain", action="store_true", help="fly what the policy was not trained for, too")
     add("--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have, 64 hex digits (default: any)")
 
 
@@ -163,10 +163,13 @@ def named_source(
 def named_evaluation(config: "MonteCarloConfig") -> "tuple[Evaluation, Policy, dict[str, Any]]":
     """Return what a configuration names: what is flown, the policy as its file has it, and what is resolved thereby."""
     from eval.flights.chunks import Evaluation
+    from eval.flights.sources import most_intruders
 
     policy = named_policy(config)
     aircraft = config.flown_aircraft(policy)
     source, names, resolved = named_source(config, aircraft, "encounters")
+    if config.baseline == "none" and not config.allow_outside_domain:
+        policy.check_intruders(most_intruders(source))
     setting = config.planner.setting(aircraft)
     backend = config.backend_for(policy, resolved["encounters"])
     how = (config.mode, setting, config.baseline, backend)

@@ -67,7 +67,12 @@ PARAMETERS = (
     ),
     Parameter(_ALL, "policy_file", "", "policy file; empty: the one that ships"),
     Parameter("runner", "policy_sha256", "", "digest that the policy must have, 64 digits; empty: any"),
-    Parameter("runner", "outside_domain", "refuse", "an aircraft outside the policy's family: refuse or allow"),
+    Parameter(
+        "runner",
+        "outside_domain",
+        "refuse",
+        "aircraft and intruders outside the policy's training: refuse or allow",
+    ),
     Parameter(_ALL, "speed_min", "speed_min", "lowest air speed that the vehicle itself can fly", 0.0, 400.0, "m/s"),
     Parameter(_ALL, "speed_max", "speed_max", "highest; wind narrows both", 1.0, 400.0, "m/s"),
     Parameter(_ALL, "acceleration_min", "acceleration_min", "hardest braking", -40.0, -1e-4, "m/s^2"),

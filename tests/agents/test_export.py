@@ -289,6 +289,21 @@ def test_traffic_outside_the_domain_is_said_by_quantity():
     assert excess((40.0, 130.0), np.array([30.0, 40.0, 131.2, 131.4])).tolist() == pytest.approx([10.0, 0.0, 0.0, 1.4])
 
 
+def test_more_intruders_than_in_training_are_refused():
+    own, others, present, *goal = states(2, most=policy().most + 1)
+    policy().command(own, others, present & (np.arange(policy().most + 1) > 0), *goal)  # who is absent does not count
+    with pytest.raises(
+        OutsideDomainError, match=f"there are {policy().most + 1} intruders; expected {policy().most} at"
+    ):
+        policy().command(own, others, present | True, *goal)
+    many = [rows(others, (0, k)) for k in range(policy().most + 1)]
+    with pytest.raises(OutsideDomainError, match="outside_domain"):
+        policy().command_one(rows(own, 0), many, goal[0][0], goal[1][0])
+    allowed = policy().for_aircraft(PAPER, outside="allow")
+    one = allowed.command_one(rows(own, 0), many, goal[0][0], goal[1][0])
+    np.testing.assert_allclose(one, allowed.command(own, others, present | True, *goal)[0], atol=1e-5)
+
+
 def test_file_comes_back_whole_and_an_edit_is_refused():
     again = parse(serialise(content()), "p")
     assert again.metadata == content().metadata

@@ -76,8 +76,8 @@ def policy_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def policy(policy_path: Path) -> Policy:
-    """Return the hand-made policy."""
-    return Policy.load(policy_path)
+    """Return the hand-made policy, to be flown among several intruders, too."""
+    return Policy.load(policy_path).for_aircraft(PAPER, outside="allow")
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -128,7 +128,7 @@ def test_plans_do_not_depend_on_the_batch(policy: Policy, encounters: Encounter)
 
 def test_the_two_rollouts_agree(policy: Policy) -> None:
     exact = Policy.load(dtype=np.float64)
-    request = request_of(numbered(scenario("multi", PAPER), 3, 0, 5), PAPER)
+    request = request_of(numbered(scenario("multi", PAPER, intruders=(2, 4)), 3, 0, 5), PAPER)
     goal = (request.route_x[:, 1], request.route_y[:, 1])
     for direct in (True, False):
         task = task_of(replace(OPTIONS, direct=direct))
@@ -296,6 +296,16 @@ def test_options_that_could_hide_a_danger_are_refused(policy: Policy, options: O
     assert refused.value.field == field
 
 
+def test_more_intruders_than_the_policy_was_trained_with_are_refused(policy: Policy) -> None:
+    many = [HEAD_ON._replace(y=20_000.0 + 100.0 * k) for k in range(policy.most + 1)]
+    with pytest.raises(
+        RequestError, match=f"there are {len(many)} intruders; expected {policy.most} at most"
+    ) as refused:
+        plan(OWN, many, ROUTE, policy)
+    assert refused.value.field == "intruders"
+    assert plan(OWN, many, ROUTE, policy.for_aircraft(PAPER, outside="allow")).safe
+
+
 ODD = {"bool": True, "text": "12", "bytes": b"1", "none": None, "huge": 10**5000, "complex": 1j, "array": np.ones(2)}
 
 
@@ -421,10 +431,11 @@ def test_the_deadline_ends_the_search_and_says_what_it_left_out(policy: Policy) 
 def test_answers_come_within_the_deadline(policy: Policy, encounters: Encounter) -> None:
     crowds = numbered(scenario("multi", PAPER, intruders=(4, 8)), 3, 0, 12)
     request, late = request_of(crowds, PAPER), []
+    trained = policy.for_aircraft(PAPER, outside="allow")
     for number in range(12):
         asked = ask(request, number)
         began = time.thread_time()
-        plan(*asked, policy, OPTIONS)
+        plan(*asked, trained, OPTIONS)
         late.append(time.thread_time() - began - OPTIONS.deadline_s)
     assert max(late) < 0.02  # 5 ms on a quiet machine; caches that others use cost more
 
@@ -448,6 +459,9 @@ class InOtherUnits:
         own, *others = (VehicleState(*(v / u for v, u in zip(s, self._units, strict=True))) for s in (own, *intruders))
         return self._policy.command_one(own, others, goal_x / self._units[0], goal_y / self._units[0])
 
+    def check_intruders(self, count: int) -> None:
+        self._policy.check_intruders(count)
+
 
 @pytest.mark.parametrize(("length", "pace"), [(2.0, 1.0), (0.5, 1.0)])
 def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(policy: Policy, length: float, pace: float) -> None:
@@ -466,8 +480,8 @@ def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(policy: Policy, l
     mine, theirs = (replace(Options.for_aircraft(one, exhaustive=False), deadline_s=math.inf) for one in (PAPER, other))
     alike: Any = InOtherUnits(policy, length, pace)
     sources = set()
-    for name in ("circle", "multi"):
-        request = request_of(numbered(scenario(name, PAPER), 6, 0, 10), PAPER)
+    for drawn in (scenario("circle", PAPER), scenario("multi", PAPER, intruders=(2, 4))):
+        request = request_of(numbered(drawn, 6, 0, 10), PAPER)
         for number in range(10):
             answer = plan(*ask(request, number), policy, mine)
             same = plan(*scaled_to(request, number, length, pace), alike, theirs)

@@ -288,7 +288,7 @@ def test_own_file_of_encounters(tmp_path: Path, policy_path: Path, capsys: pytes
     mine = tmp_path / "mine.csv"
     starts = numbered(scenario("multi", PAPER), 9, 0, 30)
     encounter_file.write(mine, starts, [f"flight {i}" for i in range(30)])
-    common = ("--policy", str(policy_path), *QUICK)
+    common = ("--policy", str(policy_path), "--allow-outside-domain", *QUICK)
     fly(tmp_path / "mine", *common, "--scenario", f"file:{mine}")
     sampled = fly(tmp_path / "sampled", *common, "--scenario", "multi", "--seed", "9", "--encounters", "30")
     assert sampled
@@ -381,6 +381,7 @@ def mistakes(folder: Path) -> dict[str, tuple[list[str], str]]:
         "twice": (["--seed", "1", "--seed", "2"], "--seed stands twice"),
         "pipe": (["--scenario", f"file:{folder / 'pipe'}"], "not a regular file"),
         "outside": (["--aircraft", "configs/aircraft/uas.yaml"], "outside_domain: acceleration_min is -0.235 V^2/D"),
+        "several": (["--scenario", "multi"], "outside_domain: there are 8 intruders; expected 1 at most"),
         "no aircraft": (["--aircraft", "configs/aircraft/kite.yaml"], "kite.yaml"),
         "speeds": (
             ["--set", "changes.own_speed=[18, 36]"],
