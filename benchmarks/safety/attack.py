@@ -93,6 +93,12 @@ class Tally:
         self.flown, self.error = min(self.flown, other.flown), max(self.error, other.error)
         self.use = {name: max(self.use.get(name, 0.0), value) for name, value in other.use.items()} or self.use
 
+    @classmethod
+    def of(cls, written: dict[str, Any]) -> "Tally":
+        """Return the tally that ``dataclasses.asdict`` has made these numbers of."""
+        counters: dict[str, Any] = {name: Counter(written[name]) for name in ("requests", "safe", "single", "counts")}
+        return cls(**(written | counters))
+
     def blame(self, check: str, number: int, **more: Any) -> None:
         """Note a violation."""
         self.violations.append({"check": check, "number": int(number)} | more)
@@ -150,6 +156,7 @@ def attack(batch: Batch, policy: Policy) -> Tally:
                 return tally
         wanted = (requests.number >= batch.first) & (requests.number < batch.end)
         aircraft = batch.aircraft
+        policy = policy.for_aircraft(aircraft, outside="allow")
         options = list(variants(aircraft).values())[requests.variant[0]]
         if batch.any_aircraft:
             requests = requests._replace(request=scaled(requests.request, aircraft))

@@ -3,7 +3,8 @@
 Numbered requests (:mod:`benchmarks.safety.adversary`) are planned by the batch core, the first of them through
 ``agents.planner.plan`` too, and every plan called SAFE is judged by :mod:`benchmarks.safety.resimulation`; 1 in 20 is
 flown by the follower as well. ``--first N --requests 1`` repeats request N: the batch that it is planned in follows
-from its number. The last line is one JSON object; exit status 1 means that a violation was found.
+from its number. With ``--out`` what is done is written down batch by batch, and the same command goes on after it. The
+last line is one JSON object; exit status 1 means that a violation was found.
 """
 
 import json
@@ -13,14 +14,16 @@ import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from agents.config.progress import Progress
 from agents.policy.inference import Policy
 from benchmarks.measure import report
 from benchmarks.safety.adversary import FAMILIES
 from benchmarks.safety.attack import HUNDRED, Batch, Tally, attack, tasks
-from envs.edge.command import Parser
+from envs.edge.command import ConfigError, Parser
 from eval.runner.workers import cores
 
 __all__ = ["BLOCK", "main"]
@@ -28,6 +31,8 @@ __all__ = ["BLOCK", "main"]
 BLOCK = 6_400
 """Consecutive requests of which those with the same options are planned side by side."""
 
+_SAME = ("requests", "single", "seed", "first", "family", "any_aircraft", "block")  # in an attack that is gone on with
+_FILE = "batches.jsonl"
 
 _POLICY: list[Policy] = []  # of a worker
 
@@ -37,15 +42,32 @@ def _prepare(path: Path | None) -> None:
     _POLICY[:] = [Policy.load(path)]
 
 
-def _work(batch: Batch) -> Tally:
-    return attack(batch, _POLICY[0])
+def _done(path: Path, asked: dict[str, Any]) -> dict[Batch, Tally]:
+    """Return the batches that a folder's file holds of the same attack; a line cut off by an interruption is dropped.
+
+    Raises:
+        ConfigError: the file is another attack's.
+    """
+    if not path.exists():
+        path.write_text(json.dumps(asked) + "\n", encoding="utf-8")
+        return {}
+    first, *lines = path.read_text(encoding="utf-8").split("\n")[:-1]
+    if json.loads(first) != asked:
+        raise ConfigError(f"--out: {path} holds another attack, {first}; expected this one, or another folder")
+    path.write_text("\n".join([first, *lines, ""]), encoding="utf-8")
+    pairs = map(json.loads, lines)
+    return {Batch(batch[0], tuple(batch[1]), *batch[2:]): Tally.of(tally) for batch, tally in pairs}
 
 
-def _results(batches: list[Batch], workers: int, path: Path | None) -> Iterator[Tally]:
-    """Yield the tally of each batch, in any order; interrupts reach only this process."""
+def _work(batch: Batch) -> tuple[Batch, Tally]:
+    return batch, attack(batch, _POLICY[0])
+
+
+def _results(batches: list[Batch], workers: int, path: Path | None) -> Iterator[tuple[Batch, Tally]]:
+    """Yield each batch with its tally, in any order; interrupts reach only this process."""
     if workers == 1:
         policy = Policy.load(path)
-        yield from (attack(batch, policy) for batch in batches)
+        yield from ((batch, attack(batch, policy)) for batch in batches)
         return
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(workers, context, _prepare, (path,))
@@ -73,7 +95,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=cores(), help="processes (default: one for every core)")
     parser.add_argument("--block", type=int, default=BLOCK, help=f"requests planned side by side (default {BLOCK})")
     parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
-    parser.add_argument("--out", type=Path, help="directory for the violations, as JSON lines")
+    parser.add_argument("--out", type=Path, help="folder of what is done and of the violations, as JSON lines")
     options = parser.parse_args(arguments)
     for name, least in (("requests", 1), ("single", 0), ("seed", 0), ("first", 0), ("workers", 1), ("block", HUNDRED)):
         if getattr(options, name) < least:
@@ -85,28 +107,33 @@ def main(arguments: list[str] | None = None) -> int:
     single = min(options.single, options.requests)
     asked = options.seed, options.first, options.requests, single, options.block, options.family
     batches = list(tasks(*asked, any_aircraft=options.any_aircraft))
-    path = None
+    tally, begun, done, file = Tally(), time.perf_counter(), {}, None
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
-        path = options.out / "violations.jsonl"
-        path.write_text("", encoding="utf-8")
-    tally, begun = Tally(), time.perf_counter()
+        same = {name: getattr(options, name) for name in _SAME} | {"policy": Policy.load(options.policy).sha256}
+        done = _done(options.out / _FILE, same)
+        file = (options.out / _FILE).open("a", encoding="utf-8")
+        batches = [batch for batch in batches if batch not in done]
+    for one in done.values():
+        tally.add(one)
+    already = tally.requests.total() + tally.single.total()
     progress = Progress(options.requests + single, "requests").start()
     complete = False
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        for one in _results(batches, options.workers, options.policy):
+        for batch, one in _results(batches, options.workers, options.policy):
             tally.add(one)
-            if path is not None and one.violations:
-                with path.open("a", encoding="utf-8") as file:
-                    file.writelines(json.dumps(violation) + "\n" for violation in one.violations)
-            done = tally.requests.total() + tally.single.total()
-            progress.show(done, _figures(tally), done / (time.perf_counter() - begun))
+            if file is not None:
+                print(json.dumps([batch, asdict(one)]), file=file, flush=True)
+            count = tally.requests.total() + tally.single.total()
+            progress.show(count, _figures(tally), (count - already) / (time.perf_counter() - begun))
         complete = True
     except KeyboardInterrupt:
         print("interrupted; these are the figures of what was done", file=sys.stderr)
     finally:
         progress.stop()
+        if file is not None:
+            file.close()
         signal.signal(signal.SIGTERM, before)
     figures = {"benchmark": "safety", "seed": options.seed, "first": options.first, "complete": complete}
     figures["any_aircraft"] = options.any_aircraft

@@ -21,6 +21,7 @@ from benchmarks.safety.attack import Batch, Tally, tasks
 from benchmarks.safety.reflight import refly
 from benchmarks.safety.resimulation import CHECKS, Route, resimulate
 from envs.aircraft import PAPER
+from envs.edge.command import ConfigError
 from envs.encounters import scenario
 from envs.starts import numbered
 from envs.trees import take
@@ -274,7 +275,7 @@ def test_a_small_attack_finds_nothing(capsys: pytest.CaptureFixture[str], tmp_pa
     assert figures["smallest_spare_separation_m"] >= 0.0
     assert 0.5 < max(figures["largest_limit_use"].values()) <= 1.000001
     assert sum(asked for asked, _ in figures["families"].values()) == 150
-    assert (tmp_path / "violations.jsonl").read_text(encoding="utf-8") == ""
+    assert len((tmp_path / "batches.jsonl").read_text(encoding="utf-8").splitlines()) == 4
 
 
 def test_violations_are_counted_written_and_lead_to_a_failure(
@@ -289,8 +290,19 @@ def test_violations_are_counted_written_and_lead_to_a_failure(
     arguments = ["--requests", "300", "--single", "0", "--workers", "1", "--block", "100", "--out", str(tmp_path)]
     assert safety.main(arguments) == 1
     assert last_line(capsys)["violations_by_check"] == {"separation": {"count": 3, "first": [7, 107, 207]}}
-    lines = (tmp_path / "violations.jsonl").read_text(encoding="utf-8").splitlines()
-    assert [json.loads(line)["number"] for line in lines] == [7, 107, 207]
+    file = tmp_path / "batches.jsonl"
+    _, *lines = file.read_text(encoding="utf-8").splitlines()
+    assert [json.loads(line)[1]["violations"][0]["number"] for line in lines] == [7, 107, 207]
+
+    # What is done counts again and is not attacked again; a line that an interruption cut off is.
+    file.write_text(file.read_text(encoding="utf-8")[:-5], encoding="utf-8")
+    calls: list[Batch] = []
+    monkeypatch.setattr(safety, "attack", lambda batch, policy: calls.append(batch) or wrong(batch, policy))
+    assert safety.main(arguments) == 1
+    assert [batch.hundreds for batch in calls] == [(200,)]
+    assert last_line(capsys)["violations_by_check"] == {"separation": {"count": 3, "first": [7, 107, 207]}}
+    with pytest.raises(ConfigError, match="holds another attack"):
+        safety.main([*arguments, "--seed", "1"])
 
 
 def test_an_interrupted_attack_prints_what_was_done(
