@@ -1,6 +1,6 @@
 """When the run-time monitor acts: thresholds and named causes. Derivations: docs/explanation/assurance.md."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntFlag
 from typing import Any
 
@@ -67,6 +67,11 @@ WANTING = (
 """A new plan is wanted."""
 
 
+_KEPT = 0.5
+"""Share of the sigmas planned with that must be left before a new plan is asked for: what is believed of an intruder
+wanders inside its uncertainty, and a plan that needs all of it would be void with every second report."""
+
+
 @dataclass(frozen=True)
 class Thresholds:
     """When the monitor acts; made by :meth:`for_plans`."""
@@ -121,13 +126,14 @@ class Thresholds:
 
     @classmethod
     def for_plans(cls, options: Options, **changes: Any) -> "Thresholds":
-        """Return the usual thresholds for plans made with some options.
+        """Return the usual thresholds for plans made with some options, of whose sigmas a plan must keep half.
 
         Args:
             options: of the plans.
             **changes: other fields.
         """
-        aircraft = options.aircraft
+        wanted, aircraft = options.requirement, options.aircraft
+        options = replace(options, requirement=wanted._replace(sigmas=_KEPT * wanted.sigmas))
         far, step, limits = aircraft.separation, aircraft.dt, aircraft.limits
         usual: dict[str, Any] = {
             "manoeuvre": backup_limits(options),
@@ -139,7 +145,7 @@ class Thresholds:
             "memory": 30.0 * step,
             "intruder_position": 0.05 * far,
             "intruder_velocity": 0.05 * limits.speed_max,
-            "concern": 3.0 * far,
+            "concern": 1.6 * far,
             "turn_time": 15.0 * step,
             "turn_rate_min": 0.0044 / step,
             "turn_rate_max": max(0.105 / step, 2.0 * limits.yaw_rate_max),

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.assurance import monitor as assurance
-from agents.assurance.monitor import Thresholds
+from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.tracker import Tracks, begin, follow
 from agents.planner.candidates import Proposals, empty
 from agents.planner.planner import Plans, plan_many
@@ -21,24 +21,16 @@ from envs.follower import PERIOD
 from envs.perception import carried_back, perceive
 from envs.trees import scatter, take
 from eval.config import Setting
-from eval.flights.plan_flight import SUBSTEPS, Flown, Tally, fly_step, request_of, takeoff
+from eval.flights.plan_flight import SUBSTEPS, Flown, Tally, fly_step, request_of, route_of, takeoff
 from eval.flights.plan_mode import perceived_at_start
 from eval.flights.trajectories import TrajectoryRecorder
 
-__all__ = ["Assured", "Reports", "along", "fly_assured"]
+__all__ = ["Assured", "along", "fly_assured"]
 
 
-class Reports(NamedTuple):
-    """How the intruders are known; the default is perfectly."""
-
-    noise: Callable[[int], np.ndarray] | None = None
-    """Of the sensors by step, ``[4, N, K]``; what monitor and planner see after the start are tracks of such reports.
-    """
-    spread: tuple[float, float] = (0.0, 0.0)
-    """One sigma of the reported positions, m, and velocities, m/s: what the monitor must bear."""
-
-
-_PERFECT = Reports()
+_GOAL = 1  # number of the goal among the route's points
+_BUFFER = 0.5  # separations that a plan shall keep beyond what is required, where it can: intruders may turn
+_AGAIN = 5  # time steps between two attempts to reach it in time after all
 
 
 class Assured(NamedTuple):
@@ -58,7 +50,7 @@ def fly_assured(
     aircraft: Aircraft,
     setting: Setting,
     *,
-    reports: Reports = _PERFECT,
+    noise: Callable[[int], np.ndarray] | None = None,
     recorder: TrajectoryRecorder | None = None,
     endless: bool = False,
 ) -> Assured:
@@ -70,18 +62,13 @@ def fly_assured(
         policy: decides.
         aircraft: of the ownship.
         setting: how plans are made and flown.
-        reports: of the intruders.
+        noise: of the sensors by step, ``[4, N, K]``: monitor and planner then see tracks of such reports; None: the
+            intruders are known perfectly.
         recorder: takes the trajectories.
         endless: whether a loss of separation is no violation.
     """
-    count, dt, (noise, spread) = len(encounters.goal_x), aircraft.dt, reports
-    usual = Thresholds.for_plans(setting.options)
-    # Three sigmas of what noise makes of an intruder that flies as predicted.
-    thresholds = replace(
-        usual,
-        intruder_position=usual.intruder_position + 3.0 * spread[0],
-        intruder_velocity=usual.intruder_velocity + 3.0 * spread[1],
-    )
+    count, dt = len(encounters.goal_x), aircraft.dt
+    thresholds = Thresholds.for_plans(setting.options)
     asked = request_of(encounters, aircraft)
     tally = Tally(count, aircraft, endless=endless)
     replans, backup = np.zeros(count, np.int32), np.zeros(count, np.int32)
@@ -94,25 +81,41 @@ def fly_assured(
     seen = encounters.intruders
     previous, sensor = (carried_back(seen, dt, np), carried_back(seen, 2.0 * dt, np)), encounters.sensor
     tracks: Tracks | None = None
+    # Whether what is flown passes over the goal, or gets there too late: it is asked for again.
+    short = made.goal > _GOAL
     for number in range(tally.steps):
         time = number * dt
-        seen = air.traffic.vehicle
+        seen, known = air.traffic.vehicle, dict[str, Any]()
         if noise is not None:
             seen = perceive(seen, *previous, sensor, noise(number)[:, rows], dt, np)
             quality = sensor.position_std, sensor.velocity_std
             tracks = begin(seen, *quality) if tracks is None else follow(tracks, seen, *quality, dt)
             seen = tracks.state
-        monitor, decision = assurance.step(monitor, assurance.inputs(time, air.own, seen, air.mask), thresholds)
+            known = {
+                "position_std": np.sqrt(tracks.position_variance),
+                "velocity_std": np.sqrt(tracks.velocity_variance),
+            }
+        given = assurance.inputs(time, air.own, seen, air.mask, **known)
+        monitor, decision = assurance.step(monitor, given, thresholds)
+        ask = _Ask(
+            asked, air.goal_x, air.goal_y, aircraft, policy, along(thresholds.options, aircraft.t_max - time, dt)
+        )
         wanting = np.flatnonzero(decision.replan)
         if wanting.size:
             replans[rows[wanting]] += 1
-            request = Request(*take((decision.own, decision.traffic, *asked[2:]), wanting))
-            left = aircraft.t_max - time
-            again = along(setting.options, left, dt)
-            found = _planned_again(request, reached[rows[wanting]], policy, again)
-            monitor, _ = assurance.answer(
+            found, late = ask.planned(decision, wanting, reached[rows[wanting]])
+            monitor, taken = assurance.answer(
                 monitor, wanting, decision.number[wanting], found.knots, found.safe, thresholds
             )
+            short[rows[wanting[taken]]] = late[taken]
+        lacking = np.flatnonzero(short[rows] & ~reached[rows] & ~monitor.on_backup & ~decision.replan)
+        if lacking.size and number % _AGAIN == 0:
+            found, late = ask.planned(decision, lacking, reached[rows[lacking]], in_time=True)
+            chosen = lacking[found.safe]
+            replans[rows[chosen]] += 1
+            plan, traffic = take(found.knots, found.safe), take(decision.traffic, chosen)
+            monitor = assurance.activate(monitor, chosen, plan, np.ones(chosen.size, bool), time, traffic, thresholds)
+            short[rows[chosen]] = False
         backup[rows] += monitor.on_backup
         following = intruder.step(air.traffic, air.intent, time, dt, np)
         references = assurance.references(monitor, time, PERIOD * dt, SUBSTEPS)
@@ -133,19 +136,52 @@ def fly_assured(
 
 
 def along(options: Options, left: float, dt: float) -> list[Options]:
-    """Return how to plan from the middle of a flight: to the goal in the time left, s, if there is any, else along."""
+    """Return how to plan from the middle of a flight, what is tried first before the rest.
+
+    To the goal in the time left, s, if there is any, with distance to spare; without; and then along the route.
+    """
     # The refinement takes longer than a monitor can wait.
     whole = replace(options, exhaustive=False)
+    if left < dt:
+        return [whole]
     in_time = replace(whole, goals=1, rejoin_by=min(left, options.rejoin_by))
-    return [in_time, whole] if left >= dt else [whole]
+    required = options.requirement
+    wide = required._replace(margin=required.margin + _BUFFER * options.aircraft.separation)
+    return [replace(in_time, requirement=wide), in_time, whole]
 
 
-def _planned_again(request: Request, reached: Any, policy: Policy, tries: list[Options]) -> Proposals:
-    """Plan from the middle of a flight, to the goal first where it is still ahead."""
-    best = empty(reached.size, tries[0].waypoints)
-    for options in tries:
-        wanted = ~best.safe & ~(reached & (options is not tries[-1]))
-        rows = np.flatnonzero(wanted)
-        if rows.size:
-            scatter(best, rows, plan_many(take(request, rows), policy, options).proposals)
-    return best
+class _Ask(NamedTuple):
+    """How plans are made from the middle of flights, ``[M]``."""
+
+    asked: Request
+    """At the start."""
+    goal_x: Any
+    goal_y: Any
+    aircraft: Aircraft
+    policy: Policy
+    tries: list[Options]
+    """One after the other until one is safe; all but the last to the goal."""
+
+    def planned(
+        self, decision: Decision, rows: Any, reached: Any, *, in_time: bool = False
+    ) -> tuple[Proposals, np.ndarray]:
+        """Return plans of some rows, and which of them do not lead to a goal that is still to be reached, or too late.
+
+        Args:
+            decision: of the monitor, ``[M]``.
+            rows: numbers, ``[m]``.
+            reached: whether the goal was, ``[m]``.
+            in_time: whether only plans to the goal count.
+        """
+        best, late = empty(reached.size, self.tries[0].waypoints), np.zeros(reached.size, dtype=bool)
+        own, traffic, goal_x, goal_y = take((decision.own, decision.traffic, self.goal_x, self.goal_y), rows)
+        direct = Request(own, traffic, *route_of(own, goal_x, goal_y, self.aircraft))
+        onward = Request(own, traffic, *take(self.asked[2:], rows))
+        for options in self.tries[:-1] if in_time else self.tries:
+            last = options is self.tries[-1]
+            wanted = np.flatnonzero(~best.safe & ~(reached & (not last)))
+            late[wanted] = last
+            if wanted.size:
+                request = take(onward if last else direct, wanted)
+                scatter(best, wanted, plan_many(request, self.policy, options, floats=True).proposals)
+        return best, late & ~reached

@@ -23,12 +23,12 @@ from envs.kinematics import Limits
 from envs.outcome import Rules
 from envs.starts import joined
 from eval.config import Setting, usual_setting
-from eval.flights.assured_mode import Reports, fly_assured
+from eval.flights.assured_mode import fly_assured
 from eval.flights.compiled import Compiled
 from eval.flights.conditions import conditions, verdicts
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start
 from eval.flights.simulate import OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
-from eval.flights.sources import Source, drawn, spread
+from eval.flights.sources import Source, drawn
 
 __all__ = ["MODES", "Evaluation", "Pilot", "columns", "encounters", "noise_of", "picked"]
 
@@ -190,8 +190,7 @@ def _planned(
     }
     if evaluation.mode == "plan":
         return flown.flights, more
-    reports = Reports(noise, spread(evaluation.source))
-    assured = fly_assured(starts, plans, pilot.policy, aircraft, setting, reports=reports)
+    assured = fly_assured(starts, plans, pilot.policy, aircraft, setting, noise=noise)
     more |= _beside({"plan": flown.flights})
     more |= {"replans": assured.replans, "backup_s": assured.backup}
     return assured.flown.flights, more

@@ -24,6 +24,7 @@ from eval.flights.simulate import OUTCOMES, Flights, reversal_rate, turned_to
 from eval.flights.trajectories import TrajectoryRecorder
 
 __all__ = ["SUBSTEPS", "Air", "Flown", "Step", "Tally", "fly_plans", "fly_step", "request_of", "takeoff", "verdicts"]
+__all__ += ["route_of"]
 
 SUBSTEPS = round(1.0 / PERIOD)
 """Periods of the follower in a time step."""
@@ -84,14 +85,19 @@ def request_of(encounters: Encounter, aircraft: Aircraft, intruders: VehicleStat
         aircraft: of the ownship.
         intruders: as the ownship believes them to be, ``[N, K]``; None: as they are.
     """
+    traffic = Traffic.straight(encounters.intruders if intruders is None else intruders, encounters.mask)
     own = encounters.own
-    dx, dy = encounters.goal_x - own.x, encounters.goal_y - own.y
+    return Request(own, traffic, *route_of(own, encounters.goal_x, encounters.goal_y, aircraft))
+
+
+def route_of(own: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft) -> tuple[Any, Any, Any]:
+    """Return the route from a place to the goal and on, ``[N, R]`` each of x and y, m, and its number of points."""
+    dx, dy = goal_x - own.x, goal_y - own.y
     length = np.maximum(np.hypot(dx, dy), 1e-9)
     beyond = 5.0 * aircraft.separation * np.arange(10)
-    x = np.concatenate([own.x[:, None], encounters.goal_x[:, None] + (dx / length)[:, None] * beyond], axis=1)
-    y = np.concatenate([own.y[:, None], encounters.goal_y[:, None] + (dy / length)[:, None] * beyond], axis=1)
-    traffic = Traffic.straight(encounters.intruders if intruders is None else intruders, encounters.mask)
-    return Request(own, traffic, x, y, np.full(len(x), x.shape[1]))
+    x = np.concatenate([own.x[:, None], goal_x[:, None] + (dx / length)[:, None] * beyond], axis=1)
+    y = np.concatenate([own.y[:, None], goal_y[:, None] + (dy / length)[:, None] * beyond], axis=1)
+    return x, y, np.full(len(x), x.shape[1])
 
 
 def fly_step(

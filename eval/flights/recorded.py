@@ -12,11 +12,10 @@ import numpy as np
 from agents.planner.planner import Plans
 from envs.encounters import Encounter
 from envs.starts import joined
-from eval.flights.assured_mode import Reports, fly_assured
+from eval.flights.assured_mode import fly_assured
 from eval.flights.chunks import Pilot, encounters, noise_of
 from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import Flights, fly
-from eval.flights.sources import spread
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
 
 __all__ = ["Recorded", "fly_in_mode", "fly_recorded"]
@@ -64,7 +63,7 @@ def fly_in_mode(
     plans = plan_at_start(starts, policy, aircraft, setting, None if noise is None else noise(0))
     if evaluation.mode == "plan":
         return plans, fly_once(starts, plans, aircraft, setting, recorder, endless=endless).flights
-    how: Any = {"reports": Reports(noise, spread(evaluation.source)), "recorder": recorder, "endless": endless}
+    how: Any = {"noise": noise, "recorder": recorder, "endless": endless}
     return plans, fly_assured(starts, plans, policy, aircraft, setting, **how).flown.flights
 
 

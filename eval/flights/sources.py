@@ -23,17 +23,7 @@ from envs.traffic.tracks import Repairs, TrackError, summed
 from envs.trees import take
 from eval.config import FILE, MODEL, MonteCarloConfig, TracksConfig, TrafficConfig
 
-__all__ = [
-    "Source",
-    "drawn",
-    "most_intruders",
-    "read_model_traffic",
-    "read_source",
-    "read_tracks",
-    "said",
-    "say",
-    "spread",
-]
+__all__ = ["Source", "drawn", "most_intruders", "read_model_traffic", "read_source", "read_tracks", "said", "say"]
 
 _DONE = {
     "not_finite": "rows without a valid value dropped",
@@ -133,15 +123,6 @@ def most_intruders(source: Source) -> int:
         return 1
     mask = source.starts.mask if isinstance(source, Replay) else source.mask
     return int(np.max(np.count_nonzero(mask, axis=-1)))
-
-
-def spread(source: Source) -> tuple[float, float]:
-    """Return one sigma of reported positions, m, and velocities, m/s: the largest of the whole source."""
-    if isinstance(source, Scenario):
-        return source.position_std, source.velocity_std
-    if isinstance(source, Encounter):
-        return float(np.max(source.sensor.position_std)), float(np.max(source.sensor.velocity_std))
-    return 0.0, 0.0
 
 
 def said(source: Source) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -20,9 +19,6 @@ from ros_bridge.core.tracks import Rules
 from ros_bridge.transport.overrides import refuse_unknown_parameters
 from ros_bridge.transport.parameters import Parameter, of
 
-_KEPT = 0.5
-"""Share of the sigmas planned with that must be left before a new plan is asked for: what is believed of an intruder
-wanders inside its uncertainty, and a plan that needs all of it would be void with every second report."""
 
 _RENAMED = {"aircraft.goal_radius": "goal_radius", "max_age": "intruder_max_age", "deadline_s": "deadline"}
 """Parameters that the planner's options have by other names."""
@@ -150,11 +146,9 @@ def report_rules(value: Callable[[str], Any]) -> Rules:
 
 def monitor_thresholds(value: Callable[[str], Any], aircraft: Aircraft) -> Thresholds:
     """Return when the monitor acts; arguments as :func:`planning_options` has them."""
-    options = planning_options(value, aircraft)
-    wanted = options.requirement
     names = ("cross_track", "along_track", "time_error", "intruder_position", "intruder_velocity")
     return Thresholds.for_plans(
-        replace(options, requirement=wanted._replace(sigmas=_KEPT * wanted.sigmas)),
+        planning_options(value, aircraft),
         **{name: value(name) for name in (*names, "replan_interval", "answer_time")},
         own_age=value("ownship_max_age"),
         intruder_age=value("intruder_max_age"),

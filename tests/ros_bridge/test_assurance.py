@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
 from agents.assurance.state import Flown, State
-from agents.assurance.thresholds import Thresholds
 from agents.planner.planner import plan
 from agents.planner.request import Altitude
 from agents.policy.inference import Policy
@@ -35,7 +34,7 @@ from ros_bridge.core.assurance import (
 from ros_bridge.core.replies import flown, plan_points, start_point
 from ros_bridge.core.situation import Situation, task
 from ros_bridge.core.tracks import Rules
-from tests.ros_bridge.scenes import FRAME, NOW, OPTIONS, SECOND, SETTINGS, THRESHOLDS, aircraft, heard
+from tests.ros_bridge.scenes import FRAME, NOW, SECOND, SETTINGS, THRESHOLDS, aircraft, heard
 
 RULES = Rules()
 FAR = 30_000.0
@@ -126,9 +125,8 @@ def noisy(second: int, random: np.random.Generator) -> Any:
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_plan_survives_noise_that_is_declared(seed: int):
-    random, half = np.random.default_rng(seed), OPTIONS.requirement._replace(sigmas=1.0)
-    thresholds = Thresholds.for_plans(replace(OPTIONS, requirement=half))
-    situation, supervision = heard(), initial(thresholds)
+    random = np.random.default_rng(seed)
+    situation, supervision = heard(), initial(THRESHOLDS)
     state, asked, curve = VehicleState(0.0, 0.0, 0.0, 75.0), 0, None
     for second in range(100):
         now = NOW + second * SECOND

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from agents.planner.planner import Plans
+from agents.planner.planner import Plans, plan_many
 from agents.planner.request import Options
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
@@ -18,10 +18,10 @@ from envs.outcome import RULES
 from envs.starts import numbered
 from envs.trees import take
 from eval.config import Setting
-from eval.flights.assured_mode import Assured, fly_assured
+from eval.flights.assured_mode import Assured, along, fly_assured
 from eval.flights.plan_flight import Flown, request_of, verdicts
 from eval.flights.plan_mode import fly_once, plan_at_start
-from eval.flights.simulate import OUTCOMES
+from eval.flights.simulate import OUTCOMES, sensor_noise
 from eval.monte_carlo import run as monte_carlo
 
 REACHED, TIMEOUT = OUTCOMES.index("reached"), OUTCOMES.index("timeout")
@@ -153,6 +153,35 @@ def test_more_is_saved_than_by_the_plan_flown_once(turning: Encounter, policy: P
     # Every flight saved had a new plan.
     saved = (outcome == REACHED) & (once.flights.outcome != REACHED)
     assert np.all(assured.replans[saved] > 0)
+
+
+def test_a_goal_that_the_plan_passes_over_is_asked_for_again(policy: Policy) -> None:
+    alone = numbered(scenario("circle", PAPER), 11, 0, 3)
+    alone = alone._replace(mask=alone.mask & False)
+    asked = request_of(alone, PAPER)
+    onward = (asked.route_x[:, 2:] + 4_000.0, asked.route_y[:, 2:] + 4_000.0, asked.points - 2)
+    plans = plan_many(asked._replace(route_x=onward[0], route_y=onward[1], points=onward[2]), policy, SETTING.options)
+    assert plans.proposals.safe.all()
+    beyond = plans._replace(proposals=plans.proposals._replace(goal=plans.proposals.goal + 2))
+    flown = fly_assured(alone, beyond, policy, PAPER, SETTING)
+    assert np.all(flown.flown.flights.outcome == REACHED)
+    np.testing.assert_array_equal(flown.replans, 1)
+
+
+def test_plans_that_keep_more_than_required_are_tried_first() -> None:
+    first, *others, last = along(SETTING.options, 100.0, PAPER.dt)
+    required = [one.requirement for one in (first, *others, last)]
+    assert required[0].margin > 300.0 + required[1].margin and set(required[1:]) == {SETTING.options.requirement}
+    assert (first.rejoin_by, last.rejoin_by) == (100.0, SETTING.options.rejoin_by)
+    assert along(SETTING.options, 0.5, PAPER.dt) == [last]
+
+
+def test_noise_of_straight_traffic_asks_for_few_plans(policy: Policy) -> None:
+    starts = numbered(scenario("noisy", PAPER), 11, 0, 6)
+    noise = sensor_noise(11, 0, *starts.mask.shape)
+    plans = plan_at_start(starts, policy, PAPER, SETTING, noise(0))
+    flown = fly_assured(starts, plans, policy, PAPER, SETTING, noise=noise)
+    assert np.median(flown.replans) <= 3
 
 
 @pytest.mark.slow
