@@ -19,7 +19,6 @@ from ros_bridge.core.tracks import Rules
 from ros_bridge.transport.overrides import refuse_unknown_parameters
 from ros_bridge.transport.parameters import Parameter, of
 
-
 _RENAMED = {"aircraft.goal_radius": "goal_radius", "max_age": "intruder_max_age", "deadline_s": "deadline"}
 """Parameters that the planner's options have by other names."""
 

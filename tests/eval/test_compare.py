@@ -135,7 +135,7 @@ def test_the_command_and_its_files(policy_path: Path, tmp_path: Path, capsys: py
 
 
 def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:
-    encounter_file.write(tmp_path / "own.csv", numbered(scenario("multi", PAPER), 1, 0, 3))
+    encounter_file.write(tmp_path / "own.csv", numbered(scenario("multi", PAPER, intruders=(2, 4)), 1, 0, 3))
     out = tmp_path / "run"
     assert compare.main(["--scenario", f"file:{tmp_path / 'own.csv'}", "--baseline", "rules", "--out", str(out)]) == 0
     summary = json.loads((out / "summary.json").read_text())

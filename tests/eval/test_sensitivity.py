@@ -314,7 +314,7 @@ def test_a_family_is_judged_and_its_aircraft_can_be_flown_again(tmp_path: Path) 
         (["--intruders", "4", "2"], "--intruders: expected the fewest first"),
         (["--mode", "hope"], "--mode: invalid choice"),
         (["--policy", "none.safetensors"], "no such policy file"),
-        (["--intruders", "2", "99"], "outside_domain: there are 99 intruders"),
+        (["--intruders", "2", "64"], "outside_domain: there are 64 intruders"),
     ],
 )
 def test_bad_input_flies_nothing(tmp_path: Path, arguments: list[str], sentence: str) -> None:

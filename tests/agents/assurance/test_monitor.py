@@ -132,11 +132,11 @@ def test_small_errors_accumulate() -> None:
 
 
 def test_an_intruder_that_leaves_its_prediction_asks_for_a_plan_only_where_it_matters() -> None:
-    near = other(0.0, 2_500.0)
+    near = other(0.0, 1_500.0)
     monitor = flying(near)
-    monitor, _ = tell(monitor, 1.0, seen=other(75.0, 2_500.0))
+    monitor, _ = tell(monitor, 1.0, seen=other(75.0, 1_500.0))
     assert state_of(monitor) is State.MONITORING
-    monitor, decision = tell(monitor, 2.0, seen=other(150.0, 2_500.0, 0.1))
+    monitor, decision = tell(monitor, 2.0, seen=other(150.0, 1_500.0, 0.1))
     assert causes_of(monitor) & Cause.INTRUDER_DEVIATION and decision.replan[0]
     monitor, decision = tell(flying(), 1.0, seen=other(75.0, 50_000.0, 0.1))
     assert causes_of(monitor) == Cause(0) and decision.intruder_velocity[0] > THRESHOLDS.intruder_velocity

@@ -296,6 +296,14 @@ def test_options_that_could_hide_a_danger_are_refused(policy: Policy, options: O
     assert refused.value.field == field
 
 
+def test_requests_in_plain_floats_are_planned_as_if_alone(policy: Policy, encounters: Encounter) -> None:
+    request, options = request_of(take(encounters, slice(0, 3)), PAPER), replace(OPTIONS, exhaustive=False)
+    together = plan_many(request, policy, options, floats=True).proposals
+    for row in range(3):
+        alone = plan_many(take(request, slice(row, row + 1)), policy, options, floats=True).proposals
+        np.testing.assert_array_equal(np.stack(take(together.knots, [row])), np.stack(alone.knots))
+
+
 def test_more_intruders_than_the_policy_was_trained_with_are_refused(policy: Policy) -> None:
     many = [HEAD_ON._replace(y=20_000.0 + 100.0 * k) for k in range(policy.most + 1)]
     with pytest.raises(
@@ -419,6 +427,7 @@ def test_the_deadline_ends_the_search_and_says_what_it_left_out(policy: Policy) 
         VehicleState(3_000.0 * math.cos(a), 3_000.0 * math.sin(a), a - math.copysign(math.pi, a), 100.0)
         for a in np.arange(-3.1, 3.1, 0.7).tolist()
     ]
+    policy = policy.for_aircraft(PAPER, outside="allow")
     whole, cut = (plan(OWN, near, ROUTE, policy, replace(OPTIONS, deadline_s=limit)) for limit in (math.inf, 0.02))
     assert whole.searched and whole.unsearched == ()
     assert not cut.safe and not cut.searched and cut.unsearched
@@ -453,7 +462,7 @@ class InOtherUnits:
     """The paper's policy, asked in the units of an aircraft of the same ratios."""
 
     def __init__(self, policy: Policy, length: float, pace: float) -> None:
-        self._policy, self._units = policy, (length, length, 1.0, pace)
+        self._policy, self._units, self.domain = policy, (length, length, 1.0, pace), policy.domain
 
     def command_one(self, own: VehicleState, intruders: Any, goal_x: float, goal_y: float) -> tuple[float, float]:
         own, *others = (VehicleState(*(v / u for v, u in zip(s, self._units, strict=True))) for s in (own, *intruders))
