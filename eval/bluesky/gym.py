@@ -55,7 +55,7 @@ def _units() -> _Units:
     return _Units(
         _KM * given.WAYPOINT_DISTANCE_MAX,
         given.AC_SPD,
-        math.radians(given.D_units().heading),
+        math.radians(given.D_HEADING),
         _NM * given.INTRUSION_DISTANCE,
         _KM * given.DISTANCE_MARGIN,
         _STEP_OF_BLUESKY * given.ACTION_FREQUENCY,
