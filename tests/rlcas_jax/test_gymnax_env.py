@@ -115,7 +115,7 @@ def test_the_aircraft_may_differ_within_a_batch() -> None:
     many = params.replace(aircraft=UAS._replace(limits=limits))
     axes = jax.tree.map(lambda leaf: 0 if jnp.ndim(leaf) else None, many)
     _, state = jax.vmap(env.reset, (0, axes))(keys(0), many)
-    step = jax.vmap(env.step, (0, 0, None, axes))
+    step = jax.jit(jax.vmap(env.step, (0, 0, None, axes)))
     for _ in range(40):
         _, state, *_ = step(keys(3), state, jnp.asarray((1.0, 0.0)), many)
         assert (state.encounter.own.speed <= slower + 1e-4).all()
