@@ -176,6 +176,11 @@ def mirrored_one(seen: Scene) -> tuple[Scene, float]:
     return seen._replace(goal_y=-seen.goal_y, y=[-y for y in seen.y], vy=[-vy for vy in seen.vy]), sign
 
 
+_TIE = 1e-9
+"""What is on the line to the goal, to rounding, counts as left: two aircraft that are exact images of each other then
+turn to the same hand and pass, instead of to the same side of the world."""
+
+
 def _towards(x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_x: Any, goal_y: Any, xp: Any) -> Any:
     """Return how much an intruder counts, positive to the left of the line to the goal, ``[..., K]``."""
     away = xp.maximum(distance(x, y, xp), 1e-3)
@@ -184,7 +189,7 @@ def _towards(x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_x: Any, goal_y: A
     time = xp.clip(-(x * relative_x + y * relative_y) / square, 0.0, 30.0)
     closest_x, closest_y = x + relative_x * time, y + relative_y * time
     weight = 1.0 / ((1.0 + 0.1 * time * time) * (1.0 + closest_x * closest_x + closest_y * closest_y))
-    return weight * ((goal_x * y - goal_y * x) / away)
+    return weight * ((goal_x * y - goal_y * x) / away + _TIE)
 
 
 def _turned(x: Any, y: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:

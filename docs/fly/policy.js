@@ -71,7 +71,7 @@ function mirror(scene) {
     const time = clip(-(x * rx + y * vy) / (rx * rx + vy * vy + 0.0025), 0, 30);
     const cx = x + rx * time, cy = y + vy * time;
     const weight = 1 / ((1 + 0.1 * time * time) * (1 + cx * cx + cy * cy));
-    total += weight * ((goalX * y - goalY * x) / Math.max(Math.hypot(x, y), 1e-3));
+    total += weight * ((goalX * y - goalY * x) / Math.max(Math.hypot(x, y), 1e-3) + 1e-9);
   }
   const sign = total < 0 || Object.is(total, -0) ? -1 : 1;
   scene.goal[1] *= sign;

@@ -23,7 +23,7 @@ from agents.policy.inference import PARITY_TOLERANCE, Policy
 from envs import surrogate
 from envs.aircraft import PAPER
 from envs.encounters import scenario
-from envs.kinematics import SURROGATE, VehicleState
+from envs.kinematics import SURROGATE, VehicleState, advance, commands
 from envs.observation import NAMES
 from envs.outcome import RULES
 
@@ -309,3 +309,19 @@ def test_command_refuses_a_mask_of_another_shape():
     own, others, present, goal_x, goal_y = scenes()
     with pytest.raises(ValueError, match="present"):
         policy().command(own, others, present[:, 0], goal_x, goal_y)
+
+
+def test_two_exact_images_of_each_other_pass():
+    # Head-on with all numbers equal, the line to the goal is the line to the other: the sign of the mirror is a tie,
+    # which rounding would break for either of them by itself.
+    decided, limits, x, y = Policy.load(), PAPER.limits, 7000.0 * np.cos(1.0), 7000.0 * np.sin(1.0)
+    one, other = VehicleState(-x, -y, 1.0, 75.0), VehicleState(x, y, 1.0 + np.pi, 75.0)
+    closest = np.inf
+    for _ in range(150):
+        actions = decided.command_one(one, [other], x, y), decided.command_one(other, [one], -x, -y)
+        one, other = (
+            VehicleState(*map(float, advance(state, *commands(np.array(action), limits, np), 1.0, limits, np)))
+            for state, action in zip((one, other), actions, strict=True)
+        )
+        closest = min(closest, np.hypot(one.x - other.x, one.y - other.y))
+    assert closest > PAPER.separation
