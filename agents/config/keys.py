@@ -14,6 +14,29 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+RENAMED = {
+    "detour": "path_excess_cost",
+    "doubtful": "fallback_cost_threshold",
+    "rules": "aircraft",
+    "start_from": "warm_start",
+    "swing": "heading_change_cost",
+    "thorough": "exhaustive",
+    "turn": "turn_rate_cost",
+    "vehicle": "aircraft",
+}
+"""New names of keys by their old ones, each the last part of a dotted key; a refusal names the new one."""
+
+MOVED = {
+    "world.vehicle": "aircraft",
+    "world.separation": "aircraft.separation_m",
+    "world.goal_radius": "aircraft.goal_radius_m",
+    "world.t_max": "aircraft.t_max_s",
+    "evaluation.separation": "aircraft.separation_m",
+    "vehicle": "aircraft",
+    "rules": "aircraft",
+}
+"""New keys, from the top, by the old ones that a configuration may no longer have; a refusal names the new one."""
+
 _KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", Path: "a path"}
 _BOUNDS = {
     "gt": "above {}",

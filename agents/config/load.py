@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from agents.config.keys import expected, field_at, nearest, nested_model, one_of, shown
+from agents.config.keys import MOVED, RENAMED, expected, field_at, nearest, nested_model, one_of, shown
 from agents.config.yaml import YamlError, coerced, read, write
 from envs.edge.command import ConfigError, Parser
 
@@ -185,6 +185,12 @@ def _complaint(model: type[BaseModel], error: Any) -> str:
         return message if not key else f"{key}.{message}" if about_key else f"{key}: {message}"
     if kind == "extra_forbidden":
         names = list(_model_at(model, location[:-1]).model_fields)
+        renamed = RENAMED.get(str(location[-1]))
+        if renamed in names:
+            return f"{key} is now called {'.'.join(map(str, (*location[:-1], renamed)))}"
+        moved = MOVED.get(key)
+        if moved is not None and field_at(model, moved.split(".")) is not None:
+            return f"{key} is now called {moved}"
         close = nearest(str(location[-1]), names)
         hint = f"did you mean {'.'.join(map(str, (*location[:-1], close)))}?" if close else f"expected {_either(names)}"
         return f"{key} is unknown (its value is {shown(value)}); {hint}"

@@ -26,6 +26,7 @@ from envs.perception import Sensor
 from envs.traffic.text_file import number_of, text_of
 
 MOST_INTRUDERS = 64  # more rows for one encounter are refused as a mistake
+_MOST_PLACES = 2_000_000  # encounters times the intruders of the fullest one
 _FAR = 1_000_000.0
 _DEGREES = math.radians(1.0)
 
@@ -103,6 +104,12 @@ def read(path: str | os.PathLike[str], aircraft: Aircraft | None = None) -> tupl
         group.append((number, values))
     if not groups:
         raise EncounterError(f"{source}: no encounter, expected at least one line below the header")
+    places = len(groups) * max(map(len, groups.values()))
+    if places > _MOST_PLACES:
+        raise EncounterError(
+            f"{source}: {len(groups)} encounters of up to {places // len(groups)} intruders, expected a product of at "
+            f"most {_MOST_PLACES}: divide the file"
+        )
     return _encounters([[values for _, values in group] for group in groups.values()]), list(groups)
 
 
@@ -148,6 +155,8 @@ def write_rows(path: str | os.PathLike[str], groups: Sequence[Sequence[Sequence[
             csv.writer(file, lineterminator="\n").writerows(lines)
     except OSError as problem:
         raise EncounterError(f"{target}: cannot be written: {problem.strerror}") from problem
+    except UnicodeEncodeError as problem:
+        raise EncounterError(f"{target}: {ascii(problem.object)[:40]}, expected names that UTF-8 can hold") from None
 
 
 def _lines(source: str) -> list[tuple[int, list[str]]]:

@@ -18,9 +18,9 @@ from envs.traffic.text_file import json_of
 from envs.traffic.track_units import DEGREES, FOOT, KNOT, Range
 from envs.traffic.tracks import DISTANT, Repairs, Track, TrackError, summed
 
-_NAMES = ("ownship", "intruder")
 _STEP = 0.1
 _LONGEST = 36_000.0
+_LONGEST_FILE = 2_000_000.0  # s, of all encounters together
 _ANY = Range(-1e12, 1e12)
 _PLACE = Range(-DISTANT / FOOT, DISTANT / FOOT, FOOT)
 _STATE = {
@@ -71,6 +71,9 @@ def read_lincoln(path: str | os.PathLike[str], *, repair: bool = False) -> list[
     if not isinstance(found, list) or not found:
         raise TrackError(f"{source}: expected a list of encounters that is not empty")
     encounters = [_encounter(each, f"{source} encounter {i + 1}", repair) for i, each in enumerate(found)]
+    total = sum(one.duration for one in encounters)
+    if total > _LONGEST_FILE:
+        raise TrackError(f"{source}: {total:.0f} s in all, expected at most {_LONGEST_FILE:.0f} s: divide the file")
     numbers: set[int] = set()
     for i, one in enumerate(encounters):
         if one.number in numbers:
@@ -85,7 +88,7 @@ def tracks_of(encounter: LincolnEncounter) -> tuple[Track, Track]:
     The speed along the flight path grows by the acceleration, its horizontal part is what the vertical rate leaves of
     it, and the track turns at the turn rate; each event holds until the next one.
     """
-    own, intruder = (_flown(encounter, i, name) for i, name in enumerate(_NAMES))
+    own, intruder = (_flown(encounter, i, name) for i, name in enumerate(("ownship", "intruder")))
     return own, intruder
 
 
@@ -133,16 +136,21 @@ def _encounter(each: Any, where: str, repair: bool) -> LincolnEncounter:
         raise TrackError(f"{where}, field id: {number:g}, expected a whole number")
     if not weight > 0.0:
         raise TrackError(f"{where}, field w: {weight:g}, expected a positive weight")
-    own, other = (_events(events[i], f"{where}, {name}'s events", repair) for i, name in enumerate(_NAMES))
+    read = []
+    for i, name in enumerate(("ownship", "intruder")):
+        label = f"{where}, {name}'s events"
+        read.append(_events(events[i], label, repair))
+        _check_flight(read[i][0], duration, float(state[2][i]), float(state[3][i]), label)
+    (own, own_repairs), (other, other_repairs) = read
     return LincolnEncounter(
         int(number),
         *state,
         duration=duration,
-        events=(own[0], other[0]),
+        events=(own, other),
         miss=miss * FOOT,
         time=(time - 1.0) * _STEP,
         weight=weight,
-        repairs=summed([own[1], other[1]]),
+        repairs=summed([own_repairs, other_repairs]),
     )
 
 
@@ -168,6 +176,24 @@ def _events(rows: Any, where: str, repair: bool) -> tuple[np.ndarray, Repairs]:
         kept.append(values)
     # Without events nothing is ever commanded.
     return np.array(kept or [[0.0] * len(_EVENT_FIELDS)]), Repairs(not_finite=bad, out_of_order=late)
+
+
+def _check_flight(events: np.ndarray, duration: float, altitude: float, speed: float, where: str) -> None:
+    """Raise where events lead out of the altitudes and speeds that a file may begin with."""
+    held = np.diff(np.clip(np.append(events[:, 0], duration), 0.0, duration))
+    for name, key, begin, rates in (
+        ("altitude", "h_ft", altitude, events[:, 1]),
+        ("speed", "v_ftps", speed, events[:, 3]),
+    ):
+        low, high, scale, _ = _STATE[key]
+        values = (begin + np.cumsum(rates * held)) / scale
+        # A speed that would fall below 0 stays there.
+        if values.max() > high or (key == "h_ft" and values.min() < low):
+            row = int(np.argmax((values > high) | (values < low)))
+            raise TrackError(
+                f"{where}, row {row + 1}: leads to the {name} {values[row]:.6g}, expected at most {high:.6g} "
+                f"and at least {low:g}, as of {key}"
+            )
 
 
 def _is_none(value: Any) -> bool:

@@ -9,6 +9,8 @@ from typing import Any
 from envs.edge.files import check_regular
 
 _MOST_BYTES = 128 * 2**20  # of the text, after unpacking
+_MOST_LINES = 2_000_000
+_MOST_PARTS = 10_000_000  # lists and objects in a JSON file
 
 
 def text_of(source: str, error: type[Exception]) -> str:
@@ -39,13 +41,19 @@ def text_of(source: str, error: type[Exception]) -> str:
 
 def lines_of(source: str, error: type[Exception]) -> list[str]:
     """Return the lines of a file; arguments as of :func:`text_of`."""
-    return text_of(source, error).splitlines()
+    text = text_of(source, error)
+    if text.count("\n") > _MOST_LINES:
+        raise error(f"{source}: more than {_MOST_LINES} lines, expected at most so many: divide the file")
+    return text.splitlines()
 
 
 def json_of(source: str, error: type[Exception]) -> Any:
     """Return the content of a JSON file, NaN and Infinity allowed; arguments as of :func:`text_of`."""
+    text = text_of(source, error)
+    if text.count("{") + text.count("[") > _MOST_PARTS:
+        raise error(f"{source}: more than {_MOST_PARTS} lists and objects, expected at most so many: divide the file")
     try:
-        return json.loads(text_of(source, error))
+        return json.loads(text, object_pairs_hook=_distinct)
     except json.JSONDecodeError as problem:
         raise error(f"{source} line {problem.lineno}: not JSON, or cut off: {problem.msg}") from None
     except (ValueError, RecursionError) as problem:
@@ -57,3 +65,12 @@ def number_of(text: str) -> float:
     if "_" in text:  # float() takes underscores, but they are no part of a number in a data file
         raise ValueError
     return float(text)
+
+
+def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    made = dict(pairs)
+    if len(made) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"{twice[:40]!r} stands twice in one object")
+    return made

@@ -401,7 +401,7 @@ def test_a_translator_passes_live_traffic_on_and_says_what_is_wrong() -> None:
         health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
         connection, _ = server.accept()
         with connection:
-            connection.sendall(b"who is there\n")
+            connection.sendall(b"no such line\n")
             client.spin(lambda: health and "line is" in health[-1].status[0].message)
             connection.sendall(f"{line(3, 0.0, lat=47.1, lon=8.2)}\n".encode())
             client.spin(lambda: states)

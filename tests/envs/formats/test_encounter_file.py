@@ -24,7 +24,7 @@ from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from envs.traffic.encounter_model import read_model
-from envs.traffic.text_file import json_of, text_of
+from envs.traffic.text_file import json_of, lines_of, text_of
 from envs.traffic.tracks import TrackError
 from tests.envs.formats.test_adsb_file import pairs_of
 
@@ -271,8 +271,17 @@ def test_a_gzip_file_that_is_cut_off_is_refused(tmp_path: Path, cut: int) -> Non
         json_of(str(path), TrackError)
 
 
-def test_json_that_is_nested_without_end_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "deep"
+def test_lines_lists_and_depth_are_bounded(tmp_path: Path) -> None:
+    path = tmp_path / "many"
+    path.write_bytes(b"\n" * 2_000_001)
+    with pytest.raises(TrackError, match="more than 2000000 lines"):
+        lines_of(str(path), TrackError)
+    path.write_bytes(b"[" + b"[]," * 10_000_000 + b"1]")
+    with pytest.raises(TrackError, match="more than 10000000 lists"):
+        json_of(str(path), TrackError)
+    path.write_text('[{"latitude": 1, "latitude": 2}]')
+    with pytest.raises(TrackError, match="not usable as JSON: 'latitude' stands twice in one object"):
+        json_of(str(path), TrackError)
     path.write_bytes(b"[" * 100_000)
     with pytest.raises(TrackError, match="not usable as JSON"):
         json_of(str(path), TrackError)

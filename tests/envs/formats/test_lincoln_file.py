@@ -84,6 +84,8 @@ def test_flights_meet_the_published_miss_distances() -> None:
             lambda one: one[EVENTS][0][1].__setitem__(2, 3.0),
             "row 2, turn rate: 3, expected -1 to 1 (are these",
         ),
+        (lambda one: one[EVENTS][0][1].__setitem__(3, 100.0), "row 2: leads to the speed 5200, expected at most"),
+        (lambda one: one[EVENTS][1][0].__setitem__(1, -900.0), "row 1: leads to the altitude -51000, expected at most"),
         (lambda one: one.update(runTime_s=0), "field runTime_s: 0, expected more than 0"),
         (lambda one: one.update(id=1.5), "field id: 1.5, expected a whole number"),
         (lambda one: one["v_ftps"].__setitem__(0, 10**400), "expected a finite number"),
