@@ -55,7 +55,8 @@ def check_intruders(most: int, count: int) -> None:
     """
     if count > most:
         raise OutsideDomainError(
-            f"outside_domain: there are {count} intruders; expected {most} at most, what the policy was trained with"
+            f"outside_domain: there are {count} intruders; expected {most} at most, what the policy was trained with "
+            "(--allow-outside-domain flies all the same)"
         )
 
 
