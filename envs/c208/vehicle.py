@@ -15,6 +15,7 @@ from envs.c208.autopilot import TICK, Autopilot, Measured
 from envs.c208.conditions import CALM, TURBULENCE, Conditions, check_start
 from envs.c208.facts import FOOT, POUND, SLUG_PER_FT3, value
 from envs.c208.fdm import STEP, Fdm
+from envs.c208.flightgear import FlightGear
 from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve, surfaces
 from envs.kinematics import VehicleState
 
@@ -46,6 +47,7 @@ class C208Vehicle:
         variant: name in :data:`envs.c208.facts.VARIANTS`.
         conditions: loading, wind and turbulence.
         altitude: held, m above the sea.
+        viewer: that shows the flight from its start on.
 
     Raises:
         StartError: the aircraft cannot fly so slowly or so fast at the start.
@@ -60,8 +62,9 @@ class C208Vehicle:
         variant: str = "ex",
         conditions: Conditions = CALM,
         altitude: float = REFERENCE_ALTITUDE,
+        viewer: FlightGear | None = None,
     ) -> None:
-        self._variant = variant
+        self._variant, self._viewer = variant, viewer
         self.reset(state, conditions, altitude)
 
     def reset(self, state: VehicleState, conditions: Conditions = CALM, altitude: float = REFERENCE_ALTITUDE) -> None:
@@ -72,6 +75,9 @@ class C208Vehicle:
         """
         check_start(state, conditions, altitude)
         self.fdm = Fdm(self._variant, conditions.loading)
+        self._run = self.fdm.exec.run
+        if self._viewer is not None:
+            self._viewer.attach(self.fdm.exec)
         self._nodes()
         self.conditions, self._altitude = conditions, altitude
         self.state, self.time = state, 0.0
@@ -88,6 +94,8 @@ class C208Vehicle:
         self._offset = (float(state.x) - now.x, float(state.y) - now.y)
         self.time = 0.0
         self._rows.clear()
+        if self._viewer is not None:
+            self._run = self._viewer.begin(self.fdm.exec)
         self._see()
 
     def _nodes(self) -> None:
@@ -160,6 +168,13 @@ class C208Vehicle:
         """Return the flight so far, a row a period of the autopilot, columns :data:`LOG_COLUMNS`, ``[T, 11]``."""
         return np.array(self._rows).reshape(-1, len(LOG_COLUMNS))
 
+    def show(self, others: VehicleState) -> None:
+        """Show intruders ``[K]`` to the viewer, if there is one, at the altitude held."""
+        if self._viewer is not None:
+            longitude = (others.x - self._offset[0]) / self._scale[0]
+            latitude = (others.y - self._offset[1]) / self._scale[1]
+            self._viewer.send(latitude, longitude, self._altitude, others)
+
     def _tick(self, acceleration: float, yaw_rate: float) -> None:
         demands = air_demands(self.state, acceleration, yaw_rate, self._wind, self.autopilot.reach)
         controls = self.autopilot.fly(self.measured, *demands)
@@ -169,9 +184,8 @@ class C208Vehicle:
         for write, command in zip(self._write, commands, strict=True):
             write(command)
         self._throttle = controls.throttle
-        run = self.fdm.exec.run
         for _ in range(_SUBSTEPS):
-            run()
+            self._run()
         self.time += TICK
         self._see()
 

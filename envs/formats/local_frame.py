@@ -108,6 +108,8 @@ def carried(latitude: float, longitude: float, east: float, north: float, second
     return float(latitude), float(longitude)
 
 
-def geocentric(latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
-    """Return points (rad) of the ellipsoid in Cartesian coordinates about the Earth's centre, m, ``[..., 3]``."""
-    return np.stack(_cartesian().transform(longitude, latitude, np.zeros_like(latitude), radians=True), axis=-1)
+def geocentric(latitude: np.ndarray, longitude: np.ndarray, altitude: float = 0.0) -> np.ndarray:
+    """Return points (rad, m above the ellipsoid) in Cartesian coordinates about the Earth's centre, m, ``[..., 3]``."""
+    return np.stack(
+        _cartesian().transform(longitude, latitude, np.full_like(latitude, altitude), radians=True), axis=-1
+    )

@@ -4,6 +4,7 @@ All positions are over the ground. The traffic flies in the air mass, as the sur
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -55,12 +56,15 @@ class Flight(NamedTuple):
 class Traffic:
     """The intruders of one encounter ``[1]`` in an air mass that the wind carries: true motion, and reports.
 
-    The noise of the sensors is by second, ``[4, 1, K]``; None for perfect knowledge.
+    The noise of the sensors is by second, ``[4, 1, K]``; None for perfect knowledge. ``watch`` is called after every
+    period with the intruders that exist.
     """
 
-    def __init__(self, encounter: Encounter, wind: Wind, noise: Any = None) -> None:
+    def __init__(
+        self, encounter: Encounter, wind: Wind, noise: Any = None, watch: Callable[[VehicleState], None] | None = None
+    ) -> None:
         self._intent, self._mask, self._sensor = encounter.intent, encounter.mask, encounter.sensor
-        self._wind, self._noise, self._clock = wind, noise, 0
+        self._wind, self._noise, self._watch, self._clock = wind, noise, watch, 0
         self._state = intruder.start(encounter.intruders, np)
         seen = encounter.intruders
         self._previous = carried_back(seen, 1.0, np), carried_back(seen, 2.0, np)
@@ -95,6 +99,11 @@ class Traffic:
         self._clock += 1
         return over_ground(whole, self._wind, clock + times)
 
+    def show(self, whole: VehicleState, period: int) -> None:
+        """Let the watch see a period of what :meth:`second` returned."""
+        if self._watch is not None:
+            self._watch(VehicleState(*(field[period, self._mask[0]] for field in whole)))
+
 
 def fly(
     vehicle: Airborne,
@@ -121,6 +130,7 @@ def fly(
     failure: str | None = None
     for clock in range(until):
         pilot.decide(clock, navigation.seen(vehicle.state, float(clock)), traffic.reported())
+        whole = traffic.second()
         try:
             for step in range(SUBSTEPS):
                 time = clock + step * PERIOD
@@ -130,10 +140,10 @@ def fly(
                 states.append(vehicle.state)
                 altitudes.append(vehicle.altitude)
                 lates.append(pilot.late)
+                traffic.show(whole, step + 1)
         except FlightError as problem:
             failure = str(problem)
             break
-        whole = traffic.second()
         others.append(VehicleState(*(field[-1:] for field in whole)))
         separations.append(_apart(states[-SUBSTEPS - 1 :], whole, traffic.mask))
         near = math.hypot(goal[0] - states[-1].x, goal[1] - states[-1].y) <= rules.goal_radius

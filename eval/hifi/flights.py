@@ -15,6 +15,7 @@ from agents.planner.traffic import Traffic as Known
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.c208.air_mass import Wind, over_ground, through_air
+from envs.c208.flightgear import FlightGear
 from envs.c208.guidance import Path as Track
 from envs.c208.vehicle import FlightError, StartError
 from envs.encounters import Encounter, Scenario
@@ -50,6 +51,7 @@ class Campaign(NamedTuple):
     setting: Setting
     vehicle: str  # that flies, one of eval.hifi.config.VEHICLES
     family: ConditionConfig  # of the conditions
+    viewer: FlightGear | None = None  # of vehicles in JSBSim
 
 
 class Scene(NamedTuple):
@@ -174,12 +176,13 @@ def _fly(
 ) -> tuple[Flight | None, str | None]:
     """Fly with a pilot; return the flight, or why it could not begin."""
     try:
-        vehicle: Any = begin(campaign.vehicle, scene.own, scene.drawn, campaign.setting.limits)
+        vehicle: Any = begin(campaign.vehicle, scene.own, scene.drawn, campaign.setting.limits, campaign.viewer)
     except StartError as problem:
         return None, str(problem)
     except FlightError as problem:
         return None, f"the aircraft is lost before the start: {problem}"
     navigation = Navigation(campaign.family.own_position_std, campaign.seed, number)
     goal = float(scene.route.x[1]), float(scene.route.y[1])
-    traffic = Traffic(scene.encounter, scene.wind, scene.noise)
+    watch = None if campaign.viewer is None else vehicle.show
+    traffic = Traffic(scene.encounter, scene.wind, scene.noise, watch)
     return fly(vehicle, pilot, navigation, traffic, goal, campaign.aircraft.rules(), until, ends), None

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.config.load import Parser
+from agents.config.load import ConfigError, Parser
 from eval.runner.command import cluster_of, concluded, flown_on, run_in, whole_table
 from eval.runner.options import first_options, last_options, loaded, named_policy, named_source, whole
 
 if TYPE_CHECKING:
     from envs.aircraft import Aircraft
+    from envs.c208.flightgear import FlightGear
     from eval.hifi.config import HifiConfig
     from eval.hifi.flights import Campaign
     from eval.hifi.rows import HifiFolder
@@ -65,6 +66,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--scenario", metavar="NAME", help="a scenario's name or file:PATH (default: circle)")
     add("--flights", type=whole(1), metavar="N", help="how many (default: 200, or all of a file's)")
     add("--seed", type=whole(0), metavar="N", help="of encounters, conditions and noise (default: 0)")
+    add("--flightgear", metavar="HOST:PORT", help="show the flights, one after the other in real time, in FlightGear")
     last_options(parser, "hifi")
     return parser
 
@@ -72,16 +74,18 @@ def _parser() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace) -> int:
     begun = time.perf_counter()
     config = _config(options)
+    viewer = None if options.flightgear is None else _viewer(options, config)
     from eval.hifi.flights import prepared
     from eval.hifi.rows import HifiFolder, columns
     from eval.runner.workers import DECISIVE, Task, cores
 
     with cluster_of(options, _DECISIVE) as cluster:
         workers = config.workers or cores() if cluster is None else cluster.size()
+        workers = workers if viewer is None else 1
         campaign, config = campaign_of(config, workers)
         folder = HifiFolder(options.out or Path("runs") / time.strftime("hifi_%Y%m%d_%H%M%S"), config)
         task = Task(prepared, columns, (*DECISIVE, *_DECISIVE))
-        fly = flown_on(cluster, workers, task, campaign, str(config.policy_sha256))
+        fly = flown_on(cluster, workers, task, campaign._replace(viewer=viewer), str(config.policy_sha256))
         with run_in(folder, config, resume=options.resume):
             table, flown = whole_table(folder, config, fly, "flights", "python -m eval.hifi")
             summary = _summary(table, config, campaign.aircraft, time.perf_counter() - begun, flown)
@@ -99,6 +103,16 @@ def _config(options: argparse.Namespace) -> "HifiConfig":
 
     keys = {"mode": "mode", "vehicle": "vehicle", "condition": "condition.name", "flights": "encounters"}
     return loaded(HifiConfig, options, keys | {"seed": "seed", "workers": "workers"}, "")
+
+
+def _viewer(options: argparse.Namespace, config: "HifiConfig") -> "FlightGear":
+    from envs.c208.flightgear import flightgear_at
+
+    if config.vehicle not in ("c208_ex", "c208"):
+        raise ConfigError(f"--flightgear: vehicle is {config.vehicle}; expected c208_ex or c208, which JSBSim flies")
+    if options.scheduler is not None or options.workers not in (None, 1):
+        raise ConfigError("--flightgear shows one flight at a time; expected no --scheduler, and no --workers but 1")
+    return flightgear_at(options.flightgear, paced=True)
 
 
 def campaign_of(config: "HifiConfig", workers: int = 1) -> "tuple[Campaign, HifiConfig]":

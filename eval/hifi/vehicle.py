@@ -9,6 +9,7 @@ from agents.planner.options import speed_range
 from envs import draws
 from envs.c208.air_mass import Wind, air_commands, over_ground, through_air
 from envs.c208.facts import VARIANTS, value
+from envs.c208.flightgear import FlightGear
 from envs.c208.guidance import LOOKAHEAD, Lookahead
 from envs.c208.point_mass import PointMassVehicle
 from envs.c208.propulsion import DENSITY_0
@@ -46,9 +47,9 @@ class Airborne(Protocol):
 
 
 class _Cessna:
-    def __init__(self, own: VehicleState, variant: str, drawn: Drawn) -> None:
-        self._vehicle = C208Vehicle(own, variant, drawn.air, drawn.altitude)
-        self.step = self._vehicle.step
+    def __init__(self, own: VehicleState, variant: str, drawn: Drawn, viewer: FlightGear | None) -> None:
+        self._vehicle = C208Vehicle(own, variant, drawn.air, drawn.altitude, viewer)
+        self.step, self.show = self._vehicle.step, self._vehicle.show
 
     @property
     def state(self) -> VehicleState:
@@ -103,8 +104,10 @@ class Navigation:
         return state._replace(x=state.x + x0 + share * (x1 - x0), y=state.y + y0 + share * (y1 - y0))
 
 
-def begin(kind: str, own: VehicleState, drawn: Drawn, limits: Limits) -> Airborne:
+def begin(kind: str, own: VehicleState, drawn: Drawn, limits: Limits, viewer: FlightGear | None = None) -> Airborne:
     """Return a vehicle, a key of :data:`VARIANT_OF`, at the beginning of its flight over the ground.
+
+    A viewer shows the Cessna.
 
     Raises:
         StartError: the aircraft cannot fly so slowly or so fast.
@@ -115,7 +118,7 @@ def begin(kind: str, own: VehicleState, drawn: Drawn, limits: Limits) -> Airborn
         return _Kinematic(own, limits, wind, drawn.altitude)
     if kind == "point_mass":
         return PointMassVehicle(own, VARIANT_OF[kind], wind, drawn.altitude)
-    return _Cessna(own, VARIANT_OF[kind], drawn)
+    return _Cessna(own, VARIANT_OF[kind], drawn, viewer)
 
 
 def reach_of(kind: str, limits: Limits, drawn: Drawn) -> tuple[float, float]:

@@ -80,6 +80,13 @@ class Simulator(Node):
             raise ValueError(f"vehicle is {self._value('vehicle')!r}, expected one of {', '.join(VEHICLES)}")
         if self._value("vehicle") != VEHICLES[0] and importlib.util.find_spec("jsbsim") is None:
             raise ValueError(f"vehicle {self._value('vehicle')} needs jsbsim (pip install 'rlcas-toolkit[sim]')")
+        self._viewer: Any = None
+        if self._value("flightgear"):
+            if self._value("vehicle") != "c208":
+                raise ValueError(f"flightgear: vehicle is {self._value('vehicle')}, expected c208, which JSBSim flies")
+            from envs.c208.flightgear import flightgear_at
+
+            self._viewer = flightgear_at(self._value("flightgear"), paced=False)  # the timer is the pace
         self.logs: list[FlightLog] = []
         """Of the encounters flown so far."""
         self._phase = _Phase.IDLE
@@ -135,7 +142,8 @@ class Simulator(Node):
         One that cannot be flown is over at once, and its log holds the reason.
         """
         try:
-            self._flight = EncounterFlight(encounter, self.aircraft, limits_of(self._value), self._value("vehicle"))
+            kind, limits = self._value("vehicle"), limits_of(self._value)
+            self._flight = EncounterFlight(encounter, self.aircraft, limits, kind, self._viewer)
         except SimulationError as error:
             self.logs.append(FlightLog(name, self._value("separation"), failure=str(error)))
             return
@@ -164,6 +172,7 @@ class Simulator(Node):
             return
         wall = time.perf_counter()
         rate = self._value("deciding_rate" if self._deciding() else "rate")
+        rate = rate if self._viewer is None else min(rate, 1.0)
         # Timers beat a little early or late; the mean rate is what counts.
         if wall - self._last < 0.9 * PERIOD / rate:
             return

@@ -74,8 +74,10 @@ class FlightPath:
         return float(acceleration), float(yaw_rate)
 
 
-def vehicle(name: str, state: VehicleState, limits: Limits) -> Vehicle:
+def vehicle(name: str, state: VehicleState, limits: Limits, viewer: Any = None) -> Vehicle:
     """Return an ownship of these limits; JSBSim is loaded for those that need it alone.
+
+    A viewer, an :class:`envs.c208.flightgear.FlightGear`, shows the one in JSBSim.
 
     Raises:
         SimulationError: the name is unknown, what it needs is not installed, or it cannot fly so.
@@ -98,7 +100,7 @@ def vehicle(name: str, state: VehicleState, limits: Limits) -> Vehicle:
     if name == "point_mass":
         return PointMassVehicle(state, altitude=ALTITUDE)
     try:
-        return C208Vehicle(state, altitude=ALTITUDE)
+        return C208Vehicle(state, altitude=ALTITUDE, viewer=viewer)
     except FlightError as error:
         raise SimulationError(f"vehicle {name!r}: {error}") from error
 
@@ -119,14 +121,18 @@ class EncounterFlight:
         aircraft: the ownship and its task.
         limits: what the ownship's vehicle can do.
         kind: of the ownship's vehicle, one of :data:`VEHICLES`.
+        viewer: as :func:`vehicle` has it.
 
     Raises:
         SimulationError: as :func:`vehicle` has it.
     """
 
-    def __init__(self, encounter: Encounter, aircraft: Aircraft, limits: Limits, kind: str = "kinematic") -> None:
+    def __init__(
+        self, encounter: Encounter, aircraft: Aircraft, limits: Limits, kind: str = "kinematic", viewer: Any = None
+    ) -> None:
         start = VehicleState(*(float(field[0]) for field in encounter.own))
-        self.vehicle = vehicle(kind, start, limits)
+        self.vehicle: Any = vehicle(kind, start, limits, viewer)
+        self._viewer = viewer
         self._goal_radius, self._response = aircraft.goal_radius, aircraft.dt
         self.lags = kind != "kinematic"
         self.time = 0.0
@@ -174,6 +180,8 @@ class EncounterFlight:
         after = self.own
         self._intruders = intruder.step(self._intruders, self._intent, self.time, PERIOD, np, response=self._response)
         self.time = round(self.time + PERIOD, 6)
+        if self._viewer is not None:
+            self.vehicle.show(self._intruders.vehicle)
         apart = leg_separation(before, after, others, self._intruders.vehicle, PERIOD, np)
         least = float(np.min(apart, initial=math.inf))
         if least < self.truth.separation:

@@ -134,6 +134,7 @@ PARAMETERS = (
     Parameter("simulator", "encounter", 0, f"number of the first{_START}"),
     Parameter("simulator", "encounters", 1, f"how many are flown, one after the other{_START}"),
     Parameter("simulator", "vehicle", "kinematic", "kinematic, point_mass or c208 (JSBSim)"),
+    Parameter("simulator", "flightgear", "", "HOST:PORT of a FlightGear that shows the c208 in real time; empty: none"),
     Parameter(
         "simulator pilot", "monitor", True, f"whether to fly what the monitor selects; else the newest plan{_START}"
     ),

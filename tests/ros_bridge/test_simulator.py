@@ -93,6 +93,7 @@ def test_encounter_that_cannot_be_flown_is_a_logged_failure():
         ("encounters:=0", "encounters is 0, expected 1 or more"),
         ("seed:=-1", "seed is -1; expected 0 <= seed"),
         ("traffic_dropout:=2.0", "traffic_dropout"),
+        ("flightgear:=localhost:5550", "flightgear: vehicle is kinematic, expected c208"),
     ],
 )
 def test_bad_parameters_end_with_one_line_and_code_2(given: str, says: str, capfd):

@@ -1,0 +1,99 @@
+"""FlightGear as a viewer: JSBSim's own output moves its aircraft, multiplayer packets move the intruders.
+
+All is UDP: a FlightGear that is not there goes unnoticed. The ownship's packets (FGNetFDM of FlightGear's net_fdm.hxx,
+version 24) go to the port named, the intruders' (T_MsgHdr and T_PositionMsg of its mpmessages.hxx) to the next one.
+"""
+
+import math
+import socket
+import struct
+import tempfile
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from envs.c208.fdm import STEP
+from envs.edge.command import ConfigError
+from envs.formats.local_frame import geocentric
+from envs.kinematics import VehicleState
+
+__all__ = ["FlightGear", "flightgear_at"]
+
+_PACKET = struct.Struct(">6I8s96s5d15fI")
+_HEADER = 0x46474653, 0x00010001, 7, _PACKET.size, 100, 0  # "FGFS", protocol 1.1, a position, length, range NM, no port
+_MODEL = b"Aircraft/c172p/Models/c172p.xml"  # of FlightGear's base package
+_LAG = 0.1  # between two packets, s
+
+
+class FlightGear(NamedTuple):
+    """Where flights are shown."""
+
+    host: str  # IPv4 address
+    port: int  # of the ownship's packets
+    paced: bool  # whether JSBSim is held to real time
+
+    def attach(self, executive: Any) -> None:
+        """Give JSBSim its output to here, silent until :meth:`begin`; its next initial conditions open it."""
+        name = f'name="{self.host}" port="{self.port}" protocol="UDP"'
+        with tempfile.NamedTemporaryFile("w", suffix=".xml") as file:
+            file.write(f'<output type="FLIGHTGEAR" rate="{1.0 / STEP:g}" {name}/>')
+            file.flush()
+            executive.set_output_directive(file.name)
+        executive.disable_output()
+
+    def begin(self, executive: Any) -> Callable[[], bool]:
+        """Show what JSBSim flies from now on; return what runs one of its steps, in real time where that is asked."""
+        executive.enable_output()
+        due = time.monotonic()
+
+        def run() -> bool:
+            nonlocal due
+            now = time.monotonic()
+            due = max(due + STEP, now)  # what was late is not caught up
+            time.sleep(due - now)
+            return executive.run()
+
+        return run if self.paced else executive.run
+
+    def send(self, latitude: np.ndarray, longitude: np.ndarray, altitude: float, others: VehicleState) -> None:
+        """Show intruders ``[K]``, wings level: their places, rad, altitude, m, headings and speeds."""
+        places = geocentric(latitude, longitude, altitude)
+        turned = _rotation(latitude, longitude, math.pi / 2.0 - others.heading)
+        now = time.time()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+            for number, (place, axis, speed) in enumerate(zip(places, turned, others.speed, strict=True)):
+                name = f"INTR{number + 1}".encode()
+                still = (0.0,) * 11  # sideways and down, turn rates, accelerations
+                packet = _PACKET.pack(*_HEADER, name, _MODEL, now, _LAG, *place, *axis, speed, *still, 0)
+                udp.sendto(packet, (self.host, self.port + 1))
+
+
+def flightgear_at(address: str, *, paced: bool) -> FlightGear:
+    """Return the FlightGear at ``HOST:PORT``.
+
+    Raises:
+        ConfigError: that is no address, or its host cannot be resolved.
+    """
+    host, _, port = address.rpartition(":")
+    wanted = "expected HOST:PORT with a port of 1 to 65534, such as localhost:5550"
+    if not host or not port.isdecimal() or not 0 < int(port) < 65535:
+        raise ConfigError(f"flightgear is {address!r}; {wanted}")
+    try:
+        found = socket.getaddrinfo(host, int(port), socket.AF_INET, socket.SOCK_DGRAM)
+    except (OSError, UnicodeError):
+        raise ConfigError(f"flightgear is {address!r}, whose host cannot be resolved; {wanted}") from None
+    return FlightGear(str(found[0][4][0]), int(port), paced)
+
+
+def _rotation(latitude: np.ndarray, longitude: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    """Return the turn from the Earth's axes to those of level aircraft, angle times axis, ``[K, 3]``.
+
+    It is the product of the quaternions about z by the longitude, y by -(90 degrees + latitude), z by the heading.
+    """
+    a, b, c = 0.5 * longitude, -0.25 * math.pi - 0.5 * latitude, 0.5 * heading
+    real = np.cos(a + c) * np.cos(b)
+    axis = np.stack((np.sin(c - a) * np.sin(b), np.cos(c - a) * np.sin(b), np.sin(a + c) * np.cos(b)), axis=-1)
+    length = np.linalg.norm(axis, axis=-1)
+    return axis * (2.0 * np.arctan2(length, real) / length)[:, None]
