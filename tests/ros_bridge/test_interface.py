@@ -1,6 +1,7 @@
 """What others rely on: parameters, public names, codes of messages, the page about ROS graphs."""
 
 import importlib
+import json
 import math
 import os
 import re
@@ -24,6 +25,7 @@ from ros_bridge.nodes.monitor import Monitor
 from ros_bridge.nodes.runner import Runner
 from ros_bridge.transport import parameters
 from ros_bridge.transport.overrides import refuse_unknown_nodes
+from ros_bridge.transport.recording import TOPICS
 from tests.ros_bridge.graph import beside
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference" / "ros-parameters.md"
@@ -32,6 +34,20 @@ DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference" / "ros-paramet
 def test_the_docs_are_current():
     wanted = "expected the output of `python -m ros_bridge.transport.parameters` in docs/reference/ros-parameters.md"
     assert parameters.reference() in DOCS.read_text(encoding="utf-8"), wanted
+
+
+def test_the_layout_for_viewers_names_what_is_recorded():
+    layout = json.loads((DOCS.parents[1] / "assets" / "foxglove-layout.json").read_text(encoding="utf-8"))
+    recorded = {f"/{name.removeprefix('/')}": kind for kind, name, _ in TOPICS}
+    panels = layout["configById"]
+    shown = [*panels["3D!plan"]["topics"], panels["DiagnosticSummary!health"]["topicToRender"]]
+    assert set(shown) <= set(recorded)
+    values = [path["value"] for panel in panels.values() for path in panel.get("paths", [])]
+    assert len(values) == 5
+    for topic, _, field in (value.rpartition(".") for value in values):
+        assert field in recorded[topic].get_fields_and_field_types()
+    placed = re.findall(r'"(\w+!\w+)"', json.dumps(layout["layout"]))
+    assert sorted(placed) == sorted(panels)
 
 
 @pytest.mark.parametrize("node", parameters.NODES)
