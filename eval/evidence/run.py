@@ -47,6 +47,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         write_file(store, written_results(results))
         print("\n".join(f"written: {path.relative_to(ROOT)}" for path in publish(ROOT, listed, results)))
         return 0
+    if options.dossier is not None:
+        from eval.evidence.dossier import write
+
+        results = published(listed, policy, read_results(ROOT / "docs/reference/evidence.json"), options.out)
+        about = {"policy": policy, "commit": str(_commit())}
+        print(write(ROOT, options.dossier, listed, results, about, options.out))
+        return 0
     options.out.mkdir(parents=True, exist_ok=True)
     failed = False
     for name in names:
@@ -64,6 +71,12 @@ def _parser() -> argparse.ArgumentParser:
     size.add_argument("--quick", action="store_const", const=0.01, dest="scale", help="the same as --scale 0.01")
     size.add_argument("--scale", type=real(1e-4, 100.0), metavar="S", help="times the listed encounters (default: 1)")
     add("--tables", action="store_true", help="run nothing: write the tables of README and docs from --out")
+    add(
+        "--dossier",
+        type=Path,
+        metavar="FILE",
+        help="run nothing: write the assurance case of configs/dossier.yaml, HTML",
+    )
     add("--scheduler", metavar="ADDRESS", help="of a Dask cluster, for the commands that take one")
     add("--list", type=Path, default=ROOT / "configs/evidence.yaml", metavar="FILE", help="what is evaluated")
     add("--out", type=Path, default=ROOT / "runs/evidence", metavar="DIR", help="folder (default: runs/evidence)")

@@ -49,7 +49,7 @@ def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) 
     """Return a table, what of it is not measured, and whose figures these are."""
     table, place = listed.tables[name], page.parent
     names = [one for one in listed.rows(name) if one in results]
-    rows = [["", *table.columns], *(_row(listed.results[one], results[one], table.columns) for one in names)]
+    rows = [["", *table.columns], *(row_of(listed.results[one], results[one], table.columns) for one in names)]
     if not table.columns:
         rows = rows_of_cells(listed, results, names)
     lines = [f"| {' | '.join(row)} |" for row in rows]
@@ -63,8 +63,8 @@ def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) 
     return "\n".join(lines)
 
 
-def _row(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) -> list[str]:
-    """Return the cells of a result."""
+def row_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) -> list[str]:
+    """Return the title of a result and its cells."""
     figures = {**result, **result["figures"], "command": f"`{result['command']}`"}
     if entry.claim is not None:
         key, sign, bound = entry.claim

@@ -21,7 +21,7 @@ from eval.plots.style import MARKERS
 from eval.report.data import NEAR, NEAREST, Choice, json_text
 from eval.report.folder import Run
 
-__all__ = ["page"]
+__all__ = ["Filled", "asset", "figure", "page"]
 
 _CAPTIONS = {
     "initial_conditions": "Where the intruder is when an encounter begins; failures are marked.",
@@ -32,19 +32,21 @@ _LISTED = 50  # encounters that a sentence names at most
 _TILES = ("success_given_resolvable", "violation_rate", "risk_ratio", "score_mean")
 
 
-class _Page(Template):
+class Filled(Template):
+    """HTML with ``@@NAME`` where text is to be filled in."""
+
     delimiter = "@@"
 
 
 def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -> str:
     """Return the page's HTML, with data for its script and what made it, with its version."""
-    library, script, style = (_asset(name) for name in ("echarts.min.js", "report.js", "report.css"))
+    library, script, style = (asset(name) for name in ("echarts.min.js", "report.js", "report.css"))
     allowed = " ".join(f"'sha256-{_digest(code)}'" for code in (library, script))
     summary = run.summary
     lines = headline(summary, _lost_causes(run))
     scenario = escape(visible(summary["scenario"]))
     head, tail = f"{spaced(run.config.wanted)} encounters, scenario ", escape(f", mode {summary['mode']}")
-    return _Page(_asset("report.html")).substitute(
+    return Filled(asset("report.html")).substitute(
         allowed=allowed,
         title=head + scenario + tail,
         heading=f"{head}<bdi>{scenario}</bdi>{tail}",
@@ -57,7 +59,7 @@ def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -
         near=escape(f"{NEAR * run.rules.separation:.0f}"),
         points=_points(run, data["count"]),
         tracks=_tracks(chosen, data),
-        figures="\n".join(_figure(name, png) for name, png in run.figures.items())
+        figures="\n".join(figure(_CAPTIONS[name], png) for name, png in run.figures.items())
         or "<p>This run drew no figures (its key <code>figures</code> is false).</p>",
         config=escape(visible(run.config_text)),
         versions=", ".join(escape(f"{name} {version}") for name, version in summary["versions"].items()),
@@ -69,7 +71,8 @@ def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -
     )
 
 
-def _asset(name: str) -> str:
+def asset(name: str) -> str:
+    """Return the text of a file of ``eval/data``."""
     return (files("eval") / "data" / name).read_text(encoding="utf-8")
 
 
@@ -163,8 +166,9 @@ def _tracks(chosen: Sequence[Choice], data: Mapping[str, Any]) -> str:
     return f"<p>{escape(text)}</p>{warning if differing else ''}"
 
 
-def _figure(name: str, png: bytes) -> str:
-    caption = escape(_CAPTIONS[name])
+def figure(caption: str, png: bytes) -> str:
+    """Return a picture with its caption, as HTML."""
+    caption = escape(caption)
     encoded = base64.b64encode(png).decode("ascii")
     return (
         f'<figure><img alt="{caption}" src="data:image/png;base64,{encoded}">'

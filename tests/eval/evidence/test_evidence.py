@@ -17,6 +17,8 @@ import pytest
 from agents.config.load import ConfigError, load
 from agents.policy.inference import Policy
 from eval.evidence.domain import cells, rows_of_cells
+from eval.evidence.dossier import Case, checked, write
+from eval.evidence.dossier import tests_of as names_of_tests
 from eval.evidence.listed import Evidence, found_in, read_results
 from eval.evidence.run import ROOT, main, published
 from eval.evidence.tables import generated, pages
@@ -141,6 +143,86 @@ def test_a_finished_result_is_not_made_again(tmp_path: Path, capfd: pytest.Captu
     capfd.readouterr()
     assert main(asked) == 0
     assert "one: there already" in capfd.readouterr().out
+
+
+CASE = """\
+claim: {says: top, strategy: over parts, context: [C1]}
+contexts: {C1: "a < b"}
+assumptions: {A1: {title: none, says: nothing, where: nowhere}}
+goals:
+  G1:
+    {says: part, strategy: s, assumes: [A1], requirements: {R-1: {says: x, tests: [tests/test_a.py], results: [one]}}}
+not_claimed: []
+repeat: {make: all}
+"""
+
+
+def small_checkout(folder: Path, case: str = CASE) -> Evidence:
+    (folder / "tests").mkdir(exist_ok=True)
+    (folder / "configs").mkdir(exist_ok=True)
+    (folder / "tests/test_a.py").write_text("def test_one(): ...\nclass TestB:\n    def test_two(self): ...\n")
+    (folder / "tests/test_b.py").write_text("def test_three(): ...\n")
+    (folder / "configs/dossier.yaml").write_text(case, encoding="utf-8")
+    claim = {"claim": ("success_given_resolvable", ">=", 0.9)}
+    some = listed(folder)
+    return some.model_copy(update={"results": {"one": some.results["one"].model_copy(update=claim)}})
+
+
+def test_a_goal_of_the_dossier_is_as_good_as_its_worst_evidence(tmp_path: Path) -> None:
+    some, about = small_checkout(tmp_path), {"policy": "a" * 64, "commit": "c"}
+    assert names_of_tests(tmp_path) == [
+        f"tests/test_{one}" for one in ("a.py::test_one", "a.py::TestB::test_two", "b.py::test_three")
+    ]
+
+    def state(results: dict[str, Any]) -> str:
+        said = write(tmp_path, tmp_path / "d.html", some, results, about, tmp_path)
+        assert said.endswith("names 1 tests and 0 results")
+        return said.partition("the claim is ")[2].partition(";")[0]
+
+    def found(value: float, low: float, high: float, n: int = 24) -> dict[str, Any]:
+        rate = {"value": value, "low": low, "high": high, "count": round(value * n), "total": n}
+        return {"one": result("x", n, success_given_resolvable=rate)}
+
+    assert state({}) == "open"
+    assert state(found(0.95, 0.92, 1.0)) == "shown"
+    assert state(found(0.95, 0.92, 1.0, 23)) == "open"  # fewer encounters than listed
+    assert state(found(0.85, 0.8, 0.95)) == "open"
+    assert state(found(0.5, 0.4, 0.6)) == "not met"
+    page = (tmp_path / "d.html").read_text(encoding="utf-8")
+    assert "one 12 of 24" in page and "a &lt; b" in page
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "wrong"),
+    [
+        ("tests/test_a.py", "tests/test_a.py::test_none", "test_none"),
+        ("results: [one]", "results: [two]", "'two'"),
+        ("results: [one]", "documents: [absent.md]", "absent"),
+        ("context: [C1]", "context: [C9]", "C9"),
+        ("assumes: [A1]", "assumes: [A9]", "A9"),
+        ("R-1:", "A1:", "A1"),
+        ("tests: [tests/test_a.py], results: [one]", "tests: []", "R-1"),
+    ],
+)
+def test_a_dossier_that_names_what_is_not_there_is_refused(tmp_path: Path, old: str, new: str, wrong: str) -> None:
+    assert old in CASE
+    some = small_checkout(tmp_path, CASE.replace(old, new))
+    with pytest.raises(ConfigError, match=wrong):
+        write(tmp_path, tmp_path / "d.html", some, {}, {"policy": "a", "commit": "c"}, tmp_path)
+    assert not (tmp_path / "d.html").exists()
+
+
+def test_every_name_of_the_dossier_that_ships_resolves(tmp_path: Path) -> None:
+    case = load(Case, ROOT / "configs/dossier.yaml")
+    items = checked(ROOT, case, LISTED, names_of_tests(ROOT))
+    assert {name for item in items.values() for name in item.results} == set(LISTED.results)
+    assert all(item.where for item in case.assumptions.values())
+    assert {one for goal in case.goals.values() for one in goal.assumes} == set(case.assumptions)
+    assert main(["--dossier", str(tmp_path / "d.html"), "--out", str(tmp_path / "none")]) == 0
+    page = (tmp_path / "d.html").read_text(encoding="utf-8")
+    ids = re.findall(r' id="([^"]+)"', page)
+    assert len(ids) == len(set(ids)) and set(re.findall(r'href="#([^"]+)"', page)) <= set(ids)
+    assert not re.findall(r'(?:src|href)="(?!#|data:)', page) and not (tmp_path / "none").exists()
 
 
 def test_an_unknown_name_is_refused(tmp_path: Path) -> None:
