@@ -244,7 +244,7 @@ def test_batches_follow_from_the_numbers_alone() -> None:
 def test_parts_of_a_batch_add_up_to_it(policy: Policy, monkeypatch: pytest.MonkeyPatch) -> None:
     batch, sum_ = Batch(0, (0,), 0, 40, False), Tally()
     requests = drawn(0, 0, 100).request
-    answer = plan_many(requests, policy, OPTIONS)
+    answer = plan_many(requests, policy.for_aircraft(PAPER, outside="allow"), OPTIONS)
 
     def known(request: Request, *_: Any) -> Any:
         np.testing.assert_array_equal(request.own.x, requests.own.x)
