@@ -97,7 +97,7 @@ def test_a_disk_without_room_is_refused_before_the_run(tmp_path: Path, monkeypat
 
     monkeypatch.setattr(shutil, "disk_usage", usage)
     with pytest.raises(ConfigError, match=rf"--out {out}: 3.0 MB are free there, expected about 5.5 MB for 10000 rows"):
-        monte_carlo.main(["--workers", "1", "--out", str(out)])
+        monte_carlo.main(["--workers", "1", "--set", "backend=numpy", "--out", str(out)])
     assert asked == [tmp_path]
     assert not out.parent.exists()
 
