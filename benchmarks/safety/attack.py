@@ -95,7 +95,7 @@ class Tally:
 
     @classmethod
     def of(cls, written: dict[str, Any]) -> "Tally":
-        """Return the tally that ``dataclasses.asdict`` has made these numbers of."""
+        """Return the tally that these numbers, its ``vars``, were written of."""
         counters: dict[str, Any] = {name: Counter(written[name]) for name in ("requests", "safe", "single", "counts")}
         return cls(**(written | counters))
 

@@ -14,7 +14,6 @@ import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +123,7 @@ def main(arguments: list[str] | None = None) -> int:
         for batch, one in _results(batches, options.workers, options.policy):
             tally.add(one)
             if file is not None:
-                print(json.dumps([batch, asdict(one)]), file=file, flush=True)
+                print(json.dumps([batch, vars(one)]), file=file, flush=True)
             count = tally.requests.total() + tally.single.total()
             progress.show(count, _figures(tally), (count - already) / (time.perf_counter() - begun))
         complete = True

@@ -284,6 +284,7 @@ def test_violations_are_counted_written_and_lead_to_a_failure(
     def wrong(batch: Batch, policy: Policy) -> Tally:
         tally = Tally()
         tally.blame("separation", batch.hundreds[0] + 7, separation=999.0)
+        tally.requests["circle"] += 100
         return tally
 
     monkeypatch.setattr(safety, "attack", wrong)
@@ -301,6 +302,8 @@ def test_violations_are_counted_written_and_lead_to_a_failure(
     assert safety.main(arguments) == 1
     assert [batch.hundreds for batch in calls] == [(200,)]
     assert last_line(capsys)["violations_by_check"] == {"separation": {"count": 3, "first": [7, 107, 207]}}
+    assert safety.main(arguments) == 1
+    assert last_line(capsys)["families"]["circle"] == [300, 0] and len(calls) == 1
     with pytest.raises(ConfigError, match="holds another attack"):
         safety.main([*arguments, "--seed", "1"])
 
