@@ -291,7 +291,7 @@ def test_traffic_outside_the_domain_is_said_by_quantity():
 
 def test_more_intruders_than_in_training_are_refused():
     own, others, present, *goal = states(2, most=policy().most + 1)
-    policy().command(own, others, present & (np.arange(policy().most + 1) > 0), *goal)  # who is absent does not count
+    policy().command(own, others, present & (np.arange(policy().most + 1) > 0), *goal)  # an absent one does not count
     with pytest.raises(
         OutsideDomainError, match=f"there are {policy().most + 1} intruders; expected {policy().most} at"
     ):
