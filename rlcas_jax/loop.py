@@ -13,9 +13,9 @@ import numpy as np
 
 from agents.config.load import ConfigError, dump
 from agents.learning.ppo import LearnerState
-from agents.policy.versions import versions
 from envs.draws import uniforms
 from envs.edge.files import write_file
+from envs.edge.installation import versions
 from envs.encounters import Encounter, sample, scenario
 from envs.outcome import Outcome, Rules, reward
 from envs.starts import numbered

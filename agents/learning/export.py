@@ -17,8 +17,8 @@ from agents.policy.inference import Policy
 from agents.policy.scene import unpacked_rows
 from agents.policy.schema import SetOf, new_metadata
 from agents.policy.set_features import set_inputs
-from agents.policy.versions import versions
 from envs.aircraft import Ratios
+from envs.edge.installation import versions
 from envs.kinematics import Limits
 from envs.observation import SIZE
 

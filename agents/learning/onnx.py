@@ -22,9 +22,9 @@ from agents.policy.file import PolicyFile, read
 from agents.policy.inference import TOLERANCE
 from agents.policy.scene import OWN_NUMBERS, parts, unpacked
 from agents.policy.set_features import set_inputs
-from agents.policy.versions import versions
 from envs.edge.command import InputError, Parser
 from envs.edge.files import write_file
+from envs.edge.installation import versions
 from envs.observation import SIZE
 
 OPSET = 21

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from agents.config.load import ConfigError, Parser, load
-from agents.policy.versions import versions
 from benchmarks.learning.curves import WINDOW, Point, Windows
 from benchmarks.learning.sides import LEARNERS, PACKAGES, DivergedError, available, side, updates
 from envs.edge.command import run_cli
+from envs.edge.installation import versions
 from rlcas_jax.config import TrainConfig
 
 __all__ = ["Log", "main", "read", "train"]

@@ -9,6 +9,7 @@ import importlib
 import os
 import sys
 import traceback
+import unicodedata
 from collections.abc import Callable, Iterable
 from functools import partial
 from importlib import metadata
@@ -16,7 +17,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from envs.edge.installation import extra_of, foreign
-from envs.edge.text import visible
+
+_HIDDEN = {"Cc", "Cf", "Zl", "Zp"}
 
 
 class InputError(ValueError):
@@ -121,6 +123,16 @@ hifi = partial(run_cli, "eval.hifi.run:main")
 report = partial(run_cli, "eval.report.run:main")
 sweep = partial(run_cli, "rlcas_jax.sweep.run:main")
 train = partial(run_cli, "rlcas_jax.train:main")
+
+
+def visible(text: str) -> str:
+    """Return a text with its control and format characters, which may reverse what follows, as their codes.
+
+    Line feeds stay.
+    """
+    return "".join(
+        f"\\u{ord(each):04x}" if each != "\n" and unicodedata.category(each) in _HIDDEN else each for each in text
+    )
 
 
 def _disk_full(problem: BaseException | None) -> bool:

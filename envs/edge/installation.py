@@ -1,6 +1,8 @@
-"""What is installed: the extra that a missing module belongs to, and whether another package hides the toolkit's."""
+"""What is installed: versions, the extra of a missing module, and whether another package hides the toolkit's."""
 
 import importlib.util
+import platform
+from importlib import metadata
 from pathlib import Path
 
 PACKAGES = ("rlcas_jax", "envs", "agents", "eval", "ros_bridge")
@@ -49,3 +51,14 @@ def foreign() -> str:
         if at is not None and at != home / name:
             return f"the package {name} is {at}; expected {home / name}: something else hides the toolkit's"
     return ""
+
+
+def versions(*packages: str) -> dict[str, str]:
+    """Return the version of Python and of each package; ``not installed`` where there is none."""
+    found = {"python": platform.python_version()}
+    for package in ("rlcas-toolkit", *packages):
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found

@@ -63,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     import pyarrow.parquet as pq
     from threadpoolctl import threadpool_limits
 
-    from agents.policy.versions import versions
+    from envs.edge.installation import versions
     from envs.traffic.replay import Replay
     from eval.compare.summary import SCHEMA_VERSION, draw, show, summarise
     from eval.flights.aircraft import described

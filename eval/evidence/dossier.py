@@ -11,8 +11,8 @@ from typing import Any
 from pydantic import Field
 
 from agents.config.load import ConfigError, Strict, load
-from agents.policy.versions import versions
 from envs.edge.files import write_file
+from envs.edge.installation import versions
 from eval.evidence.listed import Evidence
 from eval.evidence.tables import row_of
 from eval.report.page import Filled, asset, figure

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from envs.aircraft import Aircraft
-from envs.edge.text import visible
+from envs.edge.command import visible
 from envs.encounters import Encounter, EncounterError, Scenario
 from envs.formats import encounter_file
 from envs.formats.adsb_file import is_adsb

@@ -136,7 +136,7 @@ def campaign_of(config: "HifiConfig", workers: int = 1) -> "tuple[Campaign, Hifi
 
 def _summary(table: Any, config: "HifiConfig", aircraft: "Aircraft", wall_s: float, flown: int) -> dict[str, Any]:
     """Return the content of summary.json."""
-    from agents.policy.versions import versions
+    from envs.edge.installation import versions
     from eval.flights.aircraft import described
     from eval.hifi.summary import SCHEMA_VERSION, summarise
 

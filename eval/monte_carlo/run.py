@@ -128,7 +128,7 @@ def _config(options: argparse.Namespace) -> "MonteCarloConfig":
 
 def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: float, flown: int) -> dict[str, Any]:
     """Return the content of summary.json."""
-    from agents.policy.versions import versions
+    from envs.edge.installation import versions
     from eval.flights.aircraft import described
     from eval.metrics.summary import SCHEMA_VERSION, summarise
     from eval.metrics.weighted import summarise_weighted

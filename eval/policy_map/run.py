@@ -116,7 +116,7 @@ def _scenes(options: argparse.Namespace, aircraft: "Aircraft") -> "list[Scene]":
 
 def _examine(policy: "Policy", scenes: "list[Scene]", options: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     """Return the figure and the content of the JSON file."""
-    from agents.policy.versions import versions
+    from envs.edge.installation import versions
     from eval.policy_map.advisory import advise, chatter
     from eval.policy_map.figure import policy_map
 

@@ -162,7 +162,7 @@ def _found(
     blamed: Sequence[np.ndarray],
 ) -> dict[str, Any]:
     """Return the content of rare.json, without policy and wall time."""
-    from agents.policy.versions import versions
+    from envs.edge.installation import versions
     from eval.rare.tail import fits
     from eval.stats.intervals import share
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.edge.text import visible
+from envs.edge.command import visible
 from eval.plots.style import MARKERS, spread
 from eval.report.flights import Replayed
 from eval.report.folder import Run

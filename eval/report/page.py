@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from agents.config.progress import spaced
-from envs.edge.text import visible
+from envs.edge.command import visible
 from eval.flights.aircraft import lines_about
 from eval.metrics.summary import Line, headline
 from eval.plots.style import MARKERS

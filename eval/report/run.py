@@ -73,7 +73,7 @@ def _made(run: "Run", options: argparse.Namespace) -> str:
     """Return the page."""
     import numpy as np
 
-    from agents.policy.versions import versions
+    from envs.edge.installation import versions
     from eval.report.data import choose, page_data, points
     from eval.report.page import page
 

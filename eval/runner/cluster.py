@@ -22,7 +22,7 @@ from distributed import Client, Future, KilledWorker
 from distributed.comm.core import connect
 
 from agents.config.load import ConfigError
-from agents.policy.versions import versions
+from envs.edge.installation import versions
 from envs.encounters import EncounterError
 from eval.runner.payload import differences, fly, packed, unpacked
 from eval.runner.workers import Chunk, Task, WorkerError

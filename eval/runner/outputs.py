@@ -15,8 +15,8 @@ import numpy as np
 from agents.config.figures import save_figure
 from agents.config.folder_lock import is_unused
 from agents.config.load import ConfigError, dump, load
-from agents.policy.versions import versions
 from envs.edge.files import write_file, written
+from envs.edge.installation import versions
 from eval.config import MonteCarloConfig
 
 __all__ = ["RunFolder", "arrow_table", "check_unused", "read_table"]

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from agents.policy.file import PolicyFileError, parse
 from agents.policy.inference import Policy
-from agents.policy.versions import versions
+from envs.edge.installation import versions
 from envs.encounters import EncounterError
 from eval.runner.workers import Task, WorkerError
 

@@ -129,7 +129,7 @@ def _passed_on(options: argparse.Namespace) -> list[str]:
 
 def _found(options: argparse.Namespace, run: "Run | None", sweeps: "Sequence[Sweep]") -> dict[str, Any]:
     """Return the content of sensitivity.json, without the wall time."""
-    from agents.policy.versions import versions
+    from envs.edge.installation import versions
     from eval.sensitivity.bins import binned, quantities
     from eval.sensitivity.sweep import collected
 

@@ -16,10 +16,9 @@ from hypothesis import strategies as st
 
 from agents.config.folder_lock import LOCK, is_unused, locked
 from envs.edge import compiled
-from envs.edge.command import ConfigError, InputError, Parser, run_cli
+from envs.edge.command import ConfigError, InputError, Parser, run_cli, visible
 from envs.edge.files import check_regular, check_space, write_file, written
 from envs.edge.installation import PACKAGES, extra_of
-from envs.edge.text import visible
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCKER = """

@@ -25,7 +25,7 @@ from envs.traffic.track_units import FOOT, KNOT
 from envs.traffic.tracks import DISTANT, Track, TrackError
 from tests.envs.formats.test_adsb_file import pairs_of
 from tests.envs.formats.test_encounter_file import HEADER, ROW
-from tests.envs.formats.test_lincoln_file import EVENTS, ONE
+from tests.envs.formats.test_track_files import EVENTS, ONE
 from tests.envs.traffic.test_encounter_model import SMALL
 from tests.support import WGS84, flight
 

@@ -22,7 +22,7 @@ from eval.flights import conditions
 from eval.metrics.weighted import summarise_weighted
 from eval.monte_carlo import run as monte_carlo
 from eval.report import run as report
-from tests.envs.formats.test_lincoln_file import ONE
+from tests.envs.formats.test_track_files import ONE
 from tests.envs.traffic.test_encounter_model import SMALL
 from tests.support import recorded
 
