@@ -163,7 +163,7 @@ def _flown(comparison: "Comparison", total: int) -> "dict[str, np.ndarray]":
     import numpy as np
 
     from eval.compare.deciders import WITNESS, columns
-    from eval.runner.progress import Encounters
+    from eval.runner.command import Encounters
 
     parts = []
     chunk = _SLOW_CHUNK if any(entry.kind == WITNESS for entry in comparison.entries) else _CHUNK

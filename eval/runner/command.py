@@ -4,12 +4,14 @@ import argparse
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from agents.config.load import ConfigError
+from agents.config.progress import Progress, spaced
 from envs.edge.files import check_space
 
 if TYPE_CHECKING:
@@ -18,13 +20,36 @@ if TYPE_CHECKING:
     from eval.runner.outputs import RunFolder
     from eval.runner.workers import Chunk, Task
 
-__all__ = ["Fly", "UnfinishedError", "cluster_of", "concluded", "flown_on", "run_in", "whole_table"]
+__all__ = ["Encounters", "Fly", "UnfinishedError", "cluster_of", "concluded", "flown_on", "run_in", "whole_table"]
 
 Fly: TypeAlias = "Callable[[list[Chunk], Callable[[], bool]], Iterable[tuple[Chunk, Mapping[str, Any]]]]"
 """(chunks, whether to stop) -> chunks with their columns, in any order."""
 
 _ROW_BYTES, _PART_BYTES = 500, 64_000
 """What a row and a part take on the disk, generously: a row stands in a part and in the joined table."""
+
+
+class Encounters(Progress):
+    """A context in which finished encounters are counted and shown."""
+
+    def __init__(self, total: int, before: int = 0) -> None:
+        """Prepare for the encounters of a run, some of which were stored before."""
+        super().__init__(total, "encounters")
+        self._before, self._flown, self._reached = before, 0, 0
+        self._begun = time.perf_counter()
+
+    def __enter__(self) -> Self:
+        self.start(self._before, "flying")
+        if self._before:
+            self.note(f"{self._done(self._before)} are stored already")
+        return self
+
+    def advance(self, flown: int, reached: int) -> None:
+        """Count encounters that were flown now, and how many of them reached their goal."""
+        self._flown, self._reached = self._flown + flown, self._reached + reached
+        rate = self._flown / max(time.perf_counter() - self._begun, 1e-9)
+        figures = f"{spaced(round(rate))} encounters/s, success {100.0 * self._reached / self._flown:.1f} %"
+        self.show(self._before + self._flown, figures, rate)
 
 
 @contextmanager
@@ -108,7 +133,6 @@ def whole_table(
     Raises:
         UnfinishedError: the run was interrupted, a worker has ended, or nothing can be stored any more.
     """
-    from eval.runner.progress import Encounters
     from eval.runner.workers import Chunk, RunError
 
     assert config.chunk is not None  # it is resolved
