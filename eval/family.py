@@ -15,11 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.config.load import ConfigError, Parser, dump
 from agents.policy.domain import TRAFFIC_SPEED
-from envs.edge.command import run_cli
+from envs.edge.command import ConfigError, Parser, run_cli
 from envs.edge.files import write_file
-from eval.runner.options import check_digest, whole
 
 if TYPE_CHECKING:
     from agents.config.world import AircraftConfig
@@ -82,9 +80,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     if options.intruders[0] > options.intruders[1]:
         raise ConfigError("--intruders: expected the fewest first, then the most")
+    from agents.config.load import dump
     from agents.policy.inference import Policy
     from eval.monte_carlo.run import run_quietly
     from eval.plots import save as picture_folder
+    from eval.runner.options import check_digest
 
     policy = Policy.load(options.policy)
     check_digest(options.policy, policy.sha256, options.policy_sha256, "--policy-sha256")
@@ -110,6 +110,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
+    from eval.runner.options import whole
+
     parser = Parser(prog="python -m eval.family", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
