@@ -109,6 +109,7 @@ def main() -> None:
     parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
     options = parser.parse_args()
     policy, blocks = Policy.load(options.policy), []
+    policy = policy.for_aircraft(policy.aircraft, outside="allow")  # up to eight intruders
     options.out.mkdir(parents=True, exist_ok=True)
     with threadpool_limits(1):
         first = numbered(scenario("multi", PAPER), 1, 0, 1)
