@@ -78,8 +78,8 @@ def test_it_decides_as_the_policy_on_a_thousand_scenes(opened: Any) -> None:
             goal = rng.uniform(-25.0, 25.0, 2) * length
             scenes.append([name, own, others.tolist(), *goal.tolist()])
             seen = VehicleState(*own), VehicleState(*others.T), np.ones(count, bool), *goal
-            expected.append(exact.for_aircraft(aircraft).command(*seen))
-            rounded.append(flown.for_aircraft(aircraft).command(*seen))
+            expected.append(exact.for_aircraft(aircraft, outside="allow").command(*seen))
+            rounded.append(flown.for_aircraft(aircraft, outside="allow").command(*seen))
     decided = np.array(
         opened.evaluate(
             f"""(scenes) => {{ {STATE} return scenes.map(([name, own, others, x, y]) =>

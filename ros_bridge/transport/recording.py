@@ -2,15 +2,17 @@
 """A recording of the graph as an MCAP file, which ``ros2 bag``, Foxglove and other readers open.
 
 Messages are written as they came over the wire; their definitions stand in the file, so that a reader needs nothing
-of ours. A recorder that is killed leaves all but its last second; ``mcap recover`` then puts an end to the file.
+of ours. The file is whole at every moment: what is added takes the place of the end of the file, with a new end behind
+it, in one write. A recorder that is killed leaves all but its last second.
 """
 
+import itertools
 import os
+import struct
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,8 @@ from rosgraph_msgs.msg import Clock
 from visualization_msgs.msg import MarkerArray
 
 from ros_bridge.transport import qos
+
+__all__ = ["TOPICS", "GrowingFile", "Recorder", "RecordingError", "definition"]
 
 _RUNNER, _MONITOR = "rlcas_runner", "rlcas_monitor"
 TOPICS = (
@@ -42,11 +46,74 @@ TOPICS = (
 """What is recorded: type, name and quality of service."""
 
 _SETTLE = 1.0  # s of real time at most until a message is in the file
+_END = struct.pack("<BQI", 0x0F, 4, 0) + struct.pack("<BQQQI", 0x02, 20, 0, 0, 0) + b"\x89MCAP0\r\n"
+"""Records DataEnd and Footer, without a summary, and the magic number: how an MCAP file ends at the least."""
+
 _GAP = 1_000_000_000  # ns between two encounters, whose clocks begin anew
 
 
 class RecordingError(ValueError):
     """A recording that cannot be made; the message says why."""
+
+
+class GrowingFile:
+    """A file that ends as an MCAP file must after each :meth:`flush`; what is written in between waits in memory.
+
+    Args:
+        path: which must not exist yet.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file = path.open("xb", buffering=0)
+        self._length = 0  # without the end
+        self._waiting: list[bytes] = []
+
+    def tell(self) -> int:
+        """Return where the next byte comes to stand."""
+        return self._length + sum(map(len, self._waiting))
+
+    def write(self, data: bytes) -> int:
+        """Take in bytes."""
+        self._waiting.append(bytes(data))
+        return len(data)
+
+    def flush(self) -> None:
+        """Write what waits, and an end.
+
+        Raises:
+            OSError: there is no room; the file then ends where it ended before.
+        """
+        if self._waiting:
+            self._put(b"".join(self._waiting), _END)
+
+    def close(self, *, finished: bool) -> None:
+        """Close the file; what waits is written first, with an end of its own, if the writer has finished."""
+        try:
+            if finished:
+                self._put(b"".join(self._waiting), b"")
+        finally:
+            self._file.close()
+
+    def _put(self, data: bytes, end: bytes) -> None:
+        self._waiting.clear()
+        whole, written = data + end, 0
+        try:
+            self._file.seek(self._length)
+            while written < len(whole):
+                written += self._file.write(whole[written:])
+            self._file.truncate()
+        except OSError as error:
+            self._file.truncate(self._length)
+            if self._length:
+                # There is room for the old end, because it stood there before.
+                self._file.seek(self._length)
+                self._file.write(_END)
+            raise OSError(error.errno, error.strerror, str(self.path)) from error
+        self._length += len(data)
 
 
 class Recorder:
@@ -68,23 +135,34 @@ class Recorder:
         except ModuleNotFoundError as error:
             raise RecordingError(f"recording needs {error.name}, which is not installed (make ros)") from error
         try:
-            self._file = path.open("xb", buffering=0)
+            self._file = GrowingFile(path)
         except OSError as error:
             what = "exists already" if isinstance(error, FileExistsError) else f"cannot be written: {error.strerror}"
             raise RecordingError(f"{path} {what}") from error
-        self._path, self._now, self._latest, self._shift = path, now, 0, 0
+        self.path = path
+        """Of the file; another one once the recording has failed."""
+        self._writer: Any = Writer(self._file)  # pyright: ignore[reportArgumentType] - it writes, tells and flushes
+        self._now, self._latest, self._shift = now, 0, 0
         self._settled = time.monotonic()
-        self._writer: Writer | None = (writer := Writer(self._file))
+        self._counts: dict[int, int] = {}
+        schemas: dict[str, int] = {}
+        channels = []
         with self._guarded():
-            writer.start(profile="ros2", library="rlcas-toolkit")
-            names = dict.fromkeys(_name(kind) for kind, _, _ in TOPICS)
-            schemas = {name: writer.register_schema(name, "ros2msg", definition(name).encode()) for name in names}
+            self._writer.start(profile="ros2", library="rlcas-toolkit")
             for kind, topic, quality in TOPICS:
-                channel = writer.register_channel(node.resolve_topic_name(topic), "cdr", schemas[_name(kind)])
-                node.create_subscription(kind, topic, partial(self._write, channel), quality, raw=True)
-            writer.flush()
+                name = _name(kind)
+                if name not in schemas:
+                    schemas[name] = self._writer.register_schema(name, "ros2msg", definition(name).encode())
+                channel = self._writer.register_channel(node.resolve_topic_name(topic), "cdr", schemas[name])
+                channels.append((kind, topic, quality, channel))
+            self._writer.flush()
+        for kind, topic, quality, channel in channels:
+            node.create_subscription(kind, topic, self._writing(channel), quality, raw=True)
 
-    def _write(self, channel: int, data: Any) -> None:
+    def _writing(self, channel: int) -> Callable[[Any], None]:
+        return lambda data: self._write(channel, data)
+
+    def _write(self, channel: int, data: bytes) -> None:
         if self._writer is None:
             return
         now = self._now() + self._shift
@@ -92,10 +170,12 @@ class Recorder:
             self._shift += self._latest + _GAP - now
             now = self._latest + _GAP
         self._latest = now
-        with self._guarded():
-            self._writer.add_message(channel, log_time=now, publish_time=now, data=bytes(data))
-            if time.monotonic() - self._settled > _SETTLE:
-                self._settled = time.monotonic()
+        number = self._counts.get(channel, 0)
+        self._counts[channel] = number + 1
+        self._writer.add_message(channel, log_time=now, publish_time=now, sequence=number, data=bytes(data))
+        if time.monotonic() - self._settled > _SETTLE:
+            self._settled = time.monotonic()
+            with self._guarded():
                 self._writer.flush()
 
     def close(self) -> None:
@@ -107,17 +187,23 @@ class Recorder:
         if self._writer is not None:
             with self._guarded():
                 self._writer.finish()
-                self._file.close()
+                self._file.close(finished=True)
             self._writer = None
 
     @contextmanager
     def _guarded(self) -> Generator[None]:
-        """End the recording where it cannot be written, with an error that names the file."""
+        """End the recording where it cannot be written: it keeps what it holds, under a name that says so."""
         try:
             yield
-        except OSError as error:
+        except OSError:
             self._writer = None
-            raise OSError(error.errno, error.strerror, str(self._path)) from error
+            self._file.close(finished=False)
+            if self.path.stat().st_size == 0:
+                self.path.unlink()
+                raise
+            names = (f"{self.path.stem}.partial{number or ''}{self.path.suffix}" for number in itertools.count())
+            self.path = self.path.replace(next(one for one in map(self.path.with_name, names) if not one.exists()))
+            raise
 
 
 def definition(name: str) -> str:

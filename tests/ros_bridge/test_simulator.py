@@ -1,9 +1,9 @@
 """The simulator as a node: what it publishes and flies, and the whole loop of runner, monitor and simulator."""
 
-import contextlib
 import importlib.util
 import math
 import re
+import resource
 import subprocess
 import sys
 import time
@@ -11,6 +11,7 @@ import uuid
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,6 +47,7 @@ from ros_bridge.sim.guidance import Guidance
 from ros_bridge.sim.world import EncounterFlight
 from ros_bridge.transport import qos
 from ros_bridge.transport.messages import aircraft_message, header, identity, point_message
+from ros_bridge.transport.recording import GrowingFile
 from tests.ros_bridge.graph import MISSING, NODE, World
 
 SPEEDS = st.floats(-120.0, 120.0)
@@ -234,23 +236,9 @@ def eventually(holds: Callable[[], object], seconds: float = 30.0) -> None:
         time.sleep(0.1)
 
 
-def recorded(file: Path) -> tuple[set[str], int]:
-    """Return the topics of a recording that may be cut off, and how many messages it holds."""
-    reader = pytest.importorskip("mcap.stream_reader", reason="mcap is not installed; to have it: make ros")
-    from mcap.exceptions import McapError
-    from mcap.records import Channel, Message
-
-    topics, messages = set(), 0
-    with file.open("rb") as stream, contextlib.suppress(McapError):
-        for record in reader.StreamReader(stream).records:
-            if isinstance(record, Channel):
-                topics.add(record.topic)
-            messages += isinstance(record, Message)
-    return topics, messages
-
-
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
 def test_killed_demo_leaves_no_process_and_a_readable_recording(tmp_path: Path):
+    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
     file = tmp_path / "flight.mcap"
     command = [sys.executable, "-m", "ros_bridge.demo", "--random", "9", "--rate", "5", "--record", str(file)]
     with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL) as demo:
@@ -259,12 +247,14 @@ def test_killed_demo_leaves_no_process_and_a_readable_recording(tmp_path: Path):
         eventually(lambda: file.stat().st_size > 30_000)
         demo.kill()
     eventually(lambda: not any(map(alive, nodes)))
-    topics, messages = recorded(file)
-    assert {"/clock", "/rlcas_runner/input/ownship"} <= topics and messages > 100
+    with file.open("rb") as stream:
+        topics = {channel.topic for _, channel, _ in reader.make_reader(stream).iter_messages()}
+    assert {"/clock", "/rlcas_runner/input/ownship"} <= topics
 
 
 @pytest.mark.slow
 def test_full_disk_ends_a_recording_in_one_sentence_and_keeps_it(tmp_path: Path):
+    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
     file = tmp_path / "flight.mcap"
     command = ["--scenarios", "head_on", "--each", "9", "--rate", "20", "--record", str(file)]
     # Files may grow to so many blocks only: what a full disk does, without one.
@@ -272,7 +262,9 @@ def test_full_disk_ends_a_recording_in_one_sentence_and_keeps_it(tmp_path: Path)
     done = subprocess.run(limited, cwd=ROOT, capture_output=True, text=True, timeout=120.0, check=False)
     assert done.returncode == 1, done.stderr
     assert f"{file} cannot be written: File too large" in done.stderr and "Traceback" not in done.stderr
-    assert recorded(file)[1] > 100
+    assert not file.exists()
+    with (tmp_path / "flight.partial.mcap").open("rb") as stream:
+        assert sum(1 for _ in reader.make_reader(stream).iter_messages()) > 100
 
 
 @pytest.mark.parametrize(
@@ -339,3 +331,58 @@ def test_simulator_alone_names_the_missing_nodes():
         output, _ = process.popen.communicate(timeout=60.0)
     assert process.popen.returncode == 1
     assert "the runner has not answered within 30 s" in output
+
+
+def begun(file: Path) -> tuple[GrowingFile, Any, int]:
+    writer = pytest.importorskip("mcap.writer", reason="mcap is not installed; to have it: make ros")
+    growing = GrowingFile(file)
+    made = writer.Writer(growing)
+    made.start(profile="ros2", library="test")
+    schema = made.register_schema("a/msg/B", "ros2msg", b"int32 a")
+    return growing, made, made.register_channel("/topic", "cdr", schema)
+
+
+def messages(file: Path) -> list[int]:
+    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
+    with file.open("rb") as stream:
+        return [message.sequence for _, _, message in reader.make_reader(stream).iter_messages()]
+
+
+def add(made: Any, channel: int, number: int, size: int = 8) -> None:
+    made.add_message(channel, log_time=number, publish_time=number, sequence=number, data=bytes(size))
+
+
+def test_file_is_readable_after_each_flush_and_at_the_end(tmp_path: Path):
+    file = tmp_path / "one.mcap"
+    growing, made, channel = begun(file)
+    for number in range(20):
+        add(made, channel, number)
+        made.flush()
+        assert messages(file) == list(range(number + 1))
+    made.finish()
+    growing.close(finished=True)
+    with file.open("rb") as stream:
+        reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
+        summary = reader.make_reader(stream).get_summary()
+    assert summary is not None and summary.statistics.message_count == 20
+    assert messages(file) == list(range(20))
+
+
+def test_file_that_can_grow_no_more_holds_what_it_held(tmp_path: Path):
+    file = tmp_path / "one.mcap"
+    growing, made, channel = begun(file)
+    add(made, channel, 0)
+    made.flush()
+    held = file.read_bytes()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(held) + 100, hard))
+    try:
+        with pytest.raises(OSError, match="File too large") as caught:
+            for number in range(1, 50):
+                add(made, channel, number)
+                made.flush()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    growing.close(finished=False)
+    assert caught.value.filename == str(file)
+    assert messages(file) == [0]

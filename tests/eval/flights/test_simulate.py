@@ -155,7 +155,8 @@ def test_backends_decide_alike(name: str, shipped: Policy) -> None:
     start = begin(numbered(scenario(name, PAPER), 5, 0, 300), np)
     sight = Sight(start.own, start.intruders.vehicle, start.mask, start.goal_x, start.goal_y, 300.0)
     memory = np.zeros(300, np.int8)
-    plain, compiled = (kind(shipped).decide(sight, memory)[0] for kind in (ByPolicy, Compiled))
+    decider = shipped.for_aircraft(PAPER, outside="allow")  # multi has up to eight intruders
+    plain, compiled = (kind(decider).decide(sight, memory)[0] for kind in (ByPolicy, Compiled))
     assert np.abs(plain).max() == 1.0
     np.testing.assert_allclose(compiled, plain, rtol=0.0, atol=1e-3)
 
