@@ -47,11 +47,12 @@ def answers(block: int, policy: Policy) -> dict[str, Any]:
     for kind, changes in KINDS.items():
         encounters = numbered(scenario(aircraft=PAPER, **changes), 0, block * each, each)
         request = request_of(encounters, PAPER)
-        noise = {name: float(np.max(getattr(encounters.sensor, name))) for name in ("position_std", "velocity_std")}
+        sensor = encounters.sensor
+        place, pace, age = (float(np.max(f)) for f in (sensor.position_std, sensor.velocity_std, sensor.latency))
         safe[kind], spent[kind] = [], []
         for number in range(each):
             own, others, route = question(encounters, request, number)
-            asked = [Intruder(one, age=float(np.max(encounters.sensor.latency)), **noise) for one in others]
+            asked = [Intruder(one, age=age, position_std=place, velocity_std=pace) for one in others]
             row = []
             for limit in DEADLINES_MS:
                 began = time.thread_time()
