@@ -123,7 +123,7 @@ def installed(python: str, wheel: Path, extras: str, folder: Path, *more: str) -
 
 @pytest.mark.slow
 def test_an_installed_wheel_trains_and_evaluates_from_any_folder(wheel: Path, tmp_path: Path) -> None:
-    scripts = installed(sys.executable, wheel, "[train]", tmp_path)
+    scripts = installed(sys.executable, wheel, "[train,sweep]", tmp_path)
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     version = f"rlcas-toolkit {PROJECT['project']['version']}"

@@ -111,7 +111,18 @@ def test_a_run_tells_of_plans(tmp_path: Path) -> None:
 )
 def test_every_scenario_can_be_planned_for(tmp_path: Path, name: str) -> None:
     out = tmp_path / name
-    arguments = ["--mode", "plan", "--scenario", name, "--encounters", "3", *SMALL, "--set", "planner.exhaustive=false"]
+    arguments = [
+        "--mode",
+        "plan",
+        "--allow-outside-domain",
+        "--scenario",
+        name,
+        "--encounters",
+        "3",
+        *SMALL,
+        "--set",
+        "planner.exhaustive=false",
+    ]
     assert monte_carlo.main([*arguments, "--workers", "1", "--out", str(out)]) == 0
     table = table_of(out)
     assert set(table["plan_status"]) <= {"safe", "unresolved"}
