@@ -1,5 +1,5 @@
 # pyright: reportMissingImports=false
-"""The surrogate under gymnax's interface; importing this module registers it (docs/howto/jax-learners.md).
+"""The surrogate under gymnax's interface; importing this module registers it (docs/howto/gymnasium.md).
 
 Everything is a pure function of keys, state and parameters, so that a learner compiles the environment with itself.
 """

@@ -30,17 +30,18 @@ class Compiled:
         keep_compiled()
         import jax
 
-        tensors, layers = policy.tensors, policy.metadata["architecture"]
-        names = (
-            [f"each_{i}" for i in range(len(layers["encoder"]))],
-            [f"hidden_{i}" for i in range(len(layers["hidden"]))],
-        )
-        encoder, hidden, (head,) = (
-            [(tensors[f"{name}/kernel"], tensors[f"{name}/bias"]) for name in kind] for kind in (*names, ["head"])
-        )
-        self._layers = jax.device_put((encoder, hidden, head))
+        from agents.learning.export import variables
+        from agents.learning.networks import Actor
+
+        layers = policy.metadata["architecture"]
+        actor = Actor(tuple(layers["hidden"]), "set", encoder=tuple(layers["encoder"]))
+
+        def decided(weights: Any, rows: Any) -> Any:
+            mean: Any = actor.apply(weights, set_inputs(unpacked_rows(rows), jax.numpy))
+            return jax.numpy.clip(mean[0], -1.0, 1.0)
+
+        self._weights, self._decided = jax.device_put(variables(policy.tensors)), jax.jit(decided)
         self._limits, self._separation = policy.aircraft.limits, policy.aircraft.separation
-        self._decided = jax.jit(_decided)
         self._checked: set[int] = set()
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -57,7 +58,7 @@ class Compiled:
         if places not in self._checked:
             self._check(np.resize(rows[:count], (_TILE, rows.shape[1])))
             self._checked.add(places)
-        tiles = [self._decided(self._layers, rows[first : first + _TILE]) for first in range(0, count, _TILE)]
+        tiles = [self._decided(self._weights, rows[first : first + _TILE]) for first in range(0, count, _TILE)]
         actions = np.concatenate([np.asarray(tile) for tile in tiles])[:count]
         if not np.isfinite(actions).all():
             raise ValueError("the policy gives an action that is not finite; expected finite states")
@@ -65,21 +66,6 @@ class Compiled:
 
     def _check(self, tile: np.ndarray) -> None:
         """Refuse a processor on which the bits of a row depend on its place in the tile."""
-        there, back = (np.asarray(self._decided(self._layers, rows)) for rows in (tile, tile[::-1]))
+        there, back = (np.asarray(self._decided(self._weights, rows)) for rows in (tile, tile[::-1]))
         if not np.array_equal(there, back[::-1]):
             raise InputError("backend is 'jax', which rounds a row by its place on this processor; expected numpy")
-
-
-def _decided(layers: Any, rows: Any) -> Any:
-    """Return the actions ``[N, 2]`` for scenes as parity vectors have them, ``[N, 7 + 5 K]``."""
-    import jax.numpy as jnp
-
-    encoder, hidden, head = layers
-    own, each, present, sign = set_inputs(unpacked_rows(rows), jnp)
-    for kernel, bias in encoder:
-        each = jnp.tanh(each @ kernel + bias)
-    x = jnp.concatenate([own, jnp.where(present[..., None], each, -1.0).max(axis=-2)], axis=-1)
-    for kernel, bias in hidden:
-        x = jnp.tanh(x @ kernel + bias)
-    throttle, steering = jnp.moveaxis(x @ head[0] + head[1], -1, 0)
-    return jnp.clip(jnp.stack([throttle, steering * sign], axis=-1), -1.0, 1.0)
