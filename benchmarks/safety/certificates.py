@@ -79,6 +79,8 @@ def certified(seed: int, block: int) -> list[tuple[int, bytes]]:
         knots = np.stack([field[row] for field in plans.knots], axis=1)
         points = [Waypoint(number, *knot) for number, knot in enumerate(knots[1:].tolist())]
         each = asked[row]
+        if any(points[-1].time > one.until for one in each.excluded):
+            continue  # ``plan`` does not publish it
         given = each.question.own, each.question.intruders, points, each.excluded, each.question.altitude
         found.append((each.number, certificate(*given, options)))
     return found
