@@ -2,8 +2,8 @@
 
 Nothing of validator, rollout or tail is used, nor their kinematics: the contract of a leg (:func:`envs.waypoints.legs`:
 constant yaw rate and acceleration on each of its arcs) is taken at its word, integrated from its waypoint by Simpson's
-rule on steps of :data:`COARSE` s at most, and must end at the next one. Where the distance to an intruder could be
-too small, by the speeds of both alone, it is sampled every :data:`CLOSE` s at most.
+rule on steps of :data:`COARSE` s and 0.05 rad at most, and must end at the next one. Where the distance to an intruder
+could be too small, by the speeds of both alone, it is sampled every :data:`CLOSE` s at most.
 """
 
 import math
@@ -21,6 +21,7 @@ __all__ = ["CHECKS", "CLOSE", "COARSE", "TOLERANCE", "Route", "Verdict", "growth
 
 COARSE = 0.5
 CLOSE = 0.02
+_TURN = 0.05  # rad in a step at most: there Simpson's rule is good to 3e-9 of the way
 
 TOLERANCE = 1e-3
 """Of positions and distances, m."""
@@ -157,7 +158,8 @@ def _judge(knots: Knots, own: Any, traffic: Traffic, options: Options, limits: L
         one = Legs(*(field[:, part] for field in curves))
         begin = Knots(*(field[:, :-1][:, part] for field in knots))
         end = Knots(*(field[:, 1:][:, part] for field in knots))
-        step = math.ceil(np.max(one.duration) / ARCS / COARSE)
+        parts = one.duration[..., None] * np.maximum(1.0 / COARSE, np.abs(one.yaw_rate) / _TURN)
+        step = math.ceil(np.max(parts) / ARCS)
         flight = _integrated(begin, one, step)
         final = tuple(field[:, :, -1] for field in flight)
         found("leg", np.abs(final[1] - end.x - 1j * end.y) > TOLERANCE)

@@ -348,6 +348,12 @@ def test_a_longer_attack_by_two_processes_finds_nothing(capsys: pytest.CaptureFi
     assert figures["violations"] == 0
 
 
+def test_the_judgement_is_exact_for_aircraft_that_turn_fast(policy: Policy) -> None:
+    # Random aircraft of up to 30 deg/s; this plan turns by 0.26 rad in half a second.
+    tally = attack.attack(Batch(7, (25_000,), 25_021, 25_022, False, any_aircraft=True), policy)
+    assert tally.safe.total() == 1 and not tally.violations
+
+
 # The attack on certificates: its judgement is good to micrometres, and a stopped run goes on.
 
 
