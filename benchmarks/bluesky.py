@@ -217,7 +217,7 @@ def main() -> None:
         if find_spec(name) is None:
             raise ModuleNotFoundError(name=name)
     seeds = [range(options.seed, options.seed + count) for count in (options.episodes, options.draws)]
-    tasks: list[Any] = [(pilot, seed) for seed in seeds[0] for pilot in ("RLCAS", "straight")]
+    tasks: list[Any] = [(pilot, seed) for pilot in ("RLCAS", "straight") for seed in seeds[0]]
     rows = _fly(episode, tasks, options.out / "episodes.jsonl", options.workers)
     pilots = {name: [row for row in rows if row["pilot"] == name] for name in ("RLCAS", "straight")}
     episodes = {name: of_episodes(flown) for name, flown in pilots.items() if flown}

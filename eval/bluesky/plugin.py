@@ -24,9 +24,6 @@ _Resolution: Any = import_module("bluesky.traffic.asas").ConflictResolution if _
 _command: Any = bs.stack.command if _HERE else lambda name: lambda function: function
 _EARTH, _GRAVITY = 6_371_000.0, 9.80665  # m, m/s^2, as BlueSky
 
-NEAREST = 16
-"""Aircraft that a decision takes into account at most."""
-
 _AHEAD = 20.0  # required separations; where the goal of an aircraft without a waypoint lies
 _APART = 1.5  # required separations, beyond which an aircraft that has waited long leaves the way to the other
 _ACCELERATION = 0.5  # m/s^2; the least that BlueSky grants every aircraft in flight
@@ -136,7 +133,7 @@ class RLCAS(_Resolution):
         waits = (lasting > conf.dtlookahead[flown])[:, None] & self.active
         present &= ~(waits & left & (away > _APART * separation))
         away = np.where(present, away, np.inf)
-        near = np.argsort(away, axis=-1)[:, :NEAREST]
+        near = np.argsort(away, axis=-1)[:, : policy.most]  # as many as it was trained with
         x, y, away = (np.take_along_axis(each, near, axis=-1) for each in (x, y, away))
         course, pace = np.arctan2(intruder.gsnorth, intruder.gseast)[near], intruder.gs[near]
         ahead, bearing = _AHEAD * separation, np.radians(90.0 - bs.traf.ap.trk[flown])

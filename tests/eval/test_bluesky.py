@@ -29,7 +29,7 @@ said = []
 bs.stack.echo = said.append
 
 
-def fly(method, kind, seconds=700, more="OP"):
+def fly(method, kind, seconds=700, more="OP", crowd=0):
     bs.sim.reset()
     said.clear()
     for command in ("DT 1", "PLUGIN LOAD RLCAS", "ASAS ON", f"RESO {method}", more):
@@ -38,6 +38,9 @@ def fly(method, kind, seconds=700, more="OP"):
     starts = (0, 0, 90, 0), (0, 1.9, 270, 0), (-0.95, 0.95, 0, 0), (0, 0, 90, 9_000)
     for i, (lat, lon, heading, low) in enumerate(starts):
         bs.traf.cre(f"A{i}", kind, float(lat), float(lon), float(heading), (30_000 - low) * 0.3048, 0.75)
+    for angle in np.linspace(0.3, 5.3, crowd):  # more that meet in the same place
+        place = float(np.sin(angle)), float(0.95 + np.cos(angle))
+        bs.traf.cre(f"B{angle:.1f}", kind, *place, float(-90 - np.degrees(angle)) % 360, 30_000 * 0.3048, 0.75)
     least, turned, level_off, resolving = 1e9, 0.0, 0.0, 0
     for _ in range(seconds):
         bs.sim.step()
@@ -54,6 +57,7 @@ found = {"OFF": fly("OFF", "A320", 500), "RLCAS": fly("RLCAS", "A320")}
 found["unknown"] = fly("RLCAS", "XQ99", 200)
 found["outside"] = fly("RLCAS", "A320", 200, "ZONER 1")
 found["allowed"] = fly("RLCAS", "A320", 200, "ZONER 1;RLCASOUTSIDE ON")
+found["crowd"] = fly("RLCAS", "A320", 120, crowd=7)
 found["off_for_all"] = fly("RLCAS", "A320", 500, "RESOOFF A0 A1 A2")
 print(json.dumps(found))
 """
