@@ -1,9 +1,11 @@
 """BlueSky plugin: with ``RESO RLCAS`` every aircraft in conflict decides for itself by the shipped policy.
 
 It flies the policy from the moment BlueSky detects a conflict until the closest approach of its last conflict is past,
-and its autopilot otherwise; climbs and descents stay with the autopilot (docs/howto/bluesky.md).
+and its autopilot otherwise; climbs and descents stay with the autopilot (docs/howto/bluesky.md). With ``RLCASPLAN ON``
+it flies the planner's plans instead, where they are SAFE.
 """
 
+import math
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -11,9 +13,13 @@ from typing import Any
 import numpy as np
 
 from agents.inference import Policy
+from agents.planner import RequestError, plan
+from agents.planner.options import Options
 from envs.aircraft import new_aircraft
 from envs.edge.command import InputError
 from envs.kinematics import Limits, VehicleState, commands
+from envs.trees import take
+from envs.waypoints import Legs, RoutePoint, at, knots, legs
 
 __all__ = ["RLCAS", "init_plugin"]
 
@@ -27,6 +33,8 @@ _EARTH, _GRAVITY = 6_371_000.0, 9.80665  # m, m/s^2, as BlueSky
 _AHEAD = 20.0  # required separations; where the goal of an aircraft without a waypoint lies
 _APART = 1.5  # required separations, beyond which an aircraft that has waited long leaves the way to the other
 _ACCELERATION = 0.5  # m/s^2; the least that BlueSky grants every aircraft in flight
+_PLANNED = 10.0  # s, after which an aircraft plans again: the others decide, too
+_SEARCH = {"exhaustive": False, "deadline_s": math.inf}  # no clock decides: a run can be repeated
 
 
 def init_plugin() -> dict[str, str]:
@@ -39,10 +47,20 @@ class RLCAS(_Resolution):
 
     def __init__(self) -> None:
         super().__init__()
-        self.policy, self.outside = Policy.load(), "refuse"
+        self.policy = Policy.load()
+        self._begin()
+
+    def reset(self) -> None:
+        """Forget settings, plans and what has been said, as BlueSky does between scenarios."""
+        super().reset()
+        self._begin()
+
+    def _begin(self) -> None:
+        self.outside, self.planning = "refuse", False
         self._known: dict[tuple[float, ...], Policy | str] = {}
         self._said: set[str] = set()
         self._lasting: dict[str, float] = {}  # s, for how long an aircraft has been in conflict
+        self.plans: dict[str, tuple[float, Legs | None]] = {}  # when it was planned, and the plan if SAFE
 
     @property
     def altactive(self) -> np.ndarray:
@@ -58,6 +76,13 @@ class RLCAS(_Resolution):
         self._known.clear()
         return True, f"RLCAS: aircraft that the policy was not trained for: {self.outside}"
 
+    @_command(name="RLCASPLAN")
+    def setplanning(self, plans: bool) -> tuple[bool, str]:
+        """Set whether aircraft fly plans, where they are SAFE, and the policy's decisions elsewhere."""
+        self.planning = plans
+        self.plans.clear()
+        return True, f"RLCAS: aircraft in conflict fly {'plans, where they are SAFE' if plans else 'the policy'}"
+
     def update(self, conf: Any, ownship: Any, intruder: Any) -> None:
         """Decide which aircraft resolve a conflict, as every method of BlueSky does, and what each of them does."""
         if _Resolution.selected() is not RLCAS:
@@ -66,6 +91,7 @@ class RLCAS(_Resolution):
         self.active &= ~self.resooffac
         names = [ownship.id[index] for index in np.flatnonzero(self.active)]
         self._lasting = {name: self._lasting.get(name, 0.0) + float(bs.traf.asastimer.dt_act) for name in names}
+        self.plans = {name: made for name, made in self.plans.items() if name in self._lasting}
         groups: dict[Policy, list[int]] = {}
         for index in np.flatnonzero(self.active).tolist():
             policy = self._policy_of(index, conf)
@@ -143,9 +169,37 @@ class RLCAS(_Resolution):
         goal_y = np.where(follows, waypoint[1][:, 0], ahead * np.sin(bearing))
         zeros = np.zeros(len(flown))
         own = VehicleState(zeros, zeros, heading, ownship.gs[flown])
-        action = policy.command(own, VehicleState(x, y, course, pace), np.isfinite(away), goal_x, goal_y)
+        others, seen = VehicleState(x, y, course, pace), np.isfinite(away)
+        action = policy.command(own, others, seen, goal_x, goal_y)
         acceleration, yaw_rate = commands(action.T, policy.limits, np)
         self.trk[flown] = (ownship.trk[flown] - np.degrees(yaw_rate * dt)) % 360.0
         self.tas[flown] = np.clip(
             ownship.gs[flown] + acceleration * dt, policy.limits.speed_min, policy.limits.speed_max
         )
+        for row, index in enumerate(flown if self.planning else ()):
+            traffic = [VehicleState(*each) for each in zip(*(field[row, seen[row]] for field in others), strict=True)]
+            goal = complex(goal_x[row], goal_y[row])
+            planned = self._planned(ownship.id[index], policy, take(own, row), traffic, goal, dt)
+            if planned is not None:
+                self.trk[index] = (90.0 - np.degrees(planned.heading)) % 360.0
+                self.tas[index] = planned.speed
+
+    def _planned(
+        self, name: str, policy: Policy, own: VehicleState, traffic: list[VehicleState], goal: complex, dt: float
+    ) -> VehicleState | None:
+        """Return where an aircraft's plan has it after the next ``dt`` seconds; None: it has no safe one."""
+        now, far = float(bs.sim.simt), _AHEAD * policy.aircraft.separation
+        made, curves = self.plans.get(name, (-np.inf, None))
+        if now - made >= _PLANNED:
+            goal *= min(1.0, far / max(abs(goal), 1.0))
+            route = [RoutePoint(100 + i, point.real, point.imag) for i, point in enumerate((goal, 2.0 * goal))]
+            options = Options.for_aircraft(policy.aircraft, policy.limits, extend_route=True, **_SEARCH)
+            try:
+                answer = plan(own, traffic, route, policy, options)
+            except RequestError as problem:
+                self._say(f"{name} plan", f"{name} flies the policy's decisions until it can be planned for: {problem}")
+                curves = None
+            else:
+                curves = legs(knots(own, answer.waypoints)) if answer.safe else None
+            made, self.plans[name] = now, (now, curves)
+        return None if curves is None else at(curves, now + dt - made)

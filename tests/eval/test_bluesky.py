@@ -41,19 +41,21 @@ def fly(method, kind, seconds=700, more="OP", crowd=0):
     for angle in np.linspace(0.3, 5.3, crowd):  # more that meet in the same place
         place = float(np.sin(angle)), float(0.95 + np.cos(angle))
         bs.traf.cre(f"B{angle:.1f}", kind, *place, float(-90 - np.degrees(angle)) % 360, 30_000 * 0.3048, 0.75)
-    least, turned, level_off, resolving = 1e9, 0.0, 0.0, 0
+    least, turned, level_off, resolving, planned = 1e9, 0.0, 0.0, 0, 0
     for _ in range(seconds):
         bs.sim.step()
         y, x = (np.radians(each[:3]) * 6_371_000 for each in (bs.traf.lat, bs.traf.lon))
         least = min(least, np.hypot(x[:, None] - x, y[:, None] - y)[np.triu_indices(3, 1)].min() / 1852)
         resolving = max(resolving, int(bs.traf.cr.active.sum()))
+        planned = max(planned, sum(curves is not None for _, curves in getattr(bs.traf.cr, "plans", {}).values()))
         turned = max(turned, abs(bs.traf.hdg[3] - 90.0))
         level_off = max(level_off, np.abs(bs.traf.vs).max())
     return {"least": float(least), "turned_below": float(turned), "climb": float(level_off), "said": list(said),
-            "course": float(bs.traf.hdg[0]), "resolving": resolving}
+            "course": float(bs.traf.hdg[0]), "resolving": resolving, "planned": planned}
 
 
 found = {"OFF": fly("OFF", "A320", 500), "RLCAS": fly("RLCAS", "A320")}
+found["plans"] = fly("RLCAS", "A320", more="RLCASPLAN ON")
 found["unknown"] = fly("RLCAS", "XQ99", 200)
 found["outside"] = fly("RLCAS", "A320", 200, "ZONER 1")
 found["allowed"] = fly("RLCAS", "A320", 200, "ZONER 1;RLCASOUTSIDE ON")
@@ -122,6 +124,12 @@ def test_aircraft_in_bluesky_keep_the_separation_by_the_policy(tmp_path: Path):
     assert abs(flown["course"] - 90.0) < 5.0, "past the conflict the aircraft flies its course again"
     assert not [text for text in flown["said"] if text.startswith("RLCAS")]
     assert found["off_for_all"]["least"] < 1.0, "RESOOFF holds"
+
+    assert flown["planned"] == 0
+    by_plan = found["plans"]
+    assert by_plan["planned"] >= 2
+    assert by_plan["least"] >= 5.0
+    assert abs(by_plan["course"] - 90.0) < 5.0
 
     unknown = [text for text in found["unknown"]["said"] if text.startswith("RLCAS")]
     assert len(unknown) == 1
