@@ -2,6 +2,8 @@
 
 import json
 import re
+import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from html import escape
@@ -18,6 +20,8 @@ from eval.evidence.tables import row_of
 from eval.report.page import Filled, asset, figure
 
 _STATES = ("shown", "open", "not met")  # the worse the later
+_OUTCOMES = ("not run", "skipped", "passed", "failed")  # of several runs of a test the later one counts
+_WORTH = {"failed": "not met", "not run": "open", "skipped": "open"}
 _FEW = 4  # tests of a file that are named one by one
 _CELLS = {"claimed": "{claim}", "kept": "{kept}", "found": "{found}", "success": "{success_given_resolvable}"}
 _DOWN, _LEFT, _RIGHT = (f'<svg class="{way}"><use href="#arrow-{way}"/></svg>' for way in ("down", "left", "right"))
@@ -66,6 +70,24 @@ def tests_of(root: Path) -> list[str]:
     return found
 
 
+def outcomes_of(tests: Iterable[str], paths: Iterable[Path]) -> dict[str, str]:
+    """Return the outcome of each test by the reports of ``pytest --junitxml``; ``ConfigError`` for another file."""
+    ranks: dict[str, int] = {}
+    for path in paths:
+        try:
+            cases = list(ET.parse(path).getroot().iter("testcase"))
+        except (OSError, ET.ParseError) as error:
+            raise ConfigError(f"{path}: expected a report of pytest --junitxml: {error}") from None
+        if not cases:
+            raise ConfigError(f"{path}: expected a report of pytest --junitxml with at least one testcase")
+        for case in cases:
+            name = f"{case.get('classname')}.{case.get('name', '').partition('[')[0]}"
+            kinds = {part.tag for part in case}
+            found = "failed" if kinds & {"failure", "error"} else "skipped" if "skipped" in kinds else "passed"
+            ranks[name] = max(ranks.get(name, 0), _OUTCOMES.index(found))
+    return {test: _OUTCOMES[ranks.get(re.sub(r"\.py::|::|/", ".", test), 0)] for test in tests}
+
+
 def checked(root: Path, case: Case, listed: Evidence, tests: list[str]) -> dict[str, Item]:
     """Return requirements and assumptions by id, with the tests of files; ``ConfigError`` where a name has nothing."""
     items = dict(case.assumptions)
@@ -92,20 +114,29 @@ def _exist(by: str, kind: str, names: Iterable[str], known: Iterable[str]) -> No
             raise ConfigError(f"dossier: {by} names the {kind} {name!r}, which does not exist{near}")
 
 
-def write(root: Path, to: Path, listed: Evidence, results: Mapping[str, Any], about: dict[str, str], out: Path) -> str:
-    """Write the page of a checkout, of a policy and commit, with pictures from a folder; return what it comes to."""
+def write(
+    root: Path,
+    to: Path,
+    listed: Evidence,
+    results: Mapping[str, Any],
+    about: dict[str, str],
+    out: Path,
+    reports: Iterable[Path] = (),
+) -> str:
+    """Write the page of a policy, with pictures of a folder and reports of tests; return the state of the claim."""
     case, tests = load(Case, root / "configs/dossier.yaml"), tests_of(root)
+    ran = outcomes_of(tests, reports) if (reports := tuple(reports)) else {}
     case = Case.model_validate_json(escape(case.model_dump_json(), quote=False))
     items = checked(root, case, listed, tests)
-    reasons = {name: _reasons(item, listed, results) for name, item in items.items()}
+    reasons = {name: _reasons(item, listed, results, ran) for name, item in items.items()}
     states = {name: max(_STATES.index(one.partition(":")[0]) for one in said) for name, said in reasons.items()}
     states |= {name: max(states[one] for one in goal.requirements) for name, goal in case.goals.items()}
     states["claim"] = max(states[name] for name in case.goals)
     said = {name: item.where or "<br>".join(reasons[name]) for name, item in items.items()}
-    rows = {name: [f"<b>{item.title}</b>{item.says}", said[name], _evidence(item)] for name, item in items.items()}
+    rows = {name: [f"<b>{item.title}</b>{item.says}", said[name], _evidence(item, ran)] for name, item in items.items()}
     files = {name: [test for test in tests if _file(test) == name] for name in map(_file, tests)}
     named = {one for item in items.values() for one in (*item.tests, *item.results)}
-    bare = {name: _shut([test for test in here if test not in named]) for name, here in files.items()}
+    bare = {name: _shut([test for test in here if test not in named], ran) for name, here in files.items()}
     left = f"{len({*tests} - named)} tests and {len({*listed.results} - named)} results"
     made = about | versions("numpy", "safetensors", "scipy", "jax", "jsbsim")
     page = Filled(asset("dossier.html")).substitute(
@@ -116,9 +147,13 @@ def write(root: Path, to: Path, listed: Evidence, results: Mapping[str, Any], ab
         assumptions=_rows({name: rows[name] for name in case.assumptions}),
         results=_rows({name: [*_found(name, listed, results), _by(items, {name})] for name in listed.results}),
         tests=_rows(
-            {name: [_by(items, set(here)), str(len(named & {*here})), bare[name]] for name, here in files.items()}
+            {
+                name: [_by(items, set(here)), str(len(named & {*here})), bare[name], _counted(here, ran)]
+                for name, here in files.items()
+            }
         ),
         left=left,
+        ran=", ".join(escape(path.name) for path in reports) or "no report was given",
         failures=_failures(root, results, about["policy"], out),
         limits="".join(f"<li>{one}</li>" for one in case.not_claimed),
         repeat=_rows({command: [what] for command, what in case.repeat.items()}),
@@ -141,9 +176,18 @@ def _broken(name: str) -> str:  # a line may end within it
     return name.replace("_", "_<wbr>").replace("/", "/<wbr>")
 
 
-def _shut(tests: list[str]) -> str:
-    names = "<br>".join(_broken(test.partition("::")[2]) for test in tests)
-    return f"<details><summary>{len(tests)}</summary>{names}</details>" if tests else "0"
+def _beside(test: str, ran: Mapping[str, str]) -> str:
+    return _broken(test.partition("::")[2]) + (f" ({ran[test]})" if ran else "")
+
+
+def _counted(tests: list[str], ran: Mapping[str, str]) -> str:
+    counts = Counter(ran[test] for test in tests if ran)
+    return ", ".join(f"{n} {outcome}" for outcome, n in counts.items())
+
+
+def _shut(tests: list[str], ran: Mapping[str, str], more: str = "") -> str:
+    names = "<br>".join(_beside(test, ran) for test in tests)
+    return f"<details><summary>{len(tests)}{more}</summary>{names}</details>" if tests else "0"
 
 
 def _by(items: Mapping[str, Item], names: set[str]) -> str:
@@ -152,14 +196,16 @@ def _by(items: Mapping[str, Item], names: set[str]) -> str:
     return ", ".join(f'<a href="#{by}">{by}</a>' for by in ids) or "none"
 
 
-def _evidence(item: Item) -> str:
-    """Return tests, results and documents of an item; a file's tests by name where they are few."""
+def _evidence(item: Item, ran: Mapping[str, str]) -> str:
+    """Return tests, results and documents of an item; a file's tests by name where they are few, else folded."""
     said = []
     for file in dict.fromkeys(map(_file, item.tests)):
-        here = [test.partition("::")[2] for test in item.tests if _file(test) == file]
-        said.append(f"{file}: " + (", ".join(here) if len(here) < _FEW else f"{len(here)} tests"))
-    said += [f"results: {', '.join(item.results)}"] if item.results else []
-    return "<br>".join(map(_broken, [*said, *item.documents])) or "none"
+        here = [test for test in item.tests if _file(test) == file]
+        counted = f" tests{': ' * bool(ran)}{_counted(here, ran)}"
+        few = ", ".join(_beside(test, ran) for test in here)
+        said.append(f"{_broken(file)}: " + (few if len(here) < _FEW else _shut(here, ran, counted)))
+    said += [_broken(f"results: {', '.join(item.results)}")] if item.results else []
+    return "<br>".join([*said, *map(_broken, item.documents)]) or "none"
 
 
 def _found(name: str, listed: Evidence, results: Mapping[str, Any]) -> list[str]:
@@ -174,15 +220,18 @@ def _found(name: str, listed: Evidence, results: Mapping[str, Any]) -> list[str]
     return [title.replace("`", ""), size, claimed, kept, found, origin]
 
 
-def _reasons(item: Item, listed: Evidence, results: Mapping[str, Any]) -> list[str]:
+def _reasons(item: Item, listed: Evidence, results: Mapping[str, Any], ran: Mapping[str, str]) -> list[str]:
     """Return the state of an item and why, in sentences that begin with a state."""
-    said = []
+    bad = [
+        (ran[test], test if ran[test] == "failed" else _file(test)) for test in item.tests if ran.get(test) in _WORTH
+    ]
+    said = [f"{_WORTH[outcome]}: {one}: {n} {outcome}" for (outcome, one), n in Counter(bad).items()]
     for name in item.results:
         _, size, _, kept, found, _ = _found(name, listed, results)
         few = name not in results or results[name]["n"] < listed.results[name].n
         said += [f"not met: {name}: {found}"] if kept == "no" else []
         said += [f"open: {name}: {size}{', undecided' * (kept == 'open')}"] if kept == "open" or few else []
-    return list(map(_broken, said)) or ["shown"]
+    return sorted(map(_broken, said)) or ["shown"]
 
 
 def _failures(root: Path, results: Mapping[str, Any], policy: str, out: Path) -> str:

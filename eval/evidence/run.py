@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         results = published(listed, policy, read_results(ROOT / "docs/reference/evidence.json"), options.out)
         about = {"policy": policy, "commit": str(_commit())}
-        print(write(ROOT, options.dossier, listed, results, about, options.out))
+        print(write(ROOT, options.dossier, listed, results, about, options.out, options.junit))
         return 0
     options.out.mkdir(parents=True, exist_ok=True)
     failed = False
@@ -77,6 +77,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="run nothing: write the assurance case of configs/dossier.yaml, HTML",
     )
+    add("--junit", type=Path, nargs="+", default=[], metavar="XML", help="pytest --junitxml reports, for --dossier")
     add("--scheduler", metavar="ADDRESS", help="of a Dask cluster, for the commands that take one")
     add("--list", type=Path, default=ROOT / "configs/evidence.yaml", metavar="FILE", help="what is evaluated")
     add("--out", type=Path, default=ROOT / "runs/evidence", metavar="DIR", help="folder (default: runs/evidence)")

@@ -192,6 +192,34 @@ def test_a_goal_of_the_dossier_is_as_good_as_its_worst_evidence(tmp_path: Path) 
     assert "one 12 of 24" in page and "a &lt; b" in page
 
 
+def test_a_requirement_of_the_dossier_is_as_good_as_its_tests(tmp_path: Path) -> None:
+    some, about = small_checkout(tmp_path, CASE.replace(", results: [one]", "")), {"policy": "a", "commit": "c"}
+    good = "import pytest\n@pytest.mark.parametrize('n', (0, 1))\ndef test_one(n): assert n in (0, 1)\n"
+    good += "class TestB:\n    def test_two(self): ...\n"
+
+    def report(name: str, code: str, chosen: str) -> Path:
+        (tmp_path / "tests/test_a.py").write_text(code)
+        ask = [sys.executable, "-m", "pytest", "-q", "--import-mode=importlib", "-k", chosen, f"--junitxml={name}"]
+        subprocess.run(ask, cwd=tmp_path, capture_output=True, timeout=100, check=False)
+        return tmp_path / name
+
+    def said(*reports: Path) -> str:
+        state = write(tmp_path, tmp_path / "d.html", some, {}, about, tmp_path, reports)
+        return state.partition("claim is ")[2].partition(";")[0]
+
+    one, two = report("1.xml", good, "one"), report("2.xml", good, "two")
+    bad = report("bad.xml", good.replace("in (0, 1)\n", "\n").replace("class", "@pytest.mark.skip\nclass"), "test")
+    assert said(one, two) == "shown"
+    assert said(one) == "open"
+    assert "tests/<wbr>test_<wbr>a.py: 1 not run" in (tmp_path / "d.html").read_text(encoding="utf-8")
+    assert said(bad) == said(two, bad, one) == "not met"
+    page = (tmp_path / "d.html").read_text(encoding="utf-8")
+    assert "test_<wbr>one (failed)" in page and "test_<wbr>two (passed)" in page
+    bad.write_text("<testsuites/>")
+    with pytest.raises(ConfigError, match=r"bad\.xml"):
+        said(bad)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "wrong"),
     [
