@@ -20,7 +20,7 @@ _TRAFFIC = 1.5
 
 
 class AircraftError(InputError):
-    """An aircraft that cannot be; the message names the number and what was expected."""
+    """An impossible aircraft; the message names the number and what was expected."""
 
 
 class Aircraft(NamedTuple):

@@ -19,7 +19,7 @@ from envs.relative import distance, straight_cpa
 
 
 class EncounterError(InputError):
-    """An encounter or scenario that cannot be had; the message says which and why."""
+    """An impossible encounter or scenario; the message says which and why."""
 
 
 class Encounter(NamedTuple):
@@ -37,7 +37,7 @@ class Encounter(NamedTuple):
 
 
 MOST_INTRUDERS = 64
-"""Most intruders of an encounter: far beyond any traffic that one ownship can tell apart, and still cheap to hold."""
+"""Most intruders of an encounter: far more than one ownship meets, and cheap to hold."""
 
 SCENARIOS = (
     "circle",

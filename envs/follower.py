@@ -41,7 +41,7 @@ def gains(dt: float) -> Gains:
 
 
 class Vehicle(Protocol):
-    """Whatever can be commanded an acceleration and a yaw rate."""
+    """A vehicle that takes an acceleration and a yaw rate."""
 
     @property
     def state(self) -> VehicleState:

@@ -18,7 +18,7 @@ displacement does not bend the course flown after it (with 50 km, a change of 12
 131)."""
 
 COASTING = Limits(0.0, math.inf, 0.0, 0.0, math.inf)
-"""Of an intruder, which keeps its speed, so that no limit is ever met."""
+"""Limits of an intruder, which keeps its speed: none is ever reached."""
 
 
 class Gains(NamedTuple):

@@ -23,7 +23,7 @@ RULES = Rules()
 
 
 class Outcome(NamedTuple):
-    """How an encounter stands after a step: at most one of the three holds; fields are bool ``[...]``."""
+    """The state of an encounter after a step: at most one of the three is true; fields are bool ``[...]``."""
 
     violation: Any
     reached: Any

@@ -11,7 +11,7 @@ from agents.learning.ppo import Batch, Learner, LearnerState, advantages, explai
 
 
 class Step(NamedTuple):
-    """What an environment's step yields besides its new state; fields ``[N]``."""
+    """What an environment's step returns with its new state; fields ``[N]``."""
 
     reward: jax.Array
     """For learning, in scaled units, shaping included."""

@@ -48,11 +48,11 @@ def connect(devices: int | None = None, processes: Processes | None = None) -> D
     """Prepare JAX, before anything else asks it for a device, and return the devices to train on.
 
     Args:
-        devices: how many each process shall use; a CPU is divided into so many. None: all that are visible.
+        devices: how many each process uses; a CPU is divided into so many. None: all that are visible.
         processes: the processes that train together; None: this one alone.
 
     Raises:
-        ConfigError: there are fewer devices, or the other processes are not to be had.
+        ConfigError: there are fewer devices, or the other processes cannot be reached.
     """
     if devices is not None:
         jax.config.update("jax_num_cpu_devices", devices)

@@ -55,7 +55,7 @@ class Deconfliction(Environment[EnvState, EnvParams]):
         intruders: K that an observation shows.
 
     Raises:
-        EncounterError: the scenario or the number of intruders cannot be had.
+        EncounterError: the scenario or the number of intruders is impossible.
     """
 
     def __init__(

@@ -77,7 +77,7 @@ def prepared(config: TrainConfig, directory: Path, devices: Devices | None = Non
         resume: go on from the directory's newest checkpoint instead of starting.
 
     Raises:
-        ConfigError: the configuration asks for what cannot be had, or the checkpoint is of another one.
+        ConfigError: the configuration is impossible, or the checkpoint is of another one.
         CheckpointError: there is nothing to resume from, or nothing to start from, or it has other networks.
     """
     check_memory(config)

@@ -247,7 +247,7 @@ def _training_environment(
 
 
 def _episodes(statistics: tuple[jax.Array, Outcome], steps: int, axis: str | None) -> dict[str, jax.Array]:
-    """Return what the episodes that ended in the rollout amount to; not-a-number where none did."""
+    """Return the sums over the episodes that ended in the rollout; not-a-number where none did."""
     reward, outcome = statistics
 
     def total(values: jax.Array) -> jax.Array:

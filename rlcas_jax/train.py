@@ -77,7 +77,7 @@ def _train(options: "Options", interrupt: "Interrupt") -> int:
 
 
 def _job(job: "Job", options: "Options", devices: "Devices", interrupt: "Interrupt") -> dict[str, Any]:
-    """Train one seed and write what it leaves behind; return the summary, in other processes than the first its end."""
+    """Train one seed and write its files; return the summary, in other processes than the first its end."""
     from rlcas_jax.devices import first
     from rlcas_jax.finish import finish
     from rlcas_jax.loop import prepared, run

@@ -60,7 +60,7 @@ def _parser() -> argparse.ArgumentParser:
         "--scenarios", default=",".join(FOUR), help=f"names with commas, or none (default {','.join(FOUR)})"
     )
     parser.add_argument("--each", type=int, default=1, help="encounters of each scenario (default 1)")
-    parser.add_argument("--random", type=int, default=0, help="encounters of the scenario circle besides (default 0)")
+    parser.add_argument("--random", type=int, default=0, help="further encounters, of the scenario circle (default 0)")
     parser.add_argument("--seed", type=int, default=0, help="of the encounters (default 0)")
     parser.add_argument("--vehicle", default="kinematic", help="kinematic, point_mass or c208 (default kinematic)")
     parser.add_argument("--rate", type=float, default=40.0, help="times real time, at most (default 40)")

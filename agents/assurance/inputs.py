@@ -157,7 +157,7 @@ def _turn_rate(memory: Memory, given: Inputs, elapsed: Any, good: Any, threshold
     # What seems to turn faster than an aircraft can has jumped; nothing follows from that.
     turning = (size >= np.maximum(thresholds.turn_rate_min, _SIGNIFICANT * std)) & (size <= thresholds.turn_rate_max)
     rate = np.where(turning, rate, 0.0)
-    # The same report heard again says nothing new; one after a gap begins anew.
+    # A repeated report says nothing new; one after a gap begins anew.
     again = ~good | (elapsed < shortest)
     return np.where(given.mask, np.where(comparable, rate, np.where(again, memory.turn_rate, 0.0)), 0.0)
 

@@ -184,7 +184,7 @@ def answer(watch: Watch, number: int, plan: Plan) -> tuple[Watch, bool]:
 
 
 def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
-    """Return the monitor with places for these intruders; one that had a place takes along what is remembered."""
+    """Return the monitor with places for these intruders; one that had a place keeps its memory."""
     if names == watch.names:
         return watch
     order = [watch.names.index(name) if name in watch.names else -1 for name in names]

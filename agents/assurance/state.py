@@ -26,7 +26,7 @@ class State(IntEnum):
     REPLAN_REQUESTED = 2
     """The plan is flown, and a new one is wanted."""
     DENIED = 3
-    """No plan may be trusted for lack of inputs, or none could be had while the present one is still safe."""
+    """Inputs are missing, or no plan was found while the present one is still safe."""
     BACKUP = 4
     """The backup is flown until there is a safe plan."""
 

@@ -126,7 +126,7 @@ class Thresholds:
 
     @classmethod
     def for_plans(cls, options: Options, **changes: Any) -> "Thresholds":
-        """Return the usual thresholds for plans made with some options, of whose sigmas a plan must keep half.
+        """Return the usual thresholds for plans made with some options; a plan must keep half of their sigmas.
 
         Args:
             options: of the plans.

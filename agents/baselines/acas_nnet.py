@@ -180,7 +180,7 @@ def _family(path: Path) -> Sequence[Path]:
 
 
 def _product(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return ``x weight^T``, each row the same whatever its company: BLAS would round it by the size of the batch."""
+    """Return ``x weight^T``, each row with the same bits in any batch."""
     return np.einsum("ni,oi->no", x, weight)
 
 

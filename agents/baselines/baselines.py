@@ -139,7 +139,7 @@ class _Conflict(NamedTuple):
 
 
 def _conflicts(sight: Sight, course: np.ndarray, protected: float, lookahead: float) -> _Conflict:
-    """Predict what comes of flying on at the present speed on a course, ``[M]``."""
+    """Predict the conflicts of flying on at the present speed on a course, ``[M]``."""
     own = VehicleState(*(field[:, None] for field in sight.own._replace(heading=course)))
     x, y = sight.intruders.x - own.x, sight.intruders.y - own.y
     (own_vx, own_vy), (vx, vy) = velocity(own, np), velocity(sight.intruders, np)

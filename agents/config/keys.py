@@ -97,7 +97,7 @@ def markdown(model: type[BaseModel], prefix: str = "", *, beside: type[BaseModel
 
 
 def _short(expected: str) -> str:
-    """Return what a key takes in the signs of a table: ``whole number 1..100`` for one at least 1 and at most 100."""
+    """Return what a key takes as a table shows it: ``whole number 1..100`` for one at least 1 and at most 100."""
     text = re.sub(r"\ba (?=number|whole number|list|text|path|group)", "", expected)
     text = re.sub(r"at least (\S+) and at most (\S+)", r"\1..\2", text)
     for words, sign in (("at least", "≥"), ("at most", "≤"), ("above", ">"), ("below", "<")):

@@ -12,7 +12,7 @@ class Progress:
     """Shows what is done of a whole, some figures and the time left.
 
     On a terminal rich draws two lines that stay in their place; a file or a pipe gets plain text without any control
-    sequences, at most a line every few seconds besides the last one.
+    sequences, at most a line every few seconds, and the last one.
     """
 
     def __init__(

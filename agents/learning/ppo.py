@@ -78,7 +78,7 @@ class Batch(NamedTuple):
 def learner(actor: Actor, critic: Critic, settings: PpoSettings) -> Learner:
     """Return networks with Adam and clipping; the learning rate is applied by :func:`update`.
 
-    The gradient of each network is clipped by its own norm: a critic that errs widely shall not shorten the actor's
+    The gradient of each network is clipped by its own norm: a critic with large errors must not shorten the actor's
     step.
     """
     optimizer = optax.chain(
@@ -151,7 +151,7 @@ def normalized(advantage: jax.Array, axis: str | None = None) -> jax.Array:
 
     Args:
         advantage: of the samples that each minibatch has on this device.
-        axis: of the devices that have the others, which then hear of all minibatches in one message; None: there are
+        axis: of the devices that have the others, which then get all minibatches in one message; None: there are
             none.
     """
     mean, std = _moments(advantage, axis)
@@ -167,7 +167,7 @@ def losses(
     """Return the scalar loss of a minibatch and its parts (means over the samples of this device).
 
     Args:
-        batch: samples, their advantages normalised if they shall be.
+        batch: samples, their advantages already normalised if wanted.
     """
     actor_variables, critic_variables = parameters
     mean, log_std = parts.policy(actor_variables, batch.observation)

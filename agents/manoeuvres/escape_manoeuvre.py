@@ -167,7 +167,7 @@ def fly_away(
 
 
 def _summed(start: Any, steps: Any) -> Any:
-    """Return where steps ``[S, M]`` lead to from a start ``[M]``, one after the other, ``[S + 1, M]``."""
+    """Return the running sums of steps ``[S, M]`` from a start ``[M]``, ``[S + 1, M]``."""
     return np.add.accumulate(np.concatenate([start[None], steps]), axis=0)
 
 

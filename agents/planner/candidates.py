@@ -69,7 +69,7 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
         request: ``[M]``, of each manoeuvre.
         rollout: the manoeuvres, ``[M]``.
         goal: number of the route's point that each leads to, ``[M]``.
-        options: how plans shall be.
+        options: how plans are made.
     """
     count = goal.size
     route = (request.route_x, request.route_y)

@@ -86,7 +86,7 @@ def _heights(own: Altitude | None, report: Intruder) -> list[float]:
 
 
 def _bounds(knots: waypoints.Knots, reports: Sequence[Intruder], options: Options) -> list[float]:
-    """Return the distance from each intruder that is never gone below, m."""
+    """Return a lower bound of the distance from each intruder, m."""
     if not reports:
         return []
     traffic = mapped(lambda field: np.asarray(field).T, advanced(*reported(reports)))

@@ -50,7 +50,7 @@ def complete(rollout: Rollout, route: tuple[Any, Any], points: Any, goal: Any, o
         route: its points, m, ``[N, R]`` each.
         points: how many of the R there are, ``[N]``.
         goal: number of the point to rejoin at, ``[N]``.
-        options: how plans shall be; turns between the points have the turn rate of :func:`task_of`.
+        options: how plans are made; turns between the points have the turn rate of :func:`task_of`.
     """
     task, extend, extension = task_of(options), options.extend_route, _EXTENSION * options.aircraft.separation
     finished_by = options.last_free + _SPARE * options.aircraft.dt

@@ -41,7 +41,7 @@ def search(request: Request, goal: Any, options: Options, budget: Budget) -> Pro
     Args:
         request: ``[N]``.
         goal: number of the route's point to rejoin at, ``[N]``.
-        options: how plans shall be.
+        options: how plans are made.
         budget: ends the search.
     """
     best, aircraft = empty(goal.size, options.waypoints), options.aircraft

@@ -60,7 +60,7 @@ def fly_out(request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, optio
         goal: number of the route's point that each leads to, ``[N]``.
         which: number of the request of each manoeuvre, ``[M]``.
         manoeuvre: ``[M]``.
-        options: how plans shall be.
+        options: how plans are made.
         effort: when manoeuvres are given up.
     """
     least, enough, longest, budget = effort

@@ -1,4 +1,4 @@
-"""How plans shall be: for which aircraft, separation, limits, horizon, and how far the search goes."""
+"""How plans are made: for which aircraft, separation, limits and horizon, and how far the search goes."""
 
 import math
 from dataclasses import dataclass
@@ -85,7 +85,7 @@ def speed_range(limits: Limits) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Options:
-    """How plans shall be; made by :meth:`for_aircraft`."""
+    """How plans are made; built by :meth:`for_aircraft`."""
 
     aircraft: Aircraft
     """Whose plans they are: its task, time step and scales."""

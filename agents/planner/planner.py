@@ -47,7 +47,7 @@ def plan(
         intruders: any number of them.
         route: what is left of it, two points at least; the next one first.
         policy: decides.
-        options: how the plan shall be; None: as usual for the policy's aircraft.
+        options: how the plan is made; None: the policy's aircraft's.
         own_altitude: for the vertical filter; None: unknown, all intruders count.
 
     Returns:
@@ -76,7 +76,7 @@ def plan(
 
 
 def _of_domain(intruders: Sequence[VehicleState | Intruder]) -> dict[str, list[float]]:
-    """Return what the operating domain has ranges for (:mod:`agents.policy.domain`); far intruders do no harm."""
+    """Return the quantities of the operating domain (:mod:`agents.policy.domain`), without far intruders."""
     reported = [one for one in intruders if isinstance(one, Intruder)]
     return {
         "intruders": [len(intruders)],
@@ -94,7 +94,7 @@ def plan_many(request: Request, policy: Policy, options: Options, *, floats: boo
     Args:
         request: ``[N]``; taken as it is: in range, with two points of the route at least.
         policy: decides.
-        options: how plans shall be.
+        options: how plans are made.
         floats: roll the policy in plain floats, one request after the other: ten times faster for one, and rounded
             differently.
 

@@ -57,7 +57,7 @@ def published(
         route: of the request.
         excluded: intruders that were left out.
         kept: numbers of the others.
-        options: how plans shall be.
+        options: how plans are made.
         skipped: what was not searched.
     """
     best = take(plans.proposals, 0)
@@ -119,7 +119,7 @@ def rechecked(
         own: present state of the ownship.
         intruders: as reported by now.
         route: what is left of it.
-        options: how the plan shall be.
+        options: how the plan is made.
         own_altitude: for the vertical filter.
     """
     if not plan.safe or late <= 0.0:

@@ -93,7 +93,7 @@ def _flown(traffic: Traffic, time: Any) -> tuple[Any, Any]:
 
 
 def _turning(traffic: Traffic, time: Any) -> tuple[Any, Any]:
-    """Return the positions of intruders ``[m]`` that turn and then fly on, at times ``[m, A]``."""
+    """The same of intruders that turn and then fly straight."""
     one = mapped(lambda field: field[:, None], traffic)
     turning = np.minimum(time, one.turn_time)
     # A turn's chord points half-way through it. Differences of sines would lose 0.1 mm in turns of 1e-9 rad/s.

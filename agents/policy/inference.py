@@ -35,7 +35,7 @@ _NOT_FINITE = "the policy gives an action that is not finite; expected finite st
 
 
 class Decider(Protocol):
-    """A network with what it sees: actions, not clipped, whose rows have the same bits in any company."""
+    """A network with what it sees; its actions are not clipped, and a row has the same bits in any batch."""
 
     def for_aircraft(self, aircraft: Aircraft) -> "Decider":
         """Return the same network for another aircraft."""
@@ -112,7 +112,7 @@ class Policy:
         _check_parity(self._decider, content, _ROUNDING_TOLERANCE, f"in {self.dtype}", source)
 
     def for_aircraft(self, aircraft: Aircraft, *, outside: str = "refuse") -> "Policy":
-        """Return this policy for another aircraft, whose states it then takes and whose limits its actions mean.
+        """Return this policy for another aircraft: it takes that one's states, and its actions mean that one's limits.
 
         Args:
             aircraft: of the family that the policy was trained for.

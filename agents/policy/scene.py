@@ -17,7 +17,7 @@ from envs.relative import distance
 FARTHEST = 20.0
 """Greatest distance that is seen, D; what is farther is seen there, in its direction."""
 
-_NOWHERE = 1e3  # D; where absent intruders are put, so that they are the nearest to nothing
+_NOWHERE = 1e3  # D; place of absent intruders, so that they are never the nearest
 
 
 class Scene(NamedTuple):

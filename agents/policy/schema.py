@@ -81,7 +81,7 @@ _SET_FIELDS: dict[str, Any] = _COMMON | {
 
 
 class SetOf(NamedTuple):
-    """What a policy for any number of intruders needs besides."""
+    """The fields of a policy for any number of intruders."""
 
     encoder: tuple[int, ...]
     """Widths of the layers that each intruder passes."""

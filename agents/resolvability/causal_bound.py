@@ -154,7 +154,7 @@ def _record(record: VehicleState, index: int, air: _Air) -> None:
 
 
 def _planned(air: _Air, index: int, foresight: Foresight, rules: Rules, limits: Limits) -> Manoeuvre:
-    """Return the plans to follow from now on: the old ones, unless they do not do and better ones are found."""
+    """Return the plans to follow from now on: the old ones, unless these fail and better ones are found."""
     plan = np.stack(air.plan)
     surprised = np.any((np.abs(air.rate) > 1e-6) & air.encounter.mask, axis=-1)
     rows = np.flatnonzero(surprised | (index % _EVERY == 0))

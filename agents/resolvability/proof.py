@@ -198,7 +198,7 @@ def _halves(funnel: Funnel, promising: Any, times: Any, step: float, limits: Lim
 
 
 def _width(funnel: Funnel) -> Any:
-    """Return how fast the reachable set widens, m/s, ``[N, T]``: a guide for splitting, no bound."""
+    """Return how fast the reachable set widens, m/s, ``[N, T]``: it guides the splitting, and is no bound."""
     turn = np.minimum(funnel.turn_high - funnel.turn_low, 3.0)
     return 0.5 * (funnel.speed_low + funnel.speed_high) * turn + funnel.speed_high - funnel.speed_low
 

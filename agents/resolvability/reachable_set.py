@@ -177,7 +177,7 @@ def merged(states: States, cells: Cells) -> States:
 
 
 def _gridded(states: States, ahead: int, place: float) -> States:
-    """Cut polygons at every multiple of ``place`` in one direction; grazes up to a millimetre are let be."""
+    """Cut polygons at every multiple of ``place`` in one direction; overlaps of up to a millimetre stay."""
     back = ahead + DIRECTIONS.size // 2
     done = []
     while True:

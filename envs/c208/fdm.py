@@ -18,7 +18,7 @@ STEP = 1.0 / 60.0  # of the physics, s
 
 
 class FdmError(RuntimeError):
-    """JSBSim could not be had, or a name that it does not know."""
+    """JSBSim cannot be loaded, or does not know a name."""
 
 
 _silence: list[Any] = []  # JSBSim keeps no reference of its own

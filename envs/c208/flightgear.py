@@ -83,7 +83,7 @@ def flightgear_at(address: str, *, paced: bool) -> FlightGear:
     try:
         found = socket.getaddrinfo(host, int(port), socket.AF_INET, socket.SOCK_DGRAM)
     except (OSError, UnicodeError):
-        raise ConfigError(f"flightgear is {address!r}, whose host cannot be resolved; {wanted}") from None
+        raise ConfigError(f"flightgear is {address!r}: the host cannot be resolved; {wanted}") from None
     return FlightGear(str(found[0][4][0]), int(port), paced)
 
 

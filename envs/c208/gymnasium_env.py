@@ -25,7 +25,7 @@ class C208Env(DeconflictionEnv):
     """One encounter of the true aircraft, at 2500 m, under its autopilot.
 
     The action's accelerations and turn rates are those of ``aircraft`` over the ground; the aircraft reaches them with
-    its lags, as far as its power and its wing allow. ``info`` holds ``altitude`` and ``airspeed`` besides. A flight
+    its lags, as far as its power and its wing allow. ``info`` also holds ``altitude`` and ``airspeed``. A flight
     that the aircraft does not survive raises :class:`envs.c208.vehicle.FlightError`.
 
     Args:

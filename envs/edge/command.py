@@ -136,7 +136,7 @@ def visible(text: str) -> str:
 
 
 def _disk_full(problem: BaseException | None) -> bool:
-    """Return whether an error, or one that it came from, says so."""
+    """Return whether an error, or its cause, says that the disk is full."""
     while problem is not None:
         if isinstance(problem, OSError) and problem.errno == errno.ENOSPC:
             return True
@@ -169,7 +169,7 @@ def _say(sentence: str, status: int) -> int:
 
 
 def _place(problem: BaseException) -> str:
-    """Return where it was raised: the innermost line of the toolkit."""
+    """Return the innermost line of the toolkit in a traceback."""
     root = Path(__file__).resolve().parents[2]
     frames = traceback.extract_tb(problem.__traceback__)
     ours = [frame for frame in frames if Path(frame.filename).is_relative_to(root)]

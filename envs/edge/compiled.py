@@ -15,7 +15,7 @@ from pathlib import Path
 __all__ = ["keep_compiled"]
 
 _LARGE = 1 << 30
-"""Bytes of all folders with which they begin anew."""
+"""Size of all folders, bytes, from which on they are emptied."""
 
 
 def keep_compiled() -> None:

@@ -61,17 +61,17 @@ def write_file(target: str | os.PathLike[str], content: str | bytes) -> None:
 
 
 def check_regular(path: str | os.PathLike[str]) -> None:
-    """Refuse what would be waited for, or has no end: a named pipe, a device, a folder.
+    """Refuse what is not a regular file: a named pipe, a device, a folder.
 
     Raises:
-        OSError: there is no such file, or it is none that can be read whole.
+        OSError: there is no such file, or it is not a regular one.
     """
     if not stat.S_ISREG(Path(path).stat().st_mode):
         raise OSError(errno.EINVAL, "not a regular file", os.fspath(path))
 
 
 def check_space(folder: Path, needed: int, what: str) -> None:
-    """Refuse an output folder whose disk has too little room, before anything is worked out.
+    """Refuse an output folder on a disk with too little room, before anything is computed.
 
     Args:
         folder: that exists already or not.

@@ -66,7 +66,7 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         render_size: side of the picture, pixels.
 
     Raises:
-        EncounterError: (a ValueError) the scenario or encounter cannot be had.
+        EncounterError: (a ValueError) the scenario or encounter is impossible.
         gymnasium.error.Error: UnsupportedMode for another render mode or where no window can be opened, ResetNeeded
             for a step before the first reset or after the end, InvalidAction for an action that is none.
     """

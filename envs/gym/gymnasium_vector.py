@@ -51,7 +51,7 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         render_mode: None; pictures are the single environment's.
 
     Raises:
-        ValueError: ``num_envs`` is below 1; an EncounterError where a scenario or encounter cannot be had.
+        ValueError: ``num_envs`` is below 1; an EncounterError for an impossible scenario or encounter.
         gymnasium.error.Error: UnsupportedMode for a render mode, ResetNeeded for a step before the first reset,
             InvalidAction for actions that are none.
         gymnasium.error.ClosedEnvironmentError: a reset or step after close.

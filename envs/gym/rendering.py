@@ -2,7 +2,7 @@
 
 A drawing owns its figure and its artists. The still part (axes, grid, route, goal) is drawn once and kept as
 pixels; a frame restores them and draws what moves on top. Colours follow Okabe and Ito, so that they differ for
-colour-blind eyes, and differ in lightness and shape besides.
+colour-blind eyes, and also differ in lightness and shape.
 """
 
 from typing import Any, NamedTuple

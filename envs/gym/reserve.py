@@ -25,7 +25,7 @@ class Reserve:
         columns: intruder columns K of the rows.
 
     Raises:
-        EncounterError: the scenario has more intruders than there are columns, or its starts cannot be had.
+        EncounterError: the scenario has more intruders than there are columns, or its conditions are never met.
     """
 
     def __init__(self, scenario: Scenario, seed: int, first: int, count: int, columns: int) -> None:

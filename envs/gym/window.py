@@ -7,7 +7,7 @@ from envs.gym.rendering import Drawing, Scene
 
 
 class DisplayError(RuntimeError):
-    """There is no window to be had; the message says why and what to do."""
+    """No window can be opened; the message says why and what to do."""
 
 
 class Window:

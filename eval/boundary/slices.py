@@ -31,7 +31,7 @@ _TURN = math.radians(1.5)  # in a time step at full rate
 _COURSES = np.radians(np.arange(-220.0, 220.1, 2.0))
 _SWITCHES = (0, 2, 4, 8, 12, 16, 22, 28, 36, 48, math.inf)  # time steps of deceleration
 _BLOCK = 8
-_FLOWN = 400  # points near the boundary at which extremal flights are flown, besides all that are undecided
+_FLOWN = 400  # points near the boundary at which extremal flights are flown, in addition to all undecided ones
 
 
 class Slice(NamedTuple):

@@ -116,7 +116,7 @@ def _parser() -> argparse.ArgumentParser:
         **many,
     )
     add("--baseline", metavar="NAME", help="of those above, may be repeated (default: all but witness)", **many)
-    add("--mode", choices=("plan", "assured"), help="how policies are flown besides, may be repeated", **many)
+    add("--mode", choices=("plan", "assured"), help="another way to fly policies; may be repeated", **many)
     add("--scenario", metavar="NAME", help="a name, file:PATH, tracks:PATH or lincoln:PATH (default: circle)")
     add("--set", metavar="KEY=VALUE", help="change a key, such as changes.own_speed=[50,70], may be repeated", **many)
     add(

@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.evidence", description=_DESCRIPTION)
     add = parser.add_argument
-    add("--only", nargs="+", default=[], metavar="NAME", help="results, or tables, whose rows they are (default: all)")
+    add("--only", nargs="+", default=[], metavar="NAME", help="results, or tables for all their rows (default: all)")
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--quick", action="store_const", const=0.01, dest="scale", help="the same as --scale 0.01")
     size.add_argument("--scale", type=real(1e-4, 100.0), metavar="S", help="times the listed encounters (default: 1)")
@@ -103,7 +103,7 @@ def _size(result: Any, entry: Entry, policy: str) -> int:
 
 
 def _result(name: str, listed: Evidence, policy: str, options: argparse.Namespace) -> str:
-    """Make a result where it is wanted, and return what was done; nothing where its command failed."""
+    """Make a result that is not there yet, and return what was done; nothing if its command failed."""
     entry, path = listed.results[name], options.out / f"{name}.json"
     n = max(round(entry.n * options.scale), min(entry.n, _LEAST)) if "{n}" in entry.command else entry.n
     if _size(read_results(path).get(name), entry, policy) >= n:

@@ -46,7 +46,7 @@ def generated(root: Path, page: Path, text: str, listed: Evidence, results: Mapp
 
 
 def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) -> str:
-    """Return a table, what of it is not measured, and whose figures these are."""
+    """Return a table, its results that are not measured, and the policies of its figures."""
     table, place = listed.tables[name], page.parent
     names = [one for one in listed.rows(name) if one in results]
     rows = [["", *table.columns], *(row_of(listed.results[one], results[one], table.columns) for one in names)]

@@ -29,7 +29,7 @@ __all__ = ["Assured", "along", "fly_assured"]
 
 
 _GOAL = 1  # number of the goal among the route's points
-_BUFFER = 0.5  # separations that a plan shall keep beyond what is required, where it can: intruders may turn
+_BUFFER = 0.5  # separations that a plan keeps beyond what is required, where it can: intruders may turn
 _AGAIN = 5  # time steps between two attempts to reach it in time after all
 
 

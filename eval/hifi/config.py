@@ -146,7 +146,7 @@ class HifiConfig(MonteCarloConfig):
         return 200 if self.encounters is None else self.encounters
 
     def chunk_for(self, encounters: int, workers: int) -> int:
-        """Return the size of the chunks: a flight takes a second, and what is interrupted shall lose little."""
+        """Return the size of the chunks: small, so that an interruption loses little."""
         return self.chunk or max(1, min(_CHUNK, -(-encounters // workers)))
 
 

@@ -150,7 +150,7 @@ class Assured:
             self._flies = flies
 
     def _tracked(self, intruders: VehicleState) -> VehicleState:
-        """Return what is believed of the intruders after this second's reports."""
+        """Return the estimates of the intruders after this second's reports."""
         if self._sensor is None:
             return intruders
         noise = self._sensor.position_std, self._sensor.velocity_std

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["campaign_of", "main"]
 
 _DECISIVE = ("jsbsim",)
-"""Packages beside the usual ones on whose versions flights depend."""
+"""More packages with versions that flights depend on."""
 
 _DESCRIPTION = """\
 Fly what the planner, the policy or the assured loop decide on the true aircraft, a Cessna 208B in JSBSim, and say how

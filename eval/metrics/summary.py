@@ -105,7 +105,7 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float, resamples: int
 
 
 def _of_others(table: Mapping[str, np.ndarray], rate: Any, possible: int) -> dict[str, Any]:
-    """Return how the weaker modes fared that are flown beside: the policy alone, the plan flown once."""
+    """Return the rates of the modes flown for comparison: the policy alone, the plan flown once."""
     rates = {}
     for name in ("policy", "plan"):
         if f"{name}_outcome" in table:

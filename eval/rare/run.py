@@ -146,7 +146,7 @@ def _config(options: argparse.Namespace) -> "tuple[MonteCarloConfig, str]":
 
 
 def _blamed(problem: "FlightProblem", one: "Repetition") -> np.ndarray:
-    """Return which of the encounters that a repetition ended with are not proven unresolvable."""
+    """Return which of the last encounters of a repetition are not proven unresolvable."""
     count = len(one.last[0])
     if not count:
         return np.zeros(0, bool)

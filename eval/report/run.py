@@ -25,7 +25,7 @@ Failures, near misses and a sample of the other encounters are flown again for t
 _EPILOG = """\
 examples:
   python -m eval.report runs/circle
-  python -m eval.report runs/circle --show 4711,4712      these encounters shall have tracks too
+  python -m eval.report runs/circle --show 4711,4712      with tracks of these encounters too
   python -m eval.report runs/circle --tracks 0            nothing is flown: neither policy nor much time is needed"""
 
 _MOST_WITNESSES = 100

@@ -172,7 +172,7 @@ def connected(address: str, packages: tuple[str, ...]) -> Generator[Cluster, Non
 
 
 def _greet(address: str) -> None:
-    """Ask for the identity of what listens, because a client would wait for ever for one that keeps silent."""
+    """Ask the scheduler for its identity, because a client would wait for ever if nothing answers."""
     from distributed.security import Security
 
     async def ask() -> Any:

@@ -192,7 +192,7 @@ def read_table(path: Path, what: str, schema: bytes | None = None) -> Any:
     """Return a table of pyarrow from a file.
 
     Raises:
-        ConfigError: it is not what it shall be: cannot be read, or its metadata name another schema than the one given.
+        ConfigError: it is not as expected: cannot be read, or its metadata name another schema than the one given.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq

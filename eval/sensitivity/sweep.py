@@ -51,7 +51,7 @@ def changed(name: str, value: float) -> dict[str, str]:
 
 
 class Sweep(NamedTuple):
-    """What shall be varied."""
+    """A quantity to vary, and its values."""
 
     name: str
     values: tuple[float, ...]

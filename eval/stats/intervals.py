@@ -75,7 +75,7 @@ def resampled_sums(columns: np.ndarray, resamples: int, seed: int) -> np.ndarray
 
 
 def _distinct(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distinct rows, ``[D, C]``, and how often each stands there; ten times as fast as unique by axis."""
+    """Return the distinct rows, ``[D, C]``, and their counts; ten times as fast as numpy's unique by axis."""
     code = np.zeros(len(columns), np.int64)
     for column in columns.T:
         values, place = np.unique(column, return_inverse=True)

@@ -180,7 +180,7 @@ def _adsb_report(message: Any, references: Mapping[int, str], name: str) -> Repo
 
 
 def _adsb_sighting(message: Any, references: Mapping[int, str]) -> Sighting:
-    """Return what an ADS-B vehicle that cannot be used still holds."""
+    """Return name and place, if known, of an ADS-B vehicle that cannot be used."""
     flags = readable(lambda: integer("", message.flags, 0, 2**16 - 1)) or 0
     place = _place(message) if flags & _COORDINATES else None
     height = readable(lambda: _adsb_altitude(message, references, 0.0, ""))

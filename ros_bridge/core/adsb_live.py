@@ -1,7 +1,7 @@
 """Live ADS-B as reports: BaseStation lines, and the ``aircraft.json`` of readsb, tar1090 and dump1090.
 
-Nothing here imports ROS or connects. A receiver hears whatever flies or taxies in its view, the ownship too. What is no
-traffic is left out and counted; of what cannot be used the name and the place are kept.
+Nothing here imports ROS or connects. A receiver sees all that flies or taxies around it, also the ownship. What is
+no traffic is left out and counted; of unusable messages name and place are kept.
 """
 
 import json
@@ -35,7 +35,7 @@ _EPV = (0, 10, 3, 1, 0.3)  # m/s, by NACv
 
 
 class Traffic:
-    """Decides which of the aircraft heard are traffic, and makes their reports.
+    """Decides which of the aircraft received are traffic, and makes their reports.
 
     Args:
         own_id: the ownship's address; "": unknown.

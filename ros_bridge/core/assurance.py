@@ -192,7 +192,7 @@ def answered(supervision: Supervision, number: int, published: Published | None)
 
 
 def to_fly(supervision: Supervision) -> Flown:
-    """Return what shall be flown now."""
+    """Return what is to be flown now."""
     if supervision.frame is None or _state(supervision) is State.IDLE:
         return Flown.NOTHING
     return Flown.BACKUP if bool(supervision.watch.monitor.on_backup[0]) else Flown.PLAN

@@ -26,7 +26,7 @@ _LEAST = 60.0
 windows it describes receivers and the traffic's aircraft, so that nothing of it follows from the ownship."""
 
 _SHARE = 0.4
-"""Difference that is allowed besides, as a share of the way flown; velocities in knots for m/s differ by 0.49."""
+"""Further difference that is allowed, as a share of the way flown; velocities in knots for m/s differ by 0.49."""
 
 _SIGMAS = 3.0
 _TURN_BASELINE = (0.2, 5.0)  # s between two reports that a turn may be read from
@@ -86,7 +86,7 @@ def extended(course: Course, report: Report) -> Course:
 
 
 def _compared(window: _Window, report: Report, seconds: float) -> tuple[str, bool]:
-    """Return how displacement and velocities contradict each other, or "", and whether they plainly agree."""
+    """Return how displacement and velocities contradict each other, or "", and whether they clearly agree."""
     start = window.start
     east, north = displacement(start.latitude, start.longitude, report.latitude, report.longitude)
     moved, flown = math.hypot(east, north), math.hypot(window.east, window.north)

@@ -39,7 +39,7 @@ _COPY_DISTANCE, _COPY_SPEED, _COPY_TURN = 250.0, 10.0, 0.2
 
 @dataclass(frozen=True)
 class Settings:
-    """How old things may be, and how plans shall be."""
+    """How old inputs may be, and how plans are made."""
 
     options: Options
     turn_time: float

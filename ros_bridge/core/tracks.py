@@ -180,7 +180,7 @@ def _seen(report: Report) -> Sighting:
 
 
 def _sighted(track: Track, sighting: Sighting, now: int, rules: Rules) -> Track:
-    """Return the track with a sighting, which takes the place of those that may be of the same aircraft."""
+    """Return the track with a sighting, which replaces those that may be of the same aircraft."""
     new, kept = Sighted(sighting, now), []
     for old in track.sightings:
         if (now - old.arrived) / SECOND > rules.fresh_start:

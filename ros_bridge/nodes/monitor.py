@@ -15,7 +15,7 @@ runner's inputs under the runner's names, so that both need no remapping in one 
           /diagnostics         diagnostic_msgs/DiagnosticArray
     calls rlcas_runner/generate_trajectory                         rlcas_msgs/GenerateTrajectory
 
-What shall be flown is AssuranceStatus.fly. Parameters:
+What is to be flown is AssuranceStatus.fly. Parameters:
 """
 
 import math
@@ -185,7 +185,7 @@ class Monitor(ListeningNode):
             self._publish(self._latest)
 
     def _settle(self, now: int) -> None:
-        """Give up waiting for an answer that does not come; the runner may be gone, and DDS not know it yet."""
+        """Stop waiting for an answer that does not come; DDS may not yet notice that the runner is gone."""
         if self._pending is None:
             return
         _, future, since = self._pending

@@ -98,7 +98,7 @@ class Runner(ListeningNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget everything."""
         if self._searching:
-            self.get_logger().error("a search is under way, whose answer is not given yet: try again in some seconds")
+            self.get_logger().error("the answer of a slow search is not given yet: try again in some seconds")
             return TransitionCallbackReturn.FAILURE
         self._end()
         return TransitionCallbackReturn.SUCCESS
@@ -247,7 +247,7 @@ class Runner(ListeningNode):
         return max(self._revision + 1, min(now // SECOND, 2**31))
 
     def _withdraw(self) -> None:
-        """Publish that the plan holds no more."""
+        """Publish that the plan is withdrawn."""
         if not self._unique.int:
             return
         now = self.get_clock().now().nanoseconds

@@ -205,7 +205,7 @@ class Simulator(Node):
         self._clocks.publish(ClockMessage(clock=header(self._clock, "").stamp))
 
     def _judged(self, wall: float) -> bool:
-        """Return whether the monitor has kept up with the clock, or must be done without."""
+        """Return whether the clock may go on: the monitor has followed it, or is not waited for."""
         if not self._monitored or wall - self._last > _PATIENCE:
             return True
         return (
@@ -292,7 +292,7 @@ class Simulator(Node):
             self.get_logger().info(f"{log.name}: {name} {response.message}")
 
     def _choose(self, flight: EncounterFlight) -> None:
-        """Take up the trajectory that the monitor names, or the newest plan where there is no monitor."""
+        """Fly the trajectory that the monitor names, or the newest plan without a monitor."""
         wanted = self._guidance.selected()
         if wanted is None or uuid_of(wanted.id).bytes == self._following:
             return

@@ -21,7 +21,7 @@ class Quality(NamedTuple):
     rate: float = 10.0
     """Hz."""
     latency: float = 0.0
-    """From the time that a report speaks of to its arrival, s."""
+    """From the time of a state to the arrival of its report, s."""
     dropout: float = 0.0
     """Share of the reports that never arrive."""
     position_std: float = 0.0
@@ -35,7 +35,7 @@ class Received(NamedTuple):
 
     identifier: str
     time: float
-    """That it speaks of, s."""
+    """Of the state, s."""
     state: VehicleState
     """With its noise."""
 

@@ -15,7 +15,7 @@ import time
 from collections.abc import Generator, Iterable
 
 FLAG = "--end-with-parent"
-"""With which a node is started that shall end when its standard input is closed."""
+"""Argument of a node that ends when its standard input is closed."""
 
 _FIRST, _END = 20, 200  # domains
 _PORT = 23_000  # a port that stands for a domain, kept while it is used

@@ -1,5 +1,5 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""What runner and monitor share: what they hear, giving back what was made, and a clock that may step back."""
+"""What runner and monitor share: their inputs, releasing what was made, and a clock that may step back."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -56,7 +56,7 @@ def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None
 
 
 def _sections(tree: Any) -> Iterable[str]:
-    """Yield the names of the nodes that a file's sections are for; sections in others stand in a namespace."""
+    """Yield the names of the nodes that a file's sections are for; sections inside others are in a namespace."""
     for name, inside in tree.items() if isinstance(tree, dict) else ():
         if isinstance(inside, dict) and "ros__parameters" in inside:
             yield str(name).rpartition("/")[2]

@@ -86,7 +86,7 @@ def aircraft_text(options: Options) -> str:
 
 
 def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options:
-    """Return how plans shall be.
+    """Return how plans are made.
 
     Args:
         value: of a parameter by its name; None for one that the node does not have.
@@ -122,7 +122,7 @@ def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options
 
 
 def planning_settings(value: Callable[[str], Any], aircraft: Aircraft) -> Settings:
-    """Return how old things may be, and how plans shall be; arguments as :func:`planning_options` has them."""
+    """Return how old inputs may be, and how plans are made; arguments as :func:`planning_options` has them."""
     options = planning_options(value, aircraft)
     usual = Thresholds.for_plans(options)
     return Settings(
