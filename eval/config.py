@@ -50,12 +50,12 @@ class PlannerConfig(Strict):
     """How plans are made and flown in the modes that plan."""
 
     margin: float | None = Field(default=None, ge=0.0)
-    """Added to the required separation, m: what the follower may leave of the plan; null: 0.02 m for the paper's
+    """Added to the required separation, m: how far the vehicle may be from its plan; null: 0.02 m for the paper's
     aircraft, others in proportion."""
     goal_radius: float | None = Field(default=None, gt=0.0)
-    """Within which a point of the route counts as rejoined, m; null: the aircraft's."""
+    """Distance from a point of the route at which the route is rejoined, m; null: the aircraft's."""
     rejoin_by: float | None = Field(default=None, gt=0.0)
-    """Latest time of that, s; null: the aircraft's time limit."""
+    """Latest time of rejoining the route, s; null: the aircraft's time limit."""
     goals: int = Field(default=3, ge=1, le=10)
     """Points of the route that are tried, the next one first."""
     direct: bool = True
@@ -155,11 +155,11 @@ class MonteCarloConfig(Strict):
     policy_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
     """Digest that the policy must have, so that a repeated run flies the same one; null: any."""
     mode: str = Field(default="policy", json_schema_extra={"expected": "policy, plan or assured"})
-    """What decides: policy, the network alone, once a second; plan, the planner once at the start, whose plan is then
+    """What decides: policy, the network alone, once a second; plan, the planner once at the start, then the plan is
     followed; assured, the same under a monitor that asks for new plans and falls back to a backup."""
     baseline: str = Field(default="none", json_schema_extra={"expected": f"one of {', '.join(BASELINES)}"})
     """What decides in the policy's place, in mode policy; none: the policy itself. The flight straight along the route
-    is always flown beside."""
+    is always flown too."""
     backend: str = Field(
         default="auto", pattern="^(auto|numpy|jax)$", json_schema_extra={"expected": "auto, numpy or jax"}
     )

@@ -33,7 +33,7 @@ def page() -> str:
 
     parts = [
         f"## `python -m eval.monte_carlo`\n\n{markdown(MonteCarloConfig)}",
-        f"## `python -m eval.hifi`\n\nAll keys above have the same meaning here, but for `mode`. Besides:\n\n"
+        f"## `python -m eval.hifi`\n\nAll keys above have the same meaning here, but for `mode`. Also:\n\n"
         f"{markdown(HifiConfig, beside=MonteCarloConfig)}",
         f"## `changes` of `lincoln:PATH`\n\n{markdown(TrafficConfig)}",
     ]

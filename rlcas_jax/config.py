@@ -96,8 +96,8 @@ class WorldConfig(Strict):
     """What training requires beyond the aircraft's own task, and the task's scores."""
 
     separation_spread: float = Field(default=0.0, ge=0.0, le=10.0)
-    """The environments require separations spread evenly from the aircraft's to this much more, separations, which the
-    observation does not show: the closer an encounter comes, the more often it is lost."""
+    """Each environment requires a separation of 1 to 1 + this times the aircraft's, spread evenly; the observation does
+    not show it."""
     reward_violation: float = -100.0
     """Score of a lost separation."""
     reward_goal: float = 100.0
@@ -119,7 +119,7 @@ class ShapingConfig(Strict):
     """
 
     goal: Weight = 0.0
-    """Potential of ten separations less to the goal."""
+    """Gain in potential for ten separations nearer to the goal."""
     turn_rate_cost: Weight = 0.0
     """Cost of a time step at the full turn rate; half of it costs a quarter."""
     heading_change_cost: Weight = 0.0
@@ -168,7 +168,7 @@ class EvaluationConfig(Strict):
     final_encounters: int = Field(default=10_000, ge=1, le=1_000_000)
     """Encounters of the evaluation after training."""
     seed: int = Field(default=1_000_003, ge=0, lt=2**63)
-    """Of the encounters; the same whatever the seed of the training, so that runs are compared on equal terms."""
+    """Of the encounters; independent of the training's seed, so that all runs are evaluated on the same encounters."""
 
 
 class CheckpointConfig(Strict):

@@ -30,7 +30,7 @@ METRICS = {
     " over the last epoch of the update.",
     "policy_loss": "PPO's clipped surrogate objective, negated.",
     "value_loss": "Half the critic's mean squared error, in units of the scaled reward squared.",
-    "entropy": "Entropy of the action distribution, nats; it falls as the policy makes up its mind.",
+    "entropy": "Entropy of the action distribution, nats; it falls as the policy becomes deterministic.",
     "neg_log_prob": "Mean negative logarithm of the density of the actions taken, nats.",
     "approx_kl": "Estimate of the divergence between the policy before and after the update, nats; above about 0.05 the"
     " updates are too large.",

@@ -13,10 +13,9 @@ A configuration is a YAML file with what differs from the defaults, given as `--
 `--set KEY=VALUE`, also inside lists (`--set scenarios.0.weight=2`). `--set` wins over the file. A run writes what came
 out, every key, to `config.yaml` in its directory, and that file repeats the run.
 
-The files in `configs/` are `quick.yaml` (a policy in a minute on two cores), `best.yaml` (the strongest plain
-training), `paper.yaml` (the paper's own set-up), `sprint.yaml` (seconds to a training score of +75,
-`docs/reference/benchmarks.md`) and the aircraft in `configs/aircraft/`: `paper.yaml` (the paper's surrogate, also the
-default), `c208.yaml`, `uas.yaml`, `light.yaml` and `jet.yaml`.
+The files in `configs/` are `quick.yaml` (a policy in a minute on two cores), `best.yaml` (the policy that ships),
+`paper.yaml` (the paper's own set-up), `sprint.yaml` (seconds to a training score of +75) and the aircraft in
+`configs/aircraft/`: `paper.yaml` (the default), `c208.yaml`, `uas.yaml`, `light.yaml` and `jet.yaml`.
 
 Numbers may be written as `3e-4`, `1e7` and `1_000_000`. A key that does not exist, a value of another type or out of
 range, a key that stands twice and a file that is not there end the program with one sentence and exit status 2, before

@@ -16,28 +16,6 @@ from agents.config.load import AIRCRAFT, VEHICLES, ConfigError, Strict, file_of,
 from envs.aircraft import PAPER, Aircraft, new_aircraft
 from envs.encounters import SCENARIOS, EncounterError, Scenario, scenario
 from envs.kinematics import FASTEST, SURROGATE, Limits
-from envs.outcome import RULES, Rules
-
-
-class RulesConfig(Strict):
-    """The task; the time step is 1 s."""
-
-    t_max: float = Field(default=RULES.t_max, ge=1.0, le=3600.0, multiple_of=1.0)
-    """Time after which the goal counts as missed, s."""
-    separation: float = Field(default=RULES.separation, gt=0.0)
-    """Distance to an intruder below which an encounter is lost, m."""
-    goal_radius: float = Field(default=RULES.goal_radius, gt=0.0)
-    """Distance from the goal at which it counts as reached, m."""
-    reward_violation: float = RULES.reward_violation
-    """Score of a lost separation."""
-    reward_goal: float = RULES.reward_goal
-    """Score of a goal reached."""
-    reward_timeout: float = RULES.reward_timeout
-    """Score of a goal missed."""
-
-    def rules(self) -> Rules:
-        """Return the task's numbers as the world's functions take them."""
-        return Rules(**{name: getattr(self, name) for name in RulesConfig.model_fields})
 
 
 def _degrees(angle: float) -> float:

@@ -119,7 +119,7 @@ class HifiConfig(MonteCarloConfig):
     baselines: ClassVar[tuple[str, ...]] = ("none",)
 
     mode: str = Field(default="plan", json_schema_extra={"expected": "plan, closed or assured"})
-    """What decides: plan, the planner once at the start, whose plan is then followed; closed, the network alone, once
+    """What decides: plan, the planner once at the start, then the plan is followed; closed, the network alone, once
     a second; assured, the plan under a monitor that asks for new plans and falls back to a backup."""
     vehicle: Literal["c208_ex", "c208", "point_mass", "surrogate"] = "c208_ex"
     """What flies: c208_ex or c208 (675 shp) in JSBSim, point_mass (its lags and limits alone), surrogate."""
