@@ -67,7 +67,7 @@ ros: .venv/ros.stamp
 .bluesky/stamp: pyproject.toml
 	@echo "installing BlueSky into .bluesky"
 	@$(PYTHON) -m venv .bluesky
-	@.bluesky/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[bluesky]'
+	@.bluesky/bin/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[bluesky]'
 	@touch $@
 
 bluesky: .bluesky/stamp
