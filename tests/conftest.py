@@ -3,8 +3,13 @@
 What JAX compiles is kept as the programs keep it, for the other processes of a run and for later runs.
 """
 
+import gc
 import os
+import shutil
+from collections.abc import Callable, Iterator
+from typing import Any
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 from agents.planner import budget
@@ -22,3 +27,56 @@ FINISH, budget._FINISH = budget._FINISH, -60.0
 
 
 keep_compiled()  # pytest's workers and the programs that tests start inherit it
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mix files that compute with those that wait, and keep whole each file's order; the last files are short."""
+    items.sort(key=lambda item: item.path.name, reverse=True)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def freeze_what_stays() -> None:
+    """Spare the garbage collector, in every file, what earlier files left for good: millions of objects of JAX."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(scope="module")
+def trained_once() -> Iterator[None]:
+    """Let the trainings of this process that differ in no compiled key share their programs."""
+    from agents.config.load import dump
+    from rlcas_jax import loop
+    from rlcas_jax.config import CheckpointConfig
+
+    really, kept = loop.build, dict[Any, Any]()
+
+    def build(config: Any, devices: Any = None, phase: int = 0) -> Any:
+        outside = {"warm_start": None, "checkpoint": CheckpointConfig()}
+        key = dump(config.model_copy(update=outside)), phase
+        if key not in kept:
+            kept[key] = really(config, devices, phase)
+        return kept[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loop, "build", build)
+        yield
+
+
+@pytest.fixture(scope="module")
+def new_page() -> Iterator[Callable[..., Any]]:
+    """Return what opens a page in a real browser; the page waits longer than a busy machine needs."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if chromium is None:
+        pytest.skip("no Chromium is installed (Debian's package: chromium)")
+    with playwright.sync_playwright() as driver:
+        # No sandbox: as root, which continuous integration is, Chromium starts no other way; the page is our own.
+        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"], timeout=240_000.0)
+
+        def opened(**settings: Any) -> Any:
+            page = browser.new_page(**settings)
+            page.set_default_timeout(240_000.0)
+            return page
+
+        yield opened
+        browser.close()

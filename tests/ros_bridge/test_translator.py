@@ -352,7 +352,7 @@ def test_core_and_sim_load_no_ros():
 def test_bad_arguments_end_with_one_line_and_code_2(arguments: list[str], says: str):
     with domain() as number:
         process = Process("ros_bridge.runner", number, *arguments)
-        output, _ = process.popen.communicate(timeout=15.0)
+        output, _ = process.popen.communicate(timeout=120.0)
     assert process.popen.returncode == 2
     assert says in output
     assert "Traceback" not in output

@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,31 +16,20 @@ from eval.report.page import page
 from tests.eval.conftest import HOSTILE, TRACKS
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed (Debian's package: chromium)")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as driver:
-        # No sandbox: as root, which continuous integration is, Chromium starts no other way; the page is our own.
-        launched = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield launched
-        launched.close()
 
 
 class Opened:
     """A page with what it asked for and what went wrong in it."""
 
-    def __init__(self, browser: Any, path: Path, fragment: str = "", scheme: str = "light") -> None:
-        self.page = browser.new_page(viewport={"width": 1280, "height": 900}, color_scheme=scheme)
+    def __init__(self, new_page: Any, path: Path, fragment: str = "", scheme: str = "light") -> None:
+        self.page = new_page(viewport={"width": 1280, "height": 900}, color_scheme=scheme)
         self.asked: list[str] = []
         self.wrong: list[str] = []
         self.page.on("request", lambda request: self.asked.append(request.url))
         self.page.on("pageerror", lambda problem: self.wrong.append(str(problem)))
         self.page.on("console", lambda message: self.wrong.append(message.text))
         self.page.goto(path.as_uri() + fragment)
-        self.page.wait_for_selector("html[data-ready]", timeout=20_000)
+        self.page.wait_for_selector("html[data-ready]")
 
     def text(self, selector: str) -> str:
         return self.page.inner_text(selector)
@@ -57,8 +45,8 @@ class Opened:
 
 
 @pytest.fixture
-def opened(browser: Any, report_page: Path) -> Iterator[Opened]:
-    one = Opened(browser, report_page)
+def opened(new_page: Any, report_page: Path) -> Iterator[Opened]:
+    one = Opened(new_page, report_page)
     yield one
     assert one.wrong == []
     one.page.close()
@@ -145,9 +133,9 @@ def test_an_encounter_without_tracks_says_how_to_get_them(opened: Opened, report
     assert "not on this page" in opened.text("#note")
 
 
-def test_a_fragment_names_the_encounter(browser: Any, report_page: Path) -> None:
+def test_a_fragment_names_the_encounter(new_page: Any, report_page: Path) -> None:
     number = int(next(iter(stored(report_page)["flights"])))
-    opened = Opened(browser, report_page, f"#{number}")
+    opened = Opened(new_page, report_page, f"#{number}")
     assert opened.chosen() == number
     opened.page.close()
 
@@ -158,8 +146,8 @@ def test_names_from_the_data_stay_text(opened: Opened) -> None:
     assert opened.page.eval_on_selector_all("main img, main b", "found => found.length") == 0
 
 
-def test_the_browser_is_forbidden_every_connection(browser: Any, report_page: Path) -> None:
-    opened = Opened(browser, report_page)
+def test_the_browser_is_forbidden_every_connection(new_page: Any, report_page: Path) -> None:
+    opened = Opened(new_page, report_page)
     tried = """() => new Promise((done) => {
         addEventListener("securitypolicyviolation", (event) => done(event.violatedDirective));
         fetch("http://127.0.0.1:9/").catch(() => setTimeout(() => done("reached"), 500));
@@ -168,8 +156,8 @@ def test_the_browser_is_forbidden_every_connection(browser: Any, report_page: Pa
     opened.page.close()
 
 
-def test_light_dark_and_paper(browser: Any, report_page: Path) -> None:
-    dark = Opened(browser, report_page, scheme="dark")
+def test_light_dark_and_paper(new_page: Any, report_page: Path) -> None:
+    dark = Opened(new_page, report_page, scheme="dark")
     assert dark.paper() == "rgb(20, 23, 26)"
     dark.page.click("#theme")
     assert dark.paper() == "rgb(255, 255, 255)"
@@ -188,7 +176,7 @@ def test_light_dark_and_paper(browser: Any, report_page: Path) -> None:
 
 
 def test_ten_thousand_encounters_are_one_page_of_15_mb_that_lists_its_flights(
-    browser: Any, report_run: Path, report_page: Path, tmp_path: Path
+    new_page: Any, report_run: Path, report_page: Path, tmp_path: Path
 ) -> None:
     small, count = read_run(report_run), 10_000
     rows = np.arange(count) % len(small.kinds)
@@ -203,6 +191,6 @@ def test_ten_thousand_encounters_are_one_page_of_15_mb_that_lists_its_flights(
     large = tmp_path / "report.html"
     large.write_text(page(run, choose(run, 1_000), page_data(run, np.arange(count), flights), "a test"), "utf-8")
     assert large.stat().st_size < 15_000_000
-    opened = Opened(browser, large)  # how soon it is ready (data-ready, ms) is a matter of the machine
+    opened = Opened(new_page, large)
     assert len(opened.listed()) == 1_000
     opened.page.close()
