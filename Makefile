@@ -11,7 +11,7 @@
 #   make clean        remove the environment and caches, keep runs/
 
 PYTHON ?= python3
-PYTEST_ARGS ?= -n 2 --dist loadfile
+PYTEST_ARGS ?= -n 2 --dist loadfile --no-loadscope-reorder
 UV ?= uv
 
 BIN := .venv/bin

@@ -66,6 +66,11 @@ def shipped_model() -> Any:
     return model(policy_file.read(SHIPPED))
 
 
+@cache
+def random_model(feature_set: str) -> Any:
+    return model(random_policy(feature_set))
+
+
 def decided(made: Any, inputs: dict[str, np.ndarray]) -> np.ndarray:
     settings = onnxruntime.SessionOptions()
     settings.intra_op_num_threads = settings.inter_op_num_threads = 1
@@ -97,7 +102,7 @@ def test_it_decides_as_the_shipped_policy(most: int):
 @pytest.mark.parametrize("feature_set", ["none", "cpa", "mirror", "set"])
 def test_every_network_is_exported(feature_set: str):
     content = random_policy(feature_set)
-    actions = decided(model(content), inputs_of(content))
+    actions = decided(random_model(feature_set), inputs_of(content))
     np.testing.assert_allclose(actions, content.parity_action, rtol=0.0, atol=PARITY)
     assert content.parity_action.std(axis=0).min() > 0.03
 
@@ -124,13 +129,13 @@ def test_it_says_what_it_is():
 
 
 def test_equal_policies_give_equal_bytes():
-    first, second = (model(random_policy("cpa")).SerializeToString(deterministic=True) for _ in range(2))
-    assert first == second
+    again = model(random_policy("cpa"))
+    assert again.SerializeToString(deterministic=True) == random_model("cpa").SerializeToString(deterministic=True)
 
 
 def test_a_model_that_disagrees_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(export_onnx, "read", lambda _: random_policy("none"))
-    monkeypatch.setattr(export_onnx, "model", lambda _: model(random_policy("cpa")))
+    monkeypatch.setattr(export_onnx, "model", lambda _: random_model("cpa"))
     with pytest.raises(ExportError, match="the model's actions differ by"):
         export(SHIPPED, tmp_path / "policy.onnx")
     assert not list(tmp_path.iterdir())
@@ -157,7 +162,7 @@ def test_bad_input_ends_with_one_sentence(tmp_path: Path, capsys: pytest.Capture
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1.0001, -1.5, 3e38])
 def test_an_observation_that_the_policy_refuses_gives_no_number(bad: float):
-    made = model(random_policy("mirror"))
+    made = random_model("mirror")
     good = np.random.default_rng(1).uniform(-1.0, 1.0, (9, 8)).astype(np.float32)
     spoilt = good.copy()
     spoilt[np.arange(8), np.arange(8)] = bad
@@ -170,8 +175,7 @@ def test_an_observation_that_the_policy_refuses_gives_no_number(bad: float):
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_scene_that_is_not_finite_gives_no_number(bad: float):
-    content = random_policy("set")
-    made, good = model(content), inputs_of(content)
+    made, good = random_model("set"), inputs_of(random_policy("set"))
     for name in good:
         spoilt = {key: values.copy() for key, values in good.items()}
         spoilt[name][0].flat[0] = bad

@@ -230,7 +230,7 @@ def first_checkpoint(run: Run) -> Path:
 
 
 @pytest.fixture(scope="module")
-def earlier(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def earlier(tmp_path_factory: pytest.TempPathFactory, trained_once: None) -> Run:
     return trained(tmp_path_factory.mktemp("runs") / "earlier")
 
 

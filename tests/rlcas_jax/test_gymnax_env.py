@@ -37,17 +37,21 @@ def flown(env: Deconfliction, params: Any, steps: int, action: tuple[float, floa
         found = jax.vmap(env.step, (0, 0, None, None))(jax.random.split(key, COUNT), state, jnp.asarray(action), params)
         return found[1], found
 
-    _, state = jax.vmap(env.reset, (0, None))(keys(0), params)
-    return jax.lax.scan(step, state, jax.random.split(jax.random.key(1), steps))[1]
+    @jax.jit
+    def whole() -> Any:
+        _, state = jax.vmap(env.reset, (0, None))(keys(0), params)
+        return jax.lax.scan(step, state, jax.random.split(jax.random.key(1), steps))[1]
+
+    return whole()
 
 
 def test_it_is_registered_with_its_spaces() -> None:
     env, params = gymnax.make(ENV_ID)
     assert (env.name, env.num_actions, params.max_steps_in_episode) == (ENV_ID, 2, 300)
-    observation, state = env.reset(jax.random.key(0), params)
+    observation, state = jax.jit(env.reset)(jax.random.key(0), params)
     action = env.action_space(params).sample(jax.random.key(1))
     assert env.action_space(params).contains(action)
-    after, _, reward, terminated, truncated, info = env.step(jax.random.key(2), state, action, params)
+    after, _, reward, terminated, truncated, info = jax.jit(env.step)(jax.random.key(2), state, action, params)
     space = env.observation_space(params)
     for seen in (observation, after, info["final_observation"]):
         assert (seen.shape, seen.dtype) == (space.shape, np.float32)
@@ -57,7 +61,7 @@ def test_it_is_registered_with_its_spaces() -> None:
 
 def test_several_intruders_are_seen_as_a_dict() -> None:
     env = Deconfliction("multi", UAS, intruders=4)
-    observation, _ = env.reset(jax.random.key(0))
+    observation, _ = jax.jit(env.reset)(jax.random.key(0))
     space = env.observation_space()
     assert isinstance(space, spaces.Dict)
     assert {name: part.shape for name, part in space.spaces.items()} == {
@@ -73,7 +77,7 @@ def test_several_intruders_are_seen_as_a_dict() -> None:
 def test_an_encounter_is_flown_as_the_surrogate_flies_it(name: str) -> None:
     env = Deconfliction(name, UAS)
     params, late = env.default_params, name == "noisy"
-    pool = surrogate.redraw_pool(jax.random.key(0), [env.scenario], [1.0], 1, COUNT)
+    pool = jax.jit(lambda key: surrogate.redraw_pool(key, [env.scenario], [1.0], 1, COUNT))(jax.random.key(0))
     starts = jax.tree.map(lambda field: field[0], pool)
     actions = jax.random.uniform(jax.random.key(1), (60, COUNT, 2), minval=-1.0, maxval=1.0)
     world = surrogate.World(UAS.rules(), UAS)
@@ -114,7 +118,7 @@ def test_the_aircraft_may_differ_within_a_batch() -> None:
     limits = UAS.limits._replace(speed_max=slower, speed_min=0.5 * slower)
     many = params.replace(aircraft=UAS._replace(limits=limits))
     axes = jax.tree.map(lambda leaf: 0 if jnp.ndim(leaf) else None, many)
-    _, state = jax.vmap(env.reset, (0, axes))(keys(0), many)
+    _, state = jax.jit(jax.vmap(env.reset, (0, axes)))(keys(0), many)
     step = jax.jit(jax.vmap(env.step, (0, 0, None, axes)))
     for _ in range(40):
         _, state, *_ = step(keys(3), state, jnp.asarray((1.0, 0.0)), many)

@@ -233,7 +233,7 @@ def trained(config: TrainConfig, directory: Path) -> Run:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory, file: Path) -> Run:
+def whole(tmp_path_factory: pytest.TempPathFactory, file: Path, trained_once: None) -> Run:
     return trained(load(TrainConfig, file), tmp_path_factory.mktemp("runs") / "whole")
 
 
@@ -294,7 +294,7 @@ def test_a_phase_goes_on_with_the_networks_of_the_one_before(whole: Run, file: P
         np.testing.assert_array_equal(mine, theirs)
 
 
-@pytest.mark.parametrize("least", [5, 25])
+@pytest.mark.parametrize("least", [pytest.param(5, marks=pytest.mark.slow), 25])
 def test_a_kill_in_either_phase_loses_nothing(whole: Run, file: Path, tmp_path: Path, least: int) -> None:
     killed = tmp_path / "killed"
     command = [sys.executable, "-m", "rlcas_jax.train", "--quiet"]
