@@ -63,7 +63,7 @@ def test_the_code_of_a_page_runs_and_prints_what_it_says(page: str, tmp_path: Pa
     runnable = [block for block in blocks(page) if block.runs]
     program = "\nprint('-- next --')\n".join(block.code for block in runnable)
     done = subprocess.run(
-        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=1_200, check=False
     )
     assert done.returncode == 0, done.stderr
     outputs = done.stdout.split("-- next --\n")
@@ -177,7 +177,7 @@ print(json.dumps(answers))
 def test_options_in_pages_are_options_of_the_program() -> None:
     wanted = calls()
     done = subprocess.run(
-        [sys.executable, "-c", HELP, *wanted], cwd=ROOT, capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, "-c", HELP, *wanted], cwd=ROOT, capture_output=True, text=True, timeout=1_200, check=False
     )
     assert done.returncode == 0, done.stderr
     answers = json.loads(done.stdout.splitlines()[-1])

@@ -181,7 +181,7 @@ def test_the_first_signal_says_what_it_waits_for_and_the_second_ends() -> None:
     process.send_signal(signal.SIGINT)
     assert process.stdout.readline().startswith("stopping: waits for the call; Ctrl-C again ends at once")
     process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=120)
+    output, _ = process.communicate(timeout=1_200)
     assert process.returncode == 130
     assert "interrupted; the last checkpoint is kept" in output
 
@@ -190,7 +190,7 @@ def test_the_first_signal_says_what_it_waits_for_and_the_second_ends() -> None:
 def test_where_nothing_is_lost_the_first_signal_ends(number: signal.Signals) -> None:
     process = busy("nothing")
     process.send_signal(number)
-    output, _ = process.communicate(timeout=120)
+    output, _ = process.communicate(timeout=1_200)
     assert (process.returncode, output) == (130, "interrupted\n")
 
 
@@ -206,7 +206,7 @@ def test_a_signal_while_a_training_starts_ends_it_with_130(after_s: float, confi
     process = started("-m", "rlcas_jax.train", "--config", config, "--out", tmp_path / "run", "--quiet")
     time.sleep(after_s)
     process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=120)
+    output, _ = process.communicate(timeout=1_200)
     assert process.returncode == 130, output
     assert "Traceback" not in output
 
@@ -215,7 +215,7 @@ def test_one_folder_has_one_training(config: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
     process = started("-m", "rlcas_jax.train", "--config", config, "--out", out, "--quiet")
     try:
-        deadline = time.monotonic() + 120
+        deadline = time.monotonic() + 1_200
         while time.monotonic() < deadline and len(metrics.read(out / metrics.FILE).get("update", ())) < 1:
             time.sleep(0.05)
         with pytest.raises(ConfigError, match=f"--resume {out} is in use by process {process.pid} on "):

@@ -57,7 +57,7 @@ def start(*arguments: object) -> "subprocess.Popen[str]":
 
 
 def ended(process: "subprocess.Popen[str]", status: int = 0) -> str:
-    output, _ = process.communicate(timeout=240)
+    output, _ = process.communicate(timeout=1_200)
     assert process.returncode == status, output
     return output
 
@@ -115,7 +115,7 @@ def test_a_run_of_two_processes_is_stopped_by_either_and_goes_on_on_two_devices(
 ) -> None:
     out = tmp_path / "run"
     processes = pair("--config", config_file, "--set", "steps=40960", "--out", out)
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + 1_200
     while time.monotonic() < deadline and len(metrics.read(out / metrics.FILE).get("update", ())) < 2:
         time.sleep(0.02)
     processes[1].send_signal(signal.SIGINT)

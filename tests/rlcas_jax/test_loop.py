@@ -45,7 +45,7 @@ def command(*arguments: object) -> list[str]:
 
 
 def train(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command(*arguments), capture_output=True, text=True, timeout=300, check=False)
+    return subprocess.run(command(*arguments), capture_output=True, text=True, timeout=1_200, check=False)
 
 
 def stop_midway(out: Path, config_file: Path, number: signal.Signals) -> tuple[int, str]:
@@ -56,13 +56,13 @@ def stop_midway(out: Path, config_file: Path, number: signal.Signals) -> tuple[i
         stderr=subprocess.STDOUT,
         text=True,
     )
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + 1_200
     while time.monotonic() < deadline and process.poll() is None:
         if len(metrics.read(out / metrics.FILE).get("update", ())) >= 2:
             break
         time.sleep(0.02)
     process.send_signal(number)
-    output, _ = process.communicate(timeout=120)
+    output, _ = process.communicate(timeout=1_200)
     return process.returncode, output
 
 
@@ -107,7 +107,7 @@ def test_resuming_after_a_kill_equals_an_uninterrupted_run(
 ) -> None:
     killed = tmp_path / "killed"
     process = subprocess.Popen(command("--config", config_file, "--out", killed, "--quiet"))
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + 1_200
     while time.monotonic() < deadline and process.poll() is None:
         if 5 <= len(metrics.read(killed / metrics.FILE).get("update", ())) < UPDATES:
             break
@@ -196,7 +196,7 @@ def test_kept_and_broken_programs_change_no_bit(tmp_path: Path, config_file: Pat
     for name in ("anew", "loaded", "cut off"):
         out = tmp_path / name
         program = command("--config", config_file, "--out", out, "--quiet")
-        done = subprocess.run(program, env=environment, capture_output=True, text=True, timeout=300, check=False)
+        done = subprocess.run(program, env=environment, capture_output=True, text=True, timeout=1_200, check=False)
         assert done.returncode == 0, done.stderr
         assert ("Error reading persistent compilation cache" in done.stderr) == (name == "cut off")
         assert figures(out) == figures(uninterrupted)
@@ -221,7 +221,7 @@ def test_a_full_disk_ends_a_training_in_one_sentence(uninterrupted: Path, config
         ],
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=1_200,
         check=False,
     )
     assert done.returncode == 1, done.stderr

@@ -147,7 +147,10 @@ def world() -> Iterator[World]:
         process = Process("ros_bridge.runner", number, "--ros-args", *(part for age in ages for part in ("-p", age)))
         client = Client(number)
         try:
-            yield World(client)
+            world = World(client)
+            world.reference()
+            world.route()
+            yield world
         finally:
             client.close()
             process.stop()
@@ -176,8 +179,6 @@ def becomes(world: World, wanted: Code, reported: Callable[[int], None]) -> Gene
 
 
 def test_echo_of_the_ownship_before_its_first_state_is_no_intruder(world: World):
-    world.reference()
-    world.route()
     for _ in range(3):
         world.intruder(0.0, 0.0, 0.0, 75.0, id="4B1A2C  ")
         world.client.idle(0.1)

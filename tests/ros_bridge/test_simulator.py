@@ -260,7 +260,7 @@ def test_full_disk_ends_a_recording_in_one_sentence_and_keeps_it(tmp_path: Path)
     command = ["--scenarios", "head_on", "--each", "9", "--rate", "20", "--record", str(file)]
     # Files may grow to so many blocks only: what a full disk does, without one.
     limited = ["bash", "-c", 'ulimit -f 64; exec "$@"', "bash", sys.executable, "-m", "ros_bridge.demo", *command]
-    done = subprocess.run(limited, cwd=ROOT, capture_output=True, text=True, timeout=120.0, check=False)
+    done = subprocess.run(limited, cwd=ROOT, capture_output=True, text=True, timeout=1_200, check=False)
     assert done.returncode == 1, done.stderr
     assert f"{file} cannot be written: File too large" in done.stderr and "Traceback" not in done.stderr
     assert not file.exists()
@@ -329,7 +329,7 @@ def test_the_four_scenarios_are_flown_safely(vehicle: str):
 def test_simulator_alone_names_the_missing_nodes():
     with domain() as number:
         process = Process("ros_bridge.simulator", number, "--ros-args", "-p", "monitor:=false")
-        output, _ = process.popen.communicate(timeout=60.0)
+        output, _ = process.popen.communicate(timeout=1_200)
     assert process.popen.returncode == 1
     assert "the runner has not answered within 30 s" in output
 

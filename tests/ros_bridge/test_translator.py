@@ -352,7 +352,7 @@ def test_core_and_sim_load_no_ros():
 def test_bad_arguments_end_with_one_line_and_code_2(arguments: list[str], says: str):
     with domain() as number:
         process = Process("ros_bridge.runner", number, *arguments)
-        output, _ = process.popen.communicate(timeout=120.0)
+        output, _ = process.popen.communicate(timeout=1_200)
     assert process.popen.returncode == 2
     assert says in output
     assert "Traceback" not in output
@@ -399,7 +399,7 @@ def test_the_program_of_the_page_gets_the_answers_of_the_page(left_out: str, pri
             env=environment,
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=1_200,
             check=False,
         )
     assert done.returncode == 0, done.stderr

@@ -128,7 +128,7 @@ def test_no_picture_without_a_render_mode():
 def in_a_new_interpreter(code: str, **variables: str) -> subprocess.CompletedProcess[str]:
     clean = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY", "MPLBACKEND")}
     command = [sys.executable, "-W", "error", "-c", code]
-    return subprocess.run(command, env=clean | variables, capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(command, env=clean | variables, capture_output=True, text=True, timeout=1_200, check=False)
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have a display without being asked")

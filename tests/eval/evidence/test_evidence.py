@@ -270,7 +270,7 @@ def test_an_interrupt_keeps_what_is_finished_and_goes_on(tmp_path: Path) -> None
         while not list(out.glob("two-*/parts/*.parquet")) and time.monotonic() < end:
             time.sleep(0.2)
         child.send_signal(signal.SIGINT)
-        _, said = child.communicate(timeout=120)
+        _, said = child.communicate(timeout=1_200)
     assert child.returncode == 130, said
     assert read_results(out / "one.json") and not (out / "two.json").exists()
     assert list(out.glob("two-*/config.yaml"))

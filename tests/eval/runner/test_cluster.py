@@ -64,7 +64,7 @@ class Processes:
             process.wait()
 
 
-def wait_until(true: Callable[[], bool], seconds: float = 180.0) -> None:
+def wait_until(true: Callable[[], bool], seconds: float = 1_200.0) -> None:
     deadline = time.monotonic() + seconds
     while not true():
         assert time.monotonic() < deadline
@@ -111,7 +111,7 @@ def parts(out: Path) -> list[Path]:
 def test_a_cluster_gives_the_bits_of_one_process(cluster: Processes, alone: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
     process = start(out, "--config", str(alone / "config.yaml"), "--set", "chunk=13", "--scheduler", cluster.address)
-    _, errors = process.communicate(timeout=180)
+    _, errors = process.communicate(timeout=1_200)
     assert process.returncode == 0, errors
     assert "48 of 48 encounters" in errors
     # Progress, and nothing of Dask's own.
@@ -150,7 +150,7 @@ def test_ctrl_c_keeps_what_is_flown_and_another_cluster_goes_on(
     process = start(out, "--config", str(alone / "config.yaml"), "--set", "chunk=4", "--scheduler", cluster.address)
     wait_until(lambda: bool(parts(out)) or process.poll() is not None)
     os.killpg(process.pid, signal.SIGINT)
-    _, errors = process.communicate(timeout=180)
+    _, errors = process.communicate(timeout=1_200)
     assert process.returncode == 130, errors
     assert "finishing the chunks in the air" in errors
     assert f"Go on with: python -m eval.monte_carlo --resume --out {out}" in errors
@@ -174,7 +174,7 @@ def test_an_encounter_that_cannot_be_drawn_is_the_user_s_affair(cluster: Process
     impossible = ("--set", "changes.conflicts_closer_than=1e-9", "--set", "changes.attempts=1")
     out = tmp_path / "run"
     process = start(out, *RUN, *impossible, "--scheduler", cluster.address)
-    _, errors = process.communicate(timeout=180)
+    _, errors = process.communicate(timeout=1_200)
     assert process.returncode == 2, errors
     assert len(errors.splitlines()) == 1, errors
     assert "does not meet the conditions of scenario 'circle' in 1 attempts" in errors
@@ -277,7 +277,7 @@ def test_a_worker_that_is_killed_costs_its_chunks_time_alone(alone: Path, tmp_pa
         )
         wait_until(lambda: len(parts(out)) >= 2 or process.poll() is not None)
         first.kill()
-        _, errors = process.communicate(timeout=180)
+        _, errors = process.communicate(timeout=1_200)
         assert process.returncode == 0, errors
         assert (out / "encounters.parquet").read_bytes() == (alone / "encounters.parquet").read_bytes()
     finally:
@@ -296,7 +296,7 @@ def test_a_scheduler_that_is_killed_ends_the_run_with_one_sentence(alone: Path, 
         wait_until(lambda: bool(parts(out)) or process.poll() is not None)
         processes.scheduler.kill()
         begun = time.monotonic()
-        _, errors = process.communicate(timeout=180)
+        _, errors = process.communicate(timeout=1_200)
         assert time.monotonic() - begun < 60.0
         assert process.returncode == 1, errors
         assert f"error: the scheduler at {processes.address} has gone" in errors
