@@ -188,15 +188,15 @@ class Policy:
         Raises:
             ValueError: a shape is wrong, or a number is not finite; ``OutsideDomainError``: there are too many.
         """
-        own = VehicleState(*(np.asarray(field, float) for field in own))
-        goal_x, goal_y = np.asarray(goal_x, float), np.asarray(goal_y, float)
-        shape = own.x.shape
-        present = np.asarray(present, bool)
+        shape, present = np.shape(own.x), np.asarray(present, bool)
         if present.shape[:-1] != shape or present.ndim != len(shape) + 1:
-            raise ValueError(f"present has shape {present.shape}, expected [*{shape}, K]")
+            raise ValueError(f"present has shape {present.shape}, expected {shape} and an axis of the intruders")
+        own = VehicleState(*(_shaped(f"own.{name}", field, shape) for name, field in own._asdict().items()))
+        goal_x, goal_y = _shaped("goal_x", goal_x, shape), _shaped("goal_y", goal_y, shape)
+        fields = intruders._asdict().items()
+        seen = VehicleState(*(_shaped(f"intruders.{name}", field, present.shape) for name, field in fields))
         if present.shape[-1] > self.most:
             self.check_intruders(int(np.max(np.count_nonzero(present, axis=-1), initial=0)))
-        seen = VehicleState(*(np.broadcast_to(np.asarray(field, float), present.shape) for field in intruders))
         one, wide = VehicleState(*(field.reshape(-1) for field in own)), (own.x.size, present.shape[-1])
         each = VehicleState(*(field.reshape(wide) for field in seen))
         actions = self._decider.of_states(one, each, present.reshape(wide), goal_x.reshape(-1), goal_y.reshape(-1))
@@ -236,6 +236,13 @@ class Policy:
         if low < -1.0 or high > 1.0:
             array = array.clip(-1.0, 1.0)
         return array.astype(self.dtype, copy=False)
+
+
+def _shaped(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
+    try:
+        return np.broadcast_to(np.asarray(values, float), shape)
+    except ValueError:
+        raise ValueError(f"{name} has shape {np.shape(values)}, expected {shape}") from None
 
 
 def _clipped(actions: np.ndarray) -> np.ndarray:

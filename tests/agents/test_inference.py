@@ -306,10 +306,18 @@ def test_command_of_one_is_that_of_many():
         np.testing.assert_allclose(one, together[row], atol=1e-3)
 
 
-def test_command_refuses_a_mask_of_another_shape():
+def test_command_names_what_has_another_shape():
     own, others, present, goal_x, goal_y = scenes()
-    with pytest.raises(ValueError, match="present"):
-        policy().command(own, others, present[:, 0], goal_x, goal_y)
+    few = VehicleState(*(field[:, :2] for field in others))
+    for name, scene in (
+        ("present", (own, others, present[:, 0], goal_x, goal_y)),
+        ("intruders.x", (own, others, present[:, :2], goal_x, goal_y)),
+        ("intruders.x", (own, few, present, goal_x, goal_y)),
+        ("own.heading", (own._replace(heading=own.heading[:3]), others, present, goal_x, goal_y)),
+        ("goal_y", (own, others, present, goal_x, goal_y[:3])),
+    ):
+        with pytest.raises(ValueError, match=f"{name} has shape"):
+            policy().command(*scene)
 
 
 def test_two_exact_images_of_each_other_pass():
