@@ -44,11 +44,11 @@ _BENT = np.concatenate([np.full(_CURVED, 0.5 / _CURVED), np.zeros(len(_LATER))])
 _LONGEST = 0.9 * HORIZON
 
 
-def kept(seen: Scene, xp: Any) -> Any:
-    """Return the least separation from any intruder within :data:`HORIZON` of each manoeuvre, D, ``[22, ...]``.
+def paths(seen: Scene, xp: Any) -> tuple[Any, Any, Any, Any, Any, Any]:
+    """Return where the ownship flies in each manoeuvre, six times ``[22, 10, ...]``.
 
-    Args:
-        seen: fields ``[...]`` and ``[..., K]`` with K >= 1.
+    Of each chord's end the time and the place x, y; of the chord its span of time and its step x, y; in the order
+    times, spans, step x, step y, x, y.
     """
     speed, ratios = seen.own_speed, seen.ratios
     dtype, axes = speed.dtype, (1,) * speed.ndim
@@ -75,12 +75,17 @@ def kept(seen: Scene, xp: Any) -> Any:
     ahead = xp.concatenate([xp.broadcast_to(table(np.cos(fixed)), wide), xp.stack([cosine] * 3)])
     aside = xp.concatenate([xp.broadcast_to(table(np.sin(fixed)), wide), xp.stack([sine] * 3)])
     step_x, step_y = way * ahead, way * aside
-    own_x, own_y = xp.cumsum(step_x, axis=1), xp.cumsum(step_y, axis=1)
+    return times, spans, step_x, step_y, xp.cumsum(step_x, axis=1), xp.cumsum(step_y, axis=1)
 
+
+def kept(seen: Scene, xp: Any) -> Any:
+    """Return the least separation from any intruder within :data:`HORIZON` of each manoeuvre, D, ``[22, ...]``.
+
+    Args:
+        seen: fields ``[...]`` and ``[..., K]`` with K >= 1.
+    """
     # Relative to each intruder, [M, P, K, ...]: where a chord ends, and how it got there.
-    times, spans, step_x, step_y, own_x, own_y = (
-        field[:, :, None] for field in _together((times, spans, step_x, step_y, own_x, own_y), xp)
-    )
+    times, spans, step_x, step_y, own_x, own_y = (field[:, :, None] for field in _together(paths(seen, xp), xp))
     start_x, start_y, vx, vy = (_first(field, xp) for field in (seen.x, seen.y, seen.vx, seen.vy))
     x, y = start_x + vx * times - own_x, start_y + vy * times - own_y
     step_x, step_y = vx * spans - step_x, vy * spans - step_y

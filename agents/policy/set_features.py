@@ -19,8 +19,11 @@ OWN = 15 + escapes.COUNT
 EACH = 16
 """Numbers that describe an intruder."""
 
-_KEPT_UNIT = 0.03  # D; resolution of what manoeuvres keep beyond the separation
-_ALIKE = 0.05  # between what manoeuvres keep, squashed: 1.5 thousandths of D near the separation
+KEPT_UNIT = 0.03
+"""Resolution of what manoeuvres keep beyond the separation, D."""
+
+ALIKE = 0.05
+"""Between what manoeuvres keep, squashed: 1.5 thousandths of D near the separation."""
 
 
 class SetInputs(NamedTuple):
@@ -45,12 +48,12 @@ def set_inputs(seen: Scene, xp: Any) -> SetInputs:
     seen, sign = mirrored(seen, xp)
     # Manoeuvres along the last axis: there numpy adds up a row in the same order whatever the number of rows.
     kept = xp.stack(list(escapes.kept(seen, xp)), axis=-1)
-    spare = _soft((kept - 1.0) * (1.0 / _KEPT_UNIT), xp)  # [..., 22]
-    own = _own_part(seen, xp.zeros_like(seen.own_speed), xp)
+    spare = _soft((kept - 1.0) * (1.0 / KEPT_UNIT), xp)  # [..., 22]
+    own = own_part(seen, xp.zeros_like(seen.own_speed), xp)
     advice = _advice(spare, escapes.steering(seen, xp), xp)
     to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
     cosine, sine = seen.goal_x / to_goal, seen.goal_y / to_goal
-    each = _each_part(
+    each = each_part(
         seen.x, seen.y, seen.vx, seen.vy, seen.own_speed[..., None], cosine[..., None], sine[..., None], xp
     )
     return SetInputs(
@@ -68,16 +71,16 @@ def set_inputs_of_one(seen: Scene, kept: np.ndarray) -> tuple[list[float], list[
         seen: intruder fields are lists of those present.
         kept: what :func:`agents.policy.escapes.kept` gives of it, ``[22]``.
     """
-    spare = _soft((kept - 1.0) * (1.0 / _KEPT_UNIT), np)
+    spare = _soft((kept - 1.0) * (1.0 / KEPT_UNIT), np)
     steering = escapes.steering(seen._replace(goal_x=np.float64(seen.goal_x), goal_y=np.float64(seen.goal_y)), np)
-    own = [*_own_part(seen, 0.0, FLOATS), *map(float, _advice(spare, steering, np)), *spare.tolist()]
+    own = [*own_part(seen, 0.0, FLOATS), *map(float, _advice(spare, steering, np)), *spare.tolist()]
     to_goal = distance(seen.goal_x, seen.goal_y, FLOATS) + 1e-6
     cosine, sine = seen.goal_x / to_goal, seen.goal_y / to_goal
     intruders = zip(seen.x, seen.y, seen.vx, seen.vy, strict=True)
-    return own, [_each_part(*one, seen.own_speed, cosine, sine, FLOATS) for one in intruders]
+    return own, [each_part(*one, seen.own_speed, cosine, sine, FLOATS) for one in intruders]
 
 
-def _own_part(seen: Scene, zero: Any, xp: Any) -> list[Any]:
+def own_part(seen: Scene, zero: Any, xp: Any) -> list[Any]:
     """Return what describes the ownship, its goal and its limits, 12 times ``[...]``; ``zero`` has that shape."""
     to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
     speed, ratios = seen.own_speed, seen.ratios
@@ -100,7 +103,7 @@ def _own_part(seen: Scene, zero: Any, xp: Any) -> list[Any]:
     ]
 
 
-def _each_part(x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_cosine: Any, goal_sine: Any, xp: Any) -> list[Any]:
+def each_part(x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_cosine: Any, goal_sine: Any, xp: Any) -> list[Any]:
     """Return what describes an intruder, 16 times ``[..., K]``, beside own speed and the goal's direction."""
     away = distance(x, y, xp) + 1e-6
     relative = vx - pace
@@ -125,7 +128,7 @@ def _advice(spare: Any, steering: Any, xp: Any) -> tuple[Any, Any, Any]:
     Of manoeuvres that keep nearly as much it is the mean of what they do, so that nothing hangs on rounding.
     """
     most = xp.max(spare, axis=-1)
-    behind = (most[..., None] - spare) * (1.0 / _ALIKE)
+    behind = (most[..., None] - spare) * (1.0 / ALIKE)
     share = 1.0 / (1.0 + behind * behind)
     whole = xp.sum(share, axis=-1)
     throttles = xp.asarray(escapes.THROTTLES.astype(most.dtype))
