@@ -19,9 +19,9 @@ from agents.learning.export import variables
 from agents.learning.networks import Actor
 from agents.policy.digest import canonical
 from agents.policy.file import PolicyFile, read
-from agents.policy.inference import TOLERANCE
+from agents.policy.inference import TOLERANCE, Policy
 from agents.policy.scene import OWN_NUMBERS, parts, unpacked
-from agents.policy.set_features import set_inputs
+from agents.policy.set_features import OWN, set_inputs
 from envs.edge.command import InputError, Parser
 from envs.edge.files import write_file
 from envs.edge.installation import versions
@@ -30,6 +30,7 @@ from envs.observation import SIZE
 OPSET = 21
 """Of the operators, domain ``ai.onnx``."""
 
+_IR = 10  # version of the format that belongs to this set of operators; runtimes refuse later ones
 _TOLERANCE = 1e-4
 """Largest difference of an action from the parity vectors, which are of double precision; the model is of single."""
 
@@ -68,6 +69,55 @@ def model(content: PolicyFile) -> Any:
     del made.graph.value_info[:]
     made.producer_name, made.producer_version = "rlcas-toolkit", versions()["rlcas-toolkit"]
     onnx.helper.set_model_props(made, _properties(content))
+    onnx.checker.check_model(made, full_check=True)
+    return made
+
+
+def network_part(policy: Policy) -> Any:
+    """Return the ``onnx.ModelProto`` of the network for one intruder behind its derived inputs, for verifiers.
+
+    Gemm, Tanh and one Add, from ``inputs`` ``[N, 53]`` to ``action`` ``[N, 2]``: before the clip, and as the scene is
+    seen mirrored (:mod:`agents.policy.set_features`: what describes the ownship, then the intruder).
+
+    Raises:
+        ExportError: the onnx package is not installed, or the policy is of schema 1.
+    """
+    if len(policy.metadata["architecture"].get("encoder", ())) != 1:
+        raise ExportError("the policy has no single layer for each intruder; expected one of schema 2 that has")
+    onnx = _installed("onnx")
+    tensors, nodes, values, last = policy.tensors, [], {}, "inputs"
+
+    def gemm(name: str, source: str, kernel: np.ndarray, bias: np.ndarray) -> str:
+        values.update({f"{name}/kernel": kernel, f"{name}/bias": bias})
+        nodes.append(onnx.helper.make_node("Gemm", [source, f"{name}/kernel", f"{name}/bias"], [name]))
+        return name
+
+    def tanh(name: str) -> str:
+        nodes.append(onnx.helper.make_node("Tanh", [name], [f"{name}/tanh"]))
+        return f"{name}/tanh"
+
+    # Rows of zeros instead of slices: the encoder reads what describes the intruder, the trunk the rest.
+    encoder, trunk = tensors["each_0/kernel"], tensors["hidden_0/kernel"]
+    each = np.pad(encoder, ((OWN, 0), (0, 0)))
+    seen = tanh(gemm("each_0", last, each, tensors["each_0/bias"]))
+    own = gemm("own", last, np.pad(trunk[:OWN], ((0, len(encoder)), (0, 0))), tensors["hidden_0/bias"])
+    pooled = gemm("pooled", seen, trunk[OWN:], 0.0 * tensors["hidden_0/bias"])
+    nodes.append(onnx.helper.make_node("Add", [own, pooled], ["hidden_0"]))
+    last = tanh("hidden_0")
+    for number in range(1, len(policy.metadata["architecture"]["hidden"])):
+        name = f"hidden_{number}"
+        last = tanh(gemm(name, last, tensors[f"{name}/kernel"], tensors[f"{name}/bias"]))
+    gemm("action", last, tensors["head/kernel"], tensors["head/bias"])
+    real = onnx.TensorProto.FLOAT
+    graph = onnx.helper.make_graph(
+        nodes,
+        "rlcas_policy_network",
+        [onnx.helper.make_tensor_value_info("inputs", real, ["N", len(each)])],
+        [onnx.helper.make_tensor_value_info("action", real, ["N", 2])],
+        [onnx.numpy_helper.from_array(np.asarray(value, np.float32), name) for name, value in values.items()],
+    )
+    made = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", OPSET)], ir_version=_IR)
+    onnx.helper.set_model_props(made, {"policy_sha256": policy.sha256})
     onnx.checker.check_model(made, full_check=True)
     return made
 
