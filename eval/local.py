@@ -1,0 +1,218 @@
+"""Where the shipped policy keeps its side under small errors: ``python -m eval.local --out runs/local``."""
+
+import argparse
+import math
+import time
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from envs.edge.command import ConfigError, Parser, run_cli
+from envs.edge.files import write_file
+
+if TYPE_CHECKING:
+    from agents.policy.inference import Policy
+    from eval.policy_map.proof import Scenes
+
+COURSES = (0.0, 45.0, 90.0, 135.0, 180.0)  # edges of the cells, degrees between the courses
+RATIOS = (0.4, 0.7, 0.9, 1.1, 1.5, 2.6)  # intruder's speed / own speed
+VERDICTS = ("verified", "counterexample", "open")
+QUESTIONS = ("side", "toward")
+
+_DESCRIPTION = """\
+Ask box by box what a policy does with one intruder whose reported state is wrong by up to --position and --velocity on
+each axis: may the error flip the side of the commanded turn ("side"), and may the policy then turn toward the side on
+which the intruder will pass on straight courses ("toward")? A turn of less than --allowed does not count.
+
+Boxes lie about scenes whose separation is lost in --loss seconds on straight courses, drawn evenly over the cells
+(difference of the courses, ratio of the speeds) and in each over speeds, courses, time, miss distance and goal. A box
+is verified by bounds of all of the policy, from the state to the turn; or has a counterexample that was flown through
+the policy; or stays open after --depth cuts in two.
+
+Written to --out: local.json and the map local.png and .svg; what it means: docs/reference/evidence.md."""
+
+_EPILOG = """\
+examples:
+  python -m eval.local --boxes 100 --out runs/local
+  python -m eval.local --course 135 180 --position 10 --velocity 1 --out runs/head_on"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Examine what the command line asks for and return the exit status; bad input raises ``InputError``."""
+    options = _parser().parse_args(arguments)
+    for name in ("course", "loss"):
+        low, high = getattr(options, name)
+        if not low < high:
+            raise ConfigError(f"--{name}: {low:g} {high:g}; expected the lower end first")
+    from threadpoolctl import threadpool_limits
+
+    from agents.policy.inference import Policy
+    from eval.plots import save as picture_folder
+
+    policy = Policy.load(options.policy)
+    if len(policy.metadata["architecture"].get("encoder", ())) != 1:
+        raise ConfigError(f"--policy {options.policy}: expected a network of schema 2 with one layer for each intruder")
+    out = options.out = options.out or Path("runs") / time.strftime("local_%Y%m%d_%H%M%S")
+    picture_folder.create(out)
+    with threadpool_limits(1):
+        found = examine(policy, options)
+    picture_folder.write(out, "local", found, _figure(found))
+    for name in QUESTIONS:
+        parts = (f"{100.0 * found[name][verdict]['value']:.1f} % {verdict}" for verdict in VERDICTS)
+        print(f"{name}: {', '.join(parts)} of {options.boxes} boxes")
+    print(f"written to {out}")
+    return 0
+
+
+def examine(policy: "Policy", options: argparse.Namespace) -> dict[str, Any]:
+    """Return shares of the verdicts, of all boxes and of each cell."""
+    from eval.policy_map.proof import answers, decide
+    from eval.stats.intervals import share
+
+    scenes, cell, names = draw(policy, options)
+    half = np.repeat([options.position / policy.aircraft.separation, options.velocity / policy.limits.speed_max], 2)
+    away, toward = -np.where(answers(policy, scenes) < 0.0, -1.0, 1.0), passing(scenes)
+    how: dict[str, Any] = {"allowed": options.allowed, "depth": options.depth, "seed": options.seed}
+    found = dict.fromkeys(QUESTIONS, decide(policy, scenes, half, away, **how))
+    # Where both questions forbid the same turn, one answer serves.
+    other = np.flatnonzero(away != toward)
+    found["toward"] = found["side"].copy()
+    part = scenes._make(field[other] for field in scenes)
+    if len(other):
+        found["toward"][other] = decide(policy, part, half, toward[other], **how)
+    if options.vnnlib:
+        part = scenes._make(field[: options.vnnlib] for field in scenes)
+        _write_vnnlib(options.out, policy, part, half / 4.0, away, options.allowed)
+
+    def shares(chosen: np.ndarray) -> dict[str, Any]:
+        return {
+            name: {verdict: share(np.sum(of[chosen] == i), np.sum(chosen)) for i, verdict in enumerate(VERDICTS)}
+            for name, of in found.items()
+        }
+
+    keys = ("boxes", "course", "loss", "position", "velocity", *how)
+    return {
+        "schema_version": 1,
+        "policy_sha256": policy.sha256,
+        "settings": {name: getattr(options, name) for name in keys},
+        **shares(np.ones(len(cell), bool)),
+        "cells": [{"name": name, **shares(cell == number)} for number, name in enumerate(names)],
+    }
+
+
+def draw(policy: "Policy", options: argparse.Namespace) -> "tuple[Scenes, np.ndarray, list[str]]":
+    """Return scenes spread evenly over the cells, the cell of each, and the names of the cells."""
+    from eval.policy_map.proof import Scenes
+
+    low, high = options.course
+    edges = [low, *(edge for edge in COURSES if low < edge < high), high]
+    cells = [(course, ratio) for course in pairwise(edges) for ratio in pairwise(RATIOS)]
+    names = ["{:g} to {:g} deg/{:g} to {:g}".format(*course, *ratio) for course, ratio in cells]
+    random, fast, unit = np.random.default_rng(options.seed), policy.limits.speed_max, policy.aircraft.separation
+    count, cell = options.boxes, np.arange(options.boxes) % len(cells)
+    (from_course, to_course), (from_ratio, to_ratio) = np.array(cells)[cell].transpose(1, 2, 0)
+    pace, other = np.zeros(count), np.zeros(count)
+    slowest, fastest = (end / fast for end in policy.domain["intruder_speed"])
+    while (wrong := ~((slowest <= other) & (other <= fastest))).any():
+        pace = np.where(wrong, random.uniform(policy.limits.speed_min / fast, 1.0, count), pace)
+        other = np.where(wrong, pace * random.uniform(from_ratio, to_ratio), other)
+    course = np.radians(random.uniform(from_course, to_course)) * random.choice([-1.0, 1.0], count)
+    velocity = other[:, None] * np.stack([np.cos(course), np.sin(course)], axis=-1)
+    # Back from where the separation is lost: time to the loss, and miss distance on straight courses.
+    way = velocity - np.stack([pace, 0.0 * pace], axis=-1)
+    ahead = way / np.hypot(*way.T)[:, None]
+    soonest, latest = (seconds * fast / unit for seconds in options.loss)
+    miss, time = random.uniform(-1.0, 1.0, count), random.uniform(soonest, latest, count)
+    lost = miss[:, None] * ahead[:, ::-1] * [-1.0, 1.0] - np.sqrt(1.0 - miss**2)[:, None] * ahead
+    bearing, distance = random.uniform(-0.5 * math.pi, 0.5 * math.pi, count), random.uniform(2.0, 20.0, count)
+    goal = distance[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)
+    return Scenes(pace, goal, np.concatenate([lost - way * time[:, None], velocity], axis=-1)), cell, names
+
+
+def passing(scenes: "Scenes") -> np.ndarray:
+    """Return the side on which the intruder will pass on straight courses, 1: left, -1: right, ``[N]``."""
+    x, y, vx, vy = scenes.state.T
+    vx = vx - scenes.pace
+    return np.where(y - vy * (x * vx + y * vy) / (vx * vx + vy * vy) < 0.0, -1.0, 1.0)
+
+
+def _write_vnnlib(out: Path, policy: "Policy", scenes: "Scenes", half: Any, away: np.ndarray, allowed: float) -> None:
+    """Write the network behind its derived inputs as ONNX, and boxes of these in which it may turn as is forbidden.
+
+    A box is of a scene with a part of the error; a verifier that finds it unsatisfiable says *verified*.
+    """
+    from agents.learning.onnx import network_part
+    from eval.policy_map.proof import box_of
+
+    write_file(out / "network.onnx", network_part(policy).SerializeToString(deterministic=True))
+    inputs, sign = box_of(policy, scenes, half)
+    for number, (low, high) in enumerate(zip(*inputs.ends, strict=True)):
+        declared = [f"(declare-const X_{i} Real)" for i in range(len(low))] + [
+            f"(declare-const Y_{i} Real)" for i in (0, 1)
+        ]
+        ends = [
+            f"(assert (>= X_{i} {a - 1e-9:.9f}))\n(assert (<= X_{i} {b + 1e-9:.9f}))"
+            for i, (a, b) in enumerate(zip(low, high, strict=True))
+        ]
+        side = sign[number] * away[number]
+        wrong = f"(assert ({'>=' if side > 0.0 else '<='} Y_1 {side * allowed:.9f}))"
+        write_file(out / f"box_{number:03}.vnnlib", "\n".join([*declared, *ends, wrong, ""]))
+
+
+def _figure(found: dict[str, Any]) -> Any:
+    """Return the map: verified share of each cell in colour, all three in numbers."""
+    from matplotlib.figure import Figure
+
+    courses, ratios = (list(dict.fromkeys(cell["name"].split("/")[i] for cell in found["cells"])) for i in (0, 1))
+    figure = Figure((11.0, 1.6 + 0.75 * len(courses)), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    titles = ("side flipped: never / seen / open, %", "turn to the passing side: never / seen / open, %")
+    for axes, name, title in zip(panels, QUESTIONS, titles, strict=True):
+        parts = [[cell[name][verdict]["value"] for verdict in VERDICTS] for cell in found["cells"]]
+        values = 100.0 * np.array([[np.nan if one is None else one for one in row] for row in parts])
+        values = values.reshape(len(courses), len(ratios), 3)
+        axes.imshow(values[..., 0], vmin=0.0, vmax=100.0, cmap="cividis", aspect="auto")
+        for (i, j), verified in np.ndenumerate(values[..., 0]):
+            text = " / ".join("-" if np.isnan(one) else f"{one:.0f}" for one in values[i, j])
+            axes.text(j, i, text, ha="center", va="center", fontsize=8, color="white" if verified < 60.0 else "black")
+        axes.set_xticks(range(len(ratios)), ratios, fontsize=8)
+        axes.set_yticks(range(len(courses)), courses, fontsize=8)
+        axes.set(xlabel="intruder's speed / own speed", title=title)
+    panels[0].set_ylabel("courses differ by")
+    figure.colorbar(panels[0].images[0], ax=panels, label="verified, %")
+    return figure
+
+
+def _parser() -> argparse.ArgumentParser:
+    from eval.runner.options import real, whole
+
+    parser = Parser(prog="python -m eval.local", description=_DESCRIPTION, epilog=_EPILOG)
+    add = parser.add_argument
+    add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
+    add("--out", type=Path, metavar="DIR", help="folder, new or empty (default: runs/local_DATE_TIME)")
+    add("--boxes", type=whole(1, 1_000_000), metavar="N", default=100, help="in all, some seconds each (default: 100)")
+    course = {"type": real(0.0, 180.0, "degrees"), "nargs": 2, "metavar": ("LOW", "HIGH"), "default": [0.0, 180.0]}
+    add("--course", **course, help="difference of the courses, degrees (default: 0 180)")
+    loss = {"type": real(0.0, 60.0, "s"), "nargs": 2, "metavar": ("LOW", "HIGH"), "default": [0.0, 30.0]}
+    add("--loss", **loss, help="time to the loss of separation, s (default: 0 30)")
+    add("--position", type=real(0.0, 1000.0, "m"), metavar="M", default=30.0, help="error of x and y, m (default: 30)")
+    add("--velocity", type=real(0.0, 50.0, "m/s"), metavar="M/S", default=3.0, help="of vx and vy, m/s (default: 3)")
+    allowed = "turn that does not count, of the greatest yaw rate (default: 0.1)"
+    add("--allowed", type=real(0.01, 0.9), metavar="PART", default=0.1, help=allowed)
+    add("--depth", type=whole(0, 30), metavar="N", default=12, help="cuts of a box in two (default: 12)")
+    add("--seed", type=whole(0, 2**63), metavar="N", default=0, help="of scenes and samples (default: 0)")
+    add(
+        "--vnnlib",
+        type=whole(0, 10_000),
+        metavar="N",
+        default=0,
+        help="also write network.onnx and N boxes (default: 0)",
+    )
+    return parser
+
+
+if __name__ == "__main__":
+    run_cli("eval.local:main")

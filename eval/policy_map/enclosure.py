@@ -1,0 +1,243 @@
+"""Derived inputs of the network over a box of the intruder's state: a linear form of the box with a remainder, each.
+
+A form says c + A e +- R for every e in [-1, 1]^4, where e are the intruder's x, y, vx and vy about the middle of the
+box in half widths. Forms go through the policy's own functions; a curve becomes a chord and its greatest distance.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from agents.policy import escapes
+from agents.policy.scene import Scene
+from agents.policy.set_features import ALIKE, KEPT_UNIT, each_part, own_part
+from envs.aircraft import Ratios
+from envs.relative import distance
+
+__all__ = ["Form", "derived_inputs", "line_along"]
+
+_PARTS = 6  # of a chord: on each the direction to the intruder is held
+_SOFTENED = 5e-5  # D; by how much 1e-8 in the closest point of a chord can shift a separation
+_FINE = 1e-12
+
+
+class Form:
+    """Linear forms: middle ``[...]``, slopes ``[..., 4]``, remainder ``[...]``; also an array namespace of them."""
+
+    __array_ufunc__ = None  # so that an array on the left asks the form
+
+    def __init__(self, middle: Any, slopes: Any, rest: Any) -> None:
+        self.middle, self.slopes, self.rest = middle, slopes, rest
+
+    @classmethod
+    def between(cls, low: np.ndarray, high: np.ndarray) -> "Form":
+        """Return intervals as forms without slopes."""
+        middle = 0.5 * (low + high)
+        return cls(middle, np.zeros((*middle.shape, 4)), high - middle)
+
+    @classmethod
+    def joined(cls, forms: list["Form"]) -> "Form":
+        """Return forms ``[N, ...]`` beside each other."""
+        fields = ((form.middle, form.slopes, form.rest) for form in forms)
+        middle, slopes, rest = (np.concatenate(field, axis=1) for field in zip(*fields, strict=True))
+        return cls(middle, slopes, rest)
+
+    @classmethod
+    def stacked(cls, forms: list["Form"]) -> "Form":
+        """Return forms ``[N]`` as one ``[N, ...]``."""
+        return cls.joined([cls(form.middle[:, None], form.slopes[:, None], form.rest[:, None]) for form in forms])
+
+    @property
+    def width(self) -> Any:
+        """Half width of what the form can be."""
+        return np.abs(self.slopes).sum(-1) + self.rest
+
+    @property
+    def ends(self) -> tuple[Any, Any]:
+        """Least and greatest of what the form can be."""
+        return self.middle - self.width, self.middle + self.width
+
+    def line(self, slope: Any, offset: Any, rest: Any = 0.0) -> "Form":
+        """Return slope * form + offset +- rest."""
+        slopes = np.asarray(slope)[..., None] * self.slopes
+        return Form(slope * self.middle + offset, slopes, np.abs(slope) * self.rest + rest)
+
+    def __add__(self, other: Any) -> "Form":
+        if isinstance(other, Form):
+            return Form(self.middle + other.middle, self.slopes + other.slopes, self.rest + other.rest)
+        return self.line(1.0, other)
+
+    def __mul__(self, other: Any) -> "Form":
+        if not isinstance(other, Form):
+            return self.line(other, 0.0)
+        if other is self:
+            return bent(self, np.square, lambda low, high: low + high, lambda k: [0.5 * k])
+        cross = self.line(other.middle, 0.0) + other.line(self.middle, -self.middle * other.middle)
+        return Form(cross.middle, cross.slopes, cross.rest + self.width * other.width)
+
+    def __truediv__(self, other: Any) -> "Form":
+        if not isinstance(other, Form):
+            return self.line(1.0 / other, 0.0)
+        low, _ = other.ends
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = bent(other, np.reciprocal, lambda low, high: -1.0 / (low * high), lambda k: [np.sqrt(-1.0 / k)])
+        inverse.rest = np.where(low > 0.0, inverse.rest, np.inf)
+        return self * inverse
+
+    def __neg__(self) -> "Form":
+        return self.line(-1.0, 0.0)
+
+    def __sub__(self, other: Any) -> "Form":
+        return self + -other
+
+    def __rsub__(self, other: Any) -> "Form":
+        return -self + other
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    @staticmethod
+    def sqrt(form: "Form") -> "Form":
+        """Return the square root of what is not negative, whatever its bounds."""
+        low, high = form.ends
+        return form.line(
+            *line_along(
+                np.maximum(low, 0.0), np.maximum(high, _FINE), np.sqrt, None, lambda k: [0.25 / (k + _FINE) ** 2]
+            )
+        )
+
+    @staticmethod
+    def abs(form: "Form") -> "Form":
+        """Return the size."""
+        return bent(form, np.abs, None, lambda k: [0.0 * k])
+
+    @staticmethod
+    def clip(form: "Form", low: float, high: float) -> "Form":
+        """Return the form limited to a range."""
+        return bent(form, lambda x: np.clip(x, low, high), None, lambda k: [low + 0.0 * k, high + 0.0 * k])
+
+    @staticmethod
+    def minimum(form: "Form", high: float) -> "Form":
+        """Return the form, at most ``high``."""
+        return Form.clip(form, -1e9, high)
+
+
+def bent(form: Form, curve: Callable[..., Any], slope: Any, critical: Callable[[Any], list[Any]]) -> Form:
+    """Return a curve of a form; arguments as of :func:`line_along`."""
+    return form.line(*line_along(*form.ends, curve, slope, critical))
+
+
+def line_along(low: Any, high: Any, curve: Callable[..., Any], slope: Any, critical: Any) -> tuple[Any, Any, Any]:
+    """Return slope and offset of a line along a curve from ``low`` to ``high``, and how far the curve is from it.
+
+    Args:
+        slope: of both ends; None: that of the chord.
+        critical: of a slope k, every x where curve(x) - k x has an extreme or a corner.
+    """
+    if slope is None:
+        wide = high - low > 1e-9
+        k = np.where(wide, (curve(high) - curve(low)) / np.where(wide, high - low, 1.0), 0.0)
+    else:
+        k = slope(low, high)
+    off = np.stack([curve(x) - k * x for x in (low, high, *(np.clip(x, low, high) for x in critical(k)))])
+    least, most = off.min(axis=0), off.max(axis=0)
+    return k, 0.5 * (least + most), 0.5 * (most - least)
+
+
+def derived_inputs(pace: Any, goal: Any, middle: Any, half: Any, ratios: Ratios) -> Form:
+    """Return the 53 inputs of the network, ``[N, 53]``, of scenes that are seen as they are, not mirrored.
+
+    Args:
+        pace: own speed, ``[N]``.
+        goal: x and y, ``[N, 2]``.
+        middle: x, y, vx, vy of the intruder in the middle of the box, ``[N, 4]``; nearer than 20 D.
+        half: half widths of the box, ``[N, 4]``.
+    """
+    state: list[Any] = [Form(middle[:, i], half[:, i, None] * np.eye(4)[i], 0.0 * pace) for i in range(4)]
+    x, y, vx, vy = middle.T[..., None]
+    seen = Scene(pace, goal[:, 0], goal[:, 1], x, y, vx, vy, np.ones((len(pace), 1)), ratios)
+    spare = bent(
+        _kept(seen, middle, half).line(1.0 / KEPT_UNIT, -1.0 / KEPT_UNIT),
+        lambda x: x / (1.0 + np.abs(x)),
+        None,
+        lambda k: [side * (1.0 / np.sqrt(np.clip(k, _FINE, 1.0)) - 1.0) for side in (1.0, -1.0)],
+    )
+    to_goal = distance(goal[:, 0], goal[:, 1], np) + 1e-6
+    own = np.stack([np.broadcast_to(one, pace.shape) for one in own_part(seen, 0.0 * pace, np)], axis=-1)
+    each = each_part(state[0], state[1], state[2], state[3], pace, goal[:, 0] / to_goal, goal[:, 1] / to_goal, Form)
+    advice, about = (Form.stacked(forms) for forms in (_advice(spare, seen), each))
+    return Form.joined([Form.between(own, own), advice, spare, about])
+
+
+def _kept(seen: Scene, middle: Any, half: Any) -> Form:
+    """Return what each manoeuvre keeps, ``[N, 22]``.
+
+    The separation of a time is convex in the box, so that the direction to the intruder at the closest point gives a
+    lower bound for all of a part of a chord, and the squares of the displacements an upper one.
+    """
+    times, spans, step_x, step_y, own_x, own_y = (np.moveaxis(field, -1, 0) for field in escapes.paths(seen, np))
+    share = (np.arange(_PARTS) + 1.0) / _PARTS - 1.0
+    knots = [
+        np.concatenate(
+            [
+                0.0 * end[..., :1],
+                (end[..., None] + step[..., None] * share).reshape(*end.shape[:2], -1 if len(end) else 0),
+            ],
+            -1,
+        )
+        for end, step in ((times, spans), (own_x, step_x), (own_y, step_y))
+    ]  # [N, 22, knots]
+    time = knots[0]
+    place, velocity = middle[:, None, None, :2], middle[:, None, None, 2:]
+    spot = place + velocity * time[..., None] - np.stack(knots[1:], axis=-1)  # of the intruder from the ownship
+    start, way = spot[:, :, :-1], np.diff(spot, axis=2)
+    back = np.clip(-(start * way).sum(-1) / ((way * way).sum(-1) + _FINE), 0.0, 1.0)
+    near = start + back[..., None] * way
+    away = np.sqrt((near * near).sum(-1))
+    toward = near / np.maximum(away, _FINE)[..., None]
+    when = time[..., :-1] + back * np.diff(time, axis=-1)
+
+    def slopes(direction: Any, moment: Any) -> Any:
+        whole = np.concatenate([direction, direction * moment[..., None]], axis=-1)
+        return whole * half.reshape(len(half), *(1,) * (whole.ndim - 2), 4)
+
+    best = away.argmin(axis=-1)[..., None]
+    least = np.take_along_axis(away, best, -1)
+    moment = np.take_along_axis(when, best, -1)
+    chosen = slopes(np.take_along_axis(toward, best[..., None], -2), moment)  # [N, 22, 1, 4]
+    below = [
+        least - (toward * spot[:, :, ends]).sum(-1) + np.abs(chosen - slopes(toward, time[..., ends])).sum(-1)
+        for ends in (slice(None, -1), slice(1, None))
+    ]
+    under = np.maximum(np.maximum(*below).max(axis=-1), 0.0)
+    moved = half[:, None, :2] + half[:, None, 2:] * moment
+    moved, least, chosen = (moved * moved).sum(-1), least[..., 0], chosen[:, :, 0]
+    over = np.minimum(0.5 * moved / np.maximum(least, _FINE), 2.0 * np.sqrt(moved)) + _SOFTENED
+    return Form(least + 0.5 * (over - under), chosen, 0.5 * (over + under))
+
+
+def _advice(spare: Form, seen: Scene) -> list[Form]:
+    """Return what the best manoeuvre keeps, ``[N]``, and the bounds of how those that keep as much do it."""
+    best = spare.middle.argmax(axis=-1)[:, None]
+    middle, rest = (np.take_along_axis(field, best, -1)[:, 0] for field in (spare.middle, spare.rest))
+    slopes = np.take_along_axis(spare.slopes, best[..., None], 1)[:, 0]
+    # By how much one manoeuvre keeps more than another, [N, 22, 22].
+    lead = spare.middle[:, :, None] - spare.middle[:, None] + spare.rest[:, :, None] + spare.rest[:, None]
+    lead += np.abs(spare.slopes[:, :, None] - spare.slopes[:, None]).sum(-1)
+    lead[:, np.arange(escapes.COUNT), np.arange(escapes.COUNT)] = 0.0
+    above = np.take_along_axis(lead, best[:, None], 2)[..., 0].max(axis=1)  # of the greatest over the chosen one
+    most = Form(middle + 0.5 * above, slopes, rest + 0.5 * above)
+    # Weights of the mean fall with how far a manoeuvre is behind the greatest.
+    greatest, least = (1.0 / (1.0 + (behind / ALIKE) ** 2) for behind in (-lead.min(axis=2), lead.max(axis=1)))
+    throttles = np.broadcast_to(escapes.THROTTLES, least.shape)
+    return [most, *(_mean(values, least, greatest) for values in (throttles, escapes.steering(seen, np)))]
+
+
+def _mean(values: Any, least: Any, greatest: Any) -> Form:
+    """Return the mean of values ``[N, M]`` with weights between bounds: it is greatest with a threshold of values."""
+
+    def highest(values: Any) -> Any:
+        weight = np.where(values[:, None] >= values[:, :, None], greatest[:, None], least[:, None])  # of each threshold
+        return ((weight * values[:, None]).sum(-1) / weight.sum(-1)).max(axis=-1)
+
+    return Form.between(-highest(-values), highest(values))

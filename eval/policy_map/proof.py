@@ -1,0 +1,174 @@
+"""Whether a policy can turn to one side somewhere in a box of the intruder's state: proof, counterexample or neither.
+
+A sample of exact scenes that the policy answers finds counterexamples; bounds of the network over the derived inputs
+(:mod:`eval.policy_map.enclosure`) prove that there are none. A box without either is cut in two, up to a depth.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.policy.inference import Policy
+from agents.policy.set_features import OWN
+from envs.aircraft import ratios
+from envs.kinematics import VehicleState
+from eval.policy_map.enclosure import Form, derived_inputs, line_along
+
+__all__ = ["COUNTEREXAMPLE", "OPEN", "VERIFIED", "Scenes", "answers", "box_of", "decide", "layers", "turns_of"]
+
+VERIFIED, COUNTEREXAMPLE, OPEN = 0, 1, 2
+
+_ROUNDING = 1e-3  # of an action: the policy flies in single precision, the bounds are of exact numbers
+_SAMPLES = 64  # exact scenes of a box, half of them corners
+_TIE = 1e-6  # more than what counts as on the line to the goal (agents.policy.scene)
+_TOGETHER = 16  # boxes whose matrices stay in cache
+
+
+class Scenes(NamedTuple):
+    """Scenes of one intruder in the ownship's frame, x ahead and y left, in separations D and greatest speeds V."""
+
+    pace: Any
+    """Own speed, ``[N]``."""
+    goal: Any
+    """x and y, ``[N, 2]``."""
+    state: Any
+    """x, y, vx, vy of the intruder, velocity over the ground, ``[N, 4]``."""
+
+
+def answers(policy: Policy, scenes: Scenes) -> np.ndarray:
+    """Return the turns that a policy commands, 1 at its greatest yaw rate, left positive, ``[N]``."""
+    unit, fast = policy.aircraft.separation, policy.limits.speed_max
+    x, y, vx, vy = (scenes.state[:, None, i] for i in range(4))
+    zero = 0.0 * scenes.pace
+    own = VehicleState(zero, zero, zero, fast * scenes.pace)
+    other = VehicleState(unit * x, unit * y, np.arctan2(vy, vx), fast * np.hypot(vx, vy))
+    goal_x, goal_y = unit * scenes.goal.T
+    return policy.command(own, other, np.ones((len(zero), 1), bool), goal_x, goal_y)[:, 1]
+
+
+def decide(
+    policy: Policy, scenes: Scenes, half: Any, side: Any, *, allowed: float, depth: int, seed: int
+) -> np.ndarray:
+    """Return of each scene whether the policy can turn to a side within an error of the intruder's state, ``[N]``.
+
+    Args:
+        half: the error, x, y, vx, vy, ``[4]``.
+        side: 1: to the left, -1: to the right, ``[N]``.
+        allowed: turn to that side that still counts as none, of the greatest yaw rate.
+        depth: how often a box is cut in two.
+        seed: of the sample.
+    """
+    found = np.where(_sampled(policy, scenes, half, side, seed) > allowed, COUNTEREXAMPLE, VERIFIED)
+    network = layers(policy)
+    index = np.tile(np.flatnonzero(found == VERIFIED), 2)
+    sign = np.repeat([1.0, -1.0], len(index) // 2)
+    queue = _Boxes(index, scenes.state[index], np.tile(half, (len(index), 1)), sign, 0 * index)
+    while len(queue.index):
+        # The deepest first: a box that stays open ends the work on its scene.
+        order = np.argsort(-queue.cuts, kind="stable")
+        queue, now = queue.of(order[_TOGETHER:]), queue.of(order[:_TOGETHER])
+        goal = scenes.goal[now.index]
+        cross = now.sign * (goal[:, 0] * now.middle[:, 1] - goal[:, 1] * now.middle[:, 0])
+        spread = np.abs(goal[:, 0]) * now.size[:, 1] + np.abs(goal[:, 1]) * now.size[:, 0]
+        now = now.of(cross + spread >= -_TIE)  # else nothing of the box is mirrored so
+        seen = Scenes(scenes.pace[now.index], scenes.goal[now.index], now.middle)
+        turn, weight = turns_of(network, _inputs(policy, seen, now.size, now.sign))
+        turn = turn.line(now.sign * side[now.index], 0.0)
+        doubtful = ~(turn.ends[1] <= allowed - _ROUNDING)  # inverted for nan
+        now, weight = now.of(doubtful), weight[doubtful]
+        found[now.index[now.cuts >= depth]] = OPEN
+        shift = 0.5 * now.size * np.eye(4)[weight.argmax(axis=-1)]
+        halves = [
+            now._replace(middle=now.middle + way * shift, size=now.size - shift, cuts=now.cuts + 1) for way in (-1, 1)
+        ]
+        queue = _Boxes(*(np.concatenate(fields) for fields in zip(queue, *halves, strict=True)))
+        queue = queue.of(found[queue.index] == VERIFIED)
+    return found
+
+
+class _Boxes(NamedTuple):
+    """Parts of the boxes of scenes, of which nothing is proven yet."""
+
+    index: Any
+    middle: Any
+    size: Any
+    sign: Any
+    """How the scene is mirrored, 1 or -1: both are asked where the box holds both."""
+    cuts: Any
+
+    def of(self, chosen: Any) -> "_Boxes":
+        return _Boxes(*(field[chosen] for field in self))
+
+
+def box_of(policy: Policy, scenes: Scenes, half: Any) -> tuple[Form, np.ndarray]:
+    """Return the derived inputs of scenes with an error ``[4]``, and how each is mirrored, 1 or -1, at its middle."""
+    x, y = scenes.state[:, 0], scenes.state[:, 1]
+    sign = np.where(scenes.goal[:, 0] * y - scenes.goal[:, 1] * x < 0.0, -1.0, 1.0)
+    return _inputs(policy, scenes, np.tile(half, (len(x), 1)), sign), sign
+
+
+def _inputs(policy: Policy, scenes: Scenes, size: Any, sign: Any) -> Form:
+    flip, limits = np.stack([np.ones_like(sign), sign], axis=-1), policy.limits
+    middle = scenes.state * np.tile(flip, 2)
+    return derived_inputs(scenes.pace, scenes.goal * flip, middle, size, ratios(limits, policy.aircraft.separation))
+
+
+def turns_of(network: list[tuple[np.ndarray, np.ndarray]], inputs: Form) -> tuple[Form, np.ndarray]:
+    """Return the network's yaw rate over its inputs, ``[N]``, and how much each of the four hangs in it, ``[N, 4]``.
+
+    Every layer is bounded by lines back to the inputs (CROWN with parallel lines: a chord of tanh and its distances).
+    """
+    curves: list[tuple[Any, Any, Any]] = []
+    form, size = inputs, np.zeros(0)
+    for number, (kernel, bias) in enumerate(network):
+        weights, offset, rest = np.broadcast_to(kernel.T, (len(inputs.middle), *kernel.T.shape)), bias, 0.0
+        for (slope, middle, far), (below, shift) in zip(curves[::-1], network[:number][::-1], strict=True):
+            rest, offset = rest + _times(np.abs(weights), far), offset + _times(weights, middle)
+            weights = weights * slope[:, None]
+            offset, weights = offset + weights @ shift, weights @ below.T
+        size = np.abs(weights)
+        form = Form(_times(weights, inputs.middle) + offset, weights @ inputs.slopes, _times(size, inputs.rest) + rest)
+        if number < len(network) - 1:
+            curves.append(_tanh(*form.ends))
+            if number == 0:  # what describes the ownship passes the first layer as it is
+                for field, value in zip(curves[0], (1.0, 0.0, 0.0), strict=True):
+                    field[:, :OWN] = value
+    return Form(form.middle[:, 0], form.slopes[:, 0], form.rest[:, 0]), (size @ np.abs(inputs.slopes))[:, 0]
+
+
+def layers(policy: Policy) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return kernels and biases for one intruder, up to the yaw rate; the first layer passes the ownship's numbers."""
+    tensors = {name: tensor.astype(float) for name, tensor in policy.tensors.items()}
+    encoder, bias = tensors["each_0/kernel"], tensors["each_0/bias"]
+    first = np.zeros((OWN + len(encoder), OWN + len(bias)))
+    first[:OWN, :OWN], first[OWN:, OWN:] = np.eye(OWN), encoder
+    hidden = range(len(policy.metadata["architecture"]["hidden"]))
+    return [
+        (first, np.append(np.zeros(OWN), bias)),
+        *((tensors[f"hidden_{number}/kernel"], tensors[f"hidden_{number}/bias"]) for number in hidden),
+        (tensors["head/kernel"][:, 1:], tensors["head/bias"][1:]),
+    ]
+
+
+def _sampled(policy: Policy, scenes: Scenes, half: Any, side: Any, seed: int) -> Any:
+    """Return the greatest turn to the side of the samples, ``[N]``."""
+    shifts = np.random.default_rng(seed).uniform(-1.0, 1.0, (len(side), _SAMPLES, 4))
+    shifts[:, :16] = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 4), axis=-1).reshape(16, 4)
+    shifts[:, 16] = 0.0
+    pace, goal = (np.repeat(field, _SAMPLES, axis=0) for field in (scenes.pace, scenes.goal))
+    turns = answers(policy, Scenes(pace, goal, (scenes.state[:, None] + shifts * half).reshape(-1, 4)))
+    return (turns.reshape(-1, _SAMPLES) * side[:, None]).max(axis=-1)
+
+
+def _tanh(low: Any, high: Any) -> tuple[Any, Any, Any]:
+    return line_along(low, high, np.tanh, None, _steepest)
+
+
+def _steepest(slope: Any) -> list[Any]:
+    """Return where tanh has a slope."""
+    x = np.arctanh(np.sqrt(np.clip(1.0 - slope, 0.0, 1.0 - 1e-15)))
+    return [x, -x]
+
+
+def _times(matrix: Any, vector: Any) -> Any:
+    return (matrix @ vector[..., None])[..., 0]
