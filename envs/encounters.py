@@ -139,7 +139,6 @@ def _courses(middle_deg: float, half_width_deg: float) -> tuple[float, float]:
 
 
 def _check(chosen: Scenario) -> None:
-    """Refuse a scenario with a field out of range."""
     aircraft, limits = chosen.aircraft, chosen.aircraft.limits
     whole = 2.0 * math.pi
     speeds = "the speeds of the aircraft"
@@ -280,6 +279,5 @@ def _attempt(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
 
 
 def _between(bounds: tuple[float, float], draw: Any) -> Any:
-    """Map a unit-uniform draw to a range."""
     low, high = bounds
     return low + (high - low) * draw

@@ -126,7 +126,6 @@ def _read(path: Path, form: str, seconds: int, repair: bool) -> "list[Scene]":
 
 
 def _write(options: argparse.Namespace, scenes: "list[Scene]") -> None:
-    """Write encounters, read them again as a check, and only then give the file its name."""
     from envs.encounters import EncounterError
     from envs.formats import encounter_file
     from envs.formats.encounter_exchange import check_same, daidalus_text, lincoln_objects, rows_of_scenes

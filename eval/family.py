@@ -148,7 +148,6 @@ def _arguments(options: argparse.Namespace, aircraft: "AircraftConfig", file: Pa
 def _found(
     options: argparse.Namespace, aircraft: Sequence["AircraftConfig"], summaries: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """Return the content of family.json, but for the policy."""
     from envs.aircraft import ratios
     from eval.stats.intervals import share
 

@@ -105,7 +105,6 @@ def restore_part(path: Path, like: Any, part: str) -> Any:
 
 
 def _leaves(tree: Any) -> dict[str, Any]:
-    """Return a tree's leaves by the path that leads to each, in the tree's order."""
     return {jax.tree_util.keystr(path) or "root": leaf for path, leaf in jax.tree_util.tree_leaves_with_path(tree)}
 
 
@@ -124,7 +123,6 @@ def _fitted(path: Path, tensors: Mapping[str, np.ndarray], like: Any) -> Any:
 
 
 def _digest(tensors: Mapping[str, np.ndarray], meta: str) -> str:
-    """Return the SHA-256 over everything that a checkpoint says."""
     digest = hashlib.sha256(json.dumps([SCHEMA, meta]).encode())
     for name in sorted(tensors):
         array = tensors[name]

@@ -272,7 +272,6 @@ class TrainConfig(Strict):
 
 
 def _merged(whole: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Return nested values with some of them changed; a list is replaced as a whole."""
     merged = dict(whole)
     for key, value in changes.items():
         both = isinstance(value, dict) and isinstance(merged.get(key), dict)
@@ -281,6 +280,5 @@ def _merged(whole: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
 
 
 def _divisor(whole: int, near: int) -> int:
-    """Return the divisor of a number that is nearest to another number."""
     divisors = {d for small in range(1, int(whole**0.5) + 1) if whole % small == 0 for d in (small, whole // small)}
     return min(divisors, key=lambda d: (abs(d - near), d))

@@ -77,7 +77,6 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
 
 
 def _figure(logs: Sequence[dict[str, np.ndarray]], names: list[str]) -> "Figure":
-    """Return one metric with the success rate to its right, or four above it."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 3.4 if len(names) == 1 else 9.0), layout="constrained")
@@ -117,7 +116,6 @@ def _span(logs: Sequence[dict[str, np.ndarray]]) -> tuple[float, float]:
 
 
 def _lines(axes: "Axes", logs: Sequence[dict[str, np.ndarray]], metric: str, color: str, label: str | None) -> None:
-    """Draw a metric over the steps; success rates in per cent."""
     factor = 100.0 if metric == "success" else 1.0
     curves = []
     for log in logs:

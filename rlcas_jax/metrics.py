@@ -151,7 +151,6 @@ def read(path: Path) -> dict[str, np.ndarray]:
 
 
 def _lines(path: Path) -> list[bytes]:
-    """Return the file's whole lines, with their line ends."""
     lines = path.read_bytes().splitlines(keepends=True) if path.is_file() else []
     return lines[:-1] if lines and not lines[-1].endswith(b"\n") else lines
 

@@ -62,7 +62,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _missing() -> str:
-    """Return what is missing, or nothing."""
     if sys.prefix == sys.base_prefix:
         return "this Python is in no virtual environment, expected one with ROS 2 from wheels (make ros)"
     if not (Path(sys.prefix) / "share" / "rosidl_default_generators").is_dir():

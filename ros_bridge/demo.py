@@ -83,7 +83,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _encounters(options: argparse.Namespace, aircraft: Aircraft) -> Iterator[tuple[str, Any, int]]:
-    """Yield names, encounters and their numbers."""
     from envs.encounters import scenario
     from envs.starts import numbered
     from envs.trees import take
@@ -108,7 +107,6 @@ def _encounters(options: argparse.Namespace, aircraft: Aircraft) -> Iterator[tup
 
 
 def _simulator(options: argparse.Namespace, level: str) -> "Simulator":
-    """Return the simulator, in this process."""
     try:
         import rclpy
         import rlcas_msgs  # noqa: F401
@@ -139,7 +137,6 @@ def _simulator(options: argparse.Namespace, level: str) -> "Simulator":
 
 
 def _shared(options: argparse.Namespace) -> dict[str, str]:
-    """Return the parameters of all nodes."""
     given = {"aircraft": options.aircraft, "policy_file": options.policy}
     return {name: value for name, value in given.items() if value}
 

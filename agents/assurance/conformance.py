@@ -19,7 +19,7 @@ _NOISE = 3.0
 """Standard deviations of what the plan expected and of what is believed now by which an intruder may also be off."""
 
 _REPORTS = Cause.INTRUDER_MISSING | Cause.INTRUDER_OUT_OF_ORDER
-"""What is wanting for a reason that lies not in the plan."""
+"""Causes that do not lie in the plan."""
 
 
 class Measured(NamedTuple):

@@ -1,8 +1,8 @@
 """The run-time monitor: a pure state machine that watches plans being flown, one or many at once.
 
 At every time step :func:`step` takes the time, the own states and the intruders', with their ages. It judges what is
-left of the active plan, asks for a new one where it must, and falls back to a backup that is always at hand where no
-plan can be had. It never plans itself, never draws, never reads a clock: the caller plans where a decision says so and
+left of the active plan, asks for a new one where it must, and falls back to a backup, always ready, where there is no
+plan. It never plans itself, draws no random numbers, reads no clock: the caller plans where a decision says so and
 hands the answers to :func:`answer`. States, thresholds and guarantees: docs/explanation/assurance.md.
 """
 
@@ -250,7 +250,6 @@ def _usable(knots: Knots, wanted: Any, thresholds: Thresholds) -> tuple[Any, Cou
 
 
 def _installed(monitor: Monitor, rows: Any, what: tuple[Course, Any, Traffic, Any], revision: Any) -> Monitor:
-    """Return the monitors with new active plans in some rows."""
     if rows.size == 0:
         return monitor
     fields = ("plan", "started", "expected", "required_separation", "sums", "state", "on_backup", "causes", "revision")
@@ -262,7 +261,6 @@ def _installed(monitor: Monitor, rows: Any, what: tuple[Course, Any, Traffic, An
 
 
 def _written(old: Any, rows: Any, new: Any) -> Any:
-    """Return arrays with some of their rows replaced."""
     copy = mapped(np.array, old)
     scatter((copy,), rows, (new,))
     return copy

@@ -1,4 +1,4 @@
-"""The run-time monitor of one aircraft: ``agents.assurance`` with N = 1, in plain words.
+"""The run-time monitor of one aircraft: ``agents.assurance`` with N = 1, by names and sentences.
 
 Intruders go by name and have the same place as long as they exist. One that is not reported any more is missing, which
 is a reason; it is forgotten only where the caller says that it is gone.
@@ -69,7 +69,7 @@ class Ask:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the monitor says of one second."""
+    """The monitor's decision for one second."""
 
     state: State
     fly: Flown

@@ -40,7 +40,7 @@ class Flown(IntEnum):
 
 
 class Monitor(NamedTuple):
-    """Everything a monitor remembers; fields ``[N, ...]``, so that :func:`envs.trees.take` picks rows."""
+    """The state of monitors; fields ``[N, ...]``, so that :func:`envs.trees.take` picks rows."""
 
     state: Any
     """Code of :class:`State`, int8."""

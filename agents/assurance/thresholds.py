@@ -12,7 +12,7 @@ __all__ = ["BLIND", "LOST", "WANTING", "Cause", "Thresholds"]
 
 
 class Cause(IntFlag):
-    """Why the monitor is not content; several may hold at once."""
+    """Why the monitor wants another plan or denies the present one; several may hold at once."""
 
     OWN_MISSING = 1 << 0
     """The own state is not finite or out of range."""
@@ -74,7 +74,7 @@ wanders inside its uncertainty, and a plan that needs all of it would be void wi
 
 @dataclass(frozen=True)
 class Thresholds:
-    """When the monitor acts; made by :meth:`for_plans`."""
+    """Limits beyond which the monitor acts; built by :meth:`for_plans`."""
 
     options: Options
     """What plans are made with; the monitor holds them to it."""
@@ -104,7 +104,7 @@ class Thresholds:
     turn_rate_min: float
     """Estimated turn rate below which it counts as straight, rad/s."""
     turn_rate_max: float
-    """Largest turn rate that is believed, rad/s."""
+    """Largest turn rate that is accepted, rad/s."""
     replan_interval: float
     """Least time between two requests for a plan, s."""
     answer_time: float

@@ -26,7 +26,7 @@ a thousand is taken for a manoeuvre wrongly."""
 
 
 class Tracks(NamedTuple):
-    """What is believed of intruders; fields ``[...]``."""
+    """Estimates of intruders; fields ``[...]``."""
 
     state: VehicleState
     count: Any

@@ -1,4 +1,4 @@
-"""Deciders of others to compare with."""
+"""Published methods of conflict resolution to compare with."""
 
 from agents.baselines.baselines import BASELINES, Baseline, Direct, PotentialField, RightHand
 

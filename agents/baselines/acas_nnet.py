@@ -102,8 +102,7 @@ class AdvisoryLogic:
     """A logic flown as a decider: its advisory for the most critical intruder, else to the goal when that is clear.
 
     The networks see the scene as it is. They were made to keep 500 ft between aircraft of about 200 ft/s, but advise
-    long before; whatever they keep beyond is theirs. The way back to the goal is free where the aircraft's
-    separation is kept.
+    long before. The way back to the goal is free where the aircraft's separation is kept.
     """
 
     networks: tuple[Network, ...]
@@ -131,7 +130,6 @@ class AdvisoryLogic:
         return np.stack([np.zeros_like(steering), steering], axis=-1), advisory.astype(np.int8)
 
     def _inputs(self, sight: Sight) -> np.ndarray:
-        """Return what the networks take, ``[M, I]``."""
         own = sight.own
         other = most_critical(own, sight.intruders, sight.mask, self.aircraft, np)
         east, north = (other.x - own.x) / _FOOT, (other.y - own.y) / _FOOT
@@ -185,7 +183,6 @@ def _product(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _numbers(source: str) -> np.ndarray:
-    """Return all numbers of a file, in their order."""
     try:
         check_regular(source)
         lines = Path(source).read_text(encoding="utf-8-sig").splitlines()

@@ -198,7 +198,6 @@ def _bounds(metadata: Iterable[Any]) -> str:
 
 
 def _nested(annotation: Any) -> tuple[type[BaseModel] | None, bool]:
-    """Return the model inside an annotation, if there is one, and whether a list holds it."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation, False
     for argument in get_args(annotation):

@@ -206,7 +206,6 @@ def _complaint(model: type[BaseModel], error: Any) -> str:
 
 
 def _model_at(model: type[BaseModel], location: Sequence[str | int]) -> type[BaseModel]:
-    """Return the model whose keys stand at a location."""
     holder = field_at(model, location)
     if isinstance(holder, FieldInfo):
         holder = nested_model(holder)

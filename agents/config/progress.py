@@ -1,4 +1,4 @@
-"""How far a program has come, for a person: two live lines on a terminal, now and then a plain line elsewhere."""
+"""Progress of a program: two live lines on a terminal, now and then a plain line elsewhere."""
 
 import math
 import sys

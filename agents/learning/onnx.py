@@ -203,7 +203,6 @@ def _decision(content: PolicyFile) -> tuple[Callable[..., jax.Array], list[tuple
 
 
 def _renamed(made: Any, names: list[str]) -> None:
-    """Give the model's inputs and its output their names, in place."""
     new = dict(zip((value.name for value in made.graph.input), names, strict=True))
     new[made.graph.output[0].name] = "action"
     for value in (*made.graph.input, *made.graph.output):

@@ -1,8 +1,8 @@
 """A family of escapes: turn, fly straight until the way to the goal is clear, turn onto the goal.
 
-Pontryagin's principle says why so small a family goes so far: the control that maximises the distance at a closest
-approach turns at full rate onto one course and holds it, at extremal acceleration with at most one switch. A second
-turn at the switch serves delayed starts, manoeuvring intruders and several of them.
+By Pontryagin's principle the control that maximises the distance at a closest approach turns at full rate onto one
+course and holds it, at extremal acceleration with at most one switch. A second turn at the switch serves delayed
+starts, manoeuvring intruders and several of them.
 """
 
 from typing import Any, NamedTuple

@@ -48,7 +48,6 @@ def audit(
 
 
 def _last(point: Waypoint, number: int, route: Sequence[RoutePoint], extended: bool) -> list[Reason]:
-    """Return whether the plan's last waypoint is off the route."""
     name = f"waypoints[{number}]"
     same = next((candidate for candidate in route if candidate.index == point.index), None)
     if same is not None:

@@ -22,7 +22,7 @@ REVERSAL_WEIGHT = 0.1
 
 
 class Proposals(NamedTuple):
-    """Plans with what is known of them; fields ``[N]``."""
+    """Plans with findings, cost and clearance; fields ``[N]``."""
 
     knots: Knots
     """The request and the waypoints, ``[N, W + 1]``; nan where there is no whole plan."""

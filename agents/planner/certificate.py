@@ -79,7 +79,6 @@ def _row(report: Intruder) -> list[float]:
 
 
 def _heights(own: Altitude | None, report: Intruder) -> list[float]:
-    """Return altitude and vertical speed of both, and the age of the report."""
     other = report.altitude
     assert own is not None and other is not None  # nobody is excluded otherwise
     return [float(value) for value in (own.value, own.vertical_speed, other.value, other.vertical_speed, report.age)]

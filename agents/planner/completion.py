@@ -158,7 +158,6 @@ def _onto(state: VehicleState, x: Any, y: Any, turn_rate: float) -> tuple[Any, A
 
 
 def _turned(state: VehicleState, arc: Any, turn_rate: float) -> VehicleState:
-    """Return the state after a turn by an arc (rad)."""
     chord = state.speed * np.abs(arc) / turn_rate * np.sinc(arc / (2.0 * math.pi))
     middle = state.heading + 0.5 * arc
     return VehicleState(
@@ -196,7 +195,6 @@ class _Pieces:
 def _read_off(
     knots: Knots, times: Any, rollout: Rollout, rows: Any, whole: Any, pieces: _Pieces, end: VehicleState, end_time: Any
 ) -> None:
-    """Write the knots of completed plans."""
     if whole.size == 0:
         return
     out = rows[whole]

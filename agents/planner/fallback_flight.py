@@ -1,7 +1,6 @@
 """Manoeuvres of the fallback in the air: many at once, until the direct way to the goal is clear.
 
-They fly several strides at once in a few calls on arrays, because a call costs more than the strides that those which
-end among them are flown for nothing.
+They fly several strides at once in a few calls on arrays: a call costs more than strides flown beyond an end.
 """
 
 from typing import Any, NamedTuple
@@ -74,7 +73,7 @@ def fly_out(request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, optio
     flight, closest = takeoff(take(request.own, of), manoeuvre), np.full(which.size, np.inf)
     while rows.size and first <= last and not budget.ends("fallback"):
         count = min(_at_once(rows.size * scene.required.shape[-1], first), last + 1 - first)
-        # What ends in one of these strides is flown to the last of them for nothing; calls cost more than that.
+
         strides = np.arange(first, first + count)
         flown, flight = fly_away(flight, manoeuvre, first, count, stride, task.limits)
         spare = scene.spare(flown, first, of)

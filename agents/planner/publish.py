@@ -111,7 +111,7 @@ def rechecked(
     options: Options,
     own_altitude: Altitude | None = None,
 ) -> Plan:
-    """Return a plan as it is worth some time after its request: SAFE only if it still is from the present state on.
+    """Return a plan as checked some time after its request: SAFE only if it still is from the present state on.
 
     Args:
         plan: as it was made.
@@ -147,7 +147,6 @@ def _void(plan: Plan, late: float, why: str) -> Plan:
 
 
 def _waypoints(best: Proposals, route: Sequence[RoutePoint]) -> tuple[Waypoint, ...]:
-    """Return the published waypoints of one plan; none if there is none."""
     if best.last < 0:
         return ()
     taken = {point.index for point in route}

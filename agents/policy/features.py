@@ -173,5 +173,4 @@ def _mirrored(passing: tuple[Any, Any, Any, Any], sign: Any) -> tuple[Any, Any, 
 
 
 def _soft(value: Any, xp: Any) -> Any:
-    """Squash to (-1, 1) with most resolution around 0."""
     return value / (1.0 + xp.abs(value))

@@ -216,7 +216,6 @@ def _loaded(data: bytes, source: str) -> tuple[dict[str, np.ndarray], Any]:
 
 
 def _metadata(entry: Any, source: str) -> dict[str, Any]:
-    """Return the document under the one metadata key."""
     if not isinstance(entry, dict) or list(entry) != [_KEY] or not isinstance(entry[_KEY], str):
         raise PolicyFileError(f"{source}: no policy metadata, expected the one key {_KEY!r} in the header")
     try:

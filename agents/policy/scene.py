@@ -193,5 +193,4 @@ def _towards(x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_x: Any, goal_y: A
 
 
 def _turned(x: Any, y: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
-    """Return a vector in the frame whose x axis has this direction."""
     return x * cosine + y * sine, y * cosine - x * sine

@@ -200,7 +200,7 @@ def check_metadata(document: Any, source: str) -> None:
 
 
 def _check_family(document: Mapping[str, Any], source: str) -> None:
-    """Raise unless aircraft, family and number of intruders of schema 2 can be."""
+    """Raise unless aircraft, family and number of intruders of schema 2 are possible."""
     intruders = document["architecture"]["intruders"]
     if not 1 <= intruders <= _MAX_INTRUDERS:
         raise PolicyFileError(

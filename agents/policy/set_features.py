@@ -156,5 +156,4 @@ def _passing(x: Any, y: Any, vx: Any, vy: Any, xp: Any) -> tuple[Any, Any, Any, 
 
 
 def _soft(value: Any, xp: Any) -> Any:
-    """Squash to (-1, 1) with most resolution around 0."""
     return value / (1.0 + xp.abs(value))

@@ -201,7 +201,6 @@ def _decide(
 
 
 def _with_axis(fields: Any) -> Any:
-    """Return a tree with a leading axis of one, floats in double precision."""
     if isinstance(fields, tuple):
         return type(fields)(*(_with_axis(field) for field in fields))
     field = np.asarray(fields)

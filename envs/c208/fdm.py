@@ -25,7 +25,6 @@ _silence: list[Any] = []  # JSBSim keeps no reference of its own
 
 
 def _jsbsim() -> Any:
-    """Return the module jsbsim, whose messages are dropped."""
     import jsbsim
 
     if not _silence:

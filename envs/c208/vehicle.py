@@ -215,7 +215,6 @@ class C208Vehicle:
 
 
 def _problem(state: VehicleState, m: Measured) -> str | None:
-    """Return what is wrong with a flight, or None."""
     if not math.isfinite(sum(m) + state.x + state.y + state.speed + state.heading):
         return "the state is not finite"
     if m.altitude < 150.0:

@@ -160,7 +160,6 @@ def write_rows(path: str | os.PathLike[str], groups: Sequence[Sequence[Sequence[
 
 
 def _lines(source: str) -> list[tuple[int, list[str]]]:
-    """Return the lines that hold something, split into cells, with their numbers from 1."""
     reader = csv.reader(io.StringIO(text_of(source, EncounterError), newline=""), strict=True)
     try:
         # A quoted cell may span lines: its row is named by its last one.
@@ -196,7 +195,6 @@ def _columns_of(aircraft: Aircraft) -> list[Column]:
 
 
 def _number(cell: str, column: Column, where: str) -> float:
-    """Return the value of a cell in the column's own unit."""
     if not cell and column.default is not None:
         return column.default
     try:

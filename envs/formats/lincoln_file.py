@@ -218,7 +218,6 @@ def _one(each: dict[str, Any], key: str, where: str) -> float:
 
 
 def _number(value: Any, where: str, accepted: Range) -> float:
-    """Return a number in SI units."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _ANY.high:
         raise TrackError(f"{where}: {repr(value)[:40]}, expected a finite number")
     return accepted.si(value, where)

@@ -93,7 +93,6 @@ def read_daidalus(path: str | os.PathLike[str], *, repair: bool = False, max_gap
 
 
 def _lines(source: str) -> list[tuple[int, list[str]]]:
-    """Return the lines that hold something, split into cells, with their numbers from 1."""
     lines = []
     for number, line in enumerate(lines_of(source, TrackError), start=1):
         line = line.split("#", 1)[0].strip()  # noqa: PLW2901

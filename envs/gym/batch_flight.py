@@ -91,7 +91,6 @@ def step(
 
 
 def _seen(state: State, key: jax.Array, setting: Setting) -> jax.Array:
-    """Return the observations, ``[N, S]``."""
     noise = jax.random.normal(key, (4, *state.mask.shape)) if setting.noisy else None
     aircraft = setting.world.aircraft
     if setting.intruders == 1:
@@ -101,7 +100,6 @@ def _seen(state: State, key: jax.Array, setting: Setting) -> jax.Array:
 
 
 def _distances(state: State) -> tuple[jax.Array, jax.Array]:
-    """Return the distances to the nearest intruder and to the goal, m, ``[N]`` each."""
     own, other = state.own, state.intruders.vehicle
     apart = distance(other.x - own.x[:, None], other.y - own.y[:, None], jnp)
     nearest = jnp.min(jnp.where(state.mask, apart, jnp.inf), axis=-1)

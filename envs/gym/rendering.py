@@ -174,7 +174,6 @@ class Drawing:
         return [*pictures, *self._labels, self._title, self._figures, self._clock, self._verdict]
 
     def _place(self, scene: Scene) -> None:
-        """Set what stands still."""
         west, south, side = view(scene)
         self._axes.set_xlim(west, west + side)
         self._axes.set_ylim(south, south + side)
@@ -192,7 +191,6 @@ class Drawing:
         self._start_text.set_position(tuple(start - along * (aside + 14.0) * self._pixel))
 
     def _move(self, scene: Scene) -> None:
-        """Set what moves."""
         count = scene.intruders.shape[1]
         # The ownship leads: [T + 1, 1 + K, 4], in km.
         aircraft = np.concatenate([scene.own[:, None], scene.intruders], axis=1)
@@ -226,7 +224,6 @@ class Drawing:
         self._write(scene, speed)
 
     def _name(self, now: np.ndarray, ahead: np.ndarray, nearest: int) -> None:
-        """Write names beside the aircraft, on the side away from the other one."""
         while len(self._labels) < len(now):
             style = {"fontsize": 8.5, "fontweight": "bold", "ha": "center", "va": "center", "zorder": 7}
             colour = "#8a5f00" if self._labels else OWNSHIP
@@ -243,7 +240,6 @@ class Drawing:
                 label.set_text("own" if index == 0 else "intruder" if only else str(index))
 
     def _write(self, scene: Scene, speed: np.ndarray) -> None:
-        """Write the figures of the moment into the header."""
         smallest = float(scene.separations.min())
         self._title.set_text(scene.title)
         self._clock.set_text(f"{scene.time:.0f} s")

@@ -117,8 +117,6 @@ def read_model(path: str | os.PathLike[str]) -> EncounterModel:
 
 
 class _File:
-    """The blocks of a file."""
-
     def __init__(self, source: str) -> None:
         self._source = source
         self.blocks: dict[str, list[tuple[int, str]]] = {}
@@ -198,7 +196,6 @@ class _File:
 
 
 def _bare(label: str) -> str:
-    """Return a label without the time."""
     return re.sub(r"\(t(\+1)?\)$", "", label).strip()
 
 

@@ -60,8 +60,6 @@ class ModelTraffic:
 
 
 class _Drawn(NamedTuple):
-    """One attempt at M encounters."""
-
     own: VehicleState
     recording: VehicleState  # [M, T + 1]
     weight: np.ndarray

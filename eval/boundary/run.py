@@ -168,7 +168,6 @@ def _grids(name: str, aircraft: "Aircraft") -> list[tuple[float, float]]:
 
 
 def _solutions(intruder_speed: float, name: str, aircraft: "Aircraft") -> "list[Solution]":
-    """Return the value functions on the coarser and the finer grid."""
     from eval.boundary.grid import edge_value, make_grid, solve
 
     limits, separation = aircraft.limits, aircraft.separation

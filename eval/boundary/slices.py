@@ -1,4 +1,4 @@
-"""Slices of the state space on which the boundary of what can be avoided is asked twice, and how the answers compare.
+"""Slices of the state space: the boundary of what can be avoided, by two methods, and their comparison.
 
 A slice fixes both speeds and the courses; what varies is where the intruder starts. The frame is the ownship's at the
 start, x ahead and y to the left.

@@ -44,7 +44,7 @@ class Plans(NamedTuple):
 
 
 class Entry(NamedTuple):
-    """One that takes part."""
+    """A participant of the comparison."""
 
     name: str
     kind: str  # policy, baseline, nnet or witness

@@ -132,7 +132,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _prepared(options: argparse.Namespace) -> "tuple[MonteCarloConfig, Comparison, int]":
-    """Return the encounters' part of an evaluation's configuration, the comparison, and how many are flown."""
     from eval.compare.deciders import Comparison, aircraft_of_all, entries_of
     from eval.config import FILE, TRACKS, MonteCarloConfig
     from eval.flights.chunks import Evaluation
@@ -159,7 +158,6 @@ def _prepared(options: argparse.Namespace) -> "tuple[MonteCarloConfig, Compariso
 
 
 def _flown(comparison: "Comparison", total: int) -> "dict[str, np.ndarray]":
-    """Fly all encounters and return the whole table."""
     import numpy as np
 
     from eval.compare.deciders import WITNESS, columns

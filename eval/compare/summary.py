@@ -60,7 +60,6 @@ def summarise(
 
 
 def _row(table: Mapping[str, np.ndarray], entry: Entry, possible: int, how: tuple[float, int, int]) -> dict[str, Any]:
-    """Return rates and costs of one entry."""
 
     def of(name: str) -> np.ndarray:
         return table[f"{entry.name}.{name}"]
@@ -93,7 +92,6 @@ def _row(table: Mapping[str, np.ndarray], entry: Entry, possible: int, how: tupl
 def _ratios(
     table: Mapping[str, np.ndarray], entry: Entry, weights: np.ndarray | None, how: tuple[float, int, int]
 ) -> dict[str, Any]:
-    """Return the risk ratio, of the required separation and of each volume."""
 
     def of(column: str, event: Any = True) -> dict[str, Any]:
         ours, bare = (table[f"{name}.{column}"] == event for name in (entry.name, REFERENCE))

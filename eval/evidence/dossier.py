@@ -1,4 +1,4 @@
-"""The assurance case as one page: claim, argument, evidence in Goal Structuring Notation, and what traces to what."""
+"""The assurance case as one page: claim, argument and evidence in Goal Structuring Notation, and their traces."""
 
 import json
 import re
@@ -123,7 +123,7 @@ def write(
     out: Path,
     reports: Iterable[Path] = (),
 ) -> str:
-    """Write the page of a policy, with pictures of a folder and reports of tests; return the state of the claim."""
+    """Write the page, with pictures of a folder and outcomes of reports; return the state of its claim."""
     case, tests = load(Case, root / "configs/dossier.yaml"), tests_of(root)
     ran = outcomes_of(tests, reports) if (reports := tuple(reports)) else {}
     case = Case.model_validate_json(escape(case.model_dump_json(), quote=False))
@@ -191,7 +191,6 @@ def _shut(tests: list[str], ran: Mapping[str, str], more: str = "") -> str:
 
 
 def _by(items: Mapping[str, Item], names: set[str]) -> str:
-    """Return what names one of these."""
     ids = [by for by, item in items.items() if names & {*item.tests, *item.results}]
     return ", ".join(f'<a href="#{by}">{by}</a>' for by in ids) or "none"
 
@@ -209,7 +208,6 @@ def _evidence(item: Item, ran: Mapping[str, str]) -> str:
 
 
 def _found(name: str, listed: Evidence, results: Mapping[str, Any]) -> list[str]:
-    """Return title, size, claim, whether it is kept, figure and origin of a result."""
     entry = listed.results[name]
     if name not in results:
         return [escape(entry.title.replace("`", "")), f"0 of {entry.n}", "", "", "not measured", ""]

@@ -26,7 +26,7 @@ class Entry(Strict):
 
 
 class Reading(Strict):
-    """Where a command says its figures: in a JSON file of its folder ``--out``, or in the last line that it prints.
+    """Where the figures of a command are: in a JSON file of its folder ``--out``, or in the last line that it prints.
 
     Kept are ``keys``: paths with ``/`` between their parts, ``*`` for any. A command that flies in ``chunks`` takes
     ``--resume`` and ``--scheduler``.

@@ -81,13 +81,11 @@ def row_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) 
 
 
 def _cell(cell: str, figures: Mapping[str, Any]) -> str:
-    """Return a cell with its figures; a dash where one of them is not known."""
     values = [_shown(_found(figures, key), form) for key, form in _FIGURE.findall(cell)]
     return _FIGURE.sub(lambda _: values.pop(0), cell) if all(values) else "-"
 
 
 def _found(figures: Mapping[str, Any], key: str) -> Any:
-    """Return a figure by its path, or a part of one."""
     whole, _, part = key.rpartition("/")
     if key in figures:
         return figures[key]
@@ -95,7 +93,6 @@ def _found(figures: Mapping[str, Any], key: str) -> Any:
 
 
 def _shown(value: Any, form: str) -> str:
-    """Return a figure in words; nothing where it is not known."""
     if value is None or (isinstance(value, dict) and value["value"] is None):
         return ""
     if isinstance(value, dict):

@@ -47,7 +47,6 @@ def _plain(aircraft: Aircraft) -> dict[str, Any]:
 
 
 def _line(aircraft: Aircraft) -> str:
-    """Return an aircraft in one line."""
     limits = aircraft.limits
     return (
         f"{limits.speed_min:g} to {limits.speed_max:g} m/s, {limits.acceleration_min:g} to "

@@ -73,7 +73,7 @@ class Evaluation(NamedTuple):
 
 @dataclass(frozen=True)
 class Pilot:
-    """An evaluation with its policy, which takes the evaluation's aircraft; commands have refused what is no good."""
+    """An evaluation with its policy, for the evaluation's aircraft."""
 
     evaluation: Evaluation
     policy: Policy
@@ -197,7 +197,6 @@ def _planned(
 
 
 def _beside(flights: dict[str, Flights]) -> dict[str, np.ndarray]:
-    """Return the columns of the flights that are flown beside for comparison."""
     columns = {}
     for name, flown in flights.items():
         columns[f"{name}_outcome"] = np.array(OUTCOMES, dtype=object)[flown.outcome]
@@ -207,7 +206,6 @@ def _beside(flights: dict[str, Flights]) -> dict[str, np.ndarray]:
 
 
 def _names(kinds: type[IntEnum]) -> np.ndarray:
-    """Return the names of codes 0, 1, ... in lower case."""
     return np.array([kinds(code).name.lower() for code in range(len(kinds))], dtype=object)
 
 

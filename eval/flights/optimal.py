@@ -1,6 +1,6 @@
 """Least-cost witnesses as flights: the shortest ones known that resolve each encounter.
 
-A mark beside which deciders are compared, no resolver: the search knows the true motion of the intruders to the end.
+A reference for deciders, no resolver: the search knows the true motion of the intruders to the end.
 """
 
 from typing import NamedTuple

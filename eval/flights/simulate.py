@@ -178,7 +178,6 @@ def _takeoff(encounters: Encounter, *, history_dt: float | None) -> _Air:
 
 
 def _land(result: Flights, air: _Air, last: StepResult, ended: np.ndarray, time: float) -> None:
-    """Write the encounters that have just ended into the result."""
     number = air.number[ended]
     result.outcome[number] = np.argmax(np.stack(last.outcome)[:, ended], axis=0)
     result.score[number] = last.reward[ended]

@@ -135,7 +135,6 @@ def campaign_of(config: "HifiConfig", workers: int = 1) -> "tuple[Campaign, Hifi
 
 
 def _summary(table: Any, config: "HifiConfig", aircraft: "Aircraft", wall_s: float, flown: int) -> dict[str, Any]:
-    """Return the content of summary.json."""
     from envs.edge.installation import versions
     from eval.flights.aircraft import described
     from eval.hifi.summary import SCHEMA_VERSION, summarise
@@ -162,7 +161,6 @@ def _summary(table: Any, config: "HifiConfig", aircraft: "Aircraft", wall_s: flo
 
 
 def _show(summary: dict[str, Any], folder: "HifiFolder", paths: list[Path]) -> None:
-    """Print the result for a person."""
     from eval.flights.aircraft import lines_about
 
     print(

@@ -1,4 +1,4 @@
-"""From the table of flights to the numbers that matter; docs/reference/evaluation-files.md defines every key."""
+"""From the table of flights to its statistics; docs/reference/evaluation-files.md defines every key."""
 
 import math
 import re

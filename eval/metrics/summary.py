@@ -1,4 +1,4 @@
-"""From the table of encounters to the numbers that matter, and these for a person.
+"""From the table of encounters to its statistics, and their table on the screen.
 
 docs/reference/evaluation-files.md defines every key.
 """

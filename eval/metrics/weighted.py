@@ -168,5 +168,4 @@ def _rate(
 
 
 def _effective(weight: np.ndarray) -> float:
-    """Return Kish's effective sample size, (sum w)^2 / sum w^2."""
     return float(weight.sum() ** 2 / np.sum(weight**2))

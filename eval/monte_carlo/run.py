@@ -127,7 +127,6 @@ def _config(options: argparse.Namespace) -> "MonteCarloConfig":
 
 
 def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: float, flown: int) -> dict[str, Any]:
-    """Return the content of summary.json."""
     from envs.edge.installation import versions
     from eval.flights.aircraft import described
     from eval.metrics.summary import SCHEMA_VERSION, summarise
@@ -166,7 +165,6 @@ def _outside(table: Any, policy: "Policy") -> dict[str, int]:
 
 
 def _show(summary: dict[str, Any], folder: "RunFolder", paths: list[Path]) -> None:
-    """Print the result for a person."""
     from agents.config.progress import spaced
     from eval.flights.aircraft import lines_about
     from eval.metrics.summary import headline, print_table

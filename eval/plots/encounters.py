@@ -1,4 +1,4 @@
-"""Figures of an evaluation: where failures begin, how close the aircraft come, and what flights look like."""
+"""Figures of an evaluation: where failures begin, smallest separations, and flights seen from above."""
 
 import math
 from collections.abc import Mapping

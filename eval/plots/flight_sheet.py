@@ -1,4 +1,4 @@
-"""A sheet of flights seen from above: the failures, and how the successes look beside them."""
+"""A sheet of flights seen from above: failures beside successes."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""What a policy commands wherever the intruder is, and how calm it is in flights.
+"""What a policy commands for each place of the intruder, and how smooth its flights are.
 
 The map has the ownship at its origin, heading up: x to the right, y ahead, in metres. Relative headings and the bearing
 of the goal count counter-clockwise as seen from above, left positive, in radians, as everywhere in the toolkit.

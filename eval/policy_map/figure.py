@@ -69,7 +69,6 @@ def policy_map(advisories: Sequence[Advisory], aircraft: Aircraft, policy: str) 
 
 
 def _cells(axes: Any, values: np.ndarray, advisory: Advisory, colours: Any, scale: Any) -> Any:
-    """Draw the map's cells as they are, without interpolation, km."""
     edge = _extent_km(advisory)
     return axes.imshow(
         values, cmap=colours, norm=scale, extent=(-edge, edge, -edge, edge), origin="lower", interpolation="nearest"
@@ -107,7 +106,6 @@ def _geometry(axes: Any, advisory: Advisory, aircraft: Aircraft) -> None:
 
 
 def _goal(axes: Any, edge: float, scene: Scene) -> None:
-    """Draw a tick at the edge where the goal lies."""
     direction = np.array([-math.sin(scene.goal_bearing), math.cos(scene.goal_bearing)])
     outer = edge / max(abs(direction)) * direction
     tick = np.stack([0.92 * outer, outer]).T

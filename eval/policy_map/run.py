@@ -91,7 +91,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _scenes(options: argparse.Namespace, aircraft: "Aircraft") -> "list[Scene]":
-    """Fill in the options that the aircraft decides, and return what each column holds fixed."""
     from eval.policy_map.advisory import Scene
 
     limits, unit = aircraft.limits, aircraft.separation
@@ -115,7 +114,6 @@ def _scenes(options: argparse.Namespace, aircraft: "Aircraft") -> "list[Scene]":
 
 
 def _examine(policy: "Policy", scenes: "list[Scene]", options: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
-    """Return the figure and the content of the JSON file."""
     from envs.edge.installation import versions
     from eval.policy_map.advisory import advise, chatter
     from eval.policy_map.figure import policy_map

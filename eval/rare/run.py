@@ -129,7 +129,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _config(options: argparse.Namespace) -> "tuple[MonteCarloConfig, str]":
-    """Return the configuration and the decider."""
     from eval.config import MonteCarloConfig
 
     options.resume = False
@@ -226,7 +225,6 @@ def _estimate(values: np.ndarray, confidence: float) -> dict[str, Any]:
 
 
 def _warnings(found: dict[str, Any]) -> list[str]:
-    """Say where the estimate should not be trusted."""
     said = []
     values = found["rate"]["repetitions"]
     if not any(values):

@@ -1,4 +1,4 @@
-"""What the page's script reads: which encounters are points and flights, small enough to travel inside the page.
+"""The data of the page's script: which encounters are points and flights, small enough for the page.
 
 Numbers are little-endian and base64: float32 for the columns of the points, int16 times a scale for flights.
 """

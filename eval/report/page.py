@@ -145,7 +145,6 @@ def _points(run: Run, count: int) -> str:
 
 
 def _tracks(chosen: Sequence[Choice], data: Mapping[str, Any]) -> str:
-    """Return how many encounters have tracks, as HTML."""
     flights = data["flights"]
     if not flights:
         return "<p>No encounter has tracks on this page.</p>"

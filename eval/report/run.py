@@ -70,7 +70,6 @@ def _numbers(text: str) -> list[int]:
 
 
 def _made(run: "Run", options: argparse.Namespace) -> str:
-    """Return the page."""
     import numpy as np
 
     from envs.edge.installation import versions

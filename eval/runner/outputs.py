@@ -133,7 +133,6 @@ class RunFolder:
         return save_figure(figure, self.path / name)
 
     def _join(self, path: Path) -> None:
-        """Write the parts as one file, a group of rows at a time, however many there are."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 

@@ -156,7 +156,6 @@ def _spans(found: Mapping[str, Any]) -> np.ndarray:
 
 
 def _name_axis(axes: Any, found: Mapping[str, Any], **style: Any) -> None:
-    """Name the axis, and the bins or the values below it."""
     axes.set_xlabel(_with_unit(found["label"], found["unit"]), **style)
     points = _points(found)
     if "low" in points[0]:

@@ -100,7 +100,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _check(options: argparse.Namespace, sweeps: "Sequence[Sweep]") -> None:
-    """Raise ``ConfigError`` for options that do not fit together."""
     from eval.sensitivity.sweep import changed
 
     if options.run is None and not sweeps:
@@ -128,7 +127,6 @@ def _passed_on(options: argparse.Namespace) -> list[str]:
 
 
 def _found(options: argparse.Namespace, run: "Run | None", sweeps: "Sequence[Sweep]") -> dict[str, Any]:
-    """Return the content of sensitivity.json, without the wall time."""
     from envs.edge.installation import versions
     from eval.sensitivity.bins import binned, quantities
     from eval.sensitivity.sweep import collected
@@ -160,7 +158,6 @@ def _described(run: "Run") -> dict[str, Any]:
 
 
 def _draw(options: argparse.Namespace, found: dict[str, Any]) -> list[str]:
-    """Write the figures and return the names of the files."""
     from eval.sensitivity.figure import overview, quantity_figure, sweep_figure
 
     bars = f"bars: {100.0 * options.confidence:g} % intervals (Clopper-Pearson)"

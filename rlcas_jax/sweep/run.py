@@ -182,7 +182,6 @@ def _written(options: Options, study: "Study") -> bool:
 
 
 def _draw(study: "Study", complete: int, out: Path) -> None:
-    """Draw Optuna's figures of the study as PNG and SVG."""
     import warnings
 
     import matplotlib as mpl

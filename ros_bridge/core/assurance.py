@@ -243,7 +243,6 @@ def _state(supervision: Supervision) -> State:
 
 
 def _clock(zero: int, time: int) -> float:
-    """Return a time on the monitor's clock, s."""
     return round((time - zero) / SECOND * _GRID) / _GRID
 
 

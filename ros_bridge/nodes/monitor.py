@@ -62,7 +62,6 @@ class Monitor(ListeningNode):
         self._start()
 
     def _start(self) -> None:
-        """Forget everything."""
         self._situation = Situation()
         self._supervision = initial(monitor_thresholds(self._value, self._aircraft))
         self._verdict: Verdict | None = None

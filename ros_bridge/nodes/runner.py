@@ -139,7 +139,6 @@ class Runner(ListeningNode):
             self._health.publish(self._diagnosis(now))
 
     def _on_views(self) -> None:
-        """Publish path and markers of the last plan, once."""
         if self._views is None or not self._active:
             return
         (result, wanted), self._views = self._views, None
@@ -247,7 +246,6 @@ class Runner(ListeningNode):
         return max(self._revision + 1, min(now // SECOND, 2**31))
 
     def _withdraw(self) -> None:
-        """Publish that the plan is withdrawn."""
         if not self._unique.int:
             return
         now = self.get_clock().now().nanoseconds

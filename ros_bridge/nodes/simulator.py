@@ -214,7 +214,6 @@ class Simulator(Node):
         )
 
     def _deciding(self) -> bool:
-        """Return whether a plan is being sought."""
         if self._phase is not _Phase.FLYING:
             return False
         waiting = (AssuranceStatus.STATE_REPLAN_REQUESTED, AssuranceStatus.STATE_DENIED, AssuranceStatus.STATE_BACKUP)
@@ -309,7 +308,6 @@ class Simulator(Node):
             flight.truth = Truth()  # what counts from here on is what the plan promises
 
     def _of_now(self, message: Any) -> bool:
-        """Return whether a message belongs to the encounter that is flown."""
         return self._phase is _Phase.FLYING and self._zero <= nanoseconds(message.header.stamp) <= self._clock + SECOND
 
     def _on_trajectory(self, message: Trajectory) -> None:

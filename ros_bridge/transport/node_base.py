@@ -42,7 +42,6 @@ class ListeningNode(LifecycleNode):
         self.add_on_set_parameters_callback(self._fitting)
 
     def _value(self, name: str) -> Any:
-        """Return a parameter's value; None for one that this node does not have."""
         return self.get_parameter(name).value if self.has_parameter(name) else None
 
     def _fitting(self, wanted: list[Any]) -> SetParametersResult:
@@ -55,7 +54,6 @@ class ListeningNode(LifecycleNode):
 
     @property
     def _flown(self) -> str:
-        """The aircraft, as a text."""
         return aircraft_text(planning_options(self._value, self._aircraft))
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:

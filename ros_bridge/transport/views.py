@@ -85,7 +85,6 @@ def diagnostics(time: int, name: str, level: bytes, message: str, values: Mappin
 
 
 def _line(plan: Plan, task: Task) -> list[tuple[float, float]]:
-    """Return points along the curves between the waypoints."""
     curve, end = legs(knots(task.own, plan.waypoints)), plan.waypoints[-1].time
     times = np.append(np.arange(0.0, end, _STEP), end)
     each = Legs(*(np.broadcast_to(field, (times.size, *np.shape(field))) for field in curve))

@@ -424,7 +424,7 @@ def test_flightgear_is_sent_what_the_ros_simulator_flies(ports: Ports) -> None:
     [
         (["localhost"], "flightgear is 'localhost'; expected HOST:PORT"),
         (["localhost:65535"], "flightgear is 'localhost:65535'; expected HOST:PORT"),
-        (["no host:5550"], "whose host cannot be resolved"),
+        (["no host:5550"], "host cannot be resolved"),
         (["localhost:5550", "--vehicle", "point_mass"], "vehicle is point_mass; expected c208_ex or c208"),
         (["localhost:5550", "--workers", "2"], "expected no --scheduler, and no --workers but 1"),
     ],
