@@ -1,4 +1,4 @@
-"""Checkpoints: any pytree of arrays in one safetensors file, whole or not there at all.
+"""Checkpoints: any pytree of arrays in one safetensors file, written whole or not at all.
 
 A kill or a power cut at any moment leaves the checkpoints before it as they were (:mod:`envs.edge.files`). A digest
 tells a damaged file from a good one.

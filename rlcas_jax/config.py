@@ -113,7 +113,7 @@ class WorldConfig(Strict):
 
 
 class ShapingConfig(Strict):
-    """Rewards for learning besides the task's, in units of the scaled reward; scores never contain them.
+    """Rewards for learning beyond the task's, in units of the scaled reward; scores never contain them.
 
     The potential (goal) leaves the optimal policy as it is; the costs do not.
     """
@@ -129,7 +129,7 @@ class ShapingConfig(Strict):
 
 
 class FamilyConfig(Strict):
-    """Other aircraft that the training flies besides the configured one, so that one policy serves them all.
+    """Other aircraft that the training flies beside the configured one, so that one policy serves them all.
 
     Sizes do not count, only ratios: lengths are in separations D, speeds in the ownship's greatest speed V.
     """

@@ -1,4 +1,4 @@
-"""How a training run goes, for a person: steps, steps a second, score, success and the time left."""
+"""Progress of a training on the screen: steps, steps a second, score, success and the time left."""
 
 import math
 import time

@@ -74,9 +74,7 @@ def path_excess_cost(
 ) -> jax.Array:
     """Return the path of a step less what it brought the goal nearer, in ten separations, ``[N]``.
 
-    Its sum is the path excess.
-
-    The discount alone asks for short times, and so prefers a fast detour to a slow straight path.
+    Its sum is the path excess. The discount alone favours short times, and so a fast detour over a slow straight path.
 
     Args:
         before: the ownship at the start of the step.

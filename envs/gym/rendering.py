@@ -1,4 +1,4 @@
-"""Pictures of an encounter as arrays, or on the figure of a window (:mod:`envs.gym.window`).
+"""Pictures of an encounter, as arrays or in a window (:mod:`envs.gym.window`).
 
 A drawing owns its figure and its artists. The still part (axes, grid, route, goal) is drawn once and kept as
 pixels; a frame restores them and draws what moves on top. Colours follow Okabe and Ito, so that they differ for

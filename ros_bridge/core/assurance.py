@@ -61,7 +61,7 @@ class Published:
 
 @dataclass(frozen=True)
 class Supervision:
-    """Everything that the monitor knows; never changed in place."""
+    """The state of the monitor; never changed in place."""
 
     watch: Watch
     frame: LocalFrame | None = None

@@ -1,7 +1,7 @@
-"""What is believed of an aircraft after each of its reports: :mod:`agents.assurance.tracker` on the ellipsoid.
+"""Estimates of an aircraft after each of its reports: :mod:`agents.assurance.tracker` on the ellipsoid.
 
-The estimate is a report itself, with its own standard deviations, so that planner and monitor take it as they would
-take a better receiver's. Where reports declare no noise, or begin anew, it is the report, to the bit.
+The estimate is a report itself, with its own standard deviations, so that planner and monitor use it like any report.
+Where reports declare no noise, or begin anew, it is the report, to the bit.
 """
 
 import math

@@ -1,8 +1,8 @@
 """Whether an aircraft whose newest report cannot be planned with can matter at all.
 
-The edge of a receiver's range is full of aircraft that have just fallen silent. One that is so far away, or so high,
-that it cannot come near while a plan lasts is left out by its last places: each of them, grown by what the aircraft
-may have flown since, must lie beyond what both can fly until the end.
+At the edge of a receiver's range many aircraft stop reporting. One that is so far away, or so high, that it cannot come
+near while a plan lasts is left out by its last places: each of them, grown by what the aircraft may have flown since,
+must lie beyond what both can fly until the end.
 """
 
 import math

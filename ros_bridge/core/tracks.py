@@ -74,7 +74,7 @@ class Rules:
     same: float = 1.0
     """Two reports of the same time agree within this, m and m/s."""
     fresh_start: float = 30.0
-    """After so long without a report, s, any place is believed."""
+    """After so long without a report, s, any place is accepted."""
 
 
 class Sighted(NamedTuple):
@@ -101,7 +101,7 @@ class Track:
     last: Report | None = None
     """The last good report."""
     estimate: Report | None = None
-    """What is believed after it (:mod:`ros_bridge.core.estimates`)."""
+    """The estimate after it (:mod:`ros_bridge.core.estimates`)."""
     fault: Fault | None = None
     """None: the newest report was good."""
     course: Course | None = None

@@ -156,7 +156,7 @@ class Runner(ListeningNode):
             await self._answer(request, response)
         except Refusal as refusal:
             response.status, response.field, response.message = int(refusal.code), refusal.field, refusal.message
-        except Exception as error:  # The node must live on, and the caller must not take silence for consent.
+        except Exception as error:  # The node goes on, and the caller gets an answer in any case.
             if rclpy.ok(context=self.context):  # else it is being stopped, and nothing can be published any more
                 self.get_logger().fatal(f"a request failed for an error of the runner: {error!r}")
             response.status, response.message = int(Code.INTERNAL_ERROR), f"the runner failed: {error!r}"

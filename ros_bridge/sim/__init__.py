@@ -1,4 +1,4 @@
-"""The simulated world around runner and monitor, without ROS: aircraft, receivers, what is flown and how it went."""
+"""The simulated world around runner and monitor, without ROS: aircraft, receivers, what is flown, and its log."""
 
 from ros_bridge.sim.flight_log import FlightLog
 from ros_bridge.sim.guidance import Guidance

@@ -1,4 +1,4 @@
-"""What became of simulated encounters: a row each, and a table of all."""
+"""The log of simulated encounters: a row each, and a table of all."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -26,7 +26,7 @@ _HEAD = (
 
 @dataclass
 class FlightLog:
-    """How one encounter went."""
+    """The record of one encounter."""
 
     name: str
     required: float

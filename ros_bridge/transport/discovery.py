@@ -1,11 +1,11 @@
 """Fast DDS discovery of a process that starts: ports of its own, and how it announces itself.
 
-DDS gives a process the first free ports of its domain. One that is started again after a kill so gets those of the dead
-one, which the others hold for alive until its lease ends, after 20 s; Fast DDS then takes seconds to bring newcomer and
-others together (docs/reference/ros.md, "Start and restart"). While some of the first ports are held, the process gets
-others. Their number is drawn: process numbers repeat in containers, and the clock where restarts are quick.
+DDS gives a process the first free ports of its domain. One that is started again after a kill gets those of the killed
+one, which the others treat as alive until its lease ends, after 20 s; Fast DDS then takes seconds to connect them
+(docs/reference/ros.md, "Start and restart"). While some of the first ports are held, the process gets others. Their
+number is drawn at random: process numbers repeat in containers, and so does the clock where restarts are quick.
 
-What else takes seconds there, ``fastdds/profile.xml`` configures otherwise, with the reasons.
+Other delays of Fast DDS are avoided by ``fastdds/profile.xml``, with the reasons.
 """
 
 import os
@@ -67,7 +67,7 @@ def reserved_ports(skipped: int | None = None) -> Generator[list[int]]:
     wanted = random.randrange(PORTS) if skipped is None else skipped
     with ExitStack() as held:
         ports = []
-        # Those that are held are passed over, not replaced: a process that starts now too must not be driven further.
+        # Ports in use are passed over, not replaced: another process that starts now must not get ports further on.
         for there in (port(domain, number) for number in range(wanted)):
             if there > 65_535:
                 break
