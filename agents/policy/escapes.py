@@ -9,6 +9,7 @@ hundredths of a separation of that of the exact path.
 
 import math
 import sys
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from agents.policy.scene import Scene
 from envs.aircraft import Ratios
 from envs.angles import atan2, sincos
+from envs.backend import EXACT_FLOATS
 
 HORIZON = 10.0
 """How far ahead is looked, D / ``speed_max`` (paper: 100 s)."""
@@ -36,6 +38,7 @@ COUNT = len(THROTTLES)
 
 _CURVED = 5  # chords of the turn; the others are straight
 _LATER = np.cumsum([1.0, 2.0, 3.0, 4.0, 5.0]) / 15.0
+_SIGNS = np.sign([*TURNS, 0.0, 0.0, 0.0])
 _PIECES = _CURVED + len(_LATER)
 _OF_TURN = np.concatenate([np.arange(1, _CURVED + 1) / _CURVED, np.ones(len(_LATER))])  # [P]
 _OF_REST = np.concatenate([np.zeros(_CURVED), _LATER])
@@ -84,15 +87,32 @@ def kept(seen: Scene, xp: Any) -> Any:
     Args:
         seen: fields ``[...]`` and ``[..., K]`` with K >= 1.
     """
-    # Relative to each intruder, [M, P, K, ...]: where a chord ends, and how it got there.
-    times, spans, step_x, step_y, own_x, own_y = (field[:, :, None] for field in _together(paths(seen, xp), xp))
-    start_x, start_y, vx, vy = (_first(field, xp) for field in (seen.x, seen.y, seen.vx, seen.vy))
-    x, y = start_x + vx * times - own_x, start_y + vy * times - own_y
-    step_x, step_y = vx * spans - step_x, vy * spans - step_y
+    path, intruders = paths(seen, xp), (seen.x, seen.y, seen.vx, seen.vy)
+    if xp is np:
+        # One intruder after the other stays in cache.
+        each = np.ascontiguousarray(np.moveaxis(np.stack(intruders), -1, 0))  # [K, 4, ...]
+        return np.sqrt(reduce(np.minimum, (_squares(*one, path, np).min(axis=1) for one in each)))
+    # Arrays of jax come with jax; where numpy flies it is not imported. The path is computed once, before what follows
+    # is computed for every intruder.
+    path = (field[:, :, None] for field in sys.modules["jax"].lax.optimization_barrier(path))
+    return xp.sqrt(xp.min(_squares(*(xp.moveaxis(field, -1, 0) for field in intruders), path, xp), axis=(1, 2)))
+
+
+def _squares(x0: Any, y0: Any, vx: Any, vy: Any, path: Any, xp: Any) -> Any:
+    """Return the square of the separation along each chord of a path from intruders, D^2, ``[M, P, ...]``.
+
+    Args:
+        x0, y0, vx, vy: of the intruders.
+        path: as :func:`paths` gives it.
+    """
+    times, spans, step_x, step_y, own_x, own_y = path
+    x, y = x0 + vx * times - own_x, y0 + vy * times - own_y
+    over_x, over_y = vx * spans - step_x, vy * spans - step_y
     # How much of the chord lies behind its closest point.
-    back = xp.clip((x * step_x + y * step_y) / (step_x * step_x + step_y * step_y + 1e-8), 0.0, 1.0)
-    x, y = x - back * step_x, y - back * step_y
-    return xp.sqrt(xp.min(x * x + y * y, axis=(1, 2)))
+    back = (x * over_x + y * over_y) / (over_x * over_x + over_y * over_y + 1e-8)
+    back = xp.minimum(xp.maximum(back, 0.0), 1.0)
+    x, y = x - back * over_x, y - back * over_y
+    return x * x + y * y
 
 
 class KeptByOne:
@@ -101,12 +121,13 @@ class KeptByOne:
     def __init__(self, ratios: Ratios) -> None:
         """Prepare the manoeuvres of an aircraft; ratios are floats."""
         self._ratios = ratios
-        fixed = TURNS[:, None] * _MIDDLE
-        turning = np.minimum(np.abs(np.append(TURNS, [0.0] * 3)) * ratios.turn_radius, _LONGEST)[:, None]
-        self._times = turning * _OF_TURN + (HORIZON - turning) * _OF_REST  # [22, P]
-        self._ahead, self._aside = (np.append(of(fixed), np.zeros((3, _PIECES)), axis=0) for of in (np.cos, np.sin))
-        bent = np.append(TURNS, [0.0] * 3)[:, None] * _BENT
-        self._short = 0.5 * (1.0 - bent * bent * (1.0 / 6.0))
+        turns = np.append(TURNS, [0.0] * 3)[:, None]
+        turning = np.minimum(np.abs(turns) * ratios.turn_radius, _LONGEST)
+        bent, middle = turns * _BENT, turns * _MIDDLE
+        # Times, cosines, sines and lengths, after a column for the start; the turns to the goal are not known yet.
+        self._fixed = np.zeros((4, COUNT, _PIECES + 1))
+        self._fixed[0, :, 1:] = turning * _OF_TURN + (HORIZON - turning) * _OF_REST
+        self._fixed[1:, :, 1:] = np.cos(middle), np.sin(middle), 0.5 * (1.0 - bent * bent * (1.0 / 6.0))
         rate = np.where(THROTTLES < 0.0, ratios.acceleration_min, ratios.acceleration_max) * np.abs(THROTTLES)
         self._rate = rate[:, None]
 
@@ -115,54 +136,38 @@ class KeptByOne:
         speed, ratios = seen.own_speed, self._ratios
         bearing = math.atan2(seen.goal_y, seen.goal_x)
         turning = min(abs(bearing) * ratios.turn_radius, _LONGEST)
-        times, ahead, aside, short = self._times.copy(), self._ahead.copy(), self._aside.copy(), self._short.copy()
-        times[-3:] = turning * _OF_TURN + (HORIZON - turning) * _OF_REST
         middle, bent = bearing * _MIDDLE, bearing * _BENT
-        ahead[-3:], aside[-3:], short[-3:] = np.cos(middle), np.sin(middle), 0.5 * (1.0 - bent * bent * (1.0 / 6.0))
-        whole = np.empty((COUNT, _PIECES + 1))
-        whole[:, 0] = 0.0
-        whole[:, 1:] = times
-        spans = whole[:, 1:] - whole[:, :-1]
+        known = self._fixed.copy()
+        known[0, -3:, 1:] = turning * _OF_TURN + (HORIZON - turning) * _OF_REST
+        known[1, -3:, 1:], known[2, -3:, 1:] = np.cos(middle), np.sin(middle)
+        known[3, -3:, 1:] = 0.5 * (1.0 - bent * bent * (1.0 / 6.0))
+        whole, (ahead, aside, short) = known[0], known[1:, :, 1:]
+        times, spans = whole[:, 1:], whole[:, 1:] - whole[:, :-1]
         speeds = speed + self._rate * whole
         np.maximum(speeds, min(ratios.speed_min, speed), out=speeds)
         np.minimum(speeds, max(speed, 1.0), out=speeds)
         way = (speeds[:, 1:] + speeds[:, :-1]) * spans * short
         step_x, step_y = way * ahead, way * aside
         own_x, own_y = step_x.cumsum(axis=1), step_y.cumsum(axis=1)
-        least = np.full(COUNT, 1e6)
-        for x0, y0, vx, vy in zip(seen.x, seen.y, seen.vx, seen.vy, strict=True):
-            x, y = (x0 + vx * times) - own_x, (y0 + vy * times) - own_y
-            over_x, over_y = vx * spans - step_x, vy * spans - step_y
-            back = (x * over_x + y * over_y) / (over_x * over_x + over_y * over_y + 1e-8)
-            np.maximum(back, 0.0, out=back)
-            np.minimum(back, 1.0, out=back)
-            x -= back * over_x
-            y -= back * over_y
-            np.minimum(least, (x * x + y * y).min(axis=1), out=least)
-        return np.sqrt(least)
+        intruders = np.array((seen.x, seen.y, seen.vx, seen.vy))[:, :, None, None]
+        squares = _squares(*intruders, (times, spans, step_x, step_y, own_x, own_y), np)
+        return np.sqrt(squares.min(axis=(0, 2), initial=1e6))
 
 
 def steering(seen: Scene, xp: Any) -> Any:
-    """Return the turn of each manoeuvre at its beginning, 1 to the left at the greatest yaw rate, ``[..., 22]``.
-
-    A turn to the goal that takes less than a tenth of a unit of time (a time step) is as gentle as that.
-    """
-    bearing = atan2(seen.goal_y, seen.goal_x, xp)
-    home = xp.clip(bearing * seen.ratios.turn_radius * 10.0, -1.0, 1.0)
-    fixed = xp.asarray(np.sign(TURNS).astype(bearing.dtype))
-    parts = [xp.broadcast_to(fixed, (*bearing.shape, len(TURNS))), xp.stack([home] * 3, axis=-1)]
-    return xp.concatenate(parts, axis=-1)
+    """Return the turn of each manoeuvre at its beginning, 1 to the left at the greatest yaw rate, ``[..., 22]``."""
+    home = _home(seen, xp)
+    fixed = xp.broadcast_to(xp.asarray(np.sign(TURNS).astype(home.dtype)), (*home.shape, len(TURNS)))
+    return xp.concatenate([fixed, xp.stack([home] * 3, axis=-1)], axis=-1)
 
 
-def _first(field: Any, xp: Any) -> Any:
-    """Return the intruders' axis first; in numpy in memory too, so that inner loops run along many rows."""
-    moved = xp.moveaxis(field, -1, 0)
-    return np.ascontiguousarray(moved) if xp is np else moved
+def steering_of_one(seen: Scene) -> np.ndarray:
+    """Return :func:`steering` of one scene of plain floats."""
+    turns = _SIGNS.copy()
+    turns[-3:] = _home(seen, EXACT_FLOATS)
+    return turns
 
 
-def _together(fields: tuple[Any, ...], xp: Any) -> tuple[Any, ...]:
-    """Return fields that are computed once, before what follows is computed for every intruder."""
-    if xp is np:
-        return fields
-    # Arrays of jax come with jax; where numpy flies it is not imported.
-    return sys.modules["jax"].lax.optimization_barrier(fields)
+def _home(seen: Scene, xp: Any) -> Any:
+    """Return the turn to the goal; one that takes less than a tenth of a unit of time (a time step) is as gentle."""
+    return xp.clip(atan2(seen.goal_y, seen.goal_x, xp) * seen.ratios.turn_radius * 10.0, -1.0, 1.0)

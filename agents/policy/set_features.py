@@ -72,8 +72,8 @@ def set_inputs_of_one(seen: Scene, kept: np.ndarray) -> tuple[list[float], list[
         kept: what :func:`agents.policy.escapes.kept` gives of it, ``[22]``.
     """
     spare = _soft((kept - 1.0) * (1.0 / KEPT_UNIT), np)
-    steering = escapes.steering(seen._replace(goal_x=np.float64(seen.goal_x), goal_y=np.float64(seen.goal_y)), np)
-    own = [*own_part(seen, 0.0, FLOATS), *map(float, _advice(spare, steering, np)), *spare.tolist()]
+    advice = _advice(spare, escapes.steering_of_one(seen), np)
+    own = [*own_part(seen, 0.0, FLOATS), *map(float, advice), *spare.tolist()]
     to_goal = distance(seen.goal_x, seen.goal_y, FLOATS) + 1e-6
     cosine, sine = seen.goal_x / to_goal, seen.goal_y / to_goal
     intruders = zip(seen.x, seen.y, seen.vx, seen.vy, strict=True)
@@ -127,12 +127,12 @@ def _advice(spare: Any, steering: Any, xp: Any) -> tuple[Any, Any, Any]:
 
     Of manoeuvres that keep nearly as much it is the mean of what they do, so that nothing hangs on rounding.
     """
-    most = xp.max(spare, axis=-1)
+    most = spare.max(axis=-1)
     behind = (most[..., None] - spare) * (1.0 / ALIKE)
     share = 1.0 / (1.0 + behind * behind)
-    whole = xp.sum(share, axis=-1)
+    whole = share.sum(axis=-1)
     throttles = xp.asarray(escapes.THROTTLES.astype(most.dtype))
-    return most, xp.sum(share * throttles, axis=-1) / whole, xp.sum(share * steering, axis=-1) / whole
+    return most, (share * throttles).sum(axis=-1) / whole, (share * steering).sum(axis=-1) / whole
 
 
 def _passing(x: Any, y: Any, vx: Any, vy: Any, xp: Any) -> tuple[Any, Any, Any, Any]:

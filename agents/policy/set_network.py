@@ -23,7 +23,7 @@ from envs.observation import decode
 from envs.relative import distance
 from envs.trees import mapped
 
-_PLACES = 128  # for intruders at a time, whose numbers stay in cache; changes no bit
+_SCENES = 256  # at a time, whose numbers stay in cache; changes no bit
 
 
 class SetNetwork:
@@ -101,10 +101,9 @@ class SetNetwork:
         """Return the actions ``[N, 2]`` for scenes ``[N]`` with K >= 1 places for intruders."""
         seen = mapped(lambda field: field if np.asarray(field).dtype == bool else np.asarray(field, self._dtype), seen)
         count = len(seen.own_speed)
-        block = max(1, _PLACES // seen.x.shape[-1])
-        if count <= block:
+        if count <= _SCENES:
             return self._actions(seen)
-        return np.concatenate([self._actions(_rows(seen, first, block)) for first in range(0, count, block)])
+        return np.concatenate([self._actions(_rows(seen, first)) for first in range(0, count, _SCENES)])
 
     def _actions(self, seen: Scene) -> np.ndarray:
         own, each, present, sign = set_inputs(seen, np)
@@ -121,8 +120,8 @@ class SetNetwork:
         return action
 
 
-def _rows(seen: Scene, first: int, count: int) -> Scene:
+def _rows(seen: Scene, first: int) -> Scene:
     def part(field: Any) -> Any:
-        return field[first : first + count] if np.ndim(field) else field
+        return field[first : first + _SCENES] if np.ndim(field) else field
 
     return mapped(part, seen)
