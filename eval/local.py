@@ -32,7 +32,7 @@ Boxes lie about scenes whose separation is lost in --loss seconds on straight co
 is verified by bounds of all of the policy, from the state to the turn; or has a counterexample that was flown through
 the policy; or stays open after --depth cuts in two.
 
-Written to --out: local.json and the map local.png and .svg; what it means: docs/reference/evidence.md."""
+Written to --out: local.json and the map local.png and .svg; what it means: docs/howto/failures.md."""
 
 _EPILOG = """\
 examples:
