@@ -23,7 +23,7 @@ __all__ = ["FlightGear", "flightgear_at"]
 
 _PACKET = struct.Struct(">6I8s96s5d15fI")
 _HEADER = 0x46474653, 0x00010001, 7, _PACKET.size, 100, 0  # "FGFS", protocol 1.1, a position, length, range NM, no port
-_MODEL = b"Aircraft/c172p/Models/c172p.xml"  # of FlightGear's base package
+_MODEL = b"Aircraft/Cessna208Caravan/Models/Cessna208-ai.xml"  # in AI/ of FlightGear's base package
 _LAG = 0.1  # between two packets, s
 
 
