@@ -270,7 +270,7 @@ def test_ctrl_c_keeps_finished_chunks_and_says_how_to_go_on(finished: Path, tmp_
     assert "Traceback" not in errors
     assert 1 <= len(parts(out)) < 8
     assert not list(out.rglob("*.tmp"))
-    again = fly(out, "--resume", "--set", "resamples=200")
+    again = fly(out, "--resume", "--set", "resamples=200", "--workers", "1")
     assert again == (finished / "encounters.parquet").read_bytes()
 
 
