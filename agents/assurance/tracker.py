@@ -41,6 +41,11 @@ class Tracks(NamedTuple):
     covariance: Any
     """Of the two, m^2/s."""
 
+    @property
+    def errors(self) -> dict[str, Any]:
+        """Standard deviations of the estimates, per axis, as :func:`agents.assurance.inputs.inputs` takes them."""
+        return {"position_std": np.sqrt(self.position_variance), "velocity_std": np.sqrt(self.velocity_variance)}
+
 
 def begin(report: VehicleState, position_std: Any, velocity_std: Any) -> Tracks:
     """Return tracks that know one report, ``[...]``; arguments as :func:`follow` has them."""
@@ -48,16 +53,18 @@ def begin(report: VehicleState, position_std: Any, velocity_std: Any) -> Tracks:
     return Tracks(report, zero + 1.0, zero, zero, zero + position_std**2, zero + velocity_std**2, zero)
 
 
-def follow(tracks: Tracks, report: VehicleState, position_std: Any, velocity_std: Any, dt: float) -> Tracks:
+def follow(tracks: Tracks | None, report: VehicleState, position_std: Any, velocity_std: Any, dt: float) -> Tracks:
     """Return the tracks with one more report of each intruder, ``[...]``.
 
     Args:
-        tracks: as of the reports before.
+        tracks: as of the reports before; None: there were none.
         report: of now.
         position_std: one sigma of reported positions, per axis, m; broadcastable to ``[...]``.
         velocity_std: one sigma of reported velocities, per axis, m/s.
         dt: time since the reports before, s.
     """
+    if tracks is None:
+        return begin(report, position_std, velocity_std)
     vx, vy = velocity(tracks.state, np)
     seen_vx, seen_vy = velocity(report, np)
     x, y = tracks.state.x + vx * dt, tracks.state.y + vy * dt

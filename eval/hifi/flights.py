@@ -154,21 +154,15 @@ def _planned(campaign: Campaign, scene: Scene, policy: Policy) -> tuple[Made, Kn
 
 
 def _assured(campaign: Campaign, scene: Scene, plans: Plans, known: Known, policy: Policy) -> Assured:
-    options, family = campaign.setting.options, campaign.family
+    options = campaign.setting.options
     usual = Thresholds.for_plans(options)
     margin = options.requirement.margin
-    # What the margin covers is no reason for a new plan; noise is borne up to three sigmas.
-    thresholds = replace(
-        usual,
-        cross_track=max(usual.cross_track, margin),
-        along_track=max(usual.along_track, margin),
-        intruder_position=usual.intruder_position + 3.0 * family.position_std,
-        intruder_velocity=usual.intruder_velocity + 3.0 * family.velocity_std,
-    )
+    # What the margin covers is no reason for a new plan.
+    track = {name: max(getattr(usual, name), margin) for name in ("cross_track", "along_track")}
     if int(plans.proposals.last[0]) < 0:
         plans = plans._replace(proposals=empty(1, options.waypoints))
     flown_with = scene.frame, lookahead_of(campaign.vehicle), None if scene.noise is None else scene.encounter.sensor
-    return Assured(plans, known, scene.route, policy, options, campaign.aircraft.rules(), thresholds, flown_with)
+    return Assured(plans, known, scene.route, policy, campaign.aircraft.rules(), replace(usual, **track), flown_with)
 
 
 def _fly(

@@ -1,15 +1,15 @@
 """The pilots: one that follows a plan, the network in closed loop, and one that flies under the run-time monitor."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from agents.assurance import monitor as assurance
-from agents.assurance.monitor import Thresholds
-from agents.assurance.tracker import Tracks, begin, follow
-from agents.planner.candidates import empty
+from agents.assurance.asking import ALONG, Planner, renewed
+from agents.assurance.monitor import Decision, Thresholds
+from agents.assurance.tracker import Tracks, follow
+from agents.planner.candidates import Proposals, empty
 from agents.planner.planner import Plans
 from agents.planner.request import Options
 from agents.planner.traffic import Traffic as Known
@@ -20,11 +20,10 @@ from envs.kinematics import Limits, VehicleState, commands
 from envs.outcome import Rules
 from envs.perception import Sensor
 from envs.trees import take
+from eval.flights.plan_flight import route_of
 from eval.hifi.wind import Route, plan_for
 
 __all__ = ["Assured", "Closed", "Follower"]
-
-_LEAST_TIME = 1.0  # in which a route can still be rejoined, s
 
 
 class Follower:
@@ -78,7 +77,7 @@ class Assured:
     Args:
         plans, known: made at the start, and the intruders that it was made with, ``[1, K]``.
         route: over the ground.
-        policy, options: make new plans.
+        policy: makes new plans.
         rules: of the task.
         thresholds: of the monitor.
         flown: wind that is reckoned with, gains of the guidance, and the quality of the intruders' reports, of which
@@ -91,20 +90,20 @@ class Assured:
         known: Known,
         route: Route,
         policy: Policy,
-        options: Options,
         rules: Rules,
         thresholds: Thresholds,
         flown: tuple[Wind, Lookahead, Sensor | None],
     ) -> None:
         self._frame, self._gains, self._sensor = flown
         self._tracks: Tracks | None = None
-        self._route, self._policy, self._options, self._rules = route, policy, options, rules
+        self._route, self._policy, self._rules = route, policy, rules
         self._thresholds = thresholds
         monitor = assurance.start(1, known.mask.shape[1], thresholds)
         made = plans.proposals
         self._monitor = assurance.activate(monitor, np.arange(1), made.knots, made.safe, 0.0, known, thresholds)
         self._mask, self._guide, self._flies = known.mask, None, None
-        self._reached = False
+        # The goal is the second point of the route.
+        self._short, self._reached = made.goal > 1, np.zeros(1, dtype=bool)
         self.replans = 0  # new plans asked for
         self.taken_up = 0  # new plans that were flown
         self.backup_seconds = 0  # on the backup
@@ -118,17 +117,21 @@ class Assured:
         """Let the monitor judge the second, plan anew where it asks for that, and take up what it flies."""
         here = through_air(own, self._frame, float(clock))
         one = VehicleState(*(np.array([float(field)]) for field in here))
-        intruders = self._tracked(intruders)
-        inputs = assurance.inputs(float(clock), one, through_air(intruders, self._frame, float(clock)), self._mask)
-        monitor, decision = assurance.step(self._monitor, inputs, self._thresholds)
+        seen, known = intruders, dict[str, Any]()
+        if self._sensor is not None:
+            noise = self._sensor.position_std, self._sensor.velocity_std
+            self._tracks = follow(self._tracks, intruders, *noise, self._rules.dt)
+            seen, known = self._tracks.state, self._tracks.errors
+        seen = through_air(seen, self._frame, float(clock))
+        given = assurance.inputs(float(clock), one, seen, self._mask, **known)
+        monitor, decision = assurance.step(self._monitor, given, self._thresholds)
         self._reached |= self._near(own)
-        if decision.replan[0]:
-            self.replans += 1
-            found = self._planned_again(clock, here, decision.traffic)
-            monitor, taken_up = assurance.answer(
-                monitor, np.arange(1), decision.number, found.knots, found.safe, self._thresholds
-            )
-            self.taken_up += int(taken_up[0])
+        began, left, make = monitor.started, self._rules.t_max - clock, self._planner(clock, own, decision)
+        monitor, self._short, asked = renewed(
+            monitor, decision, self._short, self._reached, left, make, self._thresholds
+        )
+        self.replans += int(asked[0])
+        self.taken_up += int(monitor.started[0] != began[0])
         self._monitor = monitor
         self.backup_seconds += int(monitor.on_backup[0])
         self._follow()
@@ -149,34 +152,19 @@ class Assured:
             self._guide = Guide(Path(curves, self._frame, began), self._gains)
             self._flies = flies
 
-    def _tracked(self, intruders: VehicleState) -> VehicleState:
-        """Return the estimates of the intruders after this second's reports."""
-        if self._sensor is None:
-            return intruders
-        noise = self._sensor.position_std, self._sensor.velocity_std
-        if self._tracks is None:
-            self._tracks = begin(intruders, *noise)
-        else:
-            self._tracks = follow(self._tracks, intruders, *noise, 1.0)
-        return self._tracks.state
-
     def _near(self, own: VehicleState) -> bool:
-        # The goal is the second point of the route.
         return math.hypot(self._route.x[1] - own.x, self._route.y[1] - own.y) <= self._rules.goal_radius
 
-    def _planned_again(self, clock: int, here: VehicleState, traffic: Known) -> Any:
-        """Plan from the middle of a flight: to the goal in the time left if it is still ahead, else along the route."""
-        # The refinement takes longer than a monitor can wait.
-        along = replace(self._options, exhaustive=False)
-        left, tries = self._rules.t_max - clock, [along]
-        if not self._reached and left >= _LEAST_TIME:
-            in_time = replace(along, goals=1, rejoin_by=min(left, along.rejoin_by))
-            tries.insert(0, in_time)
-        found = empty(1, along.waypoints)
-        for options in tries:
-            made = plan_for(here, traffic, self._route, float(clock), self._frame, self._policy, options)
-            if made.problem is None:
-                found = made.plans.proposals
-            if made.problem is None and found.safe[0]:
-                break
-        return found
+    def _planner(self, clock: int, own: VehicleState, decision: Decision) -> Planner:
+        """Return what plans from the middle of the flight: to the goal from where it is, or along the route."""
+        place = VehicleState(*(np.array([float(field)]) for field in own))
+        here = VehicleState(*(float(field[0]) for field in decision.own))
+        goal_x, goal_y = self._route.x[1:2], self._route.y[1:2]
+
+        def plans(rows: Any, options: Options, kind: int) -> Proposals:
+            x, y, _ = route_of(place, goal_x, goal_y, options.aircraft)
+            route = self._route if kind == ALONG else Route(x[0], y[0])
+            made = plan_for(here, decision.traffic, route, float(clock), self._frame, self._policy, options)
+            return made.plans.proposals if made.problem is None else empty(1, options.waypoints)
+
+        return plans

@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from agents.assurance.asking import tries
 from agents.planner.planner import Plans, plan_many
 from agents.planner.request import Options
 from agents.policy.inference import Policy
@@ -18,7 +19,7 @@ from envs.outcome import RULES
 from envs.starts import numbered
 from envs.trees import take
 from eval.config import Setting
-from eval.flights.assured_mode import Assured, along, fly_assured
+from eval.flights.assured_mode import Assured, fly_assured
 from eval.flights.plan_flight import Flown, request_of, verdicts
 from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import OUTCOMES, sensor_noise
@@ -184,14 +185,19 @@ def test_a_goal_that_the_plan_passes_over_is_asked_for_again(policy: Policy) -> 
 
 
 def test_plans_that_keep_more_than_required_are_tried_first() -> None:
-    first, *others, last = along(SETTING.options, 100.0, PAPER.dt)
-    required = [one.requirement for one in (first, *others, last)]
-    assert required[0].margin > 300.0 + required[1].margin and set(required[1:]) == {SETTING.options.requirement}
-    assert (first.rejoin_by, last.rejoin_by) == (100.0, SETTING.options.rejoin_by)
-    assert along(SETTING.options, 0.5, PAPER.dt) == [last]
+    wide, in_time, along = tries(SETTING.options, 100.0)
+    assert wide.requirement.margin > 300.0 + in_time.requirement.margin
+    assert in_time.requirement == along.requirement == SETTING.options.requirement
+    assert (wide.rejoin_by, along.rejoin_by) == (100.0, SETTING.options.rejoin_by)
 
 
-@pytest.mark.slow
+def test_a_plan_leaves_room_for_turns_before_they_begin(policy: Policy) -> None:
+    """With what the plan at the start had to spare, neither plan nor backup was left when two of four turned."""
+    four = numbered(scenario("maneuvering", PAPER, intruders=(2, 4)), 23, 118, 1)
+    flown = fly_assured(four, plan_at_start(four, policy, PAPER, SETTING), policy, PAPER, SETTING)
+    assert flown.flown.flights.outcome[0] == REACHED
+
+
 def test_noise_of_straight_traffic_asks_for_few_plans(policy: Policy) -> None:
     starts = numbered(scenario("noisy", PAPER), 11, 0, 6)
     noise = sensor_noise(11, 0, *starts.mask.shape)

@@ -1,0 +1,93 @@
+"""Plans from the middle of flights, for the loops that fly: what is tried, one after the other, and when again.
+
+A plan that is SAFE while the intruders fly on as they do may leave no room for a turn of theirs, pass over the goal or
+reach it too late. So the best is tried first, and again every few seconds while something less is flown.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from agents.assurance.monitor import Decision, Monitor, Thresholds, activate, answer
+from agents.planner.candidates import Proposals, empty
+from agents.planner.options import Options
+from envs.trees import scatter, take
+
+__all__ = ["ALONG", "IN_TIME", "WIDE", "Planner", "renewed", "tries"]
+
+WIDE, IN_TIME, ALONG = range(3)
+"""Kinds of plans: to the goal in time with distance to spare; to the goal in time; along the route."""
+
+Planner = Callable[[Any, Options, int], Proposals]
+"""Makes plans for some rows, numbers ``[m]``, with options, of a kind."""
+
+_SPARE = 0.5  # separations that a wide plan keeps beyond what is required
+_LEFT = 0.25  # of these, what must be left
+_AGAIN = 5  # time steps from one attempt at a better kind to the next
+
+
+def tries(options: Options, left: float) -> tuple[Options, Options, Options]:
+    """Return how to plan for each kind, with ``left`` seconds until the goal is missed."""
+    # The refinement takes longer than a monitor can wait.
+    along = replace(options, exhaustive=False)
+    in_time = replace(along, goals=1, rejoin_by=min(left, options.rejoin_by))
+    required = options.requirement
+    margin = required.margin + _SPARE * options.aircraft.separation
+    return replace(in_time, requirement=required._replace(margin=margin)), in_time, along
+
+
+def renewed(
+    monitor: Monitor,
+    decision: Decision,
+    short: Any,
+    reached: Any,
+    left: float,
+    make: Planner,
+    thresholds: Thresholds,
+) -> tuple[Monitor, Any, Any]:
+    """Plan where the monitor asks for it, and where a better kind of plan may be had than the one that is flown.
+
+    Args:
+        monitor: after its step, ``[N]``.
+        decision: of that step, ``[N]``.
+        short: whether the plan that is flown passes over the goal, or gets there too late, ``[N]``.
+        reached: whether the goal was reached, ``[N]``.
+        left: time until it is missed, s.
+        make: makes the plans.
+        thresholds: of the monitor.
+
+    Returns:
+        The monitors, ``short`` of what they fly now, and which have asked for a plan, ``[N]``.
+    """
+    options, unit = tries(thresholds.options, left), thresholds.options.aircraft
+    short, asked = np.array(short), np.array(decision.replan)
+    rows = np.flatnonzero(asked)
+    if rows.size:
+        first = np.where(reached[rows], ALONG, WIDE)
+        found, kind = _planned(make, options, rows, first, np.full(rows.size, ALONG))
+        monitor, taken = answer(monitor, rows, decision.number[rows], found.knots, found.safe, thresholds)
+        short[rows[taken]] = kind[taken] == ALONG
+
+    narrow = decision.separation < (1.0 + _LEFT) * unit.separation
+    due = np.rint(monitor.memory.time / unit.dt) % _AGAIN == 0.0
+    rows = np.flatnonzero(due & (short | narrow) & ~reached & ~monitor.on_backup & ~asked)
+    if rows.size:
+        found, _ = _planned(make, options, rows, np.full(rows.size, WIDE), np.where(short[rows], IN_TIME, WIDE))
+        rows, plan = rows[found.safe], take(found.knots, found.safe)
+        traffic, when = take((decision.traffic, monitor.memory.time), rows)
+        monitor = activate(monitor, rows, plan, np.ones(rows.size, dtype=bool), when, traffic, thresholds)
+        short[rows], asked[rows] = False, True
+    return monitor, short, asked
+
+
+def _planned(make: Planner, options: tuple[Options, ...], rows: Any, first: Any, last: Any) -> tuple[Proposals, Any]:
+    """Try one kind of plan after the other, of each row from its first to its last, until one is SAFE, ``[m]``."""
+    best, kind = empty(rows.size, options[0].waypoints), np.array(last)
+    for number, wanted in enumerate(options):
+        some = np.flatnonzero(~best.safe & (first <= number) & (number <= last))
+        if some.size:
+            scatter(best, some, make(rows[some], wanted, number))
+            kind[some] = number
+    return best, kind
