@@ -171,6 +171,6 @@ class Thresholds:
 
 
 def backup_limits(options: Options) -> Limits:
-    """Return what backups are made with: inside the limits of decisions and of the vehicle; each leg is constant."""
-    both = within(options.aircraft.limits, options.limits)
-    return both._replace(speed_min=max(both.speed_min, options.manoeuvre.speed_min))
+    """Return what backups are made with: all that the vehicle can, at the speeds of decisions; each leg is constant."""
+    both, slowest = within(options.aircraft.limits, options.limits), options.manoeuvre.speed_min
+    return options.limits._replace(speed_min=max(both.speed_min, slowest), speed_max=both.speed_max)
