@@ -18,7 +18,7 @@ __all__ = ["main"]
 _DESCRIPTION = """\
 Turn encounters from one form of file into another; the names' ends say which:
 
-  .csv         our own (columns in docs/reference/encounter-files.md), for --scenario file:PATH
+  .csv         our own (columns in docs/howto/own-encounters.md), for --scenario file:PATH
   .json        two-aircraft encounters of MIT Lincoln Laboratory's form
   .daa, .xyz   one encounter in the form of NASA's DAIDALUS; written with local positions
 

@@ -1,6 +1,6 @@
 """Encounters as a CSV file: one row an intruder, rows with the same ``encounter`` belong together.
 
-The columns stand in :data:`COLUMNS` (for users: docs/reference/encounter-files.md). Units are in their names: SI
+The columns stand in :data:`COLUMNS` (for users: docs/howto/own-encounters.md). Units are in their names: SI
 and degrees. Positions are local ENU, x east and y north; headings counter-clockwise from east, so that a track
 (clockwise from north) of T degrees is a heading of 90 - T.
 """

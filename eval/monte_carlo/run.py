@@ -23,7 +23,7 @@ _DESCRIPTION = """\
 Fly a policy through many encounters and say how often it succeeds, with intervals.
 
 Sampled scenarios: circle (the paper's), crossing_left, crossing_right, head_on, same_course, maneuvering, noisy,
-multi; or file:PATH for a CSV file (columns in docs/reference/encounter-files.md), tracks:PATH for recorded tracks
+multi; or file:PATH for a CSV file (columns in docs/howto/own-encounters.md), tracks:PATH for recorded tracks
 (a .json file of Lincoln Laboratory's encounters or of ADS-B reports, a .daa or .xyz file of DAIDALUS), lincoln:PATH for
 traffic drawn from a file of one of Lincoln Laboratory's encounter models.
 

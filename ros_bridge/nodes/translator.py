@@ -10,7 +10,7 @@ r"""The translator: messages of other packages as the runner's inputs.
           ~/input/odometry   nav_msgs/Odometry: its twist in the body's frame, its pose in ENU
           ~/input/inspva     novatel_oem7_msgs/INSPVA or INSPVAX
           ~/input/adsb       mavros_msgs/ADSBVehicle
-    in    adsb:=tcp://HOST:30003 or http://HOST/.../aircraft.json, a live receiver (docs/howto/live-adsb.md)
+    in    adsb:=tcp://HOST:30003 or http://HOST/.../aircraft.json, a live receiver (docs/howto/ros.md)
     out   rlcas_runner/input/ownship, rlcas_runner/input/traffic   rlcas_msgs/AircraftState
           /diagnostics       what was passed on, what could not be translated, and why
 

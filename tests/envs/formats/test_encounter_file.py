@@ -208,9 +208,7 @@ def test_writing_refuses_what_would_not_come_back(tmp_path: Path) -> None:
 
 
 def test_the_columns_are_documented() -> None:
-    text = (Path(__file__).resolve().parents[3] / "docs" / "reference" / "encounter-files.md").read_text(
-        encoding="utf-8"
-    )
+    text = (Path(__file__).resolve().parents[3] / "docs/howto/own-encounters.md").read_text(encoding="utf-8")
     assert all(f"`{column.name}`" in text for column in COLUMNS)
 
 
