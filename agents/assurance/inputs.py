@@ -9,8 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.assurance.plausible import SIGMAS, Drift, followed, unknown
 from agents.assurance.thresholds import Cause, Thresholds
 from agents.planner.traffic import Traffic, advanced
+from agents.policy.domain import excess
 from envs.angles import wrap
 from envs.kinematics import FASTEST, VehicleState, velocity
 
@@ -60,6 +62,8 @@ class Memory(NamedTuple):
     """From the last two reports, rad/s, ``[N, K]``."""
     position_std: Any
     velocity_std: Any
+    drift: Drift
+    """``[N, K]``."""
 
 
 def inputs(time: Any, own: VehicleState, intruders: VehicleState, mask: Any = None, **more: Any) -> Inputs:
@@ -93,6 +97,7 @@ def blank(count: int, intruders: int, speed: Any) -> Memory:
         VehicleState(*(np.zeros(pairs) for _ in range(4))),
         np.full(pairs, -np.inf),
         *(np.zeros(pairs) for _ in range(3)),
+        drift=unknown(pairs),
     )
 
 
@@ -122,14 +127,23 @@ def updated(memory: Memory, given: Inputs, thresholds: Thresholds) -> tuple[Memo
     good = sane & ordered & clock[:, None] & given.mask
     causes |= _bit((~sane & given.mask).any(axis=-1), Cause.INTRUDER_MISSING)
     causes |= _bit((sane & ~ordered & given.mask).any(axis=-1), Cause.INTRUDER_OUT_OF_ORDER)
-    turn_rate = _turn_rate(memory, given, reported - known, good, thresholds)
+    turn_rate, outside = _turn_rate(memory, given, reported - known, good, thresholds)
+    before = memory.intruders, memory.position_std, memory.velocity_std
+    report = given.intruders, given.position_std, given.velocity_std
+    drift = followed(memory.drift, before, report, (known, reported), good, thresholds)
+    causes |= _bit(((now[:, None] < drift.rate_until) & given.mask).any(axis=-1), Cause.IMPOSSIBLE_RATE)
+    causes |= _bit(((now[:, None] < drift.place_until) & given.mask).any(axis=-1), Cause.CONTRADICTION)
     intruders = _chosen(good, given.intruders, memory.intruders)
     seen = np.where(good, np.fmax(reported, known), known)
     stale = ~(now[:, None] - seen <= thresholds.intruder_age) & given.mask
     causes |= _bit(stale.any(axis=-1), Cause.INTRUDER_STALE)
     position_std = np.where(good, given.position_std, memory.position_std)
     velocity_std = np.where(good, given.velocity_std, memory.velocity_std)
-    memory = Memory(now, own, own_time, intruders, seen, turn_rate, position_std, velocity_std)
+    outside |= excess(thresholds.traffic["intruder_speed"], intruders.speed) > SIGMAS * velocity_std
+    for name, values in (("position_std", position_std), ("velocity_std", velocity_std)):
+        outside |= excess(thresholds.traffic[name], values) > 0.0
+    causes |= _bit((outside & given.mask & np.isfinite(seen)).any(axis=-1), Cause.OUTSIDE_RANGE)
+    memory = Memory(now, own, own_time, intruders, seen, turn_rate, position_std, velocity_std, drift)
     return memory, *present(memory, given.mask, thresholds), causes
 
 
@@ -145,8 +159,11 @@ def present(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleS
     return _carried(memory.own, own_age), advanced(reports, age)
 
 
-def _turn_rate(memory: Memory, given: Inputs, elapsed: Any, good: Any, thresholds: Thresholds) -> Any:
-    """Return the turn rates that the last two reports show, rad/s, ``[N, K]``; 0 where noise could be all of it."""
+def _turn_rate(memory: Memory, given: Inputs, elapsed: Any, good: Any, thresholds: Thresholds) -> tuple[Any, Any]:
+    """Return the turn rates that the last two reports show, rad/s, ``[N, K]``; 0 where noise could be all of it.
+
+    Return also where they are beyond the operating domain's, beyond what noise could do.
+    """
     shortest, longest = (steps * thresholds.options.aircraft.dt for steps in _BASELINE)
     comparable = good & (elapsed >= shortest) & (elapsed <= longest)
     seconds = np.where(comparable, elapsed, 1.0)
@@ -156,10 +173,14 @@ def _turn_rate(memory: Memory, given: Inputs, elapsed: Any, good: Any, threshold
     size = np.abs(rate)
     # What seems to turn faster than an aircraft can has jumped; nothing follows from that.
     turning = (size >= np.maximum(thresholds.turn_rate_min, _SIGNIFICANT * std)) & (size <= thresholds.turn_rate_max)
+    fastest = thresholds.traffic["intruder_turn_rate"]
+    # A track that begins anew, because its aircraft turns, adds what it lagged behind.
+    outside = comparable & (excess(fastest, size) > thresholds.turn_rate_min + 2.0 * SIGMAS * std)
     rate = np.where(turning, rate, 0.0)
     # A repeated report says nothing new; one after a gap begins anew.
     again = ~good | (elapsed < shortest)
-    return np.where(given.mask, np.where(comparable, rate, np.where(again, memory.turn_rate, 0.0)), 0.0)
+    rate = np.where(comparable, rate, np.where(again, memory.turn_rate, 0.0))
+    return np.where(given.mask, rate, 0.0), outside
 
 
 def _sane(state: VehicleState, age: Any) -> Any:

@@ -13,7 +13,7 @@ from agents.assurance import monitor as assurance
 from agents.assurance.conformance import Measured
 from agents.assurance.inputs import Inputs
 from agents.assurance.state import Decision, Flown, Monitor, State
-from agents.assurance.thresholds import Cause, Thresholds
+from agents.assurance.thresholds import OUTSIDE, Cause, Thresholds
 from agents.planner.answer import Plan
 from agents.planner.request import Intruder, reported
 from agents.planner.traffic import Traffic, advanced
@@ -46,6 +46,15 @@ _SAYS = {
     Cause.NO_ANSWER: ("planner", "has not answered within {answer_time:g} s"),
     Cause.REFUSED: ("planner", "has found no plan that may be flown"),
     Cause.BACKUP_UNSAFE: ("backup", "does not keep the required separation; it is the one of greatest clearance"),
+    Cause.OUTSIDE_RANGE: (
+        "intruders",
+        "are outside_domain: speed, turn rate or declared noise is out of range; the policy was not trained for them",
+    ),
+    Cause.IMPOSSIBLE_RATE: ("intruders", "are outside_domain: a velocity changed faster than an aircraft can"),
+    Cause.CONTRADICTION: (
+        "intruders",
+        "are outside_domain: places contradict velocities, and no plan can rely on them",
+    ),
 }
 
 
@@ -80,6 +89,11 @@ class Verdict:
     """The backup at hand, its times from when it was refreshed; none before the first own state."""
     measured: Decision
     """The numbers, ``[1]``."""
+
+    @property
+    def outside(self) -> list[str]:
+        """What is outside the operating domain, a sentence each."""
+        return [why.message for why in self.reasons if why.cause & OUTSIDE]
 
 
 @dataclass(frozen=True)
@@ -198,7 +212,7 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
 
     given = {
         name: mapped(moved, getattr(new.memory, name), getattr(old.memory, name))
-        for name in ("intruders", "seen", "turn_rate", "position_std", "velocity_std")
+        for name in ("intruders", "seen", "turn_rate", "position_std", "velocity_std", "drift")
     }
     rest = {
         name: mapped(moved, getattr(new, name), getattr(old, name))

@@ -1,14 +1,16 @@
 """When the run-time monitor acts: thresholds and named causes. Derivations: docs/explanation/assurance.md."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import IntFlag
 from typing import Any
 
 from agents.planner.options import Options, agility
 from agents.planner.traffic import Requirement
+from agents.policy.domain import traffic
 from envs.kinematics import Limits, within
 
-__all__ = ["BLIND", "LOST", "WANTING", "Cause", "Thresholds"]
+__all__ = ["BLIND", "LOST", "OUTSIDE", "WANTING", "Cause", "Thresholds"]
 
 
 class Cause(IntFlag):
@@ -45,12 +47,22 @@ class Cause(IntFlag):
     """The planner's last answer was no plan that may be flown."""
     BACKUP_UNSAFE = 1 << 16
     """The backup does not keep the required separation; it is the one of greatest clearance."""
+    OUTSIDE_RANGE = 1 << 17
+    """An intruder's speed, turn rate or declared noise is outside the operating domain: the policy was not trained for
+    it. Plans are validated all the same."""
+    IMPOSSIBLE_RATE = 1 << 18
+    """An intruder's velocity has changed faster than any aircraft of the domain can."""
+    CONTRADICTION = 1 << 19
+    """The places of an intruder contradict its velocities."""
 
 
 BLIND = Cause.OWN_MISSING | Cause.OWN_STALE | Cause.OWN_OUT_OF_ORDER | Cause.CLOCK
 """Nothing can be said about the ownship: DENIED."""
 
-LOST = Cause.INTRUDER_STALE
+OUTSIDE = Cause.OUTSIDE_RANGE | Cause.IMPOSSIBLE_RATE | Cause.CONTRADICTION
+"""The intruders are outside the operating domain."""
+
+LOST = Cause.INTRUDER_STALE | Cause.IMPOSSIBLE_RATE | Cause.CONTRADICTION
 """Nothing can be planned against an intruder: DENIED, or BACKUP."""
 
 WANTING = (
@@ -119,6 +131,8 @@ class Thresholds:
     """Oldest report of an intruder that is planned with, s."""
     backup_gain: float
     """By how much more clearance, m, an unsafe backup is exchanged for another."""
+    traffic: Mapping[str, tuple[float, float]]
+    """Ranges of the intruders in the operating domain, SI."""
     leave: float = 0.7
     """A cause ends when its error is below this share of its threshold."""
     sustained: float = 0.5
@@ -156,6 +170,7 @@ class Thresholds:
             "own_age": 1.5 * step,
             "intruder_age": 5.0 * step,
             "backup_gain": 0.01 * far,
+            "traffic": traffic(aircraft),
         }
         return cls(options, **(usual | changes))
 

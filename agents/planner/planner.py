@@ -66,13 +66,23 @@ def plan(
     budget = Budget(options.deadline_s)
     plans = _planned(request, policy, options, budget, floats=True)
     answer = published(request, plans, route, excluded, kept, options, tuple(budget.skipped))
-    said = [answer.advisory, *departures(policy.domain, _of_domain(intruders))]
+    said = [answer.advisory, *departures(policy.domain, _of_domain(intruders)), *_unlike(request, policy, options)]
     answer = replace(answer, advisory="; ".join(filter(None, said)) or None)
     if not answer.safe:
         return answer
     start = VehicleState(*(float(field[0]) for field in request.own))
     asked = (start, tuple(intruders), answer.waypoints, excluded, own_altitude, options)
     return replace(answer, certify=partial(certificate, *asked))
+
+
+def _unlike(request: Request, policy: Policy, options: Options) -> list[str]:
+    """Return how one request is unlike what the policy was trained with; without a point ahead it decides nothing."""
+    goal = int(eligible(request, options)[0, 0])
+    if goal < 0:
+        return []
+    own, others = (np.stack(states, axis=-1)[0].tolist() for states in (request.own, request.traffic.state))
+    place = float(request.route_x[0, goal]), float(request.route_y[0, goal])
+    return policy.departures(VehicleState(*own), [VehicleState(*one) for one in others], *place)
 
 
 def _of_domain(intruders: Sequence[VehicleState | Intruder]) -> dict[str, list[float]]:

@@ -62,11 +62,18 @@ def check_intruders(most: int, count: int) -> None:
 
 def domain(content: PolicyFile, aircraft: Aircraft) -> dict[str, tuple[float, float]]:
     """Return the range of each quantity of the traffic, SI, for an aircraft of the policy's family."""
+    return {
+        "intruders": (0, content.metadata["architecture"]["intruders"] if content.of_set else 1),
+        "own_speed": (aircraft.limits.speed_min, aircraft.limits.speed_max),
+        **traffic(aircraft),
+    }
+
+
+def traffic(aircraft: Aircraft) -> dict[str, tuple[float, float]]:
+    """Return the range of each quantity of an intruder, SI, for an ownship."""
     limits, unit = aircraft.limits, aircraft.separation
     fast = limits.speed_max
     return {
-        "intruders": (0, content.metadata["architecture"]["intruders"] if content.of_set else 1),
-        "own_speed": (limits.speed_min, fast),
         "intruder_speed": (TRAFFIC_SPEED[0] * fast, TRAFFIC_SPEED[1] * fast),
         "intruder_turn_rate": (0.0, limits.yaw_rate_max),
         "distance": (0.0, _DISTANCE * unit),

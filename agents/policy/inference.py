@@ -10,6 +10,7 @@ from typing import Any, NoReturn, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
+from agents.policy import novelty
 from agents.policy.domain import OutsideDomainError, check_domain, check_intruders, domain
 from agents.policy.eight_network import EightNetwork
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read
@@ -103,7 +104,7 @@ class Policy:
         self.sha256 = content.sha256
         self.metadata = content.metadata
         self.limits, self.aircraft, self.tensors = content.limits, content.aircraft, content.actor
-        self._content, self._outside = content, "refuse"
+        self._content, self._outside, self._unlike = content, "refuse", list[str]()
         self.most = int(self.domain["intruders"][1])
         kind = SetNetwork if content.of_set else EightNetwork
         # In float64 so that a difference is one of meaning, never of rounding.
@@ -123,10 +124,14 @@ class Policy:
         """
         if outside not in ("refuse", "allow"):
             raise ValueError(f"outside is {outside!r}, expected 'refuse' or 'allow'")
-        if outside == "refuse":
-            check_domain(self._content, aircraft)
         other = copy(self)
-        other._outside = outside
+        other._outside, other._unlike = outside, []
+        try:
+            check_domain(self._content, aircraft)
+        except OutsideDomainError as problem:
+            if outside == "refuse":
+                raise
+            other._unlike = [str(problem)]
         other.aircraft, other.limits = aircraft, aircraft.limits
         other._decider = self._decider.for_aircraft(aircraft)
         return other
@@ -144,6 +149,13 @@ class Policy:
         """
         if self._outside == "refuse":
             check_intruders(self.most, count)
+
+    def departures(
+        self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
+    ) -> list[str]:
+        """Return how aircraft and scene are unlike all that the policy was trained with, a sentence each."""
+        box = novelty.shipped(self.sha256)
+        return [*self._unlike, *novelty.said(box, own, intruders, (goal_x, goal_y), self.aircraft)]
 
     @classmethod
     def load(cls, path: str | os.PathLike[str] | None = None, dtype: DTypeLike = np.float32) -> "Policy":

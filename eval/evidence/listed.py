@@ -38,9 +38,13 @@ class Reading(Strict):
 
 
 class Table(Strict):
-    """A table: the results of its rows (none: all), and cells with figures in braces (none: cells of the domain)."""
+    """A table: the results of its rows (none: all), and cells with figures in braces (none: cells of the domain).
+
+    With ``each`` it has a row for every part of that figure of its results, such as every shift of the traffic.
+    """
 
     rows: tuple[str, ...] = ()
+    each: str | None = None
     columns: dict[str, str] = Field(default_factory=dict)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from agents.config.load import ConfigError
 from envs.edge.files import write_file
 from eval.evidence.domain import PICTURE, draw, rows_of_cells
-from eval.evidence.listed import Entry, Evidence
+from eval.evidence.listed import Entry, Evidence, Table
 
 _BLOCK = re.compile(r"(<!-- evidence: (\S+) -->\n).*?(<!-- /evidence -->)", re.DOTALL)
 _FIGURE = re.compile(r"\{([^{}:]+)(?::([^{}]*))?\}")
@@ -49,7 +49,11 @@ def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) 
     """Return a table, its results that are not measured, and the policies of its figures."""
     table, place = listed.tables[name], page.parent
     names = [one for one in listed.rows(name) if one in results]
-    rows = [["", *table.columns], *(row_of(listed.results[one], results[one], table.columns) for one in names)]
+    rows = [["", *table.columns]]
+    for one in names:
+        rows += (
+            _parts(results[one], table) if table.each else [row_of(listed.results[one], results[one], table.columns)]
+        )
     if not table.columns:
         rows = rows_of_cells(listed, results, names)
     lines = [f"| {' | '.join(row)} |" for row in rows]
@@ -61,6 +65,17 @@ def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) 
     if names and not table.columns:
         lines += ["", f"![Lower bounds of success in the cells of the domain]({os.path.relpath(PICTURE, place)})"]
     return "\n".join(lines)
+
+
+def _parts(result: Mapping[str, Any], table: Table) -> list[list[str]]:
+    """Return a row for each part of a figure: its name, and cells of the figures below it."""
+    found: dict[str, dict[str, Any]] = {}
+    for path, value in result["figures"].items():
+        group, _, rest = path.partition("/")
+        if group == table.each:
+            name, _, key = rest.rpartition("/")
+            found.setdefault(name, {})[key] = value
+    return [[name, *(_cell(cell, figures) for cell in table.columns.values())] for name, figures in found.items()]
 
 
 def row_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) -> list[str]:

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from agents.assurance.plausible import Tolerance, difference
 from envs.formats.local_frame import displacement
 from ros_bridge.core.estimates import Estimate, first, improved
 from ros_bridge.core.fields import SECOND
@@ -21,14 +22,11 @@ one, slow ones in the long one."""
 _SHORTEST = 2.0
 """Least time over which they are compared, s."""
 
-_LEAST = 60.0
-"""Difference that is always allowed, m: rounded digits, stamps set on reception, positions held for a second. Like the
-windows it describes receivers and the traffic's aircraft, so that nothing of it follows from the ownship."""
-
-_SHARE = 0.4
-"""Further difference that is allowed, as a share of the way flown; velocities in knots for m/s differ by 0.49."""
-
 _SIGMAS = 3.0
+_ALLOWED = Tolerance(60.0, 0.4, _SIGMAS)
+"""Rounded digits, stamps set on reception, positions held for a second; velocities in knots for m/s differ by 0.49.
+Like the windows it describes receivers and the traffic's aircraft, so that nothing of it follows from the ownship."""
+
 _TURN_BASELINE = (0.2, 5.0)  # s between two reports that a turn may be read from
 
 
@@ -90,14 +88,13 @@ def _compared(window: _Window, report: Report, seconds: float) -> tuple[str, boo
     start = window.start
     east, north = displacement(start.latitude, start.longitude, report.latitude, report.longitude)
     moved, flown = math.hypot(east, north), math.hypot(window.east, window.north)
-    off = math.hypot(east - window.east, north - window.north)
     noise = math.hypot(start.position_std, report.position_std) + report.velocity_std * seconds
-    allowed = _SHARE * max(moved, flown) + _SIGMAS * noise
-    if off <= _LEAST + allowed:
+    off, allowed = difference((east, north), (window.east, window.north), noise, _ALLOWED)
+    if off <= allowed:
         # What the noise alone excuses is no agreement: a frozen position under a large declared noise has it too.
-        return "", off <= _SHARE * max(moved, flown)
+        return "", bool(off <= _ALLOWED.share * max(moved, flown))
     what = f"moved {moved:.0f} m in {seconds:.1f} s while the reported velocities make {flown:.0f} m"
-    return f"{what}; the two differ by {off:.0f} m, allowed {_LEAST + allowed:.0f} m", False
+    return f"outside_domain: {what}; the two differ by {off:.0f} m, allowed {allowed:.0f} m", False
 
 
 def _turning(course: Course, report: Report) -> tuple[Report, float]:

@@ -273,7 +273,10 @@ class Monitor(ListeningNode):
             level, message = DiagnosticStatus.WARN, "not active"
         if self._qos_problems:
             level, message = DiagnosticStatus.ERROR, "; ".join(self._qos_problems.values())
-        values = {"aircraft": self._flown}
+        outside = [] if self._verdict is None else self._verdict.outside
+        if outside and level == DiagnosticStatus.OK:
+            level, message = DiagnosticStatus.WARN, "; ".join(outside)
+        values = {"aircraft": self._flown, "outside domain": "; ".join(outside)}
         values |= {
             "state": state.name,
             "flown": to_fly(self._supervision).name,

@@ -44,7 +44,7 @@ class Runner(ListeningNode):
         self._unique = NO_PLAN
         self._views: tuple[Plan, Task] | None = None
         self._answers: dict[str, int] = {}
-        self._last_answer = "none yet"
+        self._last_answer, self._advisory = "none yet", ""
         self._thread = ThreadPoolExecutor(1, "search")
         self._searching = False
         self._era = 0
@@ -229,6 +229,7 @@ class Runner(ListeningNode):
         response.message = "; ".join(reason.message for reason in result.reasons)
         response.field = result.reasons[0].field if result.reasons else ""
         response.advisory = "; ".join([*([result.advisory] if result.advisory else []), *wanted.notes])
+        self._advisory = response.advisory
         left_out = [(wanted.identifiers[one.number], one.reason) for one in result.excluded]
         left_out += [(one.identifier, one.reason) for one in wanted.excluded]
         response.excluded_ids = [name for name, _ in left_out]
@@ -267,7 +268,14 @@ class Runner(ListeningNode):
             level, message = DiagnosticStatus.WARN, "not active"
         if self._qos_problems:
             level, message = DiagnosticStatus.ERROR, "; ".join(self._qos_problems.values())
+        # Of the last plan, and of reports that contradict themselves, with which there is none.
+        outside = [part for part in self._advisory.split("; ") if part.startswith("outside_domain")]
+        faults = (track.fault.message for track in (situation.own, *situation.traffic.values()) if track.fault)
+        outside += [text for text in faults if "outside_domain" in text]
+        if outside and level == DiagnosticStatus.OK:
+            level, message = DiagnosticStatus.WARN, "; ".join(outside)
         values = {"policy sha256": "" if self._policy is None else self._policy.sha256}
+        values |= {"outside domain": "; ".join(outside)}
         values |= {"aircraft": self._flown}
         values |= {"own age, s": f"{situation.own.age(now):.3f}", "intruders": str(len(situation.traffic))}
         values |= {f"age of {name}, s": f"{track.age(now):.3f}" for name, track in sorted(situation.traffic.items())}

@@ -301,6 +301,25 @@ def test_deactivation_withdraws_the_plan(client: Client, world: World):
     answer(client, Code.SAFE, lambda: gone(world))
 
 
+def test_traffic_outside_the_domain_shows_in_answer_and_diagnostics(client: Client, world: World):
+    health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
+    began = client.now()
+
+    def fast() -> None:
+        gone(world)
+        world.intruder(30_000.0 + 140.0 * (client.now() - began) / 1e9, 30_000.0, 0.0, 140.0, id="fa57aa")
+
+    world.reference()
+    world.route()
+    while "outside_domain: intruder_speed is 140 m/s" not in answer(client, Code.SAFE, fast).advisory:
+        fast()
+        client.idle(0.1)
+    heard = len(health)
+    client.spin(lambda: len(health) > heard)
+    values = {one.key: one.value for one in health[-1].status[0].values}
+    assert "intruder_speed is 140 m/s" in values["outside domain"]
+
+
 @pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_the_process_ends_in_order(how: signal.Signals):
     with domain() as number:

@@ -199,6 +199,7 @@ def test_frozen_position_under_fresh_stamps_is_a_fault(every: float, moving: flo
     assert moving < since <= moving + 5.0
     assert all(bad for seconds, bad in faulty if seconds >= since)
     assert track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
+    assert "outside_domain" in track.fault.message
     assert track.last is not None and track.age(NOW + round((moving + 40.0) * SECOND)) > 34.0
 
 

@@ -16,6 +16,7 @@ from envs.kinematics import VehicleState
 from envs.trees import mapped, take
 from tests.agents.scenes import (
     NAN,
+    SPEED,
     THRESHOLDS,
     causes_of,
     far,
@@ -53,13 +54,13 @@ def test_an_own_state_that_is_no_state_is_denied_and_holds_the_backup(field: str
 
 
 def test_a_flown_backup_goes_on_without_an_own_state() -> None:
-    ahead = other(9_000.0, 0.0, math.pi)
-    monitor, decision = tell(flying(), 0.0, seen=ahead)
+    ahead = [other(9_000.0 - SPEED * time, 0.0, math.pi) for time in range(3)]
+    monitor, decision = tell(flying(), 0.0, seen=ahead[0])
     monitor, _ = reply(monitor, decision, safe=False)
-    monitor, decision = tell(monitor, 1.0, GONE)
+    monitor, decision = tell(monitor, 1.0, GONE, ahead[1])
     assert state_of(monitor) is State.DENIED and decision.fly[0] == Flown.BACKUP and not decision.replan[0]
     assert np.isfinite(np.stack(assurance.references(monitor, 1.0, 0.1, 10))).all()
-    monitor, decision = tell(monitor, 2.0)
+    monitor, decision = tell(monitor, 2.0, seen=ahead[2])
     assert state_of(monitor) is State.BACKUP and decision.replan[0]
 
 

@@ -150,7 +150,7 @@ def test_no_plan_and_an_unsafe_rest_lead_to_the_backup_and_only_a_safe_plan_lead
     assert not accepted.any() and state_of(monitor) is State.BACKUP and causes_of(monitor) & Cause.REFUSED
     for time in range(1, 12):
         # The intruder is gone, and all would be well: but the backup is left for a safe plan only.
-        monitor, decision = tell(monitor, float(time))
+        monitor, decision = tell(monitor, float(time), mask=np.array([[False]]))
         assert state_of(monitor) is State.BACKUP and decision.fly[0] == Flown.BACKUP
         assert decision.replan[0] == (time % 2 == 0)
         if decision.replan[0]:

@@ -471,6 +471,9 @@ class InOtherUnits:
     def check_intruders(self, count: int) -> None:
         self._policy.check_intruders(count)
 
+    def departures(self, *scene: Any) -> list[str]:
+        return []
+
 
 @pytest.mark.parametrize(("length", "pace"), [(2.0, 1.0), (0.5, 1.0)])
 def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(policy: Policy, length: float, pace: float) -> None:

@@ -1,0 +1,120 @@
+"""Whether reports of an aircraft can be true together: how its velocity changes, and its places against velocities.
+
+Where they cannot one of them is wrong, and nothing that is predicted from them holds.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.assurance.thresholds import Thresholds
+from envs.kinematics import VehicleState, velocity
+from envs.trees import mapped
+
+__all__ = ["SIGMAS", "Drift", "Tolerance", "difference", "followed", "unknown"]
+
+SIGMAS = 5.5
+"""Standard deviations of the declared noise that excuse a report: of thousands of noisy reports none is refused."""
+
+_GAP = 5.0  # time steps between two reports, beyond which they say nothing of each other
+_WINDOW = 20.0  # time steps over which places are compared with velocities, and for which reports then must agree
+_PLACE, _SHARE = 0.06, 0.05
+"""Differences that are always allowed: in separations, and as a share of the way flown."""
+_SPEED = 0.02  # change of velocity that is always allowed, in the ownship's greatest speed
+
+
+class Tolerance(NamedTuple):
+    """By how much places may differ from what velocities make of them."""
+
+    least: Any
+    """m."""
+    share: float
+    """Of the way flown."""
+    sigmas: float
+    """Of the declared noise."""
+
+
+class Drift(NamedTuple):
+    """Where the comparison of each intruder began, and until when it is not believed; fields ``[N, K]``."""
+
+    began: Any
+    """s; -inf before the first report."""
+    x: Any
+    """Place then, m."""
+    y: Any
+    position_std: Any
+    """Of that report, m."""
+    flown_x: Any
+    """Integral of the reported velocities since, m."""
+    flown_y: Any
+    rate_until: Any
+    """s; -inf where its velocity has never changed faster than it can."""
+    place_until: Any
+    """The same for places that contradict velocities."""
+
+
+def unknown(shape: tuple[int, ...]) -> Drift:
+    """Return what is known before the first report."""
+    never, zeros = np.full(shape, -np.inf), np.zeros(shape)
+    return Drift(never, zeros, zeros, zeros, zeros, zeros, never, never)
+
+
+def difference(moved: tuple[Any, Any], flown: tuple[Any, Any], noise: Any, allows: Tolerance) -> tuple[Any, Any]:
+    """Return how far a displacement is from the integral of the velocities, and what is allowed, m; ``[...]``.
+
+    Args:
+        moved, flown: the two, east and north, m.
+        noise: one sigma of their difference, m.
+        allows: what is excused.
+    """
+    way = np.maximum(np.hypot(*moved), np.hypot(*flown))
+    off = np.hypot(moved[0] - flown[0], moved[1] - flown[1])
+    return off, allows.least + allows.share * way + allows.sigmas * noise
+
+
+def followed(
+    drift: Drift,
+    before: tuple[VehicleState, Any, Any],
+    report: tuple[VehicleState, Any, Any],
+    time: tuple[Any, Any],
+    good: Any,
+    thresholds: Thresholds,
+) -> Drift:
+    """Return the comparison with one more report of each intruder, ``[N, K]``.
+
+    Args:
+        drift: as of the reports before.
+        before: the last good reports, with one sigma of their positions, m, and velocities, m/s.
+        report: the new ones likewise.
+        time: of the reports before and of the new ones, s; -inf where there is none before.
+        good: which of the new ones are finite, in range and in order, bool.
+        thresholds: of the monitor.
+    """
+    old, _, old_std = before
+    aircraft = thresholds.options.aircraft
+    dt, limits = aircraft.dt, aircraft.limits
+    known = good & (time[1] - time[0] <= _GAP * dt)
+    elapsed = np.where(known, time[1] - time[0], 0.0)
+    new, position_std, velocity_std = mapped(lambda field: np.where(good, field, 0.0), report)
+    (vx, vy), (to_vx, to_vy) = velocity(old, np), velocity(new, np)
+
+    fastest = thresholds.turn_rate_max * np.maximum(old.speed, new.speed)
+    fastest = fastest + max(limits.acceleration_max, -limits.acceleration_min)
+    most = _SPEED * limits.speed_max + fastest * elapsed + SIGMAS * np.hypot(old_std, velocity_std)
+    sudden = known & ~(np.hypot(to_vx - vx, to_vy - vy) <= most)
+
+    flown_x = drift.flown_x + 0.5 * (vx + to_vx) * elapsed
+    flown_y = drift.flown_y + 0.5 * (vy + to_vy) * elapsed
+    length = np.where(known, time[1] - drift.began, 0.0)
+    noise = np.hypot(np.hypot(drift.position_std, position_std), velocity_std * length)
+    allows = Tolerance(_PLACE * aircraft.separation, _SHARE, SIGMAS)
+    off, allowed = difference((new.x - drift.x, new.y - drift.y), (flown_x, flown_y), noise, allows)
+    apart = known & ~(off <= allowed)
+
+    anew = good & (~known | apart | (length >= _WINDOW * dt))
+    began, until = time[1], time[1] + _WINDOW * dt
+    zero = np.zeros(elapsed.shape)
+    start = (began, new.x, new.y, position_std, zero, zero)
+    kept = (*drift[:4], np.where(known, flown_x, drift.flown_x), np.where(known, flown_y, drift.flown_y))
+    window = [np.where(anew, a, b) for a, b in zip(start, kept, strict=True)]
+    return Drift(*window, *(np.where(a, until, b) for a, b in ((sudden, drift.rate_until), (apart, drift.place_until))))

@@ -1,0 +1,312 @@
+"""How often the monitor of the input says ``outside_domain``: ``python -m eval.evidence.outside --data DIR``.
+
+Flights of the policy among nominal traffic, whose reports are then changed as sensors, links and other traffic do it.
+"""
+
+import argparse
+import json
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial, reduce
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from agents.assurance.inputs import blank, inputs, updated
+from agents.assurance.thresholds import Cause, Thresholds
+from agents.assurance.tracker import Tracks, begin, follow
+from agents.config.load import Parser
+from agents.planner.options import Options
+from agents.policy import novelty
+from agents.policy.domain import excess, traffic
+from agents.policy.inference import Policy
+from envs.aircraft import Aircraft, Ratios, new_aircraft
+from envs.angles import wrap
+from envs.draws import normals
+from envs.edge.command import run_cli
+from envs.edge.files import write_file
+from envs.encounters import Encounter, padded, scenario
+from envs.kinematics import Limits, VehicleState
+from envs.perception import carried_back, perceive
+from envs.starts import joined, numbered
+from envs.trees import mapped, take
+from eval.config import TracksConfig, TrafficConfig
+from eval.family import drawn as aircraft_drawn
+from eval.flights.simulate import ByPolicy, fly
+from eval.flights.sources import drawn, read_model_traffic, read_tracks
+from eval.flights.trajectories import TrajectoryRecorder
+from eval.runner.options import whole
+from eval.stats.intervals import share
+
+_REASONS = {"range": Cause.OUTSIDE_RANGE, "rate": Cause.IMPOSSIBLE_RATE, "consistency": Cause.CONTRADICTION}
+_BEGIN = 10  # time steps of true reports before a shift begins
+_NOVEL_EVERY = 5  # time steps
+_STARTS, _FLOWN = 200, 4  # encounters of each scenario and aircraft whose starts, and whose flights, make the box
+
+
+Random: TypeAlias = np.random.Generator
+
+
+class Flights(NamedTuple):
+    """Flights at T times, the ownship ``[T, N]``, intruders ``[T, N, K]``; nan after the end of a flight."""
+
+    own: VehicleState
+    seen: VehicleState
+    """As reported."""
+    true: VehicleState
+    goal: tuple[np.ndarray, np.ndarray]
+    std: tuple[float, float]
+    """Declared, of position and velocity, m and m/s."""
+
+
+def flown(starts: Encounter, policy: Policy, aircraft: Aircraft, seed: int) -> Flights:
+    """Fly encounters by the policy, and report their intruders with the noise of their sensors."""
+    recorder = TrajectoryRecorder(starts)
+    fly(starts, ByPolicy(policy.for_aircraft(aircraft, outside="allow")), aircraft, recorder=recorder)
+    own, others = recorder.stack()[:2]
+    others = VehicleState(*(np.where(starts.mask, field, np.nan) for field in others))
+    sensor, count, most = starts.sensor, *starts.mask.shape
+    std = float(np.max(sensor.position_std)), float(np.max(sensor.velocity_std))
+    seen, first = others, mapped(lambda field: field[0], others)
+    if max(std) > 0.0:
+        rows, before = [], (carried_back(first, aircraft.dt, np), carried_back(first, 2.0 * aircraft.dt, np))
+        for number in range(len(others.x)):
+            now = mapped(lambda field, number=number: field[number], others)
+            noise = np.moveaxis(normals(seed, 0, count, (4, most), stream=number + 1), 1, 0)
+            rows.append(perceive(now, *before, sensor, noise, aircraft.dt, np))
+            before = now, before[0]
+        seen = mapped(lambda *fields: np.stack(fields), *rows)
+    return Flights(own, seen, others, (starts.goal_x, starts.goal_y), std)
+
+
+def flagged(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.ndarray]:
+    """Return which flights are flagged, and for which reason, bool ``[N]``: as the assured loop sees them."""
+    thresholds = Thresholds.for_plans(Options.for_aircraft(aircraft))
+    count, most = flights.seen.x.shape[1:]
+    memory = blank(count, most, np.full(count, aircraft.limits.speed_max))
+    causes, new = np.zeros(count, np.int32), np.zeros(count, bool)
+    box = novelty.shipped(policy.sha256)
+    tracks: Tracks | None = None
+    for number, (own, reported) in enumerate(_steps(flights)):
+        seen, present = reported, np.isfinite(reported.x)
+        known: dict[str, Any] = {}
+        if max(flights.std) > 0.0:
+            tracks = begin(seen, *flights.std) if tracks is None else follow(tracks, seen, *flights.std, aircraft.dt)
+            seen = tracks.state
+            known = {"position_std": np.sqrt(tracks.position_variance)}
+            known |= {"velocity_std": np.sqrt(tracks.velocity_variance)}
+        given = inputs(number * aircraft.dt, own, seen, present, **known)
+        memory, _own, _traffic, found = updated(memory, given, thresholds)
+        causes |= np.where(present.any(axis=-1), found, 0)
+        if box is not None and number % _NOVEL_EVERY == 0:
+            there = VehicleState(*(np.where(present, field, 0.0) for field in seen))
+            rows = np.flatnonzero(present.any(axis=-1))
+            part = mapped(lambda field, rows=rows: field[rows], (own, there, present, flights.goal))
+            beyond = novelty.excess(box, novelty.inputs_of(*part, aircraft))
+            new[rows] |= (beyond[0] > 0.0).any(axis=-1) | (beyond[1] > 0.0).any(axis=(-1, -2))
+    reasons = {name: (causes & int(cause)) != 0 for name, cause in _REASONS.items()}
+    return reasons | {"novelty": new}
+
+
+def _steps(flights: Flights) -> Iterator[tuple[VehicleState, VehicleState]]:
+    for number in range(len(flights.own.x)):
+        yield mapped(lambda field, number=number: field[number], (flights.own, flights.seen))
+
+
+def inside(flights: Flights, aircraft: Aircraft) -> np.ndarray:
+    """Return which flights have intruders that truly stay inside the operating domain, bool ``[N]``."""
+    allowed, true = traffic(aircraft), flights.true
+    turn = np.abs(wrap(np.diff(true.heading, axis=0), np)) / aircraft.dt
+    fast = excess(allowed["intruder_speed"], np.nan_to_num(true.speed, nan=aircraft.limits.speed_max)) > 0.0
+    sharp = excess(allowed["intruder_turn_rate"], np.nan_to_num(turn)) > 0.0
+    return np.asarray(~(fast | np.concatenate([sharp, sharp[-1:]])).any(axis=(0, 2)))
+
+
+# Shifts: each takes the reports and random numbers, and returns other reports, from some seconds on.
+
+
+def _velocity(
+    seen: VehicleState, random: Random, aircraft: Aircraft, *, turn: float = 0.0, sign: float = 1.0, pace: float = 1.0
+) -> VehicleState:
+    return seen._replace(heading=wrap(sign * seen.heading + turn, np), speed=seen.speed * pace)
+
+
+def _flown_at(seen: VehicleState, random: Random, aircraft: Aircraft, pace: tuple[float, float]) -> VehicleState:
+    """Let each fly its path at another speed, so that places and velocities agree."""
+    speed = random.uniform(*pace, seen.x.shape[1:]) * aircraft.limits.speed_max
+    factor = speed / seen.speed[0]
+    x, y = (field[0] + factor * (field - field[0]) for field in (seen.x, seen.y))
+    return seen._replace(x=x, y=y, speed=seen.speed * factor)
+
+
+def _turning(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleState:
+    """Let each turn on and on, at two to four times the greatest rate of the domain."""
+    rate = random.uniform(2.0, 4.0, seen.x.shape[1:]) * random.choice([-1.0, 1.0], seen.x.shape[1:])
+    angle = rate * aircraft.limits.yaw_rate_max * aircraft.dt
+    late = np.maximum(np.arange(len(seen.x)) - _BEGIN, 0)[:, None, None]
+    heading = seen.heading[0] + angle * late
+    chord = seen.speed * aircraft.dt * np.sinc(np.where(late > 0, angle, 0.0) / (2.0 * math.pi))
+    middle = heading - np.where(late > 0, 0.5 * angle, 0.0)
+    steps = np.stack([chord * np.cos(middle), chord * np.sin(middle)])[:, 1:]
+    x, y = (
+        np.concatenate([start[:1], start[0] + np.cumsum(way, 0)]) for start, way in zip(seen[:2], steps, strict=True)
+    )
+    return VehicleState(x, y, wrap(heading, np), seen.speed)
+
+
+def _jumping(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleState:
+    """Displace each for good, by half a separation to three."""
+    angle, far = (random.uniform(*ends, seen.x.shape[1:]) for ends in ((-math.pi, math.pi), (0.5, 3.0)))
+    far = far * aircraft.separation
+    later = (np.arange(len(seen.x)) >= _BEGIN)[:, None, None]
+    return seen._replace(x=seen.x + later * far * np.cos(angle), y=seen.y + later * far * np.sin(angle))
+
+
+def _of_time(
+    seen: VehicleState, random: Random, aircraft: Aircraft, when: Callable[[np.ndarray, Random], np.ndarray]
+) -> VehicleState:
+    """Report the states of other times than the stamps say."""
+    wanted = when(np.arange(len(seen.x)), random)
+    early, ends = np.minimum(wanted, 0)[:, None, None] * aircraft.dt, np.isnan(seen.x)
+    found = mapped(lambda field: np.where(ends, np.nan, field[np.maximum(wanted, 0)]), seen)
+    way = found.speed * early
+    return found._replace(x=found.x + way * np.cos(found.heading), y=found.y + way * np.sin(found.heading))
+
+
+def _noisier(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleState:
+    """Add noise, so that it is three times what the scenario ``noisy`` declares."""
+    extra, allowed = math.sqrt(8.0) * random.standard_normal((4, *seen.x.shape)), traffic(aircraft)
+    place, drift = allowed["position_std"][1], allowed["velocity_std"][1]
+    vx = seen.speed * np.cos(seen.heading) + drift * extra[2]
+    vy = seen.speed * np.sin(seen.heading) + drift * extra[3]
+    return VehicleState(seen.x + place * extra[0], seen.y + place * extra[1], np.arctan2(vy, vx), np.hypot(vx, vy))
+
+
+SHIFTS: dict[str, Callable[[VehicleState, Random, Aircraft], VehicleState]] = {
+    "intruders at 1.5 to 2.5 of the greatest speed": partial(_flown_at, pace=(1.5, 2.5)),
+    "intruders at up to 0.3 of it": partial(_flown_at, pace=(0.02, 0.3)),
+    "turns at 2 to 4 times the greatest rate": _turning,
+    "place jumps by 0.5 to 3 separations": _jumping,
+    "velocity in knots": partial(_velocity, pace=1.943844),
+    "velocity with its axes exchanged": partial(_velocity, sign=-1.0, turn=0.5 * math.pi),
+    "heading with the wrong sign": partial(_velocity, sign=-1.0),
+    "frozen, with new stamps": partial(_of_time, when=lambda step, _: np.minimum(step, _BEGIN)),
+    "each repeated for 5 s, with new stamps": partial(_of_time, when=lambda step, _: step // 5 * 5),
+    "stamps off by up to 4 s": partial(_of_time, when=lambda step, random: step - random.integers(0, 5, step.size)),
+    "stamps of a clock twice as fast": partial(_of_time, when=lambda step, _: step // 2),
+    "noise of three times what is declared": _noisier,
+    "a constant delay of 5 s, not declared": partial(_of_time, when=lambda step, _: step - 5),
+}
+"""By what they do. The last one cannot be seen: nothing in the reports contradicts it."""
+
+
+def measured(count: int, seed: int, data: Path | None, policy: Policy) -> dict[str, Any]:
+    """Return the rates: of alarms in nominal flights, and of detections by shift."""
+    result: dict[str, Any] = {"nominal": {}, "shifts": {}}
+    one = policy.aircraft
+    cases = {
+        "`circle`": numbered(scenario("circle", one), seed, 0, count),
+        "`maneuvering`": numbered(scenario("maneuvering", one), seed, 0, count),
+        "`noisy`": numbered(scenario("noisy", one, turn_rate=one.limits.yaw_rate_max), seed, 0, count),
+        "`multi`, 2 to 6": numbered(scenario("multi", one, intruders=(2, 6)), seed, 0, count),
+    }
+    if data is not None:
+        model = read_model_traffic(data / "encounter_models/uncor_1200code_v2p1.txt", TrafficConfig(), one)
+        cases["Lincoln's model"] = drawn(model, seed, 0, count)[0]
+        cases["recorded, Lincoln Laboratory"] = read_tracks(
+            data / "lincoln_lab/encounters.json", one, TracksConfig()
+        ).starts
+    bases = {}
+    for name, starts in cases.items():
+        flights = bases[name] = flown(starts, policy, one, seed)
+        kept = inside(flights, one)
+        result["nominal"][name] = _rates({k: v[kept] for k, v in flagged(flights, policy, one).items()}, kept.sum())
+        result["nominal"][name]["outside"] = int(np.count_nonzero(~kept))
+    random = np.random.default_rng(seed)
+    for name, shift in SHIFTS.items():
+        base = bases["`noisy`" if shift is _noisier else "`maneuvering`"]
+        changed = base._replace(seen=shift(base.seen, random, one))
+        result["shifts"][name] = _rates(flagged(changed, policy, one), count)
+    return result
+
+
+def _rates(found: dict[str, np.ndarray], count: int) -> dict[str, Any]:
+    """Return the share of flagged flights, and how many there are for each reason."""
+    any_of = reduce(np.logical_or, found.values())
+    return {"flagged": share(np.count_nonzero(any_of), int(count), 0.95)} | {
+        name: int(np.count_nonzero(each)) for name, each in found.items()
+    }
+
+
+def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
+    """Return the box of the network's inputs in flights of the scenarios of configs/best.yaml, of many aircraft."""
+    import yaml
+
+    from agents.config.world import ScenarioConfig
+
+    listed = yaml.safe_load(Path("configs/best.yaml").read_text(encoding="utf-8"))
+    wanted = [*listed["scenarios"], *listed["phases"][-1]["scenarios"]]
+    low: list[np.ndarray] = [np.full(len(names), np.inf) for names in (novelty.OWN, novelty.EACH)]
+    high = [-each for each in low]
+    for number in range(count):
+        aircraft = _of_family(policy, seed, number)
+        of_traffic = traffic(aircraft)["intruder_speed"]
+        begun, parts = [], []
+        for one in wanted:
+            given = ScenarioConfig(**one).model_dump(exclude_none=True) | {"units": "aircraft", "attempts": 200}
+            if number:
+                given["intruder_speed"] = [speed / aircraft.limits.speed_max for speed in of_traffic]
+            begun.append(padded(numbered(ScenarioConfig(**given).scenario(aircraft), seed, 0, _STARTS), 6, np))
+            parts.append(take(begun[-1], slice(0, _FLOWN)))
+        first = reduce(joined, begun)
+        others = VehicleState(*(np.where(first.mask, field, np.nan) for field in first.intruders))
+        flights = flown(reduce(joined, parts), policy, aircraft, seed)
+        scenes = [(first.own, others, (first.goal_x, first.goal_y))]
+        scenes += [(*states, flights.goal) for states in list(_steps(flights))[::_NOVEL_EVERY]]
+        for own, seen, goal in scenes:
+            rows = np.flatnonzero(np.isfinite(own.x))
+            part = mapped(lambda field, rows=rows: field[rows], (own, seen, goal))
+            present = np.isfinite(part[1].x)
+            there = VehicleState(*(np.where(present, field, 0.0) for field in part[1]))
+            found = novelty.inputs_of(part[0], there, present, part[2], aircraft)
+            for place, values in enumerate((found.own, found.each[present])):
+                low[place] = np.minimum(low[place], values.min(axis=0, initial=np.inf))
+                high[place] = np.maximum(high[place], values.max(axis=0, initial=-np.inf))
+        print(f"aircraft {number + 1} of {count}", flush=True)
+    return novelty.Box(*(np.stack(pair) for pair in zip(low, high, strict=True)))
+
+
+def _of_family(policy: Policy, seed: int, number: int) -> Aircraft:
+    """Return the policy's own aircraft, the two at the ends of all ranges of the family, then random ones."""
+    if number == 0:
+        return policy.aircraft
+    if number > len(("low", "high")):
+        return aircraft_drawn(seed, number).aircraft()
+    of, fast, unit = policy.metadata["family"], policy.aircraft.limits.speed_max, policy.aircraft.time_unit
+    slow, brake, gain, radius = (of[name][number - 1] for name in Ratios._fields)
+    limits = Limits(slow * fast, fast, brake * fast / unit, gain * fast / unit, 1.0 / (radius * unit))
+    return new_aircraft(limits, policy.aircraft.separation)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure the rates, or make the box anew, and print what was found as JSON."""
+    parser = Parser(prog="python -m eval.evidence.outside", description=__doc__)
+    add = parser.add_argument
+    add("--encounters", type=whole(1), default=400, metavar="N", help="of each kind, or aircraft (default: 400)")
+    add("--seed", type=whole(0), default=0, metavar="N", help="of the encounters (default: 0)")
+    add("--data", type=Path, metavar="DIR", help="folder of public data; without it those encounters are left out")
+    add("--box", type=Path, metavar="FILE", help="write the box of the inputs in training instead")
+    options: argparse.Namespace = parser.parse_args(arguments)
+    policy = Policy.load()
+    if options.box is not None:
+        box = training_box(policy, options.encounters, options.seed)
+        made = {"policy": policy.sha256} | {k: np.round(v, 4).tolist() for k, v in box._asdict().items()}
+        write_file(options.box, json.dumps(made) + "\n")
+        return 0
+    print(json.dumps(measured(options.encounters, options.seed, options.data, policy), allow_nan=False))
+    return 0
+
+
+if __name__ == "__main__":
+    run_cli(main)

@@ -1,0 +1,158 @@
+"""The monitor of the input: quiet in nominal flights, alarmed by every shift, alike for mirrored and scaled scenes."""
+
+import json
+import math
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.assurance.plausible import Tolerance, difference
+from agents.assurance.single import reasons
+from agents.assurance.state import State
+from agents.assurance.thresholds import Cause
+from agents.planner import plan
+from agents.planner.options import Options
+from agents.policy import novelty
+from agents.policy.inference import Policy
+from envs.aircraft import PAPER, new_aircraft
+from envs.encounters import scenario
+from envs.kinematics import VehicleState
+from envs.starts import numbered
+from envs.trees import mapped
+from envs.waypoints import RoutePoint
+from eval.evidence.outside import SHIFTS, Flights, flagged, flown, inside, main
+from tests.agents.scenes import NAN, SPEED, THRESHOLDS, causes_of, far, flying, other, state_of, tell
+from tests.support import mirrored
+
+COUNT, STEPS = 20, 90
+HIDDEN = "a constant delay of 5 s, not declared"
+ROUTE = [RoutePoint(n, 5_000.0 * n, 0.0) for n in range(8)]
+
+
+@cache
+def policy() -> Policy:
+    return Policy.load()
+
+
+@cache
+def nominal(name: str = "maneuvering") -> Flights:
+    turns = {"turn_rate": PAPER.limits.yaw_rate_max}
+    flights = flown(numbered(scenario(name, PAPER, **turns), 3, 0, COUNT), policy(), PAPER, 3)
+    part = mapped(lambda field: field[:STEPS], flights[:3])
+    return flights._replace(own=part[0], seen=part[1], true=part[2])
+
+
+def shifted(name: str) -> Flights:
+    base = nominal("noisy" if name.startswith("noise") else "maneuvering")
+    return base._replace(seen=SHIFTS[name](base.seen, np.random.default_rng(1), PAPER))
+
+
+def judged(flights: Flights, aircraft: Any = PAPER) -> np.ndarray:
+    found = flagged(flights, policy(), aircraft)
+    return np.stack([found[name] for name in ("range", "rate", "consistency", "novelty")])
+
+
+@pytest.mark.parametrize("name", ["maneuvering", "noisy"])
+def test_nominal_flights_are_quiet(name: str) -> None:
+    assert inside(nominal(name), PAPER).all()
+    assert not judged(nominal(name)).any()
+
+
+@pytest.mark.parametrize("name", [name for name in SHIFTS if name != HIDDEN])
+def test_each_shift_is_caught(name: str) -> None:
+    assert judged(shifted(name)).any(axis=0).mean() >= 0.95
+
+
+def test_a_delay_that_nothing_contradicts_is_not_seen() -> None:
+    """What the documentation says of it: no test of reports alone can find it."""
+    assert judged(shifted(HIDDEN))[:3].mean() < 0.1
+
+
+@pytest.mark.parametrize("name", ["heading with the wrong sign", "turns at 2 to 4 times the greatest rate"])
+def test_a_scene_and_its_image_in_other_units_get_the_same_verdict(name: str) -> None:
+    flights, length = shifted(name), 2.0
+    limits = PAPER.limits
+    twice = new_aircraft(
+        limits._replace(
+            acceleration_min=limits.acceleration_min / length,
+            acceleration_max=limits.acceleration_max / length,
+            yaw_rate_max=limits.yaw_rate_max / length,
+        ),
+        length * PAPER.separation,
+        dt=length * PAPER.dt,
+    )
+
+    def image(state: VehicleState) -> VehicleState:
+        state = mirrored(state)
+        return state._replace(x=length * state.x, y=length * state.y)
+
+    goal = length * flights.goal[0], -length * flights.goal[1]
+    other_flights = flights._replace(own=image(flights.own), seen=image(flights.seen), goal=goal)
+    np.testing.assert_array_equal(judged(other_flights, twice), judged(flights))
+
+
+def test_nothing_that_is_no_number_passes() -> None:
+    off, allowed = difference((NAN, 0.0), (0.0, 0.0), 0.0, Tolerance(1.0, 0.1, 3.0))
+    assert not off <= allowed
+    box = novelty.shipped(policy().sha256)
+    assert box is not None, "the box is of the policy that ships: python -m eval.evidence.outside --box"
+    own = VehicleState(*(np.array([value]) for value in (0.0, 0.0, 0.0, NAN)))
+    seen = other(5_000.0, 0.0, math.pi)
+    inputs = novelty.inputs_of(own, seen, np.ones((1, 1), bool), (np.array([9e3]), np.zeros(1)), PAPER)
+    assert np.isinf(novelty.excess(box, inputs)[0]).any()
+    monitor, _ = tell(flying(), 0.0)
+    monitor, _ = tell(monitor, 1.0, seen=mapped(lambda field: field + NAN, far(1.0)))
+    assert causes_of(monitor) & Cause.INTRUDER_MISSING
+
+
+def test_no_plan_is_asked_for_against_reports_that_contradict_themselves() -> None:
+    monitor, decision = tell(flying(), 0.0)
+    for time in range(1, 4):
+        monitor, decision = tell(monitor, float(time), seen=far(0.0))
+    assert causes_of(monitor) == Cause.CONTRADICTION
+    assert state_of(monitor) is State.DENIED and not decision.replan[0]
+    assert ["outside_domain" in why.message for why in reasons(decision, THRESHOLDS)] == [True]
+    back = 3.0
+    for time in range(4, 60):
+        moved = far(time - back)
+        monitor, decision = tell(monitor, float(time), seen=moved)
+    assert state_of(monitor) is State.MONITORING, "a window that agrees is believed again"
+
+
+def test_contradictory_reports_on_a_collision_course_lead_to_the_backup() -> None:
+    monitor, decision = tell(flying(), 0.0)
+    for time in range(1, 4):
+        monitor, decision = tell(monitor, float(time), seen=other(4_000.0, 0.0, math.pi))
+    assert state_of(monitor) is State.BACKUP and not decision.replan[0]
+
+
+def test_traffic_out_of_range_is_said_and_changes_nothing_else() -> None:
+    fast = 1.5 * PAPER.limits.speed_max
+    monitor, decision = tell(flying(other(0.0, 50_000.0, speed=fast)), 0.0, seen=other(0.0, 50_000.0, speed=fast))
+    for time in range(1, 3):
+        monitor, decision = tell(monitor, float(time), seen=other(fast * time, 50_000.0, speed=fast))
+    assert causes_of(monitor) == Cause.OUTSIDE_RANGE and state_of(monitor) is State.MONITORING
+    assert "outside_domain" in reasons(decision, THRESHOLDS)[0].message
+
+
+def test_a_plan_says_what_training_has_not_seen() -> None:
+    own, seen = VehicleState(0.0, 0.0, 0.0, SPEED), VehicleState(6_000.0, 1_500.0, math.pi, 75.0)
+    calm = plan(own, [seen], ROUTE, policy())
+    assert "outside_domain" not in (calm.advisory or "")
+    answer = plan(own, [seen._replace(speed=200.0)], ROUTE, policy())
+    assert "novelty: " in (answer.advisory or "")
+    slow = new_aircraft(PAPER.limits._replace(speed_min=30.0), PAPER.separation)
+    options = replace(Options.for_aircraft(slow), exhaustive=False)
+    outside = plan(own, [seen], ROUTE, policy().for_aircraft(slow, outside="allow"), options)
+    assert "outside_domain: speed_min is" in (outside.advisory or "")
+
+
+@pytest.mark.slow
+def test_the_command_prints_a_rate_for_every_kind_of_traffic(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--encounters", "2", "--seed", "1"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert set(found["shifts"]) == set(SHIFTS)
+    assert all(one["flagged"]["total"] for one in found["shifts"].values())
