@@ -31,6 +31,8 @@ PUBLISHED = {"SAC": 88.1, "DDPG": 80.3, "TD3": 70.6, "PPO": 42.3}
 SIZES = 4, 8, 16
 METHODS = "RLCAS", "MVP", "OFF"
 
+_MOST_ACTIONS = 200  # of an episode, 10 000 s: the environment ends at the waypoint alone
+
 NM = 1852.0
 RADIUS = 60.0 * NM  # m, of the circles
 LONGEST = 1600  # s; the straight flights take 1000
@@ -48,22 +50,38 @@ def _environment() -> Any:
     return gymnasium.make(ENVIRONMENT), Pilot()
 
 
+@cache
+def _learned(path: str) -> Any:
+    sac: Any = import_module("stable_baselines3").SAC
+    return sac.load(path, device="cpu")
+
+
 def episode(task: tuple[str, int]) -> dict[str, Any]:
-    """Fly one episode of the environment; it draws from the global generators, which the seed sets."""
+    """Fly one episode of the environment; it draws from the global generators, which the seed sets.
+
+    The pilot is ``RLCAS``, ``straight`` or the file of a SAC of Stable-Baselines3.
+    """
     pilot, seed = task
     environment, policy = _environment()
     np.random.seed(seed)  # noqa: NPY002
     random.seed(seed)
     seen, _ = environment.reset(seed=seed)
-    over, info = False, {}
-    while not over:
+    reached, info = False, {}
+    for _ in range(_MOST_ACTIONS):
         drift = np.arctan2(seen["sin_drift"], seen["cos_drift"])
-        action = policy(seen) if pilot == "RLCAS" else np.clip(-drift / np.radians(45.0), -1.0, 1.0)
-        seen, _, reached, late, info = environment.step(action)
-        over = reached or late
+        if pilot == "RLCAS":
+            action = policy(seen)
+        elif pilot == "straight":
+            action = np.clip(-drift / np.radians(45.0), -1.0, 1.0)
+        else:
+            action, _ = _learned(pilot).predict(seen, deterministic=True)
+        seen, _, reached, _, info = environment.step(action)
+        if reached:
+            break
     return {
         "pilot": pilot,
         "seed": seed,
+        "reached": bool(reached),
         "intrusions": int(info["total_intrusions"]),
         "drift_rad": float(info["average_drift"]),
         "reward": float(np.ravel(info["total_reward"])[0]),
@@ -160,6 +178,7 @@ def of_episodes(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "episodes": len(rows),
         "free_of_intrusion": free / len(rows),
         "interval": [low, high],
+        "reached": float(np.mean([row.get("reached", True) for row in rows])),
         "drift_rad": _mean(rows, "drift_rad"),
         "reward": _mean(rows, "reward"),
     }
@@ -212,19 +231,21 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the first episode and draw (default 0)")
     parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     parser.add_argument("--out", type=Path, default=Path("runs/bluesky"), help="folder (default runs/bluesky)")
+    parser.add_argument("--sac", type=Path, help="file of a SAC of Stable-Baselines3, which flies the episodes, too")
     options = parser.parse_args()
     for name in ("bluesky", "bluesky_gym"):
         if find_spec(name) is None:
             raise ModuleNotFoundError(name=name)
     seeds = [range(options.seed, options.seed + count) for count in (options.episodes, options.draws)]
-    tasks: list[Any] = [(pilot, seed) for pilot in ("RLCAS", "straight") for seed in seeds[0]]
+    names = ["RLCAS", "straight", *filter(None, [options.sac and str(options.sac)])]
+    tasks: list[Any] = [(pilot, seed) for pilot in names for seed in seeds[0]]
     rows = _fly(episode, tasks, options.out / "episodes.jsonl", options.workers)
-    pilots = {name: [row for row in rows if row["pilot"] == name] for name in ("RLCAS", "straight")}
+    pilots = {Path(name).stem: [row for row in rows if row["pilot"] == name] for name in names}
     episodes = {name: of_episodes(flown) for name, flown in pilots.items() if flown}
     for name, found in episodes.items():
         low, high = found["interval"]
         share = f"{100 * found['free_of_intrusion']:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
-        print(f"{name:10} {share} without intrusion, drift {found['drift_rad']:.3f} rad")
+        print(f"{name:10} {share} without intrusion, {found['reached']:.1%} arrive, drift {found['drift_rad']:.3f} rad")
     print("published ", ", ".join(f"{name} {value} %" for name, value in PUBLISHED.items()))
     tasks = [(method, size, seed) for seed in seeds[1] for size in SIZES for method in METHODS]
     rows = _fly(circle, tasks, options.out / "circles.jsonl", options.workers)
