@@ -29,10 +29,10 @@ which the intruder will pass on straight courses ("toward")? A turn of less than
 
 Boxes lie about scenes whose separation is lost in --loss seconds on straight courses, drawn evenly over the cells
 (difference of the courses, ratio of the speeds) and in each over speeds, courses, time, miss distance and goal. A box
-is verified by bounds of all of the policy, from the state to the turn; or has a counterexample that was flown through
-the policy; or stays open after --depth cuts in two.
+is verified by bounds of all of the policy, from the state to the turn; or has a counterexample, an exact scene
+that the policy answered; or stays open after --depth cuts in two.
 
-Written to --out: local.json and the map local.png and .svg; what it means: docs/howto/failures.md."""
+Written to --out: local.json and the map local.png and .svg; what they mean: docs/howto/failures.md."""
 
 _EPILOG = """\
 examples:
@@ -193,7 +193,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
     add("--out", type=Path, metavar="DIR", help="folder, new or empty (default: runs/local_DATE_TIME)")
-    add("--boxes", type=whole(1, 1_000_000), metavar="N", default=100, help="in all, some seconds each (default: 100)")
+    add("--boxes", type=whole(1, 1_000_000), metavar="N", default=100, help="in all (default: 100)")
     course = {"type": real(0.0, 180.0, "degrees"), "nargs": 2, "metavar": ("LOW", "HIGH"), "default": [0.0, 180.0]}
     add("--course", **course, help="difference of the courses, degrees (default: 0 180)")
     loss = {"type": real(0.0, 60.0, "s"), "nargs": 2, "metavar": ("LOW", "HIGH"), "default": [0.0, 30.0]}
