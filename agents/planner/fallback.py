@@ -32,6 +32,7 @@ _ROUNDS = 12
 _WITHIN = 0.2  # separations of clearance that small changes can bring
 _SOON = 150.0  # time steps by which the manoeuvres of the quick stages turn back
 _ENOUGH = 12  # manoeuvres of a request that end well
+_JUDGED = 16  # manoeuvres that are validated at once where there is a deadline
 _PATIENCE, _PROGRESS = 3, 0.2  # rounds of the refinement, and the part of what is missing that they must bring
 
 
@@ -71,11 +72,9 @@ def refine(request: Request, goal: Any, options: Options, budget: Budget) -> Pro
     history = np.full((goal.size, _ROUNDS + 1), -np.inf)
     for part in _parts(np.arange(goal.size), _SEEDS.turn.size):
         left, pool, scores = part, np.zeros((len(SPREAD), part.size, 0)), np.zeros((part.size, 0))
-        spent = 0.0
         for index in range(_ROUNDS + 1):
-            if budget.ends("refinement", spent):
+            if budget.ends("refinement"):
                 return best
-            begun = budget.now
             if index == 0:
                 tried = np.broadcast_to(seeds[:, None], (len(SPREAD), left.size, seeds.shape[-1]))
             else:
@@ -83,7 +82,6 @@ def refine(request: Request, goal: Any, options: Options, budget: Budget) -> Pro
                 tried = within_range(pool[..., parents[index - 1]] + spread[:, None])
             # What begins was validated by the stages before as far as it was promising.
             score = _tried(best, left, request, goal, tried, options, budget, judge=index > 0)
-            spent = budget.now - begun
             pool = np.concatenate([pool, tried], axis=-1)
             scores = np.concatenate([scores, score], axis=-1)
             order = _elites(pool[0], scores)
@@ -129,15 +127,21 @@ def _tried(
     request, goal, which = take(request, left), goal[left], np.repeat(np.arange(left.size), each)
     family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
     flown = fly_out(request, goal, which, family, options, Effort(-np.inf, tried.size, budget=budget))
-    if not judge:
-        fault = np.where(np.isfinite(flown.rollout.time), 0.0, 1e6)
-        return (np.minimum(flown.clearance, 1e4) - fault).reshape(left.size, each)
-    plans = evaluate(take(request, which), flown.rollout, goal[which], options)
-    keep_best(best, left[which], plans)
-    # What misses the goal or a limit comes after all that do not.
-    fault = np.where(plans.findings.legal, 0.0, np.where(np.isfinite(plans.findings.clearance), 1e5, 1e6))
-    clearance = np.where(np.isfinite(plans.findings.clearance), plans.findings.clearance, flown.clearance)
-    return (np.minimum(clearance, 1e4) - fault).reshape(left.size, each)
+    score = np.minimum(flown.clearance, 1e4) - np.where(np.isfinite(flown.rollout.time), 0.0, 1e6)
+    # The most promising first: there may be no time for the others.
+    order = np.argsort(-score, kind="stable") if judge else which[:0]
+    block = tried[0].size if budget.endless else _JUDGED
+    for first in range(0, order.size, block):
+        if budget.ends("refinement"):
+            break
+        rows = order[first : first + block]
+        plans = evaluate(take(request, which[rows]), take(flown.rollout, rows), goal[which[rows]], options)
+        keep_best(best, left[which[rows]], plans)
+        # What misses the goal or a limit comes after all that do not.
+        fault = np.where(plans.findings.legal, 0.0, np.where(np.isfinite(plans.findings.clearance), 1e5, 1e6))
+        clearance = np.where(np.isfinite(plans.findings.clearance), plans.findings.clearance, flown.clearance[rows])
+        score[rows] = np.minimum(clearance, 1e4) - fault
+    return score.reshape(left.size, each)
 
 
 def _improve(
