@@ -22,6 +22,7 @@ from envs.trees import take
 __all__ = ["Effort", "Flown", "fly_out", "stride_of"]
 
 _AT_ONCE = 6  # strides flown at once at first
+_LATER = 18  # strides from turning back until uncertainty has grown to what the way back keeps
 _PAIRS = 8_192  # strides times manoeuvres times intruders at once: more do not stay in a core's cache
 
 
@@ -87,6 +88,8 @@ def fly_out(request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, optio
         there, owner = strides[at], of[asking]
         seen = VehicleState(*(field[there, owner] for field in scene.others))
         required = scene.required[owner] + manoeuvre.slack[asking, None]
+        if scene.growth is not None:
+            required = required + scene.growth[np.minimum(there + _LATER, last), owner]
         to = goal_x[owner, None], goal_y[owner, None]
         returning[at, asking] = np.all(clear(own, to, seen, required, there[:, None] * stride, task, np), axis=-1)
 
