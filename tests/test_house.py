@@ -169,6 +169,7 @@ JUSTIFIED = {
     "rlcas_jax/gymnax_env.py": "the default of a registered environment",
     "eval/config.py": "defaults of configurations",
     "eval/boundary/run.py": "default of a command line",
+    "eval/local.py": "range of an option",
     "eval/compare/deciders.py": "aircraft of policies that name none",
     "eval/hifi/config.py": "ranges of configurations",
     "eval/hifi/figures.py": "metres in a kilometre",
