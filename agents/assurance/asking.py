@@ -18,13 +18,14 @@ from envs.trees import scatter, take
 __all__ = ["ALONG", "IN_TIME", "WIDE", "Planner", "renewed", "tries"]
 
 WIDE, IN_TIME, ALONG = range(3)
-"""Kinds of plans: to the goal in time with distance to spare; to the goal in time; along the route."""
+"""Kinds of plans: to the goal with distance and time to spare; to the goal in time; along the route."""
 
 Planner = Callable[[Any, Options, int], Proposals]
 """Makes plans for some rows, numbers ``[m]``, with options, of a kind."""
 
 _SPARE = 0.5  # separations that a wide plan keeps beyond what is required
 _LEFT = 0.25  # of these, what must be left
+_SOON = 0.8  # share of the time left by which a wide plan is at the goal: later plans may need the rest
 _AGAIN = 5  # time steps from one attempt at a better kind to the next
 
 
@@ -34,8 +35,8 @@ def tries(options: Options, left: float) -> tuple[Options, Options, Options]:
     along = replace(options, exhaustive=False)
     in_time = replace(along, goals=1, rejoin_by=min(left, options.rejoin_by))
     required = options.requirement
-    margin = required.margin + _SPARE * options.aircraft.separation
-    return replace(in_time, requirement=required._replace(margin=margin)), in_time, along
+    wide = required._replace(margin=required.margin + _SPARE * options.aircraft.separation)
+    return replace(in_time, requirement=wide, rejoin_by=min(_SOON * left, options.rejoin_by)), in_time, along
 
 
 def renewed(
