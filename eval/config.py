@@ -114,14 +114,14 @@ _Pair = tuple[float, float]
 class TrafficConfig(Strict):
     """Encounters with an encounter model's traffic: what ``changes`` can change."""
 
-    own_speed: _Pair = (50.0, 100.0)
-    """Range of the ownship's speed, m/s."""
+    own_speed: _Pair | None = None
+    """Range of the ownship's speed, m/s; null: the aircraft's."""
     cpa_time: _Pair = (30.0, 180.0)
     """Range of the time of the closest approach without a resolver, s."""
-    miss: float = Field(default=1_000.0, gt=0.0, le=50_000.0)
-    """Largest distance there, m."""
-    min_initial_separation: float = Field(default=1_000.0, ge=0.0, le=50_000.0)
-    """Starts closer than this, m, are drawn again."""
+    miss: float | None = Field(default=None, gt=0.0, le=50_000.0)
+    """Largest distance there, m; null: the required separation."""
+    min_initial_separation: float | None = Field(default=None, ge=0.0, le=50_000.0)
+    """Starts closer than this, m, are drawn again; null: the required separation."""
     ahead: float = Field(default=220.0, ge=10.0, le=400.0)
     """The goal lies so many seconds ahead at the own speed, s."""
     attempts: int = Field(default=200, ge=1, le=10_000)
@@ -130,7 +130,7 @@ class TrafficConfig(Strict):
     @model_validator(mode="after")
     def _check(self) -> "TrafficConfig":
         for key, (least, most) in {"own_speed": (1.0, 300.0), "cpa_time": (0.0, 380.0)}.items():
-            low, high = getattr(self, key)
+            low, high = getattr(self, key) or (least, most)
             if not least <= low <= high <= most:
                 raise ConfigError(f"{key} is [{low:g}, {high:g}]; expected [low, high] within {least:g} to {most:g}")
         if self.cpa_time[1] > self.ahead:

@@ -167,7 +167,6 @@ JUSTIFIED = {
     "agents/policy/schema.py": "policy files of schema 1",
     "rlcas_jax/config.py": "defaults of configurations",
     "rlcas_jax/gymnax_env.py": "the default of a registered environment",
-    "eval/config.py": "defaults of configurations",
     "eval/boundary/run.py": "default of a command line",
     "eval/local.py": "range of an option",
     "eval/compare/deciders.py": "aircraft of policies that name none",

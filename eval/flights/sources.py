@@ -65,13 +65,16 @@ def read_model_traffic(path: Path, how: TrafficConfig, aircraft: Aircraft) -> Mo
     Raises:
         EncounterError: the file cannot be used, or the ownship's speeds are not all within its limits.
     """
-    (low, high), limits = how.own_speed, aircraft.limits
+    limits, unit = aircraft.limits, aircraft.separation
+    numbers = {"own_speed": (limits.speed_min, limits.speed_max), "miss": unit, "min_initial_separation": unit}
+    numbers |= {name: value for name, value in how if value is not None}
+    low, high = numbers["own_speed"]
     if low < limits.speed_min or high > limits.speed_max:
         raise EncounterError(
             f"own_speed is [{low:g}, {high:g}] m/s; expected a range within {limits.speed_min:g} to "
             f"{limits.speed_max:g} m/s, the ownship's limits"
         )
-    return ModelTraffic(read_model(path), aircraft, **{name: getattr(how, name) for name in type(how).model_fields})
+    return ModelTraffic(read_model(path), aircraft, **numbers)
 
 
 def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:

@@ -79,6 +79,11 @@ def test_changes_of_a_model_s_traffic(model: Path, tmp_path: Path) -> None:
     table = pq.read_table(tmp_path / "far/encounters.parquet").to_pydict()
     assert max(table["own_speed_m_s"]) <= 61.0
     assert "reached" in table["baseline_outcome"]
+    uas = ("--set", "aircraft=uas", "--set", "allow_outside_domain=true")
+    fly(tmp_path / "uas", *common, *uas)
+    table = pq.read_table(tmp_path / "uas/encounters.parquet").to_pydict()
+    assert min(table["own_speed_m_s"]) >= 18.0 and max(table["own_speed_m_s"]) <= 36.0
+    assert set(table["baseline_outcome"]) == {"violation"} and min(table["distance_m"]) >= 610.0
 
 
 @pytest.mark.parametrize(
