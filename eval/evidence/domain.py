@@ -50,8 +50,8 @@ def rows_of_cells(listed: Evidence, results: Mapping[str, Any], names: Sequence[
             rows.append([listed.results[name].title, geometry])
             for speed in _SPEEDS:
                 count, total, low = (results[name]["figures"][f"cells/{geometry}/{speed}"][key] for key in _KEPT)
-                bound = f">= {100.0 * low:.1f} %" if total >= _ENOUGH else "too few"
-                rows[-1].append(f"{total - count} of {total}; {bound}")
+                bound = f"{100.0 * low:.1f} %" if total >= _ENOUGH else "too few"
+                rows[-1].append(f"{total - count}/{total}; {bound}")
     return rows
 
 

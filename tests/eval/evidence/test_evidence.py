@@ -128,7 +128,7 @@ def test_cells_count_trials_and_failures(tmp_path: Path) -> None:
 
     assert binom.sf(99, 105, cell["low"]) == pytest.approx(0.05, rel=1e-6)
     shown = rows_of_cells(LISTED, {"domain_1": {"figures": found}}, ["domain_1"])
-    assert shown[4][4].startswith("5 of 105; >= ") and shown[1][2] == "0 of 0; too few"
+    assert shown[4][4].startswith("5/105; 9") and shown[1][2] == "0/0; too few"
 
 
 def test_a_finished_result_is_not_made_again(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
