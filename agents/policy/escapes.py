@@ -91,20 +91,21 @@ def kept(seen: Scene, xp: Any) -> Any:
     if xp is np:
         # One intruder after the other stays in cache.
         each = np.ascontiguousarray(np.moveaxis(np.stack(intruders), -1, 0))  # [K, 4, ...]
-        return np.sqrt(reduce(np.minimum, (_squares(*one, path, np).min(axis=1) for one in each)))
+        return np.sqrt(reduce(np.minimum, (_squares(one, path, np).min(axis=1) for one in each)))
     # Arrays of jax come with jax; where numpy flies it is not imported. The path is computed once, before what follows
     # is computed for every intruder.
     path = (field[:, :, None] for field in sys.modules["jax"].lax.optimization_barrier(path))
-    return xp.sqrt(xp.min(_squares(*(xp.moveaxis(field, -1, 0) for field in intruders), path, xp), axis=(1, 2)))
+    return xp.sqrt(xp.min(_squares([xp.moveaxis(field, -1, 0) for field in intruders], path, xp), axis=(1, 2)))
 
 
-def _squares(x0: Any, y0: Any, vx: Any, vy: Any, path: Any, xp: Any) -> Any:
+def _squares(intruders: Any, path: Any, xp: Any) -> Any:
     """Return the square of the separation along each chord of a path from intruders, D^2, ``[M, P, ...]``.
 
     Args:
-        x0, y0, vx, vy: of the intruders.
+        intruders: x, y, vx, vy.
         path: as :func:`paths` gives it.
     """
+    x0, y0, vx, vy = intruders
     times, spans, step_x, step_y, own_x, own_y = path
     x, y = x0 + vx * times - own_x, y0 + vy * times - own_y
     over_x, over_y = vx * spans - step_x, vy * spans - step_y
@@ -150,7 +151,7 @@ class KeptByOne:
         step_x, step_y = way * ahead, way * aside
         own_x, own_y = step_x.cumsum(axis=1), step_y.cumsum(axis=1)
         intruders = np.array((seen.x, seen.y, seen.vx, seen.vy))[:, :, None, None]
-        squares = _squares(*intruders, (times, spans, step_x, step_y, own_x, own_y), np)
+        squares = _squares(intruders, (times, spans, step_x, step_y, own_x, own_y), np)
         return np.sqrt(squares.min(axis=(0, 2), initial=1e6))
 
 
