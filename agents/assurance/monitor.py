@@ -15,7 +15,7 @@ from agents.assurance.conformance import floor, has, judged
 from agents.assurance.inputs import Inputs, inputs, present, updated
 from agents.assurance.lookahead import Course, course, outlook
 from agents.assurance.state import Decision, Flown, Monitor, State, placeholder, start
-from agents.assurance.thresholds import BLIND, LOST, WANTING, Cause, Thresholds
+from agents.assurance.thresholds import BLIND, DOUBTFUL, LOST, WANTING, Cause, Thresholds
 from agents.planner.traffic import Traffic, required
 from agents.planner.validator import validate
 from envs.kinematics import VehicleState
@@ -105,7 +105,7 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
     lost, unsafe, wants = has(causes, LOST), has(causes, Cause.SEPARATION), has(causes, WANTING)
     refused = has(monitor.causes, Cause.REFUSED) & (wants | monitor.on_backup | blind)
     causes |= np.where(refused, int(Cause.REFUSED), 0) | np.where(silent, int(Cause.NO_ANSWER), 0)
-    causes = np.where(idle, causes & int(BLIND | LOST), causes).astype(np.int32)
+    causes = np.where(idle, causes & int(BLIND | LOST | DOUBTFUL), causes).astype(np.int32)
 
     rested = now - monitor.requested_at >= thresholds.replan_interval - 1e-9
     may_ask = rested & (~pending | silent) & ~blind & ~lost & ~idle
@@ -113,7 +113,7 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
     at_once = unsafe & (refused | lost | silent | (held_up & (loss <= thresholds.urgent)))
     on_backup = (monitor.on_backup | (at_once & ~blind)) & ~idle
     state = np.select(
-        [idle, blind, on_backup, lost | (wants & (refused | silent)), wants],
+        [idle, blind, on_backup, lost | has(causes, DOUBTFUL) | (wants & (refused | silent)), wants],
         [State.IDLE, State.DENIED, State.BACKUP, State.DENIED, State.REPLAN_REQUESTED],
         State.MONITORING,
     ).astype(np.int8)

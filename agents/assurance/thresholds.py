@@ -10,7 +10,7 @@ from agents.planner.traffic import Requirement
 from agents.policy.domain import traffic
 from envs.kinematics import Limits, within
 
-__all__ = ["BLIND", "LOST", "OUTSIDE", "WANTING", "Cause", "Thresholds"]
+__all__ = ["BLIND", "DOUBTFUL", "LOST", "OUTSIDE", "WANTING", "Cause", "Thresholds"]
 
 
 class Cause(IntFlag):
@@ -59,11 +59,14 @@ class Cause(IntFlag):
 BLIND = Cause.OWN_MISSING | Cause.OWN_STALE | Cause.OWN_OUT_OF_ORDER | Cause.CLOCK
 """Nothing can be said about the ownship: DENIED."""
 
-OUTSIDE = Cause.OUTSIDE_RANGE | Cause.IMPOSSIBLE_RATE | Cause.CONTRADICTION
-"""The intruders are outside the operating domain."""
-
-LOST = Cause.INTRUDER_STALE | Cause.IMPOSSIBLE_RATE | Cause.CONTRADICTION
+LOST = Cause.INTRUDER_STALE
 """Nothing can be planned against an intruder: DENIED, or BACKUP."""
+
+DOUBTFUL = Cause.IMPOSSIBLE_RATE | Cause.CONTRADICTION
+"""No plan against an intruder can be called safe: DENIED; plans are asked for and flown as the best there is."""
+
+OUTSIDE = Cause.OUTSIDE_RANGE | DOUBTFUL
+"""The intruders are outside the operating domain."""
 
 WANTING = (
     Cause.INTRUDER_MISSING
