@@ -18,8 +18,7 @@ from agents.planner.planner import plan_many
 from agents.planner.request import Options, Request
 from agents.policy.inference import Policy
 from benchmarks.safety import published
-from benchmarks.safety.adversary import FAMILIES, VARIANTS, Drawn, drawn, variants
-from benchmarks.safety.aircraft import random_aircraft, scaled
+from benchmarks.safety.adversary import FAMILIES, VARIANTS, Drawn, drawn, random_aircraft, scaled, variants
 from benchmarks.safety.reflight import refly
 from benchmarks.safety.resimulation import CHECKS, Route, resimulate
 from envs import draws

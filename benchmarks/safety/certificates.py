@@ -30,8 +30,7 @@ from agents.planner.certificate import certificate
 from agents.planner.planner import plan_many
 from agents.planner.request import Request, checked
 from benchmarks.measure import report
-from benchmarks.safety import aircraft, published
-from benchmarks.safety.adversary import drawn
+from benchmarks.safety import adversary, published
 from benchmarks.safety.judgement import wrong
 from benchmarks.safety.mutation import moved
 from envs.edge.command import InputError, Parser, run_cli
@@ -60,11 +59,11 @@ class _Asked(NamedTuple):
 def certified(seed: int, block: int) -> list[tuple[int, bytes]]:
     """Return the numbers of those requests of a block that have a SAFE plan, and the plans' certificates."""
     rng = np.random.default_rng([seed, block, 0])
-    one = aircraft.random_aircraft(rng)
-    options = aircraft.random_options(one, rng)
-    policy = aircraft.policy_for(one)
+    one = adversary.random_aircraft(rng)
+    options = adversary.random_options(one, rng)
+    policy = adversary.policy_for(one)
     first = block * BLOCK
-    requests = aircraft.scaled(drawn(seed, first, BLOCK).request, one)
+    requests = adversary.scaled(adversary.drawn(seed, first, BLOCK).request, one)
     asked = []
     for row in range(BLOCK):
         question = published.question(seed, first + row, take(requests, row))

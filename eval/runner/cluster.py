@@ -1,4 +1,4 @@
-"""An existing Dask cluster that flies chunks: ``--scheduler tcp://HOST:PORT`` (docs/howto/cluster.md).
+"""An existing Dask cluster that flies chunks: ``--scheduler tcp://HOST:PORT`` (docs/howto/evaluation.md).
 
 Dask hands chunks to workers, and again to others where a worker dies. What is decided here: how many chunks are under
 way, so that no more than those are ever held; that workers fit the run; and what a chunk is that workers die of.
