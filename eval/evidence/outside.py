@@ -16,7 +16,6 @@ import numpy as np
 from agents.assurance.inputs import blank, inputs, updated
 from agents.assurance.thresholds import Cause, Thresholds
 from agents.assurance.tracker import Tracks, begin, follow
-from agents.config.load import Parser
 from agents.planner.options import Options
 from agents.policy import novelty
 from agents.policy.domain import excess, traffic
@@ -24,19 +23,14 @@ from agents.policy.inference import Policy
 from envs.aircraft import Aircraft, Ratios, new_aircraft
 from envs.angles import wrap
 from envs.draws import normals
-from envs.edge.command import run_cli
+from envs.edge.command import Parser, run_cli
 from envs.edge.files import write_file
 from envs.encounters import Encounter, padded, scenario
 from envs.kinematics import Limits, VehicleState
 from envs.perception import carried_back, perceive
 from envs.starts import joined, numbered
 from envs.trees import mapped, take
-from eval.config import TracksConfig, TrafficConfig
 from eval.family import drawn as aircraft_drawn
-from eval.flights.simulate import ByPolicy, fly
-from eval.flights.sources import drawn, read_model_traffic, read_tracks
-from eval.flights.trajectories import TrajectoryRecorder
-from eval.runner.options import whole
 from eval.stats.intervals import share
 
 _REASONS = {"range": Cause.OUTSIDE_RANGE, "rate": Cause.IMPOSSIBLE_RATE, "consistency": Cause.CONTRADICTION}
@@ -62,6 +56,9 @@ class Flights(NamedTuple):
 
 def flown(starts: Encounter, policy: Policy, aircraft: Aircraft, seed: int) -> Flights:
     """Fly encounters by the policy, and report their intruders with the noise of their sensors."""
+    from eval.flights.simulate import ByPolicy, fly
+    from eval.flights.trajectories import TrajectoryRecorder
+
     recorder = TrajectoryRecorder(starts)
     fly(starts, ByPolicy(policy.for_aircraft(aircraft, outside="allow")), aircraft, recorder=recorder)
     own, others = recorder.stack()[:2]
@@ -203,6 +200,9 @@ SHIFTS: dict[str, Callable[[VehicleState, Random, Aircraft], VehicleState]] = {
 
 def measured(count: int, seed: int, data: Path | None, policy: Policy) -> dict[str, Any]:
     """Return the rates: of alarms in nominal flights, and of detections by shift."""
+    from eval.config import TracksConfig, TrafficConfig
+    from eval.flights.sources import drawn, read_model_traffic, read_tracks
+
     result: dict[str, Any] = {"nominal": {}, "shifts": {}}
     one = policy.aircraft
     cases = {
@@ -291,6 +291,8 @@ def _of_family(policy: Policy, seed: int, number: int) -> Aircraft:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure the rates, or make the box anew, and print what was found as JSON."""
+    from eval.runner.options import whole
+
     parser = Parser(prog="python -m eval.evidence.outside", description=__doc__)
     add = parser.add_argument
     add("--encounters", type=whole(1), default=400, metavar="N", help="of each kind, or aircraft (default: 400)")
@@ -309,4 +311,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    run_cli(main)
+    run_cli("eval.evidence.outside:main")
