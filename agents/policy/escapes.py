@@ -158,7 +158,7 @@ class KeptByOne:
 def steering(seen: Scene, xp: Any) -> Any:
     """Return the turn of each manoeuvre at its beginning, 1 to the left at the greatest yaw rate, ``[..., 22]``."""
     home = _home(seen, xp)
-    fixed = xp.broadcast_to(xp.asarray(np.sign(TURNS).astype(home.dtype)), (*home.shape, len(TURNS)))
+    fixed = xp.broadcast_to(xp.asarray(_SIGNS[:-3].astype(home.dtype)), (*home.shape, len(TURNS)))
     return xp.concatenate([fixed, xp.stack([home] * 3, axis=-1)], axis=-1)
 
 

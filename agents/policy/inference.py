@@ -155,7 +155,10 @@ class Policy:
     ) -> list[str]:
         """Return how aircraft and scene are unlike all that the policy was trained with, a sentence each."""
         box = novelty.shipped(self.sha256)
-        return [*self._unlike, *novelty.said(box, own, intruders, (goal_x, goal_y), self.aircraft)]
+        if box is None or not isinstance(self._decider, SetNetwork):
+            return [*self._unlike]
+        mine, each, _ = self._decider.inputs_of_one(own, intruders, goal_x, goal_y)
+        return [*self._unlike, *novelty.said(box, mine, each)]
 
     @classmethod
     def load(cls, path: str | os.PathLike[str] | None = None, dtype: DTypeLike = np.float32) -> "Policy":

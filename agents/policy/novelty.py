@@ -71,22 +71,13 @@ def excess(box: Box, inputs: SetInputs) -> tuple[np.ndarray, np.ndarray]:
     return found[0], np.where(inputs.present[..., None], found[1], 0.0)
 
 
-def said(
-    box: Box | None,
-    own: VehicleState,
-    intruders: Sequence[VehicleState],
-    goal: tuple[float, float],
-    aircraft: Aircraft,
-) -> list[str]:
-    """Return a sentence about the newest input of one scene; none where training saw the like, or without a box."""
-    if box is None or not intruders:
+def said(box: Box, own: Sequence[float], each: Sequence[Sequence[float]]) -> list[str]:
+    """Return a sentence about the newest of one scene's inputs, ``[37]`` and ``[K, 16]``; none if training saw such."""
+    if not each:
         return []
-    each = VehicleState(*(np.array([field], float) for field in zip(*intruders, strict=True)))
-    one = VehicleState(*(np.array([field], float) for field in own))
-    place = np.array([goal[0]], float), np.array([goal[1]], float)
-    inputs = inputs_of(one, each, np.ones((1, len(intruders)), bool), place, aircraft)
-    values = np.concatenate([inputs.own[0], inputs.each[0].ravel()])
-    ranges = np.concatenate([box.own, np.tile(box.each, len(intruders))], axis=1)
+    inputs = SetInputs(np.array(own), np.array(each), np.ones(len(each), bool), 1.0)
+    values = np.concatenate([inputs.own, inputs.each.ravel()])
+    ranges = np.concatenate([box.own, np.tile(box.each, len(each))], axis=1)
     beyond = np.concatenate([part.ravel() for part in excess(box, inputs)]) / (ranges[1] - ranges[0])
     worst = int(np.argmax(beyond))
     if not beyond[worst] > 0.0:

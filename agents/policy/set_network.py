@@ -78,9 +78,7 @@ class SetNetwork:
         self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
     ) -> tuple[float, float]:
         """Return the action of one aircraft in plain floats."""
-        limits, separation = self._aircraft.limits, self._aircraft.separation
-        seen, sign = mirrored_one(scene_of_one(own, intruders, goal_x, goal_y, limits, separation))
-        mine, each = set_inputs_of_one(seen, self._kept(seen))
+        mine, each, sign = self.inputs_of_one(own, intruders, goal_x, goal_y)
         x = np.empty(len(self._hidden[0][0]), self._dtype)
         x[:OWN] = mine
         if each:
@@ -96,6 +94,14 @@ class SetNetwork:
             np.tanh(x, x)
         acceleration, yaw_rate = (x.dot(self._head[0]) + self._head[1]).tolist()
         return acceleration, yaw_rate * sign
+
+    def inputs_of_one(
+        self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
+    ) -> tuple[list[float], list[list[float]], float]:
+        """Return the inputs of one aircraft, those of each intruder, and how the scene is mirrored, 1 or -1."""
+        limits, separation = self._aircraft.limits, self._aircraft.separation
+        seen, sign = mirrored_one(scene_of_one(own, intruders, goal_x, goal_y, limits, separation))
+        return *set_inputs_of_one(seen, self._kept(seen)), sign
 
     def _of_scenes(self, seen: Scene) -> np.ndarray:
         """Return the actions ``[N, 2]`` for scenes ``[N]`` with K >= 1 places for intruders."""

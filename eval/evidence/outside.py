@@ -15,7 +15,7 @@ import numpy as np
 
 from agents.assurance.inputs import blank, inputs, updated
 from agents.assurance.thresholds import Cause, Thresholds
-from agents.assurance.tracker import Tracks, begin, follow
+from agents.assurance.tracker import Tracks, follow
 from agents.planner.options import Options
 from agents.policy import novelty
 from agents.policy.domain import excess, traffic
@@ -89,10 +89,8 @@ def flagged(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, n
         seen, present = reported, np.isfinite(reported.x)
         known: dict[str, Any] = {}
         if max(flights.std) > 0.0:
-            tracks = begin(seen, *flights.std) if tracks is None else follow(tracks, seen, *flights.std, aircraft.dt)
-            seen = tracks.state
-            known = {"position_std": np.sqrt(tracks.position_variance)}
-            known |= {"velocity_std": np.sqrt(tracks.velocity_variance)}
+            tracks = follow(tracks, seen, *flights.std, aircraft.dt)
+            seen, known = tracks.state, tracks.errors
         given = inputs(number * aircraft.dt, own, seen, present, **known)
         memory, _own, _traffic, found = updated(memory, given, thresholds)
         causes |= np.where(present.any(axis=-1), found, 0)
@@ -257,7 +255,9 @@ def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
             given = ScenarioConfig(**one).model_dump(exclude_none=True) | {"units": "aircraft", "attempts": 200}
             if number:
                 given["intruder_speed"] = [speed / aircraft.limits.speed_max for speed in of_traffic]
-            begun.append(padded(numbered(ScenarioConfig(**given).scenario(aircraft), seed, 0, _STARTS), 6, np))
+            begun.append(
+                padded(numbered(ScenarioConfig(**given).scenario(aircraft), seed, 0, _STARTS), policy.most, np)
+            )
             parts.append(take(begun[-1], slice(0, _FLOWN)))
         first = reduce(joined, begun)
         others = VehicleState(*(np.where(first.mask, field, np.nan) for field in first.intruders))
