@@ -18,9 +18,6 @@ from envs.aircraft import Aircraft
 from envs.encounters import SCENARIOS, Scenario
 from envs.kinematics import Limits
 
-__all__ = ["FILE", "MODEL", "PREFIXES", "TRACKS", "MonteCarloConfig", "PlannerConfig", "Setting", "TracksConfig"]
-__all__ += ["TrafficConfig", "usual_setting"]
-
 FILE, TRACKS, MODEL = "file:", "tracks:", "lincoln:"
 PREFIXES: tuple[str, ...] = (FILE, TRACKS, MODEL)
 """Of scenarios that are files: of encounters, of recorded tracks, of an encounter model."""

@@ -13,7 +13,6 @@ from envs.edge.files import written
 if TYPE_CHECKING:
     from envs.formats.encounter_exchange import Scene
 
-__all__ = ["main"]
 
 _DESCRIPTION = """\
 Turn encounters from one form of file into another; the names' ends say which:

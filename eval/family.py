@@ -22,7 +22,6 @@ from envs.edge.files import write_file
 if TYPE_CHECKING:
     from agents.config.world import AircraftConfig
 
-__all__ = ["FAMILY", "drawn", "main"]
 
 FAMILY = {
     "speed_max": (25.0, 240.0),  # m/s

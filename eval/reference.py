@@ -2,8 +2,6 @@
 
 from envs.edge.command import run_cli
 
-__all__ = ["PAGE", "main", "page"]
-
 PAGE = "configuration-evaluation.md"
 """Name of the file."""
 

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from envs.outcome import Rules
     from eval.report.flights import Replayed
 
-__all__ = ["HOW", "Group", "described", "failures", "grouped", "main", "representatives"]
 
 _DESCRIPTION = """\
 Group the encounters in which a run of eval.monte_carlo failed and that are not proven unresolvable, by how they failed

@@ -9,8 +9,6 @@ from envs.aircraft import Aircraft, new_aircraft
 from envs.edge.command import ConfigError
 from envs.kinematics import Limits
 
-__all__ = ["aircraft_of", "described", "lines_about"]
-
 
 def described(flown: Aircraft, policy: Policy | None) -> dict[str, Any]:
     """Return what a summary says of the aircraft as flown, and of the policy's (None: policies of this very one)."""

@@ -25,9 +25,6 @@ from eval.flights.plan_flight import SUBSTEPS, Air, Flown, Tally, fly_step, requ
 from eval.flights.plan_mode import perceived_at_start
 from eval.flights.trajectories import TrajectoryRecorder
 
-__all__ = ["Assured", "fly_assured"]
-
-
 _GOAL = 1  # number of the goal among the route's points
 
 

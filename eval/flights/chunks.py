@@ -30,8 +30,6 @@ from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start
 from eval.flights.simulate import OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
 from eval.flights.sources import Source, drawn
 
-__all__ = ["MODES", "Evaluation", "Pilot", "columns", "encounters", "noise_of", "picked"]
-
 MODES = ("policy", "plan", "assured")
 """What decides: the network once a time step; a plan made at the start; such a plan under a monitor, with re-plans."""
 

@@ -15,8 +15,6 @@ from agents.policy.set_features import set_inputs
 from envs.edge.command import InputError
 from envs.edge.compiled import keep_compiled
 
-__all__ = ["Compiled"]
-
 _TILE = 128
 
 

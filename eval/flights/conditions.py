@@ -13,8 +13,6 @@ from envs.observation import most_critical
 from envs.relative import bearing, distance, straight_cpa
 from envs.traffic.replay import off_arcs
 
-__all__ = ["LARGEST_OFF", "Conditions", "conditions", "verdicts"]
-
 LARGEST_OFF = 0.75
 """m; proofs take an intruder to fly arcs within a second, and so have this to spare where it is a recording."""
 

@@ -19,8 +19,6 @@ from eval.flights import simulate
 from eval.flights.simulate import OUTCOMES, Flights, reversal_rate, turned_to
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
 
-__all__ = ["ROUNDS", "WitnessSearch", "ended", "fly_witnesses", "followed"]
-
 ROUNDS = 8
 """Of the witness's refinement: 1.4 m longer than 40 on average (300 circle encounters), in a third of the time."""
 

@@ -23,9 +23,6 @@ from envs.waypoints import Knots, at, legs
 from eval.flights.simulate import OUTCOMES, Flights, reversal_rate, turned_to
 from eval.flights.trajectories import TrajectoryRecorder
 
-__all__ = ["SUBSTEPS", "Air", "Flown", "Step", "Tally", "fly_plans", "fly_step", "request_of", "takeoff", "verdicts"]
-__all__ += ["route_of"]
-
 SUBSTEPS = round(1.0 / PERIOD)
 """Periods of the follower in a time step."""
 

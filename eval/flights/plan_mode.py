@@ -15,8 +15,6 @@ from eval.config import Setting
 from eval.flights.plan_flight import Flown, Tally, fly_plans, request_of, verdicts
 from eval.flights.trajectories import TrajectoryRecorder
 
-__all__ = ["SOURCES", "STATUSES", "fly_once", "perceived_at_start", "plan_at_start"]
-
 SOURCES = ("none", "policy", "fallback")
 """Names of a plan's sources by their codes."""
 

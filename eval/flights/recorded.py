@@ -18,8 +18,6 @@ from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import Flights, fly
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
 
-__all__ = ["Recorded", "fly_in_mode", "fly_recorded"]
-
 
 class Recorded(NamedTuple):
     """Flights of M encounters."""

@@ -23,8 +23,6 @@ from envs.world import State, StepResult, World, begin, perceived, smallest
 from envs.world import step as advance
 from eval.flights.trajectories import TrajectoryRecorder
 
-__all__ = ["OUTCOMES", "ByPolicy", "Direct", "Flights", "fly", "reversal_rate", "sensor_noise", "turned_to"]
-
 OUTCOMES = ("violation", "reached", "timeout")
 """Names of the outcome codes 0, 1, 2."""
 

@@ -23,8 +23,6 @@ from envs.traffic.tracks import Repairs, TrackError, summed
 from envs.trees import take
 from eval.config import FILE, MODEL, MonteCarloConfig, TracksConfig, TrafficConfig
 
-__all__ = ["Source", "drawn", "most_intruders", "read_model_traffic", "read_source", "read_tracks", "said", "say"]
-
 _DONE = {
     "not_finite": "rows without a valid value dropped",
     "out_of_order": "rows out of order dropped",

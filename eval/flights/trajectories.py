@@ -7,8 +7,6 @@ import numpy as np
 from envs.encounters import Encounter
 from envs.kinematics import VehicleState
 
-__all__ = ["Trajectories", "TrajectoryRecorder", "until"]
-
 
 class Trajectories(NamedTuple):
     """Flights at T + 1 times one time step apart; NaN after an encounter's end."""

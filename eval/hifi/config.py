@@ -10,8 +10,6 @@ from envs import draws
 from envs.c208.conditions import TURBULENCE, Conditions, Loading
 from eval.config import FILE, MonteCarloConfig
 
-__all__ = ["CONDITIONS", "VEHICLES", "ConditionConfig", "Drawn", "HifiConfig", "drawn"]
-
 VEHICLES = ("c208_ex", "c208", "point_mass", "surrogate")
 """What flies."""
 

@@ -23,8 +23,6 @@ from envs.waypoints import Legs, at
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi.flight import Flight
 
-__all__ = ["Errors", "against", "rolled"]
-
 _SEARCH = 3  # steps towards the point abeam
 
 

@@ -22,8 +22,6 @@ from eval.plots.encounters import separation_histogram
 from eval.plots.style import BLUE, GREEN, GREY, ORANGE, VERMILION
 from eval.runner.outputs import RunFolder
 
-__all__ = ["chosen", "distributions", "draw_all", "sheet"]
-
 _SHOWN = 4
 _KM = 1_000.0
 _AFTER = 60.0  # the rejoining that the track is shown for, s

@@ -22,8 +22,6 @@ from envs.relative import leg_separation
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi.vehicle import Airborne, Navigation
 
-__all__ = ["Flight", "Pilot", "Traffic", "fly"]
-
 
 class Pilot(Protocol):
     """Commands a flight."""

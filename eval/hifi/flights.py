@@ -35,8 +35,6 @@ from eval.hifi.pilots import Assured, Closed, Follower
 from eval.hifi.vehicle import Navigation, begin, lookahead_of, reach_of, takeoff_weight
 from eval.hifi.wind import Made, Route, plan_for, unflyable
 
-__all__ = ["Campaign", "Flown", "Scene", "flown", "prepared", "scene_of"]
-
 _ASSURED_ENDS, _CLOSED_ENDS = ("violation",), ("violation", "goal")
 
 

@@ -23,8 +23,6 @@ from envs.trees import take
 from eval.flights.plan_flight import route_of
 from eval.hifi.wind import Route, plan_for
 
-__all__ = ["Assured", "Closed", "Follower"]
-
 
 class Follower:
     """Follows the path of a plan that was made at the start."""

@@ -18,8 +18,6 @@ from eval.hifi.flights import Campaign, Flown, flown
 from eval.hifi.pilots import Assured
 from eval.runner.outputs import RunFolder
 
-__all__ = ["HIFI_OUTCOMES", "HifiFolder", "columns", "row_of"]
-
 HIFI_OUTCOMES = ("reached", "violation", "timeout", "failed", "refused")
 """How a flight can end: ``failed`` is an aircraft lost, ``refused`` one that never began, both with a reason."""
 

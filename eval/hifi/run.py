@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from eval.hifi.flights import Campaign
     from eval.hifi.rows import HifiFolder
 
-__all__ = ["campaign_of", "main"]
 
 _DECISIVE = ("jsbsim",)
 """More packages with versions that flights depend on."""

@@ -11,8 +11,6 @@ import numpy as np
 from eval.hifi.rows import HIFI_OUTCOMES
 from eval.stats.intervals import quantiles, share
 
-__all__ = ["SCHEMA_VERSION", "margin", "summarise", "upper_bound"]
-
 SCHEMA_VERSION = 1
 
 _SHARES = (0.5, 0.95, 0.99, 1.0)

@@ -18,8 +18,6 @@ from envs.follower import KinematicVehicle
 from envs.kinematics import Limits, VehicleState
 from eval.hifi.config import Drawn
 
-__all__ = ["PROMPT", "VARIANT_OF", "Airborne", "Navigation", "begin", "lookahead_of", "reach_of", "takeoff_weight"]
-
 VARIANT_OF = {"c208_ex": "ex", "c208": "675", "point_mass": "ex", "surrogate": "ex"}  # Cessna behind each vehicle
 PROMPT = Lookahead(turn=0.0, speed=0.0)  # guidance of a vehicle without lags
 

@@ -20,8 +20,6 @@ from envs.c208.air_mass import NO_WIND, Wind
 from envs.kinematics import VehicleState
 from envs.waypoints import Legs
 
-__all__ = ["Made", "Route", "made_good", "plan_for", "unflyable"]
-
 _ROUNDS, _STRAIGHT = 10, 2
 _SLOWEST = 5.0  # over the ground along the route, m/s
 

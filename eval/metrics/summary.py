@@ -12,8 +12,6 @@ from agents.config.progress import spaced
 from eval.metrics.weighted import ratio
 from eval.stats.intervals import Interval, ends, mean_interval, number, quantiles, share
 
-__all__ = ["SCHEMA_VERSION", "Line", "headline", "print_table", "summarise"]
-
 SCHEMA_VERSION = 1
 
 _RATES = (

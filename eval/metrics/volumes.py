@@ -15,8 +15,6 @@ from envs.traffic.track_units import FOOT, NAUTICAL_MILE
 from eval.flights.simulate import Flights
 from eval.flights.trajectories import Trajectories
 
-__all__ = ["VOLUMES", "Relative", "Volume", "costs", "losses", "lost", "relative", "severity"]
-
 
 class Volume(NamedTuple):
     """A volume; with ``tau`` 0 a cylinder around the aircraft."""

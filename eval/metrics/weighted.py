@@ -9,8 +9,6 @@ import numpy as np
 
 from eval.stats.intervals import clopper_pearson, number, percentiles, resampled_sums
 
-__all__ = ["Ratio", "ratio", "summarise_weighted"]
-
 _FEW_EVENTS = 10  # events without the resolver below which a ratio says little
 
 _DOMINANT = 0.1  # share of the weighted events beyond which a single encounter decides the ratio

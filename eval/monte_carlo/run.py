@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from eval.config import MonteCarloConfig
     from eval.runner.outputs import RunFolder
 
-__all__ = ["main", "run_quietly"]
 
 _DESCRIPTION = """\
 Fly a policy through many encounters and say how often it succeeds, with intervals.

@@ -16,8 +16,6 @@ from eval.plots.flight_sheet import chosen, trajectory_sheet
 from eval.plots.style import MARKERS, SKY, VERMILION, kinds_of, legend, tidy
 from eval.runner.outputs import RunFolder
 
-__all__ = ["draw_all", "initial_conditions", "separation_histogram"]
-
 _ONE_KM = 1_000.0
 _NEAREST_KM = 0.05  # starts nearer than this are drawn here: a logarithmic scale has no zero
 

@@ -14,8 +14,6 @@ from envs.outcome import Rules
 from eval.flights.recorded import Recorded
 from eval.plots.style import BLUE, GREEN, GREY, SKY, VERMILION, kinds_of, legend, sample, spread
 
-__all__ = ["PANELS", "Panel", "chosen", "sheet", "trajectory_sheet"]
-
 PANELS = 12  # flights on the sheet
 _FAILURES_SHOWN = 8
 _KM = 1e-3

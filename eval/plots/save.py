@@ -9,8 +9,6 @@ from agents.config.figures import save_figure
 from agents.config.load import ConfigError
 from envs.edge.files import check_space, write_file
 
-__all__ = ["create", "write"]
-
 
 def create(folder: Path, needed: int = 2_000_000) -> None:
     """Make a folder that is new, or take one that is empty, with room for so many bytes; else ``ConfigError``."""

@@ -10,9 +10,6 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib.lines import Line2D
 
-__all__ = ["BLUE", "GREEN", "GREY", "MARKERS", "ORANGE", "SKY", "VERMILION", "arrow", "kinds_of", "legend", "sample"]
-__all__ += ["tidy"]
-
 BLUE, SKY, GREEN, ORANGE, VERMILION, GREY = "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#8C8C8C"
 # In the order in which they are drawn: what matters comes last and lies on top.
 MARKERS: dict[str, dict[str, Any]] = {

@@ -16,9 +16,6 @@ from eval.plots.style import MARKERS, spread
 from eval.report.flights import Replayed
 from eval.report.folder import Run
 
-__all__ = ["NEAR", "NEAREST", "OTHERS", "POINTS", "Choice", "choose", "flight_data", "json_text"]
-__all__ += ["page_data", "points"]
-
 _FINEST = 0.5  # smallest step of a position on the page, m
 _TEXTS = ("verdict", "verdict_method", "plan_status", "plan_source", "baseline_outcome", "policy_outcome")
 _NUMBERS = (

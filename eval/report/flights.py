@@ -23,8 +23,6 @@ from eval.flights.simulate import OUTCOMES
 from eval.report.folder import Run
 from eval.runner.options import named_evaluation
 
-__all__ = ["Replayed", "Witness", "evaluation_of", "fly_again"]
-
 _BATCH = 50
 _ROUNDS = 8  # of the refinement of witnesses, a fifth of the usual number: paths get 1.4 m longer on average
 _SAME = 0.01  # smallest separations that differ by more, m, are not the same flight

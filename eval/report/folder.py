@@ -15,8 +15,6 @@ from eval.metrics.summary import SCHEMA_VERSION
 from eval.plots.style import kinds_of
 from eval.runner.outputs import RunFolder, read_table
 
-__all__ = ["Run", "read_run"]
-
 _FIGURES = ("initial_conditions", "min_separation", "trajectories")  # names of the pictures that a run draws
 _SUMMARY, _TABLE, _CONFIG = "summary.json", RunFolder.table, "config.yaml"
 _COLUMNS = (

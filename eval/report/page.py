@@ -21,8 +21,6 @@ from eval.plots.style import MARKERS
 from eval.report.data import NEAR, NEAREST, Choice, json_text
 from eval.report.folder import Run
 
-__all__ = ["Filled", "asset", "figure", "page"]
-
 _CAPTIONS = {
     "initial_conditions": "Where the intruder is when an encounter begins; failures are marked.",
     "min_separation": "The smallest separation of every flight, with and without the resolver.",

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from eval.report.data import Choice
     from eval.report.folder import Run
 
-__all__ = ["main"]
 
 _DESCRIPTION = """\
 Write report.html into a folder that eval.monte_carlo wrote: the numbers with their intervals, the figures, and the

@@ -27,8 +27,6 @@ from envs.encounters import EncounterError
 from eval.runner.payload import differences, fly, packed, unpacked
 from eval.runner.workers import Chunk, Task, WorkerError
 
-__all__ = ["Cluster", "connected"]
-
 _ANSWER_S = 5.0  # time in which a scheduler must answer
 _PATIENCE_S = 2.0  # time after which the number of workers is asked for again
 _AHEAD = 2  # chunks under way for each worker: one in the air, one waiting there, so that none waits for the network

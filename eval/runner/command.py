@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from eval.runner.outputs import RunFolder
     from eval.runner.workers import Chunk, Task
 
-__all__ = ["Encounters", "Fly", "UnfinishedError", "cluster_of", "concluded", "flown_on", "run_in", "whole_table"]
 
 Fly: TypeAlias = "Callable[[list[Chunk], Callable[[], bool]], Iterable[tuple[Chunk, Mapping[str, Any]]]]"
 """(chunks, whether to stop) -> chunks with their columns, in any order."""

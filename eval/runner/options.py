@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from eval.config import MonteCarloConfig
     from eval.flights.chunks import Evaluation
 
-__all__ = ["check_digest", "first_options", "last_options", "loaded"]
-__all__ += ["named_evaluation", "named_policy", "named_source", "real", "whole"]
 
 Config = TypeVar("Config", bound="MonteCarloConfig")
 

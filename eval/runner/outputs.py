@@ -19,8 +19,6 @@ from envs.edge.files import write_file, written
 from envs.edge.installation import versions
 from eval.config import MonteCarloConfig
 
-__all__ = ["RunFolder", "arrow_table", "check_unused", "read_table"]
-
 _PARTS, _CONFIG, _SUMMARY = "parts", "config.yaml", "summary.json"
 _ROW_GROUP = 65_536
 _FREE = ("policy", "workers", "figures", "confidence", "resamples")

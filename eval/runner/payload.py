@@ -22,8 +22,6 @@ from envs.edge.installation import versions
 from envs.encounters import EncounterError
 from eval.runner.workers import Task, WorkerError
 
-__all__ = ["Payload", "differences", "fly", "packed", "unpacked"]
-
 _SHIPPED = "data/policy.safetensors"
 
 

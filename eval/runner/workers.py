@@ -24,8 +24,6 @@ from threadpoolctl import threadpool_limits
 from agents.policy.inference import Policy
 from envs.encounters import EncounterError
 
-__all__ = ["DECISIVE", "Chunk", "RunError", "Task", "WorkerError", "cores", "fly_chunks"]
-
 DECISIVE = ("rlcas-toolkit", "numpy")
 """Packages that must have one version everywhere, because rows depend on it."""
 

@@ -11,9 +11,6 @@ from typing import Any, NamedTuple, SupportsInt
 
 import numpy as np
 
-__all__ = ["Interval", "clopper_pearson", "ends", "interval", "mean_interval", "number", "percent", "percentiles"]
-__all__ += ["quantiles", "resampled_sums", "share"]
-
 _TOGETHER = 2_000_000  # numbers drawn at a time
 _ALIKE = 8  # encounters to a distinct row from which on rows are drawn as counts
 

@@ -12,8 +12,6 @@ import numpy as np
 
 from eval.stats.intervals import Interval
 
-__all__ = ["Pairs", "mcnemar_exact", "pairs", "tango"]
-
 _BISECTIONS = 60  # halvings of [-1, 1]: the ends are then exact to rounding
 
 
