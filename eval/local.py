@@ -50,11 +50,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from threadpoolctl import threadpool_limits
 
     from agents.policy.inference import Policy
+    from agents.policy.set_network import check_one_layer
     from eval.plots import save as picture_folder
 
     policy = Policy.load(options.policy)
-    if len(policy.metadata["architecture"].get("encoder", ())) != 1:
-        raise ConfigError(f"--policy {options.policy}: expected a network of schema 2 with one layer for each intruder")
+    check_one_layer(policy)
     out = options.out = options.out or Path("runs") / time.strftime("local_%Y%m%d_%H%M%S")
     picture_folder.create(out)
     with threadpool_limits(1):

@@ -10,8 +10,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from agents.learning.export import SetOf, write
+from agents.learning.export import write
 from agents.policy import file as policy_file
+from agents.policy.schema import SetOf
 from agents.resolvability.classify import Verdict, classify
 from envs.aircraft import Ratios, ratios
 from envs.edge.files import write_file

@@ -2,73 +2,54 @@
 
 import os
 from collections.abc import Mapping
-from functools import partial
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from flax.traverse_util import flatten_dict, unflatten_dict
 
 from agents.learning.networks import Actor
 from agents.policy import file as policy_file
 from agents.policy.file import PolicyFile, PolicyFileError
 from agents.policy.inference import Policy
 from agents.policy.scene import unpacked_rows
-from agents.policy.schema import SetOf, new_metadata
+from agents.policy.schema import new_metadata
 from agents.policy.set_features import set_inputs
 from envs.aircraft import Ratios
 from envs.edge.installation import versions
-from envs.kinematics import Limits
 from envs.observation import SIZE
-
-__all__ = ["SetOf", "parity_observations", "parity_scenes", "to_policy_file", "variables", "write"]
 
 _RANDOM_VECTORS = 64
 _SEED = 20
 
 
-def to_policy_file(  # noqa: PLR0913 - it describes a file
-    actor_variables: Mapping[str, Any],
-    hidden: tuple[int, ...],
-    feature_set: str,
-    limits: Limits,
-    config: Mapping[str, Any],
-    *,
-    steps: int,
-    score: float | None = None,
-    notes: str = "",
-    of_set: SetOf | None = None,
-) -> PolicyFile:
+def to_policy_file(actor_variables: Mapping[str, Any], *described: Any, **more: Any) -> PolicyFile:
     """Return the policy file of an actor.
 
     Args:
         actor_variables: of :class:`agents.learning.networks.Actor`: ``{"params": {"trunk": {...}, "log_std": [2]}}``.
-        feature_set: its derived inputs, one of :data:`agents.policy.features.FEATURE_SETS`.
-        limits: of the vehicle it was trained for, floats, SI.
-        config: the resolved training configuration, of JSON types.
-        score: mean sparse reward per encounter, None if it was not evaluated.
-        of_set: for the feature set ``set``.
+        described, more: as for :func:`agents.policy.schema.new_metadata`, but for the versions.
 
     Raises:
         PolicyFileError: parameters are not finite or not those of the architecture, the metadata cannot be written
             as JSON, or the numpy network disagrees with flax.
     """
     made_with = versions("jax", "flax", "optax", "numpy", "safetensors")
-    described: dict[str, Any] = {"steps": steps, "score": score, "versions": made_with, "notes": notes}
-    metadata = new_metadata(hidden, feature_set, limits, config, **described, of_set=of_set)
-    encoder, observations = (), parity_observations()
-    if of_set is not None:
-        encoder, observations = of_set.encoder, parity_scenes(of_set.intruders, of_set.family)
+    metadata = new_metadata(*described, versions=made_with, **more)
     actor = _tensors(actor_variables)
     for name, tensor in actor.items():
         if not np.isfinite(tensor).all():
             raise PolicyFileError(f"new policy: parameter {name} is not finite: the training has diverged")
+    observations = parity_observations()
+    if "family" in metadata:
+        observations = parity_scenes(metadata["architecture"]["intruders"], metadata["family"])
     # Shapes are checked before flax sees them: its messages do not say which file or field.
     content = PolicyFile(actor, observations, np.zeros((len(observations), 2), np.float32), metadata)
     policy_file.serialise(content)
-    actions = _flax_actions(actor, Actor(hidden, feature_set, encoder=encoder), observations)
-    content = PolicyFile(actor, observations, actions.astype(np.float32), metadata)
+    content = replace(content, parity_action=_flax_actions(content).astype(np.float32))
     Policy(content, source="new policy")
     return content
 
@@ -119,44 +100,33 @@ def parity_scenes(most: int, family: Mapping[str, tuple[float, float]]) -> np.nd
 
 def variables(tensors: Mapping[str, Any]) -> dict[str, Any]:
     """Return the variables of :class:`~agents.learning.networks.Actor`, of a policy file's, without ``actor/``."""
-    trunk: dict[str, dict[str, Any]] = {}
-    for name, tensor in tensors.items():
-        if name != "log_std":
-            layer, part = name.split("/")
-            trunk.setdefault(layer, {})[part] = tensor
-    return {"params": {"trunk": trunk, "log_std": tensors["log_std"]}}
+    layers = {name: tensor for name, tensor in tensors.items() if name != "log_std"}
+    return {"params": {"trunk": unflatten_dict(layers, sep="/"), "log_std": tensors["log_std"]}}
 
 
 def _tensors(actor_variables: Mapping[str, Any]) -> dict[str, np.ndarray]:
     """Flatten the actor's parameters to float32 arrays named ``hidden_0/kernel``, ..., ``log_std``."""
     try:
         params = actor_variables["params"]
-        tensors = {
-            f"{layer}/{part}": np.asarray(value, np.float32)
-            for layer, parts in params["trunk"].items()
-            for part, value in parts.items()
-        }
-        tensors["log_std"] = np.asarray(params["log_std"], np.float32)
+        tensors = flatten_dict(params["trunk"], sep="/") | {"log_std": params["log_std"]}
     except (KeyError, AttributeError, TypeError) as error:
         raise PolicyFileError(
             f"new policy: variables are not those of agents.learning.networks.Actor: {error!r}"
         ) from error
-    return tensors
+    return {name: np.asarray(tensor, np.float32) for name, tensor in tensors.items()}
 
 
-def _flax_actions(tensors: Mapping[str, np.ndarray], actor: Actor, observations: np.ndarray) -> np.ndarray:
-    """Return flax's clipped actions ``[P, 2]`` for the tensors as they will be read back.
+def _flax_actions(content: PolicyFile) -> np.ndarray:
+    """Return flax's clipped actions ``[P, 2]`` for the parity vectors, with the tensors as they will be read back.
 
     In double precision: an accelerator's single-precision products may keep only ten bits.
     """
+    actor = Actor(content.hidden, content.feature_set, encoder=content.encoder)
+
+    def mean(weights: Any, rows: jax.Array) -> Any:
+        return actor.apply(weights, set_inputs(unpacked_rows(rows), jnp) if content.of_set else rows)[0]
+
     with jax.enable_x64(True):
-        exact = variables({name: jnp.asarray(tensor, jnp.float64) for name, tensor in tensors.items()})
-        mean = _mean(exact, jnp.asarray(observations, jnp.float64), actor)
-        return np.clip(np.asarray(mean), -1.0, 1.0)
-
-
-@partial(jax.jit, static_argnames="actor")
-def _mean(variables: Any, observation: jax.Array, actor: Actor) -> jax.Array:
-    """Return the actor's mean actions; compiled once, because a training run exports many times."""
-    seen = set_inputs(unpacked_rows(observation), jnp) if actor.encoder else observation
-    return actor.apply(variables, seen)[0]
+        exact = variables({name: jnp.asarray(tensor, jnp.float64) for name, tensor in content.actor.items()})
+        actions = jax.jit(mean)(exact, jnp.asarray(content.parity_observation, jnp.float64))
+        return np.clip(np.asarray(actions), -1.0, 1.0)

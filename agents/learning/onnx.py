@@ -22,6 +22,7 @@ from agents.policy.file import PolicyFile, read
 from agents.policy.inference import TOLERANCE, Policy
 from agents.policy.scene import OWN_NUMBERS, parts, unpacked
 from agents.policy.set_features import OWN, set_inputs
+from agents.policy.set_network import check_one_layer
 from envs.edge.command import InputError, Parser
 from envs.edge.files import write_file
 from envs.edge.installation import versions
@@ -57,14 +58,14 @@ def model(content: PolicyFile) -> Any:
     """Return the ``onnx.ModelProto`` of a policy, checked by onnx; equal policies give equal bytes.
 
     Raises:
-        ExportError: the onnx package is not installed.
+        ModuleNotFoundError: the extra ``onnx`` is not installed.
     """
-    onnx, converter = _installed("onnx"), _installed("jax2onnx")
+    onnx: Any = importlib.import_module("onnx")
+    converter: Any = importlib.import_module("jax2onnx")
     function, shapes = _decision(content)
-    names = list(inputs_of(content))
     logging.getLogger("onnx_ir").setLevel(logging.ERROR)  # it warns of every shape that it leaves out
     made = converter.to_onnx(function, shapes, model_name="rlcas_policy", opset=OPSET)
-    _renamed(made, names)
+    _renamed(made, list(inputs_of(content)))
     # The converter's shapes of what lies between are those of one batch; runtimes find them again.
     del made.graph.value_info[:]
     made.producer_name, made.producer_version = "rlcas-toolkit", versions()["rlcas-toolkit"]
@@ -80,40 +81,39 @@ def network_part(policy: Policy) -> Any:
     seen mirrored (:mod:`agents.policy.set_features`: what describes the ownship, then the intruder).
 
     Raises:
-        ExportError: the onnx package is not installed, or the policy is of schema 1.
+        InputError: the policy has not one layer for each intruder.
+        ModuleNotFoundError: the extra ``onnx`` is not installed.
     """
-    if len(policy.metadata["architecture"].get("encoder", ())) != 1:
-        raise ExportError("the policy has no single layer for each intruder; expected one of schema 2 that has")
-    onnx = _installed("onnx")
-    tensors, nodes, values, last = policy.tensors, [], {}, "inputs"
+    check_one_layer(policy)
+    onnx: Any = importlib.import_module("onnx")
+    node, tensors, nodes, values = onnx.helper.make_node, policy.tensors, [], {}
 
     def gemm(name: str, source: str, kernel: np.ndarray, bias: np.ndarray) -> str:
         values.update({f"{name}/kernel": kernel, f"{name}/bias": bias})
-        nodes.append(onnx.helper.make_node("Gemm", [source, f"{name}/kernel", f"{name}/bias"], [name]))
+        nodes.append(node("Gemm", [source, f"{name}/kernel", f"{name}/bias"], [name]))
         return name
 
     def tanh(name: str) -> str:
-        nodes.append(onnx.helper.make_node("Tanh", [name], [f"{name}/tanh"]))
+        nodes.append(node("Tanh", [name], [f"{name}/tanh"]))
         return f"{name}/tanh"
 
     # Rows of zeros instead of slices: the encoder reads what describes the intruder, the trunk the rest.
     encoder, trunk = tensors["each_0/kernel"], tensors["hidden_0/kernel"]
     each = np.pad(encoder, ((OWN, 0), (0, 0)))
-    seen = tanh(gemm("each_0", last, each, tensors["each_0/bias"]))
-    own = gemm("own", last, np.pad(trunk[:OWN], ((0, len(encoder)), (0, 0))), tensors["hidden_0/bias"])
+    seen = tanh(gemm("each_0", "inputs", each, tensors["each_0/bias"]))
+    own = gemm("own", "inputs", np.pad(trunk[:OWN], ((0, len(encoder)), (0, 0))), tensors["hidden_0/bias"])
     pooled = gemm("pooled", seen, trunk[OWN:], 0.0 * tensors["hidden_0/bias"])
-    nodes.append(onnx.helper.make_node("Add", [own, pooled], ["hidden_0"]))
+    nodes.append(node("Add", [own, pooled], ["hidden_0"]))
     last = tanh("hidden_0")
     for number in range(1, len(policy.metadata["architecture"]["hidden"])):
         name = f"hidden_{number}"
         last = tanh(gemm(name, last, tensors[f"{name}/kernel"], tensors[f"{name}/bias"]))
     gemm("action", last, tensors["head/kernel"], tensors["head/bias"])
-    real = onnx.TensorProto.FLOAT
     graph = onnx.helper.make_graph(
         nodes,
         "rlcas_policy_network",
-        [onnx.helper.make_tensor_value_info("inputs", real, ["N", len(each)])],
-        [onnx.helper.make_tensor_value_info("action", real, ["N", 2])],
+        [onnx.helper.make_tensor_value_info("inputs", onnx.TensorProto.FLOAT, ["N", len(each)])],
+        [onnx.helper.make_tensor_value_info("action", onnx.TensorProto.FLOAT, ["N", 2])],
         [onnx.numpy_helper.from_array(np.asarray(value, np.float32), name) for name, value in values.items()],
     )
     made = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", OPSET)], ir_version=_IR)
@@ -142,8 +142,8 @@ def export(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> fl
 
     Raises:
         PolicyFileError: the policy file is refused.
-        ExportError: the onnx package is not installed, the model disagrees, the target is the policy itself, or it
-            cannot be written.
+        ExportError: the model disagrees, the target is the policy itself, or it cannot be written.
+        ModuleNotFoundError: the extra ``onnx`` is not installed.
     """
     content = read(source)
     if Path(target).exists() and Path(target).samefile(source):
@@ -222,12 +222,3 @@ def _properties(content: PolicyFile) -> dict[str, str]:
         "architecture": canonical(content.metadata["architecture"]),
         **parts,
     }
-
-
-def _installed(package: str) -> Any:
-    try:
-        return importlib.import_module(package)
-    except ImportError:
-        raise ExportError(
-            f"{package} is not installed, expected the extra 'onnx': pip install 'rlcas-toolkit[onnx]'"
-        ) from None

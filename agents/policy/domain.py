@@ -47,19 +47,6 @@ def check_domain(content: PolicyFile, aircraft: Aircraft) -> None:
             )
 
 
-def check_intruders(most: int, count: int) -> None:
-    """Refuse more intruders at once than a policy was trained with; of a file of schema 1 that is one.
-
-    Raises:
-        OutsideDomainError: there are more.
-    """
-    if count > most:
-        raise OutsideDomainError(
-            f"outside_domain: there are {count} intruders; expected {most} at most, what the policy was trained with "
-            "(--allow-outside-domain flies all the same)"
-        )
-
-
 def domain(content: PolicyFile, aircraft: Aircraft) -> dict[str, tuple[float, float]]:
     """Return the range of each quantity of the traffic, SI, for an aircraft of the policy's family."""
     return {

@@ -31,20 +31,9 @@ HORIZON = sum(_SPANS)
 COUNT = 12
 """Manoeuvres: to the left, to the right, straight on, to the goal; of each braking, at a steady speed, accelerating."""
 
-ADVICE = 3
-"""Numbers that :func:`advice` gives."""
-
-PRESSED = 3
-"""Numbers that :func:`pressed` gives."""
-
-_ALIKE = 0.05
-"""Between what manoeuvres keep, squashed as the network sees it: 1.5 m near 1000 m, 10 m at 1050 m."""
-
-_HARDLY_ALIKE = 0.002
-"""The same where it is pressed: 6 cm."""
-
-_FROM, _UPTO = 0.25, 0.1
-"""What the best manoeuvre keeps, squashed, where it begins to be pressed, 10 m, and where it is altogether, 3.3 m."""
+_ALIKE = 0.05  # between what manoeuvres keep, squashed as the network sees it: 1.5 m near 1000 m, 10 m at 1050 m
+_HARDLY_ALIKE = 0.002  # the same where it is pressed: 6 cm
+_FROM, _UPTO = 0.25, 0.1  # squashed, what the best one keeps where it begins to be pressed, 10 m, and is fully, 3.3 m
 
 # Of the middle of each piece, in time.
 _MIDDLES = np.cumsum(_SPANS) - 0.5 * np.array(_SPANS)
@@ -95,7 +84,6 @@ def advice(kept: list[Any], goal_bearing: Any, xp: Any) -> list[Any]:
 
     Args:
         kept: of each manoeuvre, squashed to (-1, 1), :data:`COUNT` times ``[...]``.
-        goal_bearing: as for :func:`separations`.
     """
     most = reduce(xp.maximum, kept)
     return [most, *_blended(kept, most, goal_bearing, _ALIKE, xp)]
@@ -104,13 +92,7 @@ def advice(kept: list[Any], goal_bearing: Any, xp: Any) -> list[Any]:
 def pressed(kept: list[Any], goal_bearing: Any, xp: Any) -> list[Any]:
     """Return whether metres decide, 0 to 1, and that times what the one best manoeuvre does: 3 times ``[...]``.
 
-    The mean of :func:`advice` is of manoeuvres 1.5 m apart and blunt: where one brakes, the other accelerates, and the
-    first keeps a metre more, it tells hardly anything, and with two metres to spare that metre is lost. Here it takes
-    6 cm, but only where the best manoeuvre keeps little, for elsewhere such advice would flutter.
-
-    Args:
-        kept: as for :func:`advice`.
-        goal_bearing: as for :func:`separations`.
+    The mean of :func:`advice` is of manoeuvres 1.5 m apart, which is blunt where the best one keeps little.
     """
     most = reduce(xp.maximum, kept)
     near = xp.clip((_FROM - most) * (1.0 / (_FROM - _UPTO)), 0.0, 1.0)

@@ -7,7 +7,8 @@ block computes it from the observation alone, in the ownship's frame (rotation-i
 import math
 from typing import Any
 
-from agents.policy.escape_features import ADVICE, COUNT, PRESSED, advice, pressed, separations
+from agents.policy.escape_features import advice, pressed, separations
+from agents.policy.set_features import passing, soft
 from envs.aircraft import PAPER
 from envs.kinematics import SURROGATE
 from envs.observation import Decoded, decode
@@ -18,17 +19,14 @@ same with every scene seen so that the intruder is left of the line to the goal:
 ``foresight``: that, and what simple manoeuvres would lead to; ``advised``: and which of them leads best;
 ``pressed``: and which one alone, where metres decide. Each of the last three begins with the one before."""
 
-MIRRORED = ("mirror", "foresight", "advised", "pressed")
-"""The sets that see a scene and its mirror image alike, each beginning with the one before; the yaw rate then
-wants the factor of :func:`mirror_sign`."""
+MIRRORED = FEATURE_SETS[2:]
+"""The sets that see a scene and its mirror image alike, each beginning with the one before."""
 
 _FAR = 10.0 * PAPER.separation
-KEPT_UNIT = 30.0
-"""Of what manoeuvres keep beyond 1000 m, before it is squashed, m."""
+_KEPT_UNIT = 30.0  # of what manoeuvres keep beyond 1000 m, before it is squashed, m
+_UNITS = 25.0, 300.0, 1.0 / 60.0, 1.0 / 1_000.0, 1.0 / 5_000.0, 1.0  # of :func:`passing`, for m and m/s
 
-_SIZES = {"none": 8, "cpa": 22, "mirror": 22, "foresight": 22 + COUNT + 2}
-_SIZES["advised"] = _SIZES["foresight"] + ADVICE
-_SIZES["pressed"] = _SIZES["advised"] + PRESSED
+_SIZES = {"none": 8, "cpa": 22, "mirror": 22, "foresight": 36, "advised": 39, "pressed": 42}
 _INTRUDER, _GOAL = 4, 6  # bearings in the observation, left positive
 
 
@@ -41,14 +39,6 @@ def size(feature_set: str) -> int:
     if feature_set not in _SIZES:
         raise ValueError(f"feature set {feature_set!r} is unknown; expected one of {', '.join(FEATURE_SETS)}")
     return _SIZES[feature_set]
-
-
-def begins(feature_set: str, shorter: str) -> bool:
-    """Return whether the inputs of a feature set begin with those of another one, in the same order."""
-    if feature_set == shorter:
-        return True
-    both = feature_set in MIRRORED and shorter in MIRRORED
-    return both and MIRRORED.index(shorter) < MIRRORED.index(feature_set)
 
 
 def mirror_sign(observation: list[Any], feature_set: str, xp: Any) -> Any:
@@ -94,21 +84,11 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
     intruder_range = far * _FAR + guard
 
     vx, vy = geometry.intruder_vx - geometry.own_speed, geometry.intruder_vy
-    ahead = _passing(x, y, vx, vy, xp)
+    ahead = passing(x, y, vx, vy, _UNITS, xp)
     # The same question for the course that leads straight to the goal: is it time to turn back?
-    to_goal = _passing(
-        x,
-        y,
-        geometry.intruder_vx - geometry.own_speed * goal_cosine,
-        geometry.intruder_vy - geometry.own_speed * goal_sine,
-        xp,
-    )
-    if feature_set in MIRRORED:
-        ahead, to_goal = (_mirrored(passing, sign) for passing in (ahead, to_goal))
-        goal_sine = goal_sine * sign
-    foreseen: list[Any] = []
-    if begins(feature_set, "foresight"):
-        foreseen = _foreseen(geometry, observation[_GOAL], sign, feature_set, xp)
+    from_goal_x = geometry.intruder_vx - geometry.own_speed * goal_cosine
+    from_goal_y = geometry.intruder_vy - geometry.own_speed * goal_sine
+    to_goal = passing(x, y, from_goal_x, from_goal_y, _UNITS, xp)
     return [
         observation[0],
         observation[2],
@@ -117,16 +97,15 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
         x / intruder_range,
         y / intruder_range * sign,
         observation[5],
-        _soft((intruder_range - 1_000.0) * (1.0 / 1_000.0), xp),
+        soft((intruder_range - 1_000.0) * (1.0 / 1_000.0), xp),
         goal_cosine,
-        goal_sine,
+        goal_sine * sign,
         observation[7],
-        _soft(goal_range * (1.0 / 1_000.0), xp),
+        soft(goal_range * (1.0 / 1_000.0), xp),
         vx * 0.01,
         (x * vx + y * vy) / (intruder_range * 100.0),
-        *ahead,
-        *to_goal,
-        *foreseen,
+        *(value for time, miss, far, depth in (ahead, to_goal) for value in (time, miss * sign, far * sign, depth)),
+        *(_foreseen(geometry, observation[_GOAL], sign, feature_set, xp) if feature_set in MIRRORED[1:] else ()),
     ]
 
 
@@ -134,43 +113,13 @@ def _foreseen(geometry: Decoded, goal_bearing: Any, sign: Any, feature_set: str,
     """Describe what simple manoeuvres keep, how far the goal is from the turning circles, and the best manoeuvre."""
     seen = geometry._replace(intruder_y=geometry.intruder_y * sign, intruder_vy=geometry.intruder_vy * sign)
     to_goal = goal_bearing * (math.pi * sign)
-    kept = [_soft((separation - 1_000.0) * (1.0 / KEPT_UNIT), xp) for separation in separations(seen, to_goal, xp)]
+    kept = [soft((separation - 1_000.0) * (1.0 / _KEPT_UNIT), xp) for separation in separations(seen, to_goal, xp)]
     radius = geometry.own_speed * (1.0 / SURROGATE.yaw_rate_max)
     goal_x, goal_y = geometry.goal_x, geometry.goal_y * sign
     circles = [xp.sqrt(goal_x * goal_x + y * y + 1.0) - radius for y in (goal_y - radius, goal_y + radius)]
     return [
         *kept,
-        *(_soft(outside * (1.0 / 500.0), xp) for outside in circles),
-        *(advice(kept, to_goal, xp) if begins(feature_set, "advised") else ()),
-        *(pressed(kept, to_goal, xp) if begins(feature_set, "pressed") else ()),
+        *(soft(outside * (1.0 / 500.0), xp) for outside in circles),
+        *(advice(kept, to_goal, xp) if feature_set != "foresight" else ()),
+        *(pressed(kept, to_goal, xp) if feature_set == "pressed" else ()),
     ]
-
-
-def _passing(x: Any, y: Any, vx: Any, vy: Any, xp: Any) -> tuple[Any, Any, Any, Any]:
-    """Describe how an aircraft at (x, y) with relative velocity (vx, vy) passes on a straight course.
-
-    Returns the time to the closest approach, the signed miss distance at two scales (left positive) and how deep
-    the 1000 m disc is entered ahead. Relative speeds below some 5 m/s are softened: there the quotients would
-    amplify the rounding of float32 beyond what backends can agree on.
-    """
-    square = vx * vx + vy * vy + 25.0
-    time = -(x * vx + y * vy) / square
-    miss = (x * vy - y * vx) / xp.sqrt(square)
-    ahead = xp.clip(time, 0.0, 300.0)
-    closest_x, closest_y = x + vx * ahead, y + vy * ahead
-    closest = xp.sqrt(closest_x * closest_x + closest_y * closest_y + 1.0)
-    return (
-        _soft(time * (1.0 / 60.0), xp),
-        _soft(miss * (1.0 / 1_000.0), xp),
-        xp.clip(miss * (1.0 / 5_000.0), -1.0, 1.0),
-        xp.clip(1.5 - closest * (1.0 / 1_000.0), -1.0, 1.5),
-    )
-
-
-def _mirrored(passing: tuple[Any, Any, Any, Any], sign: Any) -> tuple[Any, Any, Any, Any]:
-    time, miss, far_miss, depth = passing
-    return time, miss * sign, far_miss * sign, depth
-
-
-def _soft(value: Any, xp: Any) -> Any:
-    return value / (1.0 + xp.abs(value))

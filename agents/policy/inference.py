@@ -1,23 +1,23 @@
 """The policy in flight: a forward pass in numpy that needs nothing of the training framework."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import copy
 from importlib import resources
 from math import isfinite
-from typing import Any, NoReturn, Protocol
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from agents.policy import novelty
-from agents.policy.domain import OutsideDomainError, check_domain, check_intruders, domain
+from agents.policy.domain import OutsideDomainError, check_domain, domain
 from agents.policy.eight_network import EightNetwork
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read
 from agents.policy.set_network import SetNetwork
 from envs.aircraft import Aircraft
 from envs.backend import FLOATS
-from envs.kinematics import Limits, VehicleState
+from envs.kinematics import VehicleState
 from envs.observation import NAMES, SIZE
 
 __all__ = ["PARITY_TOLERANCE", "TOLERANCE", "OutsideDomainError", "Policy"]
@@ -35,34 +35,6 @@ _BOUND = 1.0 + TOLERANCE
 _NOT_FINITE = "the policy gives an action that is not finite; expected finite states and bounded weights"
 
 
-class Decider(Protocol):
-    """A network with what it sees; its actions are not clipped, and a row has the same bits in any batch."""
-
-    def for_aircraft(self, aircraft: Aircraft) -> "Decider":
-        """Return the same network for another aircraft."""
-        ...
-
-    def of_parity(self, rows: np.ndarray) -> np.ndarray:
-        """Return the actions ``[P, 2]`` for the parity vectors of its file."""
-        ...
-
-    def of_observations(self, observation: np.ndarray) -> np.ndarray:
-        """Return the actions ``[N, 2]`` for observations ``[N, 8]``."""
-        ...
-
-    def of_states(
-        self, own: VehicleState, seen: VehicleState, present: np.ndarray, goal_x: np.ndarray, goal_y: np.ndarray
-    ) -> np.ndarray:
-        """Return the actions ``[N, 2]`` for states ``[N]``, those of intruders ``[N, K]``."""
-        ...
-
-    def of_one(
-        self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
-    ) -> tuple[float, float]:
-        """Return the action of one aircraft in plain floats: the fast path of a step-by-step rollout."""
-        ...
-
-
 class Policy:
     """A deterministic policy: observations ``[..., 8]`` to actions ``[..., 2]``, both in [-1, 1].
 
@@ -74,18 +46,10 @@ class Policy:
         metadata: of the policy file (docs/reference/policy-file.md).
         aircraft: that the policy was trained for, and
         limits: of it.
-        most: intruders that it was trained with at once.
+        most: intruders that it was trained with at once, 1 of schema 1.
         tensors: of the network by their names in the file.
         dtype: in which the network is evaluated.
     """
-
-    sha256: str
-    metadata: Mapping[str, Any]
-    aircraft: Aircraft
-    limits: Limits
-    most: int
-    tensors: Mapping[str, np.ndarray]
-    dtype: np.dtype[Any]
 
     def __init__(self, content: PolicyFile, dtype: DTypeLike = np.float32, *, source: str = "policy") -> None:
         """Build the network and compare it with the file's parity vectors.
@@ -109,7 +73,7 @@ class Policy:
         kind = SetNetwork if content.of_set else EightNetwork
         # In float64 so that a difference is one of meaning, never of rounding.
         _check_parity(kind(content, np.float64), content, PARITY_TOLERANCE, "in float64", source)
-        self._decider: Decider = kind(content, self.dtype)
+        self._decider: EightNetwork | SetNetwork = kind(content, self.dtype)
         _check_parity(self._decider, content, _ROUNDING_TOLERANCE, f"in {self.dtype}", source)
 
     def for_aircraft(self, aircraft: Aircraft, *, outside: str = "refuse") -> "Policy":
@@ -147,8 +111,11 @@ class Policy:
         Raises:
             OutsideDomainError: there are more.
         """
-        if self._outside == "refuse":
-            check_intruders(self.most, count)
+        if self._outside == "refuse" and count > self.most:
+            raise OutsideDomainError(
+                f"outside_domain: there are {count} intruders; expected {self.most} at most, what the policy was "
+                "trained with (--allow-outside-domain flies all the same)"
+            )
 
     def departures(
         self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
@@ -275,7 +242,9 @@ def _refuse(array: np.ndarray) -> NoReturn:
     raise ValueError(f"observation component {NAMES[component]!r}{where} is {value}, expected a value in [-1, 1]")
 
 
-def _check_parity(network: Decider, content: PolicyFile, tolerance: float, how: str, source: str) -> None:
+def _check_parity(
+    network: EightNetwork | SetNetwork, content: PolicyFile, tolerance: float, how: str, source: str
+) -> None:
     """Raise unless a network's actions for the file's parity vectors are the file's, within the tolerance."""
     actions = np.clip(network.of_parity(content.parity_observation), -1.0, 1.0)
     difference = np.abs(actions - content.parity_action).max(axis=-1)

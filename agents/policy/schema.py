@@ -99,7 +99,7 @@ def new_metadata(  # noqa: PLR0913 - it describes a file
     config: Mapping[str, Any],
     *,
     steps: int,
-    score: float | None,
+    score: float | None = None,
     versions: Mapping[str, str],
     notes: str = "",
     of_set: SetOf | None = None,

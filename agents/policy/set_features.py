@@ -25,6 +25,8 @@ KEPT_UNIT = 0.03
 ALIKE = 0.05
 """Between what manoeuvres keep, squashed: 1.5 thousandths of D near the separation."""
 
+_UNITS = 0.0025, 30.0, 1.0 / 6.0, 1.0, 0.2, 0.0  # of :func:`passing`, for lengths in D and speeds in the greatest
+
 
 class SetInputs(NamedTuple):
     """Inputs of the network's first layers."""
@@ -48,7 +50,7 @@ def set_inputs(seen: Scene, xp: Any) -> SetInputs:
     seen, sign = mirrored(seen, xp)
     # Manoeuvres along the last axis: there numpy adds up a row in the same order whatever the number of rows.
     kept = xp.stack(list(escapes.kept(seen, xp)), axis=-1)
-    spare = _soft((kept - 1.0) * (1.0 / KEPT_UNIT), xp)  # [..., 22]
+    spare = soft((kept - 1.0) * (1.0 / KEPT_UNIT), xp)  # [..., 22]
     own = own_part(seen, xp.zeros_like(seen.own_speed), xp)
     advice = _advice(spare, escapes.steering(seen, xp), xp)
     to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
@@ -71,7 +73,7 @@ def set_inputs_of_one(seen: Scene, kept: np.ndarray) -> tuple[list[float], list[
         seen: intruder fields are lists of those present.
         kept: what :func:`agents.policy.escapes.kept` gives of it, ``[22]``.
     """
-    spare = _soft((kept - 1.0) * (1.0 / KEPT_UNIT), np)
+    spare = soft((kept - 1.0) * (1.0 / KEPT_UNIT), np)
     advice = _advice(spare, escapes.steering_of_one(seen), np)
     own = [*own_part(seen, 0.0, FLOATS), *map(float, advice), *spare.tolist()]
     to_goal = distance(seen.goal_x, seen.goal_y, FLOATS) + 1e-6
@@ -94,12 +96,12 @@ def own_part(seen: Scene, zero: Any, xp: Any) -> list[Any]:
         seen.goal_x / to_goal,
         seen.goal_y / to_goal,
         to_goal * 0.1 - 1.0,
-        _soft(to_goal, xp),
-        *(_soft(2.0 * each, xp) for each in outside),
+        soft(to_goal, xp),
+        *(soft(2.0 * each, xp) for each in outside),
         zero + 4.0 * (ratios.speed_min - 0.5),
-        zero + _soft(10.0 * ratios.acceleration_min, xp),
-        zero + _soft(10.0 * ratios.acceleration_max, xp),
-        zero + _soft(ratios.turn_radius, xp),
+        zero + soft(10.0 * ratios.acceleration_min, xp),
+        zero + soft(10.0 * ratios.acceleration_max, xp),
+        zero + soft(ratios.turn_radius, xp),
     ]
 
 
@@ -111,14 +113,14 @@ def each_part(x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_cosine: Any, goa
         x / away,
         y / away,
         xp.minimum(away * 0.1 - 1.0, 1.0),
-        _soft(away - 1.0, xp),
+        soft(away - 1.0, xp),
         vx,
         vy,
         relative,
         (x * relative + y * vy) / away,
-        *_passing(x, y, relative, vy, xp),
+        *passing(x, y, relative, vy, _UNITS, xp),
         # The same for the course that leads straight to the goal: is it time to turn back?
-        *_passing(x, y, vx - pace * goal_cosine, vy - pace * goal_sine, xp),
+        *passing(x, y, vx - pace * goal_cosine, vy - pace * goal_sine, _UNITS, xp),
     ]
 
 
@@ -135,25 +137,32 @@ def _advice(spare: Any, steering: Any, xp: Any) -> tuple[Any, Any, Any]:
     return most, (share * throttles).sum(axis=-1) / whole, (share * steering).sum(axis=-1) / whole
 
 
-def _passing(x: Any, y: Any, vx: Any, vy: Any, xp: Any) -> tuple[Any, Any, Any, Any]:
+def passing(x: Any, y: Any, vx: Any, vy: Any, units: tuple[float, ...], xp: Any) -> tuple[Any, Any, Any, Any]:
     """Describe how an aircraft at (x, y) with relative velocity (vx, vy) passes on a straight course.
 
     Returns the time to the closest approach, the signed miss distance at two scales (left positive) and how deep the
-    separation is entered ahead. Relative speeds below a twentieth are softened: there the quotients would amplify the
-    rounding of float32.
+    separation is entered ahead. Slow relative speeds are softened: there the quotients would amplify the rounding of
+    float32.
+
+    Args:
+        units: square of the speed that softens, how far ahead is looked, and what a time, a length, a length far away
+            and the square of a range are scaled by or softened with.
     """
-    square = vx * vx + vy * vy + 0.0025
+    slow, horizon, per_time, per_length, per_far, floor = units
+    square = vx * vx + vy * vy + slow
     time = -(x * vx + y * vy) / square
     miss = (x * vy - y * vx) / xp.sqrt(square)
-    ahead = xp.clip(time, 0.0, 30.0)
-    closest = distance(x + vx * ahead, y + vy * ahead, xp)
+    ahead = xp.clip(time, 0.0, horizon)
+    closest_x, closest_y = x + vx * ahead, y + vy * ahead
+    closest = xp.sqrt(closest_x * closest_x + closest_y * closest_y + floor)
     return (
-        _soft(time * (1.0 / 6.0), xp),
-        _soft(miss, xp),
-        xp.clip(miss * 0.2, -1.0, 1.0),
-        xp.clip(1.5 - closest, -1.0, 1.5),
+        soft(time * per_time, xp),
+        soft(miss * per_length, xp),
+        xp.clip(miss * per_far, -1.0, 1.0),
+        xp.clip(1.5 - closest * per_length, -1.0, 1.5),
     )
 
 
-def _soft(value: Any, xp: Any) -> Any:
+def soft(value: Any, xp: Any) -> Any:
+    """Return a value squashed to (-1, 1)."""
     return value / (1.0 + xp.abs(value))

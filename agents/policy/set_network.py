@@ -18,6 +18,7 @@ from agents.policy.scene import Scene, mirrored_one, scene, scene_of_one, unpack
 from agents.policy.set_features import OWN, set_inputs, set_inputs_of_one
 from envs.aircraft import Aircraft, ratios
 from envs.angles import atan2
+from envs.edge.command import InputError
 from envs.kinematics import VehicleState
 from envs.observation import decode
 from envs.relative import distance
@@ -109,7 +110,9 @@ class SetNetwork:
         count = len(seen.own_speed)
         if count <= _SCENES:
             return self._actions(seen)
-        return np.concatenate([self._actions(_rows(seen, first)) for first in range(0, count, _SCENES)])
+        blocks = [slice(first, first + _SCENES) for first in range(0, count, _SCENES)]
+        parts = (mapped(lambda field, at=at: field[at] if np.ndim(field) else field, seen) for at in blocks)
+        return np.concatenate([self._actions(part) for part in parts])
 
     def _actions(self, seen: Scene) -> np.ndarray:
         own, each, present, sign = set_inputs(seen, np)
@@ -126,8 +129,7 @@ class SetNetwork:
         return action
 
 
-def _rows(seen: Scene, first: int) -> Scene:
-    def part(field: Any) -> Any:
-        return field[first : first + _SCENES] if np.ndim(field) else field
-
-    return mapped(part, seen)
+def check_one_layer(policy: Any) -> None:
+    """Refuse a :class:`agents.policy.inference.Policy` but one of schema 2 with one layer for each intruder."""
+    if len(policy.metadata["architecture"].get("encoder", ())) != 1:
+        raise InputError("the policy has not one layer for each intruder; expected one of schema 2 that has")

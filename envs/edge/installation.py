@@ -15,7 +15,7 @@ EXTRAS = {
     "tensorboard": ("tensorboardX",),
     "cluster": ("dask", "distributed"),
     "sweep": ("optuna",),
-    "onnx": ("onnx", "onnxruntime"),
+    "onnx": ("jax2onnx", "onnx", "onnxruntime"),
     "peers": ("sbx", "stable_baselines3", "torch"),
     "bluesky": ("bluesky", "bluesky_gym"),
     "ros": (

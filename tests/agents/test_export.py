@@ -9,14 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents.learning.export import SetOf, parity_observations, to_policy_file, write
+from agents.learning.export import parity_observations, to_policy_file, write
 from agents.learning.networks import Actor, Critic
 from agents.policy import escapes, inference
 from agents.policy.domain import OutsideDomainError, departures, excess
 from agents.policy.file import PolicyFileError, parse, read, serialise
 from agents.policy.inference import Policy
 from agents.policy.scene import scene
-from agents.policy.schema import ACTION, OBSERVATION
+from agents.policy.schema import ACTION, OBSERVATION, SetOf
 from agents.policy.set_features import set_inputs
 from envs.aircraft import PAPER, Ratios, new_aircraft, ratios
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, advance, commands

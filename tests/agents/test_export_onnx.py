@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 
 from agents.learning import onnx as export_onnx
-from agents.learning.export import SetOf, to_policy_file
+from agents.learning.export import to_policy_file
 from agents.learning.networks import Actor
 from agents.learning.onnx import OPSET, ExportError, export, inputs_of, model
 from agents.policy import file as policy_file
 from agents.policy.file import PolicyFile
 from agents.policy.inference import Policy
 from agents.policy.scene import scene
+from agents.policy.schema import SetOf
 from agents.policy.set_features import set_inputs
 from envs.aircraft import PAPER, Ratios
 from envs.edge.command import run_cli
@@ -194,7 +195,11 @@ def test_the_policy_is_not_replaced_by_its_model(tmp_path: Path):
     assert policy.read_bytes() == SHIPPED.read_bytes()
 
 
-def test_without_onnx_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch):
+def test_without_onnx_it_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
     monkeypatch.setitem(sys.modules, "onnx", None)
-    with pytest.raises(ExportError, match=r"onnx is not installed, expected the extra 'onnx': pip install"):
-        model(random_policy("none"))
+    with pytest.raises(SystemExit) as ended:
+        run_cli(lambda: export_onnx.main([str(SHIPPED), str(tmp_path / "out.onnx")]))
+    assert ended.value.code == 1
+    assert "onnx is not installed; expected the extra: pip install 'rlcas-toolkit[onnx]'" in capsys.readouterr().err
