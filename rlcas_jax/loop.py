@@ -132,7 +132,7 @@ class _Runner:
             state = place(state, tasks[number].placed)
         elif self._writes:
             write_file(directory / "versions.json", json.dumps(made_with(), indent=2) + "\n")
-        self._reporter.start(_steps(tasks), _steps(tasks[:number]) + _done(state, tasks[number]))
+        self._reporter.start(_steps(tasks), _steps(tasks[:number]) + _done(state, tasks[number]), "compiling")
         with ExitStack() as stack:
             stack.callback(self._reporter.stop)
             if self._writes:

@@ -1,28 +1,38 @@
-"""The command that writes generated pages of the documentation into a directory."""
+"""The command that writes tables of the documentation's pages anew, from the code."""
 
+import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from agents.config.load import ConfigError, Parser
 from envs.edge.files import write_file
 
+_TABLE = re.compile(r"^\|.*\n\|---.*\n(?:\|.*\n)*", re.MULTILINE)
 
-def write_pages(program: str, description: str | None, pages: Mapping[str, str]) -> None:
-    """Write pages, texts by the name of their file, into the directory that the command line names.
+
+def with_tables(page: str, tables: Sequence[str]) -> str:
+    """Return a page in Markdown with its tables replaced, one after the other."""
+    new = iter(tables)
+    return _TABLE.sub(lambda _: next(new), page)
+
+
+def write_tables(program: str, description: str | None, tables: Mapping[str, Sequence[str]]) -> None:
+    """Write the tables of pages, by the name of the page's file, in the directory that the command line names.
 
     Args:
         program: such as ``python -m rlcas_jax.reference``.
         description: what ``--help`` says.
 
     Raises:
-        ConfigError: there is no such directory.
+        ConfigError: the directory lacks a page.
     """
     parser = Parser(prog=program, description=description)
-    parser.add_argument("directory", type=Path, metavar="DIR", help="where the pages go: docs/reference")
+    parser.add_argument("directory", type=Path, metavar="DIR", help="where the pages are: docs/reference")
     directory: Path = parser.parse_args().directory
-    if not directory.is_dir():
-        raise ConfigError(f"{directory}: there is no such directory")
-    for name, text in pages.items():
-        write_file(directory / name, text)
-        print(directory / name, file=sys.stderr)
+    for name, new in tables.items():
+        page = directory / name
+        if not page.is_file():
+            raise ConfigError(f"{page}: there is no such page; expected the directory of all")
+        write_file(page, with_tables(page.read_text(encoding="utf-8"), new))
+        print(page, file=sys.stderr)

@@ -4,7 +4,6 @@ import math
 import sys
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, Self, TextIO
 
 
@@ -17,7 +16,6 @@ class Progress:
 
     def __init__(
         self,
-        total: int,
         unit: str,
         *,
         quiet: bool = False,
@@ -28,35 +26,34 @@ class Progress:
         """Prepare; nothing is shown before :meth:`start`.
 
         Args:
-            total: of the whole, in units.
             unit: its name, plural.
             quiet: show nothing at all.
             silence_s: least time between two plain lines, s.
             stream: where to; standard error by default.
             clock: seconds from any origin.
         """
-        self._total, self._unit, self._quiet, self._silence = total, unit, quiet, silence_s
+        self._unit, self._quiet, self._silence = unit, quiet, silence_s
         self._stream = sys.stderr if stream is None else stream
-        self._clock = clock
+        self._clock, self._shown, self._total = clock, clock(), 1
         self._live: Any = None
-        self._shown = clock()
         self._origin: tuple[float, float] | None = None
         self._unsaid = ""
 
-    def start(self, done: float = 0, word: str = "") -> Self:
+    def start(self, total: int, done: float = 0, word: str = "") -> Self:
         """Begin.
 
         Args:
+            total: of the whole, in units.
             done: in units, where a run goes on.
             word: what happens until the first figures come, such as ``compiling``.
         """
-        self._shown = self._clock()
+        self._total, self._shown = total, self._clock()
         if not self._quiet and self._stream.isatty():
             from rich.console import Console
             from rich.live import Live
 
-            screen = self._screen(done, word, "")
-            self._live = Live(screen, console=Console(file=self._stream), auto_refresh=False)
+            console = Console(file=self._stream)
+            self._live = Live(self._screen(done, word, ""), console=console, auto_refresh=False)
             self._live.start()
         return self
 
@@ -74,8 +71,8 @@ class Progress:
         elif not self._quiet:
             self._unsaid = f"{self._done(done)}, {figures}, {left}"
             if now - self._shown >= self._silence and done < self._total:
-                self._shown = now
-                self._say()
+                self.note(self._unsaid)
+                self._shown, self._unsaid = now, ""
 
     def note(self, text: str) -> None:
         """Say something between the figures."""
@@ -90,19 +87,13 @@ class Progress:
             self._live.stop()
             self._live = None
         elif self._unsaid:
-            self._say()
+            self.note(self._unsaid)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *problem: object) -> None:
         self.stop()
-
-    def _say(self) -> None:
-        print(self._unsaid, file=self._stream, flush=True)
-        self._unsaid = ""
 
     def _done(self, done: float) -> str:
         return f"{spaced(int(done))} of {spaced(self._total)} {self._unit}"
@@ -125,9 +116,8 @@ def duration(seconds: float) -> str:
     if math.isnan(seconds):
         return "? s"
     whole = max(0, round(seconds))
-    minutes, rest = divmod(whole, 60)
-    hours, minutes_rest = divmod(minutes, 60)
-    return f"{hours} h {minutes_rest} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
+    hours, minutes, rest = whole // 3600, whole // 60 % 60, whole % 60
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
 def spaced(value: int) -> str:

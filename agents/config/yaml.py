@@ -13,7 +13,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 import yaml
 
-from envs.edge.files import check_regular
+from envs.traffic.text_file import text_of
 
 
 class YamlError(ValueError):
@@ -31,8 +31,7 @@ _RESOLVERS = (
     ),
 )
 
-
-_MOST_BYTES = 1_000_000
+_MOST = 1_000_000  # characters of a file
 
 
 class _Loader(yaml.SafeLoader):
@@ -85,17 +84,9 @@ def read(source: Path | str) -> Any:
     """
     if isinstance(source, str):
         return _parsed(source, repr(source))
-    try:
-        check_regular(source)
-        if source.stat().st_size > _MOST_BYTES:
-            raise YamlError(f"{source}: {source.stat().st_size} bytes; expected at most {_MOST_BYTES}")
-        text = source.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise YamlError(f"{source}: there is no such file") from None
-    except UnicodeDecodeError as problem:
-        raise YamlError(f"{source}: cannot be read ({problem})") from None
-    except OSError as problem:
-        raise YamlError(f"{source}: cannot be read ({problem.strerror})") from None
+    text = text_of(str(source), YamlError)
+    if len(text) > _MOST:
+        raise YamlError(f"{source}: {len(text)} characters; expected at most {_MOST}")
     values = _parsed(text, str(source))
     if values is None:
         return {}

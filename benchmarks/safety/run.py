@@ -116,7 +116,7 @@ def main(arguments: list[str] | None = None) -> int:
     for one in done.values():
         tally.add(one)
     already = tally.requests.total() + tally.single.total()
-    progress = Progress(options.requests + single, "requests").start()
+    progress = Progress("requests").start(options.requests + single)
     complete = False
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:

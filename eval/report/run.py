@@ -97,7 +97,7 @@ def _flights(run: "Run", chosen: "Sequence[Choice]", policy: Path | None) -> dic
     from agents.config.progress import Progress
 
     flights: dict[int, dict[str, Any]] = {}
-    with Progress(len(numbers), "encounters").start() as progress:
+    with Progress("encounters").start(len(numbers)) as progress:
         for flight in fly_again(run, evaluation, numbers, set(failed[:_MOST_WITNESSES])):
             flights[flight.number] = flight_data(flight)
             progress.show(len(flights), "flown again", 0.0)

@@ -33,12 +33,12 @@ class Encounters(Progress):
 
     def __init__(self, total: int, before: int = 0) -> None:
         """Prepare for the encounters of a run, some of which were stored before."""
-        super().__init__(total, "encounters")
-        self._before, self._flown, self._reached = before, 0, 0
+        super().__init__("encounters")
+        self._total, self._before, self._flown, self._reached = total, before, 0, 0
         self._begun = time.perf_counter()
 
     def __enter__(self) -> Self:
-        self.start(self._before, "flying")
+        self.start(self._total, self._before, "flying")
         if self._before:
             self.note(f"{self._done(self._before)} are stored already")
         return self

@@ -169,7 +169,7 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path):
     with pytest.raises(ConfigError, match="cannot be read"):
         load(Outer, tmp_path)
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ConfigError, match=r"binary\.yaml: cannot be read"):
+    with pytest.raises(ConfigError, match=r"binary\.yaml: not a text in UTF-8"):
         load(Outer, tmp_path / "binary.yaml")
     (tmp_path / "control.yaml").write_bytes(b"name: \x07")
     with pytest.raises(ConfigError, match=r"control\.yaml: not valid YAML"):
@@ -249,7 +249,7 @@ def test_an_old_key_is_refused_with_its_new_name(monkeypatch: pytest.MonkeyPatch
         ("name: " + "[" * 2_000 + "]" * 2_000, "not valid YAML"),
         ("name: " + "{a: " * 2_000 + "}" * 2_000, "not valid YAML"),
         ("name: &a [1, *a]", r"c\.yaml: line 1: \*a is an alias; expected the value itself"),
-        ("name: " + "x" * 2_000_000, "bytes; expected at most"),
+        ("name: " + "x" * 2_000_000, "characters; expected at most"),
     ],
 )
 def test_a_file_that_expands_without_end_is_refused(tmp_path: Path, text: str, words: str):

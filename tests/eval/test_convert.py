@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from agents.config.keys import keys
 from agents.config.load import ConfigError
+from agents.config.pages import with_tables
 from envs.aircraft import PAPER
 from envs.encounters import EncounterError, scenario
 from envs.formats import encounter_file
@@ -23,7 +24,7 @@ from envs.trees import take
 from eval import convert
 from eval.config import MonteCarloConfig
 from eval.hifi.config import HifiConfig
-from eval.reference import PAGE, main, page
+from eval.reference import main, tables
 from tests.envs.formats.test_encounter_file import built
 from tests.support import recorded
 
@@ -207,18 +208,23 @@ DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"
 
 
 def test_the_page_is_current() -> None:
-    assert (DOCS / PAGE).read_text(encoding="utf-8") == page(), "run `python -m eval.reference docs/reference`"
+    for name, new in tables().items():
+        page = (DOCS / name).read_text(encoding="utf-8")
+        assert with_tables(page, new) == page, "run `python -m eval.reference docs/reference`"
 
 
 def test_every_key_has_its_row() -> None:
-    text = page()
+    text = "".join(*tables().values())
     assert all(f"\n| `{key.name}` | " in text for model in (MonteCarloConfig, HifiConfig) for key in keys(model))
 
 
-def test_the_command_writes_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_writes_the_tables_and_leaves_the_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (name,) = tables()
+    written = (DOCS / name).read_text(encoding="utf-8")
+    (tmp_path / name).write_text(written.replace("| `encounters` |", "| `meetings` |"), encoding="utf-8")
     monkeypatch.setattr(sys, "argv", ["reference", str(tmp_path)])
     main()
-    assert (tmp_path / PAGE).read_text(encoding="utf-8") == page()
+    assert (tmp_path / name).read_text(encoding="utf-8") == written
     monkeypatch.setattr(sys, "argv", ["reference", str(tmp_path / "none")])
-    with pytest.raises(ConfigError, match="there is no such directory"):
+    with pytest.raises(ConfigError, match="there is no such page"):
         main()

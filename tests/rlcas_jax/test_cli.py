@@ -244,7 +244,7 @@ def row(step: int, score: float = 12.34, **more: float) -> dict[str, float]:
 def run(stream: io.StringIO, quiet: bool = False) -> str:
     clock = Clock()
     reporter = Reporter(quiet=quiet, stream=stream, clock=clock)
-    reporter.start(total_steps=10_000)
+    reporter.start(total=10_000)
     for second in range(1, 26):
         clock.now += 1.0
         reporter.update(row(200 * second, **({"eval_success": 0.95} if second == 12 else {})))
@@ -281,7 +281,7 @@ def test_quiet_is_silent(stream: io.StringIO):
 def test_before_the_first_episode_ends_there_is_no_score():
     stream = io.StringIO()
     reporter = Reporter(stream=stream, clock=Clock())
-    reporter.start(total_steps=100_000, step=50_000)
+    reporter.start(100_000, 50_000)
     reporter.update(row(60_000, score=math.nan))
     reporter.stop()
     assert stream.getvalue() == "60 000 of 100 000 steps, 31 234 steps/s, 1 s left\n"
@@ -290,7 +290,7 @@ def test_before_the_first_episode_ends_there_is_no_score():
 def test_a_run_that_does_nothing_shows_nothing():
     stream = io.StringIO()
     reporter = Reporter(stream=stream)
-    reporter.start(total_steps=10, step=10)
+    reporter.start(10, 10)
     reporter.stop()
     assert stream.getvalue() == ""
 

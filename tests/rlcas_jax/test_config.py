@@ -14,12 +14,13 @@ from pydantic import BaseModel
 
 from agents.config.keys import keys
 from agents.config.load import ConfigError, dump, load
+from agents.config.pages import with_tables
 from envs.aircraft import PAPER
 from envs.encounters import SCENARIOS, scenario
 from envs.outcome import RULES
 from rlcas_jax.config import NetworkConfig, PpoConfig, TrainConfig
-from rlcas_jax.metrics import METRICS
-from rlcas_jax.reference import main, pages
+from rlcas_jax.metrics import METRICS, WALL_CLOCK
+from rlcas_jax.reference import main, tables
 from rlcas_jax.task import build
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -315,21 +316,23 @@ def test_the_time_limit_is_judged_by() -> None:
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"
 
 
-@pytest.mark.parametrize("name", pages())
+@pytest.mark.parametrize("name", tables())
 def test_the_pages_are_current(name: str):
-    written = (DOCS / name).read_text(encoding="utf-8")
-    assert written == pages()[name], "run `python -m rlcas_jax.reference docs/reference`"
+    page = (DOCS / name).read_text(encoding="utf-8")
+    assert with_tables(page, tables()[name]) == page, "run `python -m rlcas_jax.reference docs/reference`"
 
 
 def test_every_key_and_every_metric_has_its_row():
-    assert all(f"\n| `{key.name}` | " in pages()["configuration.md"] for key in keys(TrainConfig))
-    assert all(f"\n| `{name}` | " in pages()["metrics.md"] for name in METRICS)
+    assert all(f"\n| `{key.name}` | " in tables()["configuration.md"][0] for key in keys(TrainConfig))
+    assert all(f"\n| `{name}` | " in tables()["metrics.md"][0] for name in METRICS)
+    said = (DOCS / "metrics.md").read_text(encoding="utf-8")
+    assert f"differ in\n{' and '.join(f'`{name}`' for name in WALL_CLOCK)} only" in said
 
 
 def test_the_command_writes_the_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    for name in tables():
+        (tmp_path / name).write_text("before\n\n| a |\n|---|\n| b |\n\nafter\n", encoding="utf-8")
     monkeypatch.setattr(sys, "argv", ["reference", str(tmp_path)])
     main()
-    assert {path.name for path in tmp_path.iterdir()} == set(pages())
-    monkeypatch.setattr(sys, "argv", ["reference", str(tmp_path / "none")])
-    with pytest.raises(ConfigError, match="there is no such directory"):
-        main()
+    for name, (table,) in tables().items():
+        assert (tmp_path / name).read_text(encoding="utf-8") == f"before\n\n{table}\nafter\n"

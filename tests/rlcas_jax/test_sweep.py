@@ -51,7 +51,7 @@ def quality(config: TrainConfig) -> float:
 def stand_in(training: Any, reporter: Any, interrupt: Any = None) -> Any:
     """Report four evaluations, as a training does."""
     config = training.config
-    reporter.start(total_steps=config.steps)
+    reporter.start(total=config.steps)
     for number in range(1, 5):
         found = quality(config) * number / 4
         row = {"step": number * config.evaluation.every_steps, "steps_per_s": 1.0, "score": math.nan}
