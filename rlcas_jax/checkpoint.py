@@ -1,13 +1,11 @@
 """Checkpoints: any pytree of arrays in one safetensors file, written whole or not at all.
 
-A kill or a power cut at any moment leaves the checkpoints before it as they were (:mod:`envs.edge.files`). A digest
-tells a damaged file from a good one.
+A kill or a power cut at any moment leaves those before it as they were; a digest shows a damaged file.
 """
 
 import hashlib
 import json
 import logging
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,18 +13,16 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from safetensors import SafetensorError
-from safetensors.numpy import load as load_tensors
+from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save as save_tensors
 
 from envs.edge.command import InputError
 from envs.edge.files import check_regular, write_file
 
 SCHEMA = "rlcas-checkpoint-1"
-KEPT = 3  # newest checkpoints that stay
+_KEPT = 3  # newest checkpoints that stay
 _HEADER = "rlcas-checkpoint"
 _NAME = "checkpoint-{:010d}.safetensors"
-_NAMES = re.compile(r"checkpoint-(\d{10,})\.safetensors")
 _log = logging.getLogger(__name__)
 
 
@@ -34,15 +30,14 @@ class CheckpointError(InputError):
     """A checkpoint that cannot be used; the message says which and why."""
 
 
-def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any], *, keep: int = KEPT) -> Path:
-    """Write a checkpoint, remove all but the newest ones, and return its path.
+def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any]) -> Path:
+    """Write a checkpoint, remove all but the newest three, and return its path.
 
     Args:
         directory: of the run's checkpoints; made if it is not there.
         number: orders the checkpoints, for instance the number of updates done, >= 0.
         tree: a pytree whose leaves are arrays of dtypes that numpy knows.
         meta: anything that JSON can hold.
-        keep: how many of the newest checkpoints stay, >= 1.
     """
     tensors = {name: np.array(leaf, order="C") for name, leaf in _leaves(tree).items()}
     directory.mkdir(parents=True, exist_ok=True)
@@ -53,17 +48,13 @@ def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any], *, ke
         left.unlink()
     # All under one key: safetensors writes several in an order that changes from run to run.
     write_file(path, save_tensors(tensors, {_HEADER: json.dumps(header)}))
-    for old in _stored(directory)[keep:]:
+    for old in _stored(directory)[_KEPT:]:
         old.unlink()
     return path
 
 
 def latest(directory: Path) -> Path:
-    """Return the newest checkpoint that is whole; those that are not are passed over with a warning.
-
-    Raises:
-        CheckpointError: there is none.
-    """
+    """Return the newest whole checkpoint, passing over others with a warning; without any raises a CheckpointError."""
     stored = _stored(directory)
     for path in stored:
         try:
@@ -81,35 +72,18 @@ def meta(path: Path) -> dict[str, Any]:
     return _read(path)[1]
 
 
-def restore(path: Path, like: Any) -> Any:
+def restore(path: Path, like: Any, part: str = "") -> Any:
     """Return the tree of a checkpoint, bit for bit as saved.
 
-    The structure, shapes and dtypes that are expected are those of ``like``, for instance of ``jax.eval_shape``.
+    Args:
+        like: has the structure, shapes and dtypes that are expected, for instance of ``jax.eval_shape``.
+        part: take this field alone of the named tuple that the checkpoint holds, whatever the others are.
 
     Raises:
         CheckpointError: the file is not there, not whole, or not of this structure.
     """
-    return _fitted(path, _read(path)[0], like)
-
-
-def restore_part(path: Path, like: Any, part: str) -> Any:
-    """Return the field ``part`` of the named tuple that a checkpoint holds, whatever the others are.
-
-    Raises:
-        CheckpointError: the file is not there, not whole, or its field is not ``like`` what is expected.
-    """
-    tensors, _ = _read(path)
-    begins = f".{part}"
-    of_part = {name.removeprefix(begins): array for name, array in tensors.items() if name.startswith(begins)}
-    return _fitted(path, of_part, like)
-
-
-def _leaves(tree: Any) -> dict[str, Any]:
-    return {jax.tree_util.keystr(path) or "root": leaf for path, leaf in jax.tree_util.tree_leaves_with_path(tree)}
-
-
-def _fitted(path: Path, tensors: Mapping[str, np.ndarray], like: Any) -> Any:
-    """Return stored arrays as the tree that is expected."""
+    begins = f".{part}" if part else ""
+    tensors = {name.removeprefix(begins): array for name, array in _read(path)[0].items() if name.startswith(begins)}
     expected = _leaves(like)
     for name in [*(n for n in expected if n not in tensors), *(n for n in tensors if n not in expected)]:
         has, lacks = (path, "this run") if name in tensors else ("this run", path)
@@ -120,6 +94,10 @@ def _fitted(path: Path, tensors: Mapping[str, np.ndarray], like: Any) -> Any:
             found = f"{stored.dtype}{list(stored.shape)}; expected {dtype}{list(leaf.shape)}"
             raise CheckpointError(f"{path}: {name} is {found}")
     return jax.tree.unflatten(jax.tree.structure(like), [jnp.asarray(tensors[name]) for name in expected])
+
+
+def _leaves(tree: Any) -> dict[str, Any]:
+    return {jax.tree_util.keystr(path) or "root": leaf for path, leaf in jax.tree_util.tree_leaves_with_path(tree)}
 
 
 def _digest(tensors: Mapping[str, np.ndarray], meta: str) -> str:
@@ -135,10 +113,9 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Return a checkpoint's arrays and meta data after checking that it is whole."""
     try:
         check_regular(path)
-        content = path.read_bytes()
-        tensors = load_tensors(content)
-        length = int.from_bytes(content[:8], "little")
-        header = json.loads(json.loads(content[8 : 8 + length]).get("__metadata__", {}).get(_HEADER, "{}"))
+        with safe_open(path, "np") as file:
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no mapping
+            header = json.loads((file.metadata() or {}).get(_HEADER, "{}"))
     except FileNotFoundError:
         raise CheckpointError(f"{path}: there is no such checkpoint") from None
     except (OSError, SafetensorError, ValueError) as problem:
@@ -152,5 +129,4 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
 
 def _stored(directory: Path) -> list[Path]:
     """Return the checkpoints of a directory, newest first."""
-    found = [path for path in directory.glob("*.safetensors") if _NAMES.fullmatch(path.name)]
-    return sorted(found, key=lambda path: int(path.stem.rpartition("-")[2]), reverse=True)
+    return sorted(directory.glob("checkpoint-[0-9]*.safetensors"), reverse=True)

@@ -53,12 +53,9 @@ class Options:
 
 
 def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> Options:
-    """Read the command line, that of the process by default; nothing is written.
+    """Read the command line, that of the process by default; raises a ConfigError, and writes nothing.
 
     The moment ``now`` stands in the default name of the directory.
-
-    Raises:
-        ConfigError: the arguments, the configuration or the directory are not usable.
     """
     given = _parser().parse_args(argv)
     if given.devices is not None and given.devices < 1:
@@ -83,7 +80,11 @@ def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> 
     # Another process may have begun to fill it.
     if (processes is None or processes.number == 0) and not is_unused(directory):
         raise ConfigError(f"--out {directory} exists and is not empty; name another, or go on with it by --resume")
-    return Options(directory, _fresh(config, directory, seeds), given.quiet, False, given.devices, processes)
+    jobs = [Job(config, directory, resume=False)]
+    if seeds > 1:
+        configs = [config.model_copy(update={"seed": config.seed + i}) for i in range(seeds)]
+        jobs = [Job(each, directory / f"seed-{i}", resume=False) for i, each in enumerate(configs)]
+    return Options(directory, tuple(jobs), given.quiet, False, given.devices, processes)
 
 
 def write_configurations(options: Options) -> None:
@@ -112,34 +113,23 @@ def _check_effective(config: TrainConfig, overrides: Sequence[str]) -> None:
 def _processes(coordinator: str | None, count: int | None, number: int | None) -> Processes | None:
     """Check what is said of other processes."""
     if coordinator is None:
-        for name, value in (("processes", count), ("process", number)):
-            if value is not None:
-                raise ConfigError(f"--{name} needs --coordinator, the address of the first process")
+        if (count, number) != (None, None):
+            raise ConfigError("--processes and --process need --coordinator, the address of the first process")
         return None
-    if coordinator == "auto":
-        return Processes(coordinator, count, number)
-    host, _, port = coordinator.rpartition(":")
-    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise ConfigError(f"--coordinator is {coordinator!r}; expected HOST:PORT of the first process, or auto")
-    if count is None or number is None:
-        raise ConfigError("--coordinator HOST:PORT needs --processes and --process")
-    if count < 1 or not 0 <= number < count:
-        raise ConfigError(f"--process is {number} of --processes {count}; expected 0 to one less than their number")
+    if coordinator != "auto":
+        host, _, port = coordinator.rpartition(":")
+        if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+            raise ConfigError(f"--coordinator is {coordinator!r}; expected HOST:PORT of the first process, or auto")
+        if count is None or number is None or not 0 <= number < count:
+            said = f"--process is {number} of --processes {count}"
+            raise ConfigError(f"{said}; expected both with --coordinator HOST:PORT, 0 to one less than their number")
     return Processes(coordinator, count, number)
-
-
-def _fresh(config: TrainConfig, directory: Path, seeds: int) -> tuple[Job, ...]:
-    if seeds == 1:
-        return (Job(config, directory, resume=False),)
-    configs = [config.model_copy(update={"seed": config.seed + i}) for i in range(seeds)]
-    return tuple(Job(each, directory / f"seed-{i}", resume=False) for i, each in enumerate(configs))
 
 
 def _resumed(directory: Path) -> tuple[Job, ...]:
     single = directory / "config.yaml"
-    numbered = {path.parent.name.removeprefix("seed-"): path for path in directory.glob("seed-*/config.yaml")}
-    many = [numbered[number] for number in sorted((n for n in numbered if n.isdecimal()), key=int)]
-    files = [single] if single.is_file() else many
+    many = [file for file in directory.glob("seed-*/config.yaml") if file.parent.name[5:].isdecimal()]
+    files = [single] if single.is_file() else sorted(many, key=lambda file: int(file.parent.name[5:]))
     if not files:
         what = "there is no such directory" if not directory.is_dir() else "it holds no config.yaml, so it is no run"
         raise ConfigError(f"--resume {directory}: {what}")

@@ -47,11 +47,9 @@ def collect(
         environment_state: ``[N]``.
         noise: standard normal draws of the actions, ``[T, N, 2]``.
         key: of what the environment's observations draw.
-        gae_lambda: decay of the advantage estimate.
 
     Returns:
-        The environments' new state, the samples ``[N, T, ...]``, the stacked statistics ``[T, ...]`` and figures
-        of the rollout.
+        The environments' new state, samples ``[N, T, ...]``, stacked statistics ``[T, ...]`` and figures.
     """
     steps = noise.shape[0]
 

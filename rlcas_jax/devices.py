@@ -1,7 +1,6 @@
 """The devices that a training runs on: one, all that are visible, or those of several processes.
 
-Encounters are split over the devices, everything that is learned is the same on all of them. Of several processes the
-first one writes the files and shows the progress; the others compute.
+Encounters are split over the devices; what is learned is the same on all. The first process alone writes.
 """
 
 from collections.abc import Sequence
@@ -35,9 +34,9 @@ class Devices:
         """Name of the axis that is split, if any."""
         return None if self.mesh is None else AXIS
 
-    def split(self, position: int = 0) -> NamedSharding | None:
-        """Return the sharding of arrays whose axis of encounters is at a position."""
-        return None if self.mesh is None else NamedSharding(self.mesh, PartitionSpec(*[None] * position, AXIS))
+    def split(self) -> NamedSharding | None:
+        """Return the sharding of arrays whose first axis is that of the encounters."""
+        return None if self.mesh is None else NamedSharding(self.mesh, PartitionSpec(AXIS))
 
     def whole(self) -> NamedSharding | None:
         """Return the sharding of what every device has."""
@@ -99,16 +98,8 @@ def everywhere(tree: Any) -> Any:
     )
 
 
-def local(tree: Any) -> Any:
-    """Return a tree of what every device has as arrays of this process alone."""
-    return jax.tree.map(np.asarray, jax.device_get(tree))
-
-
 def place(tree: Any, shardings: Any) -> Any:
-    """Put whole arrays, which every process has, where they belong.
-
-    The shardings are a tree of the same structure, or its beginning; None leaves the arrays where they are.
-    """
+    """Put whole arrays, which every process has, where a tree of shardings, or its beginning, says; None: nowhere."""
     if shardings is None:
         return tree
 

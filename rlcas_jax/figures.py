@@ -5,7 +5,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -35,29 +35,22 @@ _STEPS = "environment steps, millions"
 _POINTS = 400  # most points of a curve; more would be a band
 
 
-class _Panel(NamedTuple):
-    metric: str
-    title: str
-    unit: str
-
-
 _OF_EPISODES = ("score", "success")  # means over the episodes that ended in an update
 
 FIGURES = {
-    "episode_reward": _Panel("score", "Average episode reward", "sparse return"),
-    "loss": _Panel("loss", "Training loss", "scaled reward"),
-    "entropy": _Panel("entropy", "Entropy of the policy", "nats"),
-    "neg_log_probability": _Panel("neg_log_prob", "Negative log-probability of the actions", "nats"),
+    "episode_reward": ("score", "Average episode reward", "sparse return"),
+    "loss": ("loss", "Training loss", "scaled reward"),
+    "entropy": ("entropy", "Entropy of the policy", "nats"),
+    "neg_log_probability": ("neg_log_prob", "Negative log-probability of the actions", "nats"),
 }
-"""The figures by the name of their file."""
+"""Metric, title and unit of the figures by the name of their file."""
 
 
 def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
     """Draw the figures of a training as PNG and SVG and return the files: one a metric, and ``training`` with all.
 
     Args:
-        runs: directories (or metrics files) of the seeds of one configuration; with several, each is a thin line
-            and their mean a thick one.
+        runs: directories (or metrics files) of the seeds of one configuration; of several, thin lines and a thick mean.
         out: directory of the files; made if it is not there.
 
     Raises:
@@ -65,68 +58,62 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
     """
     import matplotlib as mpl
 
+    from agents.config.figures import save_figure
+
     logs = [log for log in map(read, runs) if "step" in log]
     if not logs:
         raise ValueError(f"no metrics to draw in {', '.join(map(str, runs))}")
-    from agents.config.figures import save_figure
-
     out.mkdir(parents=True, exist_ok=True)
-    sheets = {name: [name] for name in FIGURES} | {"training": list(FIGURES)}
+    sheets = {name: [[name, "success"]] for name in FIGURES}
+    sheets["training"] = [[*FIGURES][:2], [*FIGURES][2:], ["success", "success"]]
     with mpl.rc_context(STYLE):
-        return [file for name, shown in sheets.items() for file in save_figure(_figure(logs, shown), out / name)]
+        return [file for name, layout in sheets.items() for file in save_figure(_figure(logs, layout), out / name)]
 
 
-def _figure(logs: Sequence[dict[str, np.ndarray]], names: list[str]) -> "Figure":
+def _figure(logs: Sequence[dict[str, np.ndarray]], layout: Any) -> "Figure":
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 3.4 if len(names) == 1 else 9.0), layout="constrained")
-    layout: Any = [[*names, "success"]] if len(names) == 1 else [names[:2], names[2:], ["success", "success"]]
-    axes: Any = figure.subplot_mosaic(layout)
-    for name in names:
-        _draw_metric(axes[name], logs, FIGURES[name])
-    _draw_success(axes["success"], logs)
+    figure = Figure(figsize=(9.0, 3.4 if len(layout) == 1 else 9.0), layout="constrained")
+    panels: Any = figure.subplot_mosaic(layout)
+    for name, axes in panels.items():
+        if name == "success":
+            title, unit = "Success rate", "%"
+            _lines(axes, logs, "success", _GREEN, "stochastic policy, while training")
+            _draw_evaluations(axes, [log for log in logs if "eval_success" in log])
+            axes.set(ylim=(0.0, 102.0))
+        else:
+            metric, title, unit = FIGURES[name]
+            _lines(axes, logs, metric, _BLUE, None)
+            if metric == "score":
+                style: Any = {"color": _GREY, "linewidth": 1.0, "linestyle": (0, (4, 3))}
+                axes.axhline(PAPER_SCORE, label=f"paper: +{PAPER_SCORE:.0f}", **style)
+        if axes.get_legend_handles_labels()[0]:  # before the first episode ends there is nothing to show
+            axes.legend(loc="lower right")
+        last = max(log["step"][-1] for log in logs)
+        axes.set(title=title, xlabel=_STEPS, xlim=(0.0, 1.02e-6 * last), ylabel=unit)
     return figure
 
 
-def _draw_metric(axes: "Axes", logs: Sequence[dict[str, np.ndarray]], panel: _Panel) -> None:
-    _lines(axes, logs, panel.metric, _BLUE, None)
-    if panel.metric == "score":
-        style: Any = {"color": _GREY, "linewidth": 1.0, "linestyle": (0, (4, 3))}
-        axes.axhline(PAPER_SCORE, label=f"paper: +{PAPER_SCORE:.0f}", **style)
-        axes.legend(loc="lower right")
-    axes.set(title=panel.title, xlabel=_STEPS, xlim=_span(logs), ylabel=panel.unit)
-
-
-def _draw_success(axes: "Axes", logs: Sequence[dict[str, np.ndarray]]) -> None:
-    _lines(axes, logs, "success", _GREEN, "stochastic policy, while training")
-    evaluated = [log for log in logs if "eval_success" in log]
+def _draw_evaluations(axes: "Axes", logs: Sequence[dict[str, np.ndarray]]) -> None:
     style: Any = {"color": _ORANGE, "linewidth": 0.8, "marker": "o", "markersize": 4.0}
-    style |= {"alpha": 1.0 if len(evaluated) == 1 else 0.6, "label": "deterministic policy, evaluations"}
-    for log in evaluated:
+    style |= {"alpha": 1.0 if len(logs) == 1 else 0.6, "label": "deterministic policy, evaluations"}
+    for log in logs:
         known = np.isfinite(log["eval_success"])
         axes.plot(1e-6 * log["step"][known], 100.0 * log["eval_success"][known], **style)
         style["label"] = None
-    axes.set(title="Success rate", xlabel=_STEPS, xlim=_span(logs), ylabel="%", ylim=(0.0, 102.0))
-    if axes.get_legend_handles_labels()[0]:  # before the first episode ends there is nothing to show
-        axes.legend(loc="lower right")
-
-
-def _span(logs: Sequence[dict[str, np.ndarray]]) -> tuple[float, float]:
-    return 0.0, 1.02e-6 * max(log["step"][-1] for log in logs)
 
 
 def _lines(axes: "Axes", logs: Sequence[dict[str, np.ndarray]], metric: str, color: str, label: str | None) -> None:
-    factor = 100.0 if metric == "success" else 1.0
     curves = []
     for log in logs:
-        values = log.get(metric, np.full_like(log["step"], np.nan))
+        values = log.get(metric, np.full_like(log["step"], np.nan)) * (100.0 if metric == "success" else 1.0)
         known = np.isfinite(values)
         if known.any():
             weights = log["episodes"] if metric in _OF_EPISODES else np.ones_like(values)
-            curves.append(stretches(log["step"][known] * 1e-6, factor * values[known], weights[known]))
+            curves.append(stretches(log["step"][known] * 1e-6, values[known], weights[known]))
     if len(curves) > 1:
-        for steps, values in curves:
-            axes.plot(steps, values, color=color, linewidth=0.7, alpha=0.4)
+        for curve in curves:
+            axes.plot(*curve, color=color, linewidth=0.7, alpha=0.4)
         # Seeds that were stopped early do not bend the mean: it ends with the shortest.
         common = curves[0][0]
         common = common[(common >= max(c[0][0] for c in curves)) & (common <= min(c[0][-1] for c in curves))]
@@ -138,16 +125,14 @@ def _lines(axes: "Axes", logs: Sequence[dict[str, np.ndarray]], metric: str, col
         axes.plot(*curves[0], color=color, linewidth=1.5, marker=marker, label=label)
 
 
-def stretches(
-    steps: np.ndarray, values: np.ndarray, weights: np.ndarray, most: int = _POINTS
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return a curve of at most so many points: the ends of stretches of equal length and the weighted means over them.
+def stretches(steps: np.ndarray, values: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a curve of at most 400 points: the ends of stretches of equal length and the weighted means over them.
 
     Steps (ascending), values and weights (positive) are ``[N]``.
     """
-    if len(steps) <= most:
+    length = -(-len(steps) // _POINTS)
+    if length <= 1:
         return steps, values
-    length = -(-len(steps) // most)
     first = np.arange(0, len(steps), length)
     means = np.add.reduceat(weights * values, first) / np.add.reduceat(weights, first)
     return steps[np.minimum(first + length, len(steps)) - 1], means

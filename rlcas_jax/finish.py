@@ -76,8 +76,7 @@ def evaluate(run: Run) -> dict[str, Any]:
 
 def export(run: Run, score: float | None) -> Path:
     """Write the policy file of a run and return its path."""
-    config: TrainConfig = run.config
-    path = run.directory / POLICY
+    config, path = run.config, run.directory / POLICY
     write(
         path,
         jax.device_get(run.state.learner.actor),

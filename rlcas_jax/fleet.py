@@ -1,15 +1,10 @@
-"""The aircraft that a training flies: the configured one, and others of its family.
-
-Lengths count in separations and speeds in ``speed_max`` (:mod:`envs.aircraft`), so that a family has one scale and
-differs in :class:`envs.aircraft.Ratios` alone.
-"""
+"""The aircraft that a training flies: the configured one, and others that differ in :class:`envs.aircraft.Ratios`."""
 
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.aircraft import Aircraft
 from envs.encounters import Scenario
 from envs.kinematics import Limits
 from rlcas_jax.config import TrainConfig
@@ -18,10 +13,8 @@ from rlcas_jax.config import TrainConfig
 class Fleet(NamedTuple):
     """The ownship of each environment; fields ``[N]``."""
 
-    limits: Limits
-    """Float32."""
-    other: Any
-    """Whether it is another one of the family, bool."""
+    limits: Limits  # float32
+    other: Any  # whether it is another one of the family, bool
 
 
 def fleet(config: TrainConfig) -> Fleet:
@@ -57,22 +50,19 @@ def of_fleet(scenarios: list[Scenario], flown: Fleet, config: TrainConfig, rows:
     """
     if not flown.other.any():
         return scenarios
-    aircraft = config.aircraft.aircraft()
-    other = np.tile(flown.other, rows)
-    slowest = np.tile(flown.limits.speed_min, rows)
-    return [replace(each, **_speeds(each, other, slowest, aircraft, config)) for each in scenarios]
+    fastest = config.aircraft.aircraft().limits.speed_max
+    other, slowest = np.tile(flown.other, rows), np.tile(flown.limits.speed_min, rows)
+    own = slowest, np.full_like(slowest, fastest)
+    traffic = [share * fastest for share in config.family.traffic_speed]
 
+    def where(chosen: np.ndarray, mine: Any, usual: Any) -> Any:
+        return tuple(np.where(chosen, each, end) for each, end in zip(mine, usual, strict=True))
 
-def _speeds(
-    scenario: Scenario, other: np.ndarray, slowest: np.ndarray, aircraft: Aircraft, config: TrainConfig
-) -> dict[str, Any]:
-    fastest = aircraft.limits.speed_max
-    of_traffic = [share * fastest for share in config.family.traffic_speed]
-    own = (slowest, np.full_like(slowest, fastest))
-    column = other[:, None]
-    return {
-        "own_speed": tuple(np.where(other, each, usual) for each, usual in zip(own, scenario.own_speed, strict=True)),
-        "intruder_speed": tuple(
-            np.where(column, each, usual) for each, usual in zip(of_traffic, scenario.intruder_speed, strict=True)
-        ),
-    }
+    return [
+        replace(
+            each,
+            own_speed=where(other, own, each.own_speed),
+            intruder_speed=where(other[:, None], traffic, each.intruder_speed),
+        )
+        for each in scenarios
+    ]

@@ -6,6 +6,7 @@ import platform
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 
 import jax
@@ -21,14 +22,13 @@ from envs.outcome import Outcome, Rules, reward
 from envs.starts import numbered
 from rlcas_jax import checkpoint, metrics, progress
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.devices import Devices, agreed, everywhere, first, local, place
+from rlcas_jax.devices import Devices, agreed, everywhere, first, place
 from rlcas_jax.interrupt import Interrupt
 from rlcas_jax.memory import check_memory
 from rlcas_jax.task import Task, TrainState, build
 from rlcas_jax.warm_start import warm_learner
 
-LEAST_ACCEPTED = 0.05
-"""Smallest share of a scenario's draws that must meet its conditions."""
+_LEAST_ACCEPTED = 0.05  # smallest share of a scenario's draws that must meet its conditions
 
 
 class TrainingError(RuntimeError):
@@ -41,12 +41,9 @@ class Training:
 
     config: TrainConfig
     directory: Path
-    tasks: tuple[Task, ...]
-    """Of each phase."""
-    learner: LearnerState | None
-    """Networks and optimiser of a warm start; what is None is made afresh."""
-    resumed: tuple[int, TrainState] | None
-    """Phase and state of the newest checkpoint; None: the training begins."""
+    tasks: tuple[Task, ...]  # of each phase
+    learner: LearnerState | None  # networks and optimiser of a warm start; what is None is made afresh
+    resumed: tuple[int, TrainState] | None  # phase and state of the newest checkpoint; None: the training begins
 
 
 @dataclass(frozen=True)
@@ -55,26 +52,19 @@ class Run:
 
     directory: Path
     state: TrainState
-    task: Task
-    """Of the phase in which it ended."""
+    task: Task  # of the phase in which it ended
     config: TrainConfig
-    steps: int
-    """Environment steps in all."""
-    finished: bool
-    """False when it was stopped early."""
-    score: float
-    """Mean sparse return of the stochastic policy over the last twentieth of the steps."""
-    wall_s: float
-    """Time spent in this process, compilation included."""
+    steps: int  # environment steps in all
+    finished: bool  # False when it was stopped early
+    score: float  # mean sparse return of the stochastic policy over the last twentieth of the steps
+    wall_s: float  # time spent in this process, compilation included
 
 
 def prepared(config: TrainConfig, directory: Path, devices: Devices | None = None, *, resume: bool = False) -> Training:
-    """Check everything that a training needs, and write nothing.
+    """Check everything that a training on some devices needs (one by default), and write nothing.
 
     Args:
-        directory: of the run; need not exist unless it is resumed.
-        devices: to train on; one by default.
-        resume: go on from the directory's newest checkpoint instead of starting.
+        directory: of the run; need not exist unless it is resumed from its newest checkpoint.
 
     Raises:
         ConfigError: the configuration is impossible, or the checkpoint is of another one.
@@ -97,11 +87,7 @@ def prepared(config: TrainConfig, directory: Path, devices: Devices | None = Non
 
 
 def run(training: Training, reporter: progress.Reporter, interrupt: Interrupt | None = None) -> Run:
-    """Train.
-
-    Args:
-        training: see :func:`prepared`; its directory exists, for all processes if there are several.
-        interrupt: asked between updates whether to stop early.
+    """Train as :func:`prepared`, in a directory that exists, until the end or an interrupt.
 
     Raises:
         TrainingError: a loss or a parameter is no longer finite.
@@ -117,10 +103,11 @@ class _Runner:
         self._training, self._reporter, self._interrupt = training, reporter, interrupt
         self._began = self._last_saved = time.monotonic()
         self._writes = first()
-        evaluation = training.config.evaluation
-        self._evaluated = numbered(
-            scenario("circle", training.config.aircraft.aircraft()), evaluation.seed, 0, evaluation.encounters
-        )
+        # Updates and environment steps before each phase, and of all.
+        self._updates = [0, *accumulate(task.updates for task in training.tasks)]
+        self._steps = [0, *accumulate(task.updates * task.steps_per_update for task in training.tasks)]
+        aircraft, settings = training.config.aircraft.aircraft(), training.config.evaluation
+        self._evaluated = numbered(scenario("circle", aircraft), settings.seed, 0, settings.encounters)
         self._log: metrics.Writer | None = None
 
     def run(self) -> Run:
@@ -128,15 +115,16 @@ class _Runner:
         directory = training.directory
         self._interrupt.waits_for(None)
         number, state = (0, None) if training.resumed is None else training.resumed
+        resumed, done = None, 0
         if state is not None:
             state = place(state, tasks[number].placed)
+            resumed, done = self._updates[number] + int(state.update), self._done(number, state)
         elif self._writes:
             write_file(directory / "versions.json", json.dumps(made_with(), indent=2) + "\n")
-        self._reporter.start(_steps(tasks), _steps(tasks[:number]) + _done(state, tasks[number]), "compiling")
+        self._reporter.start(self._steps[-1], done, "compiling")
         with ExitStack() as stack:
             stack.callback(self._reporter.stop)
             if self._writes:
-                resumed = None if state is None else _updates(tasks[:number]) + int(state.update)
                 self._log = stack.enter_context(metrics.Writer(directory, resume_update=resumed))
             learner = training.learner
             while True:
@@ -152,36 +140,32 @@ class _Runner:
                 if stopped or number + 1 == len(tasks):
                     break
                 number, state, learner = number + 1, None, everywhere(state.learner)
-        return Run(
-            directory,
-            state,
-            task,
-            training.config,
-            _steps(tasks[:number]) + _done(state, task),
-            number + 1 == len(tasks) and int(state.update) >= task.updates,
-            _final_score(metrics.read(directory / "metrics.jsonl")) if self._writes else math.nan,
-            time.monotonic() - self._began,
-        )
+        done = self._done(number, state)
+        score = _final_score(metrics.read(directory / "metrics.jsonl")) if self._writes else math.nan
+        wall_s = time.monotonic() - self._began
+        return Run(directory, state, task, training.config, done, done == self._steps[-1], score, wall_s)
+
+    def _done(self, number: int, state: TrainState) -> int:
+        """Return the environment steps at a state of a phase."""
+        return self._steps[number] + int(state.update) * self._training.tasks[number].steps_per_update
 
     def _phase(self, number: int, state: TrainState) -> tuple[TrainState, bool]:
         """Train until the phase ends or a stop is asked for; return the last state and whether it was."""
-        task, before = self._training.tasks[number], self._training.tasks[:number]
-        updates_before, steps_before, per_update = _updates(before), _steps(before), task.steps_per_update
-        every_steps = self._training.config.evaluation.every_steps
-        update = int(state.update)
-        while update < task.updates:
+        task, every_steps = self._training.tasks[number], self._training.config.evaluation.every_steps
+        done, step, per_update = int(state.update), self._done(number, state), task.steps_per_update
+        for update in range(self._updates[number] + done + 1, self._updates[number + 1] + 1):
             tick = time.monotonic()
             following, figures = task.update(state)
             row = {name: float(value) for name, value in jax.device_get(figures).items()}
-            step = steps_before + (update + 1) * per_update
+            step += per_update
             if not row.pop("finite"):
                 raise TrainingError(
-                    f"a loss or a parameter is not finite after update {updates_before + update + 1} (step {step}); "
+                    f"a loss or a parameter is not finite after update {update} (step {step}); "
                     f"the last good checkpoint is {checkpoint.latest(self._training.directory / 'checkpoints')}"
                 )
             self._interrupt.waits_for("the end of this update")
-            state, update = following, update + 1
-            row = {"step": step, "update": updates_before + update} | row
+            state = following
+            row = {"step": step, "update": update} | row
             row |= {"wall_s": time.monotonic() - self._began, "steps_per_s": per_update / (time.monotonic() - tick)}
             if self._log is not None:
                 if (step - per_update) // every_steps != step // every_steps:
@@ -199,29 +183,17 @@ class _Runner:
     def _save(self, number: int, state: TrainState) -> None:
         whole = everywhere(state)
         if self._writes:
-            updates = _updates(self._training.tasks[:number]) + int(state.update)
+            updates = self._updates[number] + int(state.update)
             meta = {"config": dump(self._training.config), "phase": number}
             # A phase begins with the number of updates with which the one before ended: the later file counts.
             checkpoint.save(self._training.directory / "checkpoints", updates, whole, meta)
         self._last_saved = time.monotonic()
 
 
-def _updates(tasks: tuple[Task, ...]) -> int:
-    return sum(task.updates for task in tasks)
-
-
-def _steps(tasks: tuple[Task, ...]) -> int:
-    return sum(task.updates * task.steps_per_update for task in tasks)
-
-
-def _done(state: TrainState | None, task: Task) -> int:
-    return 0 if state is None else int(state.update) * task.steps_per_update
-
-
 def outcomes(task: Task, state: TrainState, starts: Encounter) -> Outcome:
     """Return how the deterministic policy ends encounters ``[N]``; one process may ask alone."""
     single = jax.tree.map(lambda field: field.astype(np.float32) if field.dtype == np.float64 else field, starts)
-    return Outcome(*jax.device_get(task.evaluate(local(state.learner.actor), single)))
+    return Outcome(*jax.device_get(task.evaluate(jax.device_get(state.learner.actor), single)))
 
 
 def rates(outcome: Outcome, rules: Rules) -> dict[str, float]:
@@ -255,8 +227,8 @@ def _check_scenarios(config: TrainConfig) -> None:
     tried = 4096
     for number, family in enumerate(config.drawn()):
         _, accepted = sample(family, uniforms(0, 0, tried, (1, family.dimensions)).swapaxes(0, 1), np)
-        if accepted.mean() < LEAST_ACCEPTED:
+        if accepted.mean() < _LEAST_ACCEPTED:
             raise ConfigError(
                 f"scenarios.{number}: {int(accepted.sum())} of {tried} draws meet the conditions of {family.name}; "
-                f"expected at least {LEAST_ACCEPTED:.0%} (see min_initial_separation and conflicts_closer_than)"
+                f"expected at least {_LEAST_ACCEPTED:.0%} (see min_initial_separation and conflicts_closer_than)"
             )

@@ -15,15 +15,12 @@ _START = 40  # numbers of an encounter's start with one intruder, and of each fu
 
 
 def needed_bytes(config: TrainConfig) -> int:
-    """Return about how many bytes the largest phase of a training holds at once, all devices together.
-
-    Counted are the pool of starts, twice (drawn, then reset), the samples of a rollout, twice (in the order of time,
-    then of encounters), the activations of a minibatch, and the parameters with their gradients and moments.
-    """
+    """Return about how many bytes the largest phase of a training holds at once, all devices together."""
     return max(_of_phase(phase) for phase in config.in_phases())
 
 
 def _of_phase(config: TrainConfig) -> int:
+    """Count the pool and the samples twice, as either is sorted; activations; parameters with gradients and moments."""
     ppo = config.ppo
     intruders = max(family.intruders[1] for family in config.drawn())
     network, hidden = config.network, config.network.hidden

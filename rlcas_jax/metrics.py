@@ -5,10 +5,9 @@ import math
 import os
 import time
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Self
 
 import numpy as np
 
@@ -49,25 +48,21 @@ METRICS = {
 """What is logged, by name, with its meaning and unit."""
 
 WALL_CLOCK = ("wall_s", "steps_per_s")  # the only metrics in which two runs of one configuration differ
-
-
 _FLUSH_S = 10.0  # time between two flushes of the file for TensorBoard, each of which waits for the disk, s
 
 
-class Writer(AbstractContextManager["Writer"]):
-    """Appends a run's metrics to ``metrics.jsonl`` in its directory, flushed line by line.
+class Writer:
+    """Appends a run's metrics to ``metrics.jsonl`` in its directory, flushed line by line; a context.
 
     Where tensorboardX is installed, the same figures go to ``tensorboard/`` beside it.
     """
 
-    def __init__(self, directory: Path, *, resume_update: int | None = None, tensorboard: bool = True) -> None:
-        """Open the file.
+    def __init__(self, directory: Path, *, resume_update: int | None = None) -> None:
+        """Open the file of a run's directory, which exists.
 
         Args:
-            directory: of the run; exists.
             resume_update: number of updates that the run goes on after; lines of later ones are removed, so that
                 a resumed run leaves the file of an uninterrupted one. None begins a new file.
-            tensorboard: write for TensorBoard too, if that is possible.
         """
         path = directory / FILE
         last = -1 if resume_update is None else resume_update
@@ -76,15 +71,11 @@ class Writer(AbstractContextManager["Writer"]):
             file.truncate(sum(map(len, kept)))
         self._file: IO[str] = path.open("a", encoding="utf-8")
         self._board: _Board | None = None
-        if tensorboard and find_spec("tensorboardX") is not None:
+        if find_spec("tensorboardX") is not None:
             self._board = _Board(directory / "tensorboard", json.loads(kept[-1])["step"] + 1 if kept else 0)
 
     def write(self, row: Mapping[str, Any]) -> None:
-        """Write the figures of an update by name, ``step`` and ``update`` among them; what is not finite becomes null.
-
-        Raises:
-            KeyError: a name is not described in :data:`METRICS`.
-        """
+        """Write the figures of an update by name, as in :data:`METRICS`; what is not finite becomes null."""
         if unknown := row.keys() - METRICS:
             raise KeyError(f"metric {min(unknown)!r} has no description in rlcas_jax.metrics.METRICS")
         figures = {name: _number(name, value) for name, value in row.items()}
@@ -93,24 +84,22 @@ class Writer(AbstractContextManager["Writer"]):
         if self._board is not None:
             self._board.write(figures)
 
-    def close(self) -> None:
-        """Close the files."""
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
         self._file.flush()
         os.fsync(self._file.fileno())
         self._file.close()
         if self._board is not None:
             self._board.close()
 
-    def __exit__(self, *problem: object) -> None:
-        """Close the files."""
-        self.close()
-
 
 class _Board:
     """Writes figures for TensorBoard in this thread, so that a full disk raises here; SummaryWriter has its own."""
 
     def __init__(self, directory: Path, first_step: int) -> None:
-        """Begin a file; TensorBoard forgets what earlier ones have from ``first_step`` on."""
+        # TensorBoard forgets what earlier files have from this step on.
         from tensorboardX.event_file_writer import EventsWriter
         from tensorboardX.proto import event_pb2
         from tensorboardX.summary import scalar
@@ -122,7 +111,6 @@ class _Board:
         self._write(step=first_step, session_log=messages.SessionLog(status=messages.SessionLog.START))
 
     def write(self, figures: Mapping[str, int | float | None]) -> None:
-        """Write the figures of an update that are known."""
         for name, value in figures.items():
             if value is not None and name not in ("step", "update"):
                 self._write(step=figures["step"], summary=self._scalar(name, value))
@@ -131,7 +119,6 @@ class _Board:
             self._flushed = time.monotonic()
 
     def close(self) -> None:
-        """Close the file."""
         self._writer.close()
 
     def _write(self, **content: Any) -> None:

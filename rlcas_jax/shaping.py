@@ -1,7 +1,6 @@
 """The reward for learning: the task's, potential-based shaping, and costs of turns and detours.
 
-Potentials leave the optimal policy as it is (Ng, Harada, Russell 1999); costs move it towards short and steady flights.
-Scores contain neither.
+Potentials leave the optimal policy as it is (Ng, Harada, Russell 1999); costs do not.
 """
 
 import jax
@@ -21,8 +20,7 @@ def learning_reward(
 
     Args:
         reward: the task's.
-        before: encounters before the step.
-        after: the same after it, ended or not.
+        before, after: encounters before the step and after it, ended or not.
         yaw_rate: as commanded, 1 at the limit.
         config: scale, discount and shaping.
         aircraft: the ownship; floats, or limits ``[N]``.
@@ -30,20 +28,15 @@ def learning_reward(
     weights = config.shaping
     potentials = potential(before, weights, aircraft), potential(after, weights, aircraft)
     total = config.ppo.reward_scale * reward + shaped(*potentials, after.ended, config.ppo.discount)
-    limit, dt = aircraft.limits.yaw_rate_max, aircraft.dt
     if weights.turn_rate_cost:
         total = total - weights.turn_rate_cost * turn_rate_cost(yaw_rate)
     if weights.heading_change_cost:
-        total = total - weights.heading_change_cost * heading_change_cost(yaw_rate, limit, dt)
+        cost = heading_change_cost(yaw_rate, aircraft.limits.yaw_rate_max, aircraft.dt)
+        total = total - weights.heading_change_cost * cost
     if weights.path_excess_cost:
         cost = path_excess_cost(before.own, after.own, (before.goal_x, before.goal_y), aircraft.separation)
         total = total - weights.path_excess_cost * cost
     return total
-
-
-def shaped(before: jax.Array, after: jax.Array, terminated: jax.Array, discount: float) -> jax.Array:
-    """Return the shaping reward of a step: the discounted gain in potential, which is 0 once terminated."""
-    return discount * jnp.where(terminated, 0.0, after) - before
 
 
 def potential(state: State, weights: ShapingConfig, aircraft: Aircraft) -> jax.Array:
@@ -52,19 +45,18 @@ def potential(state: State, weights: ShapingConfig, aircraft: Aircraft) -> jax.A
     return -weights.goal * left * (0.1 / aircraft.separation)
 
 
+def shaped(before: jax.Array, after: jax.Array, terminated: jax.Array, discount: float) -> jax.Array:
+    """Return the shaping reward of a step: the discounted gain in potential, which is 0 once terminated."""
+    return discount * jnp.where(terminated, 0.0, after) - before
+
+
 def turn_rate_cost(yaw_rate: jax.Array) -> jax.Array:
     """Return the squared turn rate as flown, ``[N]``, from commands of which 1 is the limit."""
     return jnp.square(jnp.clip(yaw_rate, -1.0, 1.0))
 
 
 def heading_change_cost(yaw_rate: jax.Array, limit: float, dt: float) -> jax.Array:
-    """Return the change of heading of a step in quarter turns, ``[N]``; its sum over a flight is that of all turns.
-
-    Args:
-        yaw_rate: as commanded, 1 at the limit; what is beyond is not flown.
-        limit: of the turn rate, rad/s.
-        dt: the step, s.
-    """
+    """Return the change of heading in a step of ``dt`` s, in quarter turns, ``[N]``; the limit is in rad/s."""
     turned = jnp.abs(jnp.clip(yaw_rate, -1.0, 1.0)) * (limit * dt)
     return turned / (0.5 * jnp.pi)
 
@@ -72,15 +64,9 @@ def heading_change_cost(yaw_rate: jax.Array, limit: float, dt: float) -> jax.Arr
 def path_excess_cost(
     before: VehicleState, after: VehicleState, goal: tuple[jax.Array, jax.Array], separation: float
 ) -> jax.Array:
-    """Return the path of a step less what it brought the goal nearer, in ten separations, ``[N]``.
+    """Return the path of a step less what it brought the goal nearer, in ten separations, ``[N]``; the goal is x, y, m.
 
-    Its sum is the path excess. The discount alone favours short times, and so a fast detour over a slow straight path.
-
-    Args:
-        before: the ownship at the start of the step.
-        after: the same at its end.
-        goal: x and y, m.
-        separation: m.
+    The discount alone favours short times, and so a fast detour over a slow straight path.
     """
     flown = distance(after.x - before.x, after.y - before.y, jnp)
     left = [distance(goal[0] - own.x, goal[1] - own.y, jnp) for own in (before, after)]

@@ -15,15 +15,13 @@ from rlcas_jax.config import TrainConfig
 
 
 def warm_learner(config: TrainConfig, shapes: Any) -> Any:
-    """Return the networks and the optimiser that ``warm_start`` names.
+    """Return the networks and the optimiser that ``warm_start`` names, as a :class:`~agents.learning.ppo.LearnerState`.
+
+    Of a policy file only the actor is taken: critic and optimiser are None, as the training makes them afresh.
 
     Args:
         config: of the training that begins; ``warm_start`` is not None.
         shapes: of that training's networks and optimiser.
-
-    Returns:
-        A :class:`~agents.learning.ppo.LearnerState`. Of a policy file only the actor is taken: critic and optimiser
-        are None, as the training makes them afresh.
 
     Raises:
         CheckpointError: there is no such run or checkpoint, it is not whole, or of other networks.
@@ -34,7 +32,7 @@ def warm_learner(config: TrainConfig, shapes: Any) -> Any:
     if source.is_dir():
         source = checkpoint.latest(source / "checkpoints")
     if not policy_file.claims(source):
-        return checkpoint.restore_part(source, shapes, "learner")
+        return checkpoint.restore(source, shapes, "learner")
     try:
         policy = policy_file.read(source)
     except policy_file.PolicyFileError as problem:

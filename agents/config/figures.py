@@ -7,15 +7,10 @@ from envs.edge.files import written
 
 
 def save_figure(figure: Any, path: Path, dpi: int = 150) -> list[Path]:
-    """Write ``path.png`` and ``path.svg`` and return their paths.
+    """Write a figure of matplotlib as ``path.png`` and ``path.svg`` and return their paths; may raise an OSError.
 
     Args:
-        figure: matplotlib's.
-        path: of the files, without suffix.
         dpi: of the PNG and of what the SVG holds as pixels, 1/inch.
-
-    Raises:
-        OSError: they cannot be written.
     """
     import matplotlib as mpl
 

@@ -30,9 +30,9 @@ def locked(folder: Path, option: str = "--out") -> Generator[None]:
         held = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     except OSError as problem:
         raise ConfigError(f"{option} {folder} cannot be written ({problem.strerror})") from None
-    try:
+    with os.fdopen(held, "r+") as file:
         try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             holder = os.read(held, 200).decode(errors="replace").strip() or "another process"
             raise ConfigError(f"{option} {folder} is in use by {holder}; wait for its end, or name another") from None
@@ -42,8 +42,6 @@ def locked(folder: Path, option: str = "--out") -> Generator[None]:
             os.truncate(held, 0)
             os.pwrite(held, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
         yield
-    finally:
-        os.close(held)
 
 
 def is_unused(folder: Path) -> bool:

@@ -1,7 +1,6 @@
 """What a configuration's keys are: name, kind of value, range, default and meaning, read from the models.
 
-The texts are the docstrings under the fields, so that ``--help``, the documentation and the error sentences
-cannot disagree with the code.
+The texts are the docstrings under the fields; ``--help``, documentation and error sentences are made from them.
 """
 
 import difflib
@@ -32,8 +31,6 @@ MOVED = {
     "world.goal_radius": "aircraft.goal_radius_m",
     "world.t_max": "aircraft.t_max_s",
     "evaluation.separation": "aircraft.separation_m",
-    "vehicle": "aircraft",
-    "rules": "aircraft",
 }
 """New keys, from the top, by the old ones that a configuration may no longer have; a refusal names the new one."""
 
@@ -68,12 +65,12 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
     A key that merely groups others is left out unless it has a docstring of its own.
     """
     for name, field in model.model_fields.items():
-        nested, listed = _nested(field.annotation)
+        inner, listed = nested(field.annotation)
         dotted = prefix + name
-        if nested is None or listed or field.description:
+        if inner is None or listed or field.description:
             yield Key(dotted, expected(field), _default(field), " ".join((field.description or "").split()))
-        if nested is not None:
-            yield from keys(nested, f"{dotted}[]." if listed else f"{dotted}.")
+        if inner is not None:
+            yield from keys(inner, f"{dotted}[]." if listed else f"{dotted}.")
 
 
 def help_text(model: type[BaseModel]) -> str:
@@ -114,18 +111,15 @@ def field_at(model: type[BaseModel], path: Sequence[str | int]) -> FieldInfo | t
     here: FieldInfo | type[BaseModel] | None = model
     for step in path:
         if isinstance(here, FieldInfo):
-            nested, listed = _nested(here.annotation)
+            inner, listed = nested(here.annotation)
             if isinstance(step, int) or (listed and step.isdecimal()):
-                here = nested if listed and nested is not None else here
+                here = inner if listed and inner is not None else here
                 continue
             # Anything else that pydantic puts into a location names a branch of a union, not a key.
-            here = nested
-        if here is None:
+            here = inner
+        if here is None or step not in here.model_fields:
             return None
-        fields = here.model_fields
-        if step not in fields:
-            return None
-        here = fields[str(step)]
+        here = here.model_fields[str(step)]
     return here
 
 
@@ -152,11 +146,6 @@ def expected(field: FieldInfo) -> str:
     kind, null, _ = _kind(field.annotation).partition(" or null")
     bounds = _bounds(field.metadata)
     return f"{kind}{',' if bounds and kind.startswith('a list') else ''} {bounds}".strip() + null
-
-
-def nested_model(field: FieldInfo) -> type[BaseModel] | None:
-    """Return the model that a field holds, itself or in a list; None if it holds plain values."""
-    return _nested(field.annotation)[0]
 
 
 def shown(value: Any) -> str:
@@ -197,14 +186,15 @@ def _bounds(metadata: Iterable[Any]) -> str:
     return " and ".join(parts)
 
 
-def _nested(annotation: Any) -> tuple[type[BaseModel] | None, bool]:
+def nested(annotation: Any) -> tuple[type[BaseModel] | None, bool]:
+    """Return the model that an annotation holds, None if it holds plain values, and whether it is a list."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation, False
-    for argument in get_args(annotation):
-        model, listed = _nested(argument)
-        if model is not None:
-            return model, listed or get_origin(annotation) in (list, tuple, Sequence)
     in_list = get_origin(annotation) in (list, tuple, Sequence)
+    for argument in get_args(annotation):
+        model, listed = nested(argument)
+        if model is not None:
+            return model, listed or in_list
     return None, in_list
 
 

@@ -1,8 +1,4 @@
-"""Strict configuration: YAML and ``--set`` overrides in, a frozen model or one clear sentence out.
-
-Every application of the toolkit reads its settings through this module. It needs pydantic and PyYAML and is no
-part of the flight path.
-"""
+"""Strict configuration: YAML and ``--set`` overrides in, a frozen model or one clear sentence out."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +7,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from agents.config.keys import MOVED, RENAMED, expected, field_at, nearest, nested_model, one_of, shown
+from agents.config.keys import MOVED, RENAMED, expected, field_at, nearest, nested, one_of, shown
 from agents.config.yaml import YamlError, coerced, read, write
 from envs.edge.command import ConfigError, Parser
 
@@ -53,10 +49,9 @@ class Strict(BaseModel):
 
 
 def file_of(path: Path, kind: str = "*.yaml") -> Path:
-    """Return the file that a path means: its own, or the one that ships under this name, such as ``quick``.
+    """Return the file that a path means, or that ships under a name without folder and suffix, such as ``quick``.
 
     Args:
-        path: of a file, or a name, which has neither a folder nor a suffix.
         kind: where the names of this kind stand in ``configs/``.
 
     Raises:
@@ -72,11 +67,9 @@ def file_of(path: Path, kind: str = "*.yaml") -> Path:
 
 
 def load(model: type[Model], path: Path | None = None, overrides: Sequence[str] = ()) -> Model:
-    """Read a configuration.
+    """Read a configuration of a model, whose validators find the file's folder as ``info.context["folder"]``.
 
     Args:
-        model: its model; a validator finds the file's folder as ``info.context["folder"]`` (the working
-            directory without a file).
         path: YAML file with what differs from the defaults, or the name of one that ships; None for the defaults.
         overrides: ``KEY=VALUE`` each, KEY dotted (``ppo.learning_rate``, ``scenarios.0.weight``), VALUE in YAML;
             later ones win.
@@ -89,23 +82,23 @@ def load(model: type[Model], path: Path | None = None, overrides: Sequence[str] 
         values = {} if path is None else read(path)
     except YamlError as problem:
         raise ConfigError(str(problem)) from None
-    named = [_override(model, values, text) for text in overrides]
-    try:
-        return model.model_validate(values, context={"folder": Path() if path is None else path.parent})
-    except ValidationError as problem:
-        raise ConfigError(_sentence(model, problem, path, named)) from None
+    return validated(model, values, path, [_override(model, values, text) for text in overrides])
 
 
-def validated(model: type[Model], values: Any) -> Model:
+def validated(model: type[Model], values: Any, path: Path | None = None, named: Sequence[list[str]] = ()) -> Model:
     """Return plain values as a configuration.
+
+    Args:
+        path: of the file that they are from.
+        named: paths of the keys that the command line changed.
 
     Raises:
         ConfigError: a key or a value is not valid.
     """
     try:
-        return model.model_validate(values)
+        return model.model_validate(values, context={"folder": Path() if path is None else path.parent})
     except ValidationError as problem:
-        raise ConfigError(_sentence(model, problem, None, [])) from None
+        raise ConfigError(_sentence(model, problem, path, named)) from None
 
 
 def dump(model: BaseModel) -> str:
@@ -118,7 +111,9 @@ def _override(model: type[BaseModel], values: dict[str, Any], text: str) -> list
     dotted, sign, written = text.partition("=")
     path = [part.strip() for part in dotted.split(".")]
     if not sign or not all(path):
-        raise ConfigError(f"--set {text}: expected KEY=VALUE, such as --set {_example(model)}")
+        name, field = next(iter(model.model_fields.items()))
+        example = f"{name}={field.get_default(call_default_factory=True)}"
+        raise ConfigError(f"--set {text}: expected KEY=VALUE, such as --set {example}")
     node: Any = values
     for depth, step in enumerate(path):
         if isinstance(node, dict):
@@ -153,12 +148,7 @@ def _start(field: FieldInfo | type[BaseModel] | None) -> Any:
     return plain if isinstance(default, (list, tuple)) else plain[0] if plain[0] is not None else {}
 
 
-def _example(model: type[BaseModel]) -> str:
-    name, field = next(iter(model.model_fields.items()))
-    return f"{name}={field.get_default(call_default_factory=True)}"
-
-
-def _sentence(model: type[BaseModel], problem: ValidationError, path: Path | None, named: list[list[str]]) -> str:
+def _sentence(model: type[BaseModel], problem: ValidationError, path: Path | None, named: Sequence[list[str]]) -> str:
     """Say in one sentence what is wrong; an unknown key first, because other problems often follow from it."""
     found = problem.errors(include_url=False)
     # A list with a bad item is reported a second time, as too short by that item.
@@ -192,7 +182,8 @@ def _complaint(model: type[BaseModel], error: Any) -> str:
         if moved is not None and field_at(model, moved.split(".")) is not None:
             return f"{key} is now called {moved}"
         close = nearest(str(location[-1]), names)
-        hint = f"did you mean {'.'.join(map(str, (*location[:-1], close)))}?" if close else f"expected {_either(names)}"
+        either = f"expected {'one of ' * (len(names) > 1)}{', '.join(names)}"
+        hint = f"did you mean {'.'.join(map(str, (*location[:-1], close)))}?" if close else either
         return f"{key} is unknown (its value is {shown(value)}); {hint}"
     field = field_at(model, location)
     wanted = expected(field) if isinstance(field, FieldInfo) else "a group of keys"
@@ -207,10 +198,4 @@ def _complaint(model: type[BaseModel], error: Any) -> str:
 
 def _model_at(model: type[BaseModel], location: Sequence[str | int]) -> type[BaseModel]:
     holder = field_at(model, location)
-    if isinstance(holder, FieldInfo):
-        holder = nested_model(holder)
-    return holder or model
-
-
-def _either(names: Sequence[str]) -> str:
-    return f"one of {', '.join(names)}" if len(names) > 1 else ", ".join(names)
+    return (nested(holder.annotation)[0] if isinstance(holder, FieldInfo) else holder) or model

@@ -63,13 +63,8 @@ class VehicleConfig(Strict):
 
     def limits(self) -> Limits:
         """Return the limits as the world's functions take them."""
-        return Limits(
-            self.speed_min_mps,
-            self.speed_max_mps,
-            self.acceleration_min_mps2,
-            self.acceleration_max_mps2,
-            math.radians(self.yaw_rate_max_deg_s),
-        )
+        accelerations = self.acceleration_min_mps2, self.acceleration_max_mps2
+        return Limits(self.speed_min_mps, self.speed_max_mps, *accelerations, math.radians(self.yaw_rate_max_deg_s))
 
 
 class AircraftConfig(VehicleConfig):
@@ -182,11 +177,7 @@ class ScenarioConfig(Strict):
         }
 
     def scenario(self, aircraft: Aircraft) -> Scenario:
-        """Return the scenario of an aircraft with its numbers changed.
-
-        Raises:
-            ConfigError: a number contradicts the aircraft; the message begins with its key.
-        """
+        """Return the scenario of an aircraft with its numbers changed; a contradiction raises a ConfigError."""
         changes: dict[str, Any] = {}
         for key, value in self.model_dump(exclude={"name", "weight", "units"}).items():
             if key in _DEGREES:

@@ -1,8 +1,7 @@
 """YAML as configurations write it: the plain core of YAML 1.2, and the conversions that lose nothing.
 
-PyYAML follows YAML 1.1, where ``3e-4`` is a text, ``no`` is false, ``1:30`` is 90 and a key that stands twice is
-no error. Here a number is what looks like one, only ``true`` and ``false`` are booleans, and a repeated key is
-refused.
+Of PyYAML, which follows YAML 1.1, ``3e-4`` is a text, ``no`` false and ``1:30`` 90. Here a number is what looks like
+one, only ``true`` and ``false`` are booleans, and a repeated key is refused.
 """
 
 import re
@@ -77,11 +76,7 @@ _Dumper.add_multi_representer(Path, lambda dumper, path: dumper.represent_str(st
 
 
 def read(source: Path | str) -> Any:
-    """Read a YAML file (a mapping; empty counts as one without keys) or, from a text, one value.
-
-    Raises:
-        YamlError: there is no such file, or it is not the YAML of a configuration.
-    """
+    """Read a YAML file (a mapping; empty: without keys) or, from a text, one value; may raise a YamlError."""
     if isinstance(source, str):
         return _parsed(source, repr(source))
     text = text_of(str(source), YamlError)

@@ -55,11 +55,7 @@ def to_policy_file(actor_variables: Mapping[str, Any], *described: Any, **more: 
 
 
 def write(path: str | os.PathLike[str], actor_variables: Mapping[str, Any], **description: Any) -> PolicyFile:
-    """Write an actor to a policy file and return its content; ``description`` as for :func:`to_policy_file`.
-
-    Raises:
-        PolicyFileError: as :func:`to_policy_file`, or the file cannot be written.
-    """
+    """Write an actor to a policy file and return its content; arguments and errors as of :func:`to_policy_file`."""
     content = to_policy_file(actor_variables, **description)
     policy_file.write(path, content)
     return content

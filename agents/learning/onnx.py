@@ -132,10 +132,7 @@ def inputs_of(content: PolicyFile) -> dict[str, np.ndarray]:
 
 
 def export(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> float:
-    """Write the ONNX model of a policy file, whole or not at all.
-
-    Args:
-        target: the model's file; replaced if there is one.
+    """Write the ONNX model of a policy file, whole or not at all; a file that is there is replaced.
 
     Returns:
         The largest difference of an action from the policy's parity vectors.
@@ -163,11 +160,7 @@ def export(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> fl
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Export what the command line asks for and return the exit status.
-
-    Raises:
-        ConfigError: bad usage; also ``PolicyFileError`` and ``ExportError``.
-    """
+    """Export what the command line asks for and return the exit status; bad input raises an InputError."""
     parser = Parser(prog="python -m agents.export_onnx", description=_DESCRIPTION, epilog=_EPILOG)
     parser.add_argument("policy", type=Path, metavar="POLICY.safetensors", help="policy file")
     parser.add_argument("out", type=Path, metavar="OUT.onnx", help="model to write; replaced if one is there")

@@ -9,11 +9,7 @@ import numpy as np
 
 
 def canonical(document: Any) -> str:
-    """Return the one JSON text of a document: sorted keys, no white space, ASCII, no NaN or infinity.
-
-    Raises:
-        ValueError, TypeError: the document holds something that JSON has no word for.
-    """
+    """Return the one JSON text of a document: sorted keys, no white space, ASCII; NaN raises a ValueError."""
     return json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
 
 

@@ -28,12 +28,9 @@ class OutsideDomainError(InputError):
 
 
 def check_domain(content: PolicyFile, aircraft: Aircraft) -> None:
-    """Refuse an aircraft outside the family of a policy file.
+    """Raise an OutsideDomainError where one of an aircraft's ratios is out of the range of a policy file's family.
 
     A file of schema 1 knows the ratios of its own aircraft alone.
-
-    Raises:
-        OutsideDomainError: one of :class:`envs.aircraft.Ratios` is out of the family's range.
     """
     trained = ratios(content.aircraft.limits, content.aircraft.separation)
     for name, value in ratios(aircraft.limits, aircraft.separation)._asdict().items():

@@ -34,29 +34,26 @@ class EightNetwork:
         """Take the tensors of a file; float32 or float64 is the precision of the products."""
         self._dtype, self._feature_set = np.dtype(dtype), content.feature_set
         self._trained, self._scales = content.aircraft, PAPER
-        names = [*(f"hidden_{number}" for number in range(len(content.hidden))), "head"]
-        self.layers = [
-            (content.actor[f"{name}/kernel"].astype(dtype), content.actor[f"{name}/bias"].astype(dtype))
-            for name in names
-        ]
+        self.layers = content.layers("hidden", dtype) + content.layers("head", dtype)
 
     def for_aircraft(self, aircraft: Aircraft) -> "EightNetwork":
         """Return the network with observations scaled by another aircraft, alike to the one it was trained for."""
-        other, trained = copy(self), self._trained
-        other._scales = _scaled(
-            aircraft.separation / trained.separation, aircraft.limits.speed_max / trained.limits.speed_max
+        other, trained, limits = copy(self), self._trained, PAPER.limits
+        length, speed = aircraft.separation / trained.separation, aircraft.limits.speed_max / trained.limits.speed_max
+        other._scales = PAPER._replace(
+            limits=limits._replace(speed_min=speed * limits.speed_min, speed_max=speed * limits.speed_max),
+            separation=length * PAPER.separation,
+            traffic_speed_max=speed * PAPER.traffic_speed_max,
         )
         return other
-
-    def of_parity(self, rows: np.ndarray) -> np.ndarray:
-        """Return the actions ``[P, 2]`` for a file's parity vectors ``[P, 8]``."""
-        return self.of_observations(rows)
 
     def of_observations(self, observation: np.ndarray) -> np.ndarray:
         """Return the actions ``[N, 2]`` for observations ``[N, 8]``, in the precision of the layers."""
         observation = observation.astype(self._dtype, copy=False)
         blocks = [self._block(observation[i : i + _BLOCK]) for i in range(0, len(observation), _BLOCK)]
         return np.concatenate(blocks) if blocks else np.empty((0, 2), self._dtype)
+
+    of_parity = of_observations
 
     def of_states(
         self, own: VehicleState, seen: VehicleState, present: np.ndarray, goal_x: np.ndarray, goal_y: np.ndarray
@@ -124,11 +121,3 @@ def _never_alone(
     alone = ~present.any(axis=-1, keepdims=True)
     fields = (np.where(alone, other[..., None], field) for field, other in zip(seen, behind, strict=True))
     return VehicleState(*fields), present | alone
-
-
-def _scaled(length: float, speed: float) -> Aircraft:
-    """Return the paper's aircraft with lengths and speeds so many times as large."""
-    limits = PAPER.limits._replace(speed_min=speed * PAPER.limits.speed_min, speed_max=speed * PAPER.limits.speed_max)
-    return PAPER._replace(
-        limits=limits, separation=length * PAPER.separation, traffic_speed_max=speed * PAPER.traffic_speed_max
-    )

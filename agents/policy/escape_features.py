@@ -1,13 +1,9 @@
 """How far the ownship stays from the intruder if it flies one of twelve simple manoeuvres from now on.
 
-Whether a conflict can still be solved, by which turn and at which speed, is a question of metres that the closest
-approach on straight courses does not answer. Here the ownship turns left or right by a quarter, flies on, or turns to
-its goal, and brakes, holds its speed or accelerates meanwhile, all at the surrogate's limits (paper, table "Surrogate
-vs. true dynamic parameters"); the intruder flies straight on.
-
-A manoeuvre is a chain of straight pieces, short ones first, and the separation along a piece is that of its closest
-point. Below 1500 m it is that of the exact path but for some metres, and for some tens of metres where a turn to the
-goal ends within a long piece.
+The ownship turns left or right by a quarter, flies on, or turns to its goal, and brakes, holds its speed or accelerates
+meanwhile, all at the surrogate's limits (paper, table "Surrogate vs. true dynamic parameters"); the intruder flies
+straight on. A manoeuvre is a chain of straight pieces, and the separation along a piece is that of its closest point:
+below 1500 m that of the exact path but for some metres, some tens where a turn to the goal ends within a long piece.
 """
 
 import math
@@ -22,8 +18,8 @@ from envs.backend import FLOATS
 from envs.kinematics import SURROGATE
 from envs.observation import Decoded
 
+# Durations of the pieces, s.
 _SPANS = (1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 4.0, 4.0, 5.0, 5.0, 6.0, 6.0, 8.0, 8.0, 10.0, 10.0, 12.0, 15.0)
-"""Durations of the pieces, s."""
 
 HORIZON = sum(_SPANS)
 """How far ahead is looked, s."""

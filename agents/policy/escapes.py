@@ -1,10 +1,8 @@
 """How far the ownship stays from all intruders if it flies one of 22 simple manoeuvres from now on.
 
-Whether a conflict can still be solved, by which turn and at which speed, is a question of metres that the closest
-approach on straight courses does not answer. Here the ownship turns by one of ten angles at its greatest yaw rate and
-flies on straight, braking, accelerating or at a steady speed; intruders fly straight on. A manoeuvre is a chain of
-ten chords between points of its path, and the separation along a chord is that of its closest point: within some
-hundredths of a separation of that of the exact path.
+The ownship turns by one of ten angles at its greatest yaw rate and flies on straight, braking, accelerating or at a
+steady speed; intruders fly straight on. A manoeuvre is a chain of ten chords between points of its path, and the
+separation along a chord is that of its closest point: within some hundredths of a separation of that of the path.
 """
 
 import math
@@ -82,11 +80,7 @@ def paths(seen: Scene, xp: Any) -> tuple[Any, Any, Any, Any, Any, Any]:
 
 
 def kept(seen: Scene, xp: Any) -> Any:
-    """Return the least separation from any intruder within :data:`HORIZON` of each manoeuvre, D, ``[22, ...]``.
-
-    Args:
-        seen: fields ``[...]`` and ``[..., K]`` with K >= 1.
-    """
+    """Return the least separation from any of K >= 1 intruders within :data:`HORIZON`, D, ``[22, ...]``."""
     path, intruders = paths(seen, xp), (seen.x, seen.y, seen.vx, seen.vy)
     if xp is np:
         # One intruder after the other stays in cache.
@@ -99,12 +93,7 @@ def kept(seen: Scene, xp: Any) -> Any:
 
 
 def _squares(intruders: Any, path: Any, xp: Any) -> Any:
-    """Return the square of the separation along each chord of a path from intruders, D^2, ``[M, P, ...]``.
-
-    Args:
-        intruders: x, y, vx, vy.
-        path: as :func:`paths` gives it.
-    """
+    """Return the square of the separation along each chord of :func:`paths` from intruders (x, y, vx, vy), D^2."""
     x0, y0, vx, vy = intruders
     times, spans, step_x, step_y, own_x, own_y = path
     x, y = x0 + vx * times - own_x, y0 + vy * times - own_y

@@ -1,7 +1,6 @@
-"""Inputs that the network derives from the observation inside its own forward pass.
+"""Inputs that the network derives from the eight numbers of an observation inside its own forward pass.
 
-Eight raw numbers hide what a conflict is about: whether, when and on which side the aircraft will pass. The
-block computes it from the observation alone, in the ownship's frame (rotation-invariant), for any backend.
+They say in the ownship's frame what a conflict is about: whether, when and on which side the aircraft will pass.
 """
 
 import math
@@ -31,11 +30,7 @@ _INTRUDER, _GOAL = 4, 6  # bearings in the observation, left positive
 
 
 def size(feature_set: str) -> int:
-    """Return the number of inputs of the first layer.
-
-    Raises:
-        ValueError: the set is unknown.
-    """
+    """Return the number of inputs of the first layer; raises a ValueError for an unknown set."""
     if feature_set not in _SIZES:
         raise ValueError(f"feature set {feature_set!r} is unknown; expected one of {', '.join(FEATURE_SETS)}")
     return _SIZES[feature_set]
@@ -45,12 +40,7 @@ def mirror_sign(observation: list[Any], feature_set: str, xp: Any) -> Any:
     """Return the factor of the network's yaw rate, ``[...]`` or 1.0: -1 where the scene is seen mirrored.
 
     The scene is mirrored where the intruder is to the right of the line to the goal. That line moves with the positions
-    alone; by the intruder's bearing, which a turn changes at once, a policy came to flutter where it flies at an
-    intruder's tail.
-
-    Args:
-        observation: the eight components of the contract, ``[...]`` each.
-        feature_set: one of :data:`FEATURE_SETS`.
+    alone; by the intruder's bearing, which a turn changes at once, a policy came to flutter behind an intruder.
     """
     if feature_set not in MIRRORED:
         return 1.0
@@ -61,14 +51,11 @@ def mirror_sign(observation: list[Any], feature_set: str, xp: Any) -> Any:
 
 
 def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
-    """Return the inputs of the network's first layer.
+    """Return the inputs of the network's first layer, :func:`size` times ``[...]``, all within about [-3, 3].
 
     Args:
         observation: the eight components of the contract, ``[...]`` each.
         feature_set: one of :data:`FEATURE_SETS`.
-
-    Returns:
-        :func:`size` components ``[...]``, all within about [-3, 3].
     """
     size(feature_set)
     if feature_set == "none":

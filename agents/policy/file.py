@@ -1,12 +1,10 @@
 """Reading and writing of a policy: one safetensors file with tensors, JSON metadata and a digest over both.
 
-The format and the reasons stand in docs/reference/policy-file.md and docs/decisions/design.md. Nothing of
-a file is ever executed, and all of it is checked before any of it is used.
+The format stands in docs/reference/policy-file.md. All of a file is checked before any of it is used.
 """
 
 import json
 import os
-import stat
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import load, save
 
@@ -31,17 +30,6 @@ from envs.aircraft import PAPER, Aircraft
 from envs.edge.files import check_regular, write_file
 from envs.kinematics import Limits
 
-__all__ = [
-    "MAX_BYTES",
-    "PolicyFile",
-    "PolicyFileError",
-    "claims",
-    "parse",
-    "read",
-    "serialise",
-    "write",
-]
-
 MAX_BYTES = 64 * 1024 * 1024
 """Larger files are refused unread; the default architecture takes 0.3 MB."""
 
@@ -55,7 +43,7 @@ class PolicyFile:
 
     actor: Mapping[str, np.ndarray]
     """Float32 tensors by name without ``actor/``: ``hidden_0/kernel`` [in, out], ``hidden_0/bias`` [out], ...,
-    ``head/kernel``, ``head/bias``, and ``log_std`` [2] (exploration noise of training; flying ignores it)."""
+    ``head/kernel``, ``head/bias``, and ``log_std`` [2], which flying ignores."""
     parity_observation: np.ndarray
     """Observations, float32 ``[P, 8]``, or rows of scenes (:func:`agents.policy.scene.unpacked_rows`), and"""
     parity_action: np.ndarray
@@ -84,6 +72,14 @@ class PolicyFile:
         """Widths of the layers that each intruder of a set passes; none for schema 1."""
         return tuple(self.metadata["architecture"].get("encoder", ()))
 
+    def layers(self, kind: str, dtype: DTypeLike) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return kernel ``[in, out]`` and bias ``[out]`` of the layers of a kind: ``each``, ``hidden`` or ``head``."""
+        count = {"each": len(self.encoder), "hidden": len(self.hidden)}
+        names = [f"{kind}_{i}" for i in range(count[kind])] if kind in count else [kind]
+        return [
+            (self.actor[f"{name}/kernel"].astype(dtype), self.actor[f"{name}/bias"].astype(dtype)) for name in names
+        ]
+
     @property
     def of_set(self) -> bool:
         """Whether the network takes any number of intruders (schema 2)."""
@@ -108,26 +104,20 @@ class PolicyFile:
 
 
 def read(path: str | os.PathLike[str]) -> PolicyFile:
-    """Read and check a policy file.
-
-    Raises:
-        PolicyFileError: the file is missing, unreadable, too large or refused by :func:`parse`.
-    """
-    source = os.fspath(path)
+    """Return a policy file; raises a PolicyFileError where it is missing, unreadable, too large or not right."""
+    source = Path(path)
     try:
-        status = Path(source).stat()
-        if stat.S_ISDIR(status.st_mode):
-            raise PolicyFileError(f"{source}: a directory, expected a policy file (.safetensors)")
-        if not stat.S_ISREG(status.st_mode):
-            raise PolicyFileError(f"{source}: not a regular file, expected a policy file (.safetensors)")
-        if status.st_size > MAX_BYTES:
-            raise PolicyFileError(f"{source}: {status.st_size} bytes, expected at most {MAX_BYTES}")
-        data = Path(source).read_bytes()
+        check_regular(source)
+        size = source.stat().st_size
+        if size > MAX_BYTES:
+            raise PolicyFileError(f"{source}: {size} bytes, expected at most {MAX_BYTES}")
+        data = source.read_bytes()
     except FileNotFoundError as error:
         raise PolicyFileError(f"{source}: no such policy file") from error
     except OSError as error:
-        raise PolicyFileError(f"{source}: cannot be read: {error.strerror}") from error
-    return parse(data, source)
+        message = f"{source}: cannot be read: {error.strerror}, expected a policy file (.safetensors)"
+        raise PolicyFileError(message) from error
+    return parse(data, str(source))
 
 
 def claims(path: str | os.PathLike[str]) -> bool:
@@ -168,11 +158,7 @@ def parse(data: bytes, source: str) -> PolicyFile:
 
 
 def serialise(policy: PolicyFile) -> bytes:
-    """Return the bytes of a policy file; equal content gives equal bytes under one version of safetensors.
-
-    Raises:
-        PolicyFileError: the content is not what :func:`parse` accepts.
-    """
+    """Return the bytes of a policy file, equal ones for equal content; raises a PolicyFileError as :func:`parse`."""
     tensors = {name: np.ascontiguousarray(tensor) for name, tensor in policy.tensors.items()}
     try:
         document = canonical({**policy.metadata, "sha256": digest(tensors, policy.metadata)})
@@ -232,10 +218,9 @@ def _check_tensors(
     tensors: Mapping[str, np.ndarray], shapes: Mapping[str, tuple[int | None, ...]], source: str
 ) -> None:
     """Raise unless these are exactly the tensors of the architecture, in float32 and of its shapes."""
-    if missing := sorted(shapes.keys() - tensors.keys()):
-        raise PolicyFileError(f"{source}: tensor {missing[0]} is missing; the architecture needs {', '.join(shapes)}")
-    if unexpected := sorted(tensors.keys() - shapes.keys()):
-        raise PolicyFileError(f"{source}: tensor {unexpected[0]!r} is unexpected; expected only {', '.join(shapes)}")
+    for name in sorted(shapes.keys() ^ tensors.keys(), key=lambda name: (name in tensors, name)):
+        what = "is unexpected" if name in tensors else "is missing"
+        raise PolicyFileError(f"{source}: tensor {name!r} {what}; expected {', '.join(shapes)}")
     for name, expected in shapes.items():
         shape, wanted = tensors[name].shape, ["P" if length is None else length for length in expected]
         if tensors[name].dtype != np.float32:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from copy import copy
 from importlib import resources
 from math import isfinite
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -19,8 +19,6 @@ from envs.aircraft import Aircraft
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState
 from envs.observation import NAMES, SIZE
-
-__all__ = ["PARITY_TOLERANCE", "TOLERANCE", "OutsideDomainError", "Policy"]
 
 PARITY_TOLERANCE = 2e-5
 """Largest difference of an action from the training framework's, both evaluated in double precision."""
@@ -65,8 +63,7 @@ class Policy:
         self.dtype = np.dtype(dtype)
         if self.dtype.name not in ("float32", "float64"):
             raise ValueError(f"dtype is {self.dtype}, expected float32 or float64")
-        self.sha256 = content.sha256
-        self.metadata = content.metadata
+        self.sha256, self.metadata = content.sha256, content.metadata
         self.limits, self.aircraft, self.tensors = content.limits, content.aircraft, content.actor
         self._content, self._outside, self._unlike = content, "refuse", list[str]()
         self.most = int(self.domain["intruders"][1])
@@ -106,11 +103,7 @@ class Policy:
         return domain(self._content, self.aircraft)
 
     def check_intruders(self, count: int) -> None:
-        """Refuse more intruders than the policy was trained with, unless :meth:`for_aircraft` has allowed them.
-
-        Raises:
-            OutsideDomainError: there are more.
-        """
+        """Raise an OutsideDomainError for more intruders than in training, unless :meth:`for_aircraft` allowed them."""
         if self._outside == "refuse" and count > self.most:
             raise OutsideDomainError(
                 f"outside_domain: there are {count} intruders; expected {self.most} at most, what the policy was "
@@ -129,11 +122,7 @@ class Policy:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str] | None = None, dtype: DTypeLike = np.float32) -> "Policy":
-        """Load a policy file, by default the one that ships with the package.
-
-        Raises:
-            PolicyFileError: the file is missing or refused; the message says what is wrong and where.
-        """
+        """Load a policy file, by default the one that ships; raises a PolicyFileError where it cannot be used."""
         if path is not None:
             return cls(read(path), dtype, source=os.fspath(path))
         source = f"agents/{_SHIPPED}"
@@ -187,15 +176,10 @@ class Policy:
     def command_one(
         self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
     ) -> tuple[float, float]:
-        """Return the action of one aircraft in plain floats: the fast path of a step-by-step rollout.
-
-        Args:
-            own: SI, floats.
-            intruders: those that exist, none or more.
-            goal_x, goal_y: m.
+        """Return the action of one aircraft in plain floats, SI: the fast path of a step-by-step rollout.
 
         Raises:
-            ValueError: a number is not finite; ``OutsideDomainError``: there are too many.
+            ValueError: a number is not finite; ``OutsideDomainError``: there are too many intruders.
         """
         self.check_intruders(len(intruders))
         throttle, steering = self._decider.of_one(own, intruders, goal_x, goal_y)
@@ -209,15 +193,12 @@ class Policy:
             raise ValueError(f"observation has dtype {array.dtype}, expected real numbers")
         if array.ndim == 0 or array.shape[-1] != SIZE:
             raise ValueError(f"observation has shape {array.shape}, expected a last axis of {SIZE}")
-        if array.size == 0:
-            return array.astype(self.dtype)
-        low, high = array.min(), array.max()
-        # NaN passes through both and fails here.
-        if not (low >= -_BOUND and high <= _BOUND):
-            _refuse(array)
-        if low < -1.0 or high > 1.0:
-            array = array.clip(-1.0, 1.0)
-        return array.astype(self.dtype, copy=False)
+        bad = ~((array >= -_BOUND) & (array <= _BOUND))  # inverted, so that NaN is refused
+        if bad.any():
+            *row, component = np.argwhere(bad)[0].tolist()
+            where, value = f" of row {row}" if row else "", array[(*row, component)]
+            raise ValueError(f"observation component {NAMES[component]!r}{where} is {value}, expected one in [-1, 1]")
+        return array.clip(-1.0, 1.0).astype(self.dtype, copy=False)
 
 
 def _shaped(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
@@ -231,15 +212,6 @@ def _clipped(actions: np.ndarray) -> np.ndarray:
     if not np.isfinite(actions).all():
         raise ValueError(_NOT_FINITE)
     return np.clip(actions, -1.0, 1.0)
-
-
-def _refuse(array: np.ndarray) -> NoReturn:
-    """Raise ``ValueError`` for the first component that is not finite or outside [-1, 1]."""
-    bad = ~((array >= -_BOUND) & (array <= _BOUND))
-    *row, component = np.argwhere(bad)[0].tolist()
-    where = f" of row {row}" if row else ""
-    value = array[(*row, component)]
-    raise ValueError(f"observation component {NAMES[component]!r}{where} is {value}, expected a value in [-1, 1]")
 
 
 def _check_parity(

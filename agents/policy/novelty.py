@@ -12,12 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.policy.scene import Scene, scene
+from agents.policy.scene import scene
 from agents.policy.set_features import SetInputs, set_inputs
 from envs.aircraft import Aircraft
 from envs.kinematics import VehicleState
-
-__all__ = ["Box", "excess", "inputs_of", "said", "shipped"]
 
 _PASSING = ("time to closest approach", "miss distance", "miss distance from afar", "depth of the conflict")
 OWN = (
@@ -57,8 +55,7 @@ def inputs_of(
     own: VehicleState, intruders: VehicleState, present: np.ndarray, goal: tuple[np.ndarray, np.ndarray], one: Aircraft
 ) -> SetInputs:
     """Return the network's inputs for states ``[N]`` and ``[N, K]`` with K >= 1, present ones bool ``[N, K]``."""
-    seen: Scene = scene(own, intruders, present, *goal, one.limits, one.separation, np)
-    return set_inputs(seen, np)
+    return set_inputs(scene(own, intruders, present, *goal, one.limits, one.separation, np), np)
 
 
 def excess(box: Box, inputs: SetInputs) -> tuple[np.ndarray, np.ndarray]:

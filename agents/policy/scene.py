@@ -128,13 +128,11 @@ def width(most: int) -> int:
 def unpacked(own: Any, traffic: Any) -> Scene:
     """Return the scenes of rows ``[..., 7]`` and ``[..., K, 5]``, as a policy file's parity vectors hold them.
 
-    Of the ownship they hold speed, the goal's x and y and the four ratios; of each place for an intruder x, y, vx, vy
-    and whether there is one, 1 or 0.
+    The latter hold of each place for an intruder x, y, vx, vy and whether there is one, 1 or 0.
     """
-    speed, goal_x, goal_y = (own[..., i] for i in range(3))
-    limits = Ratios(own[..., 3], own[..., 4], own[..., 5], own[..., 6])
+    speed, goal_x, goal_y, *limits = (own[..., i] for i in range(OWN_NUMBERS))
     x, y, vx, vy, present = (traffic[..., i] for i in range(5))
-    return Scene(speed, goal_x, goal_y, x, y, vx, vy, present > 0.5, limits)
+    return Scene(speed, goal_x, goal_y, x, y, vx, vy, present > 0.5, Ratios(*limits))
 
 
 def parts(rows: Any) -> tuple[Any, Any]:
@@ -148,14 +146,11 @@ def unpacked_rows(rows: Any) -> Scene:
 
 
 def mirrored(seen: Scene, xp: Any) -> tuple[Scene, Any]:
-    """Return the scene as seen with most of the traffic left of the line to the goal, and the sign of its y axis.
+    """Return the scene with most of the traffic left of the line to the goal, and the sign of its y axis, ``[...]``.
 
     A policy that decides on this scene, and turns by that sign, is exactly symmetric. Each intruder counts by how soon
     and how close it passes on straight courses; the line to the goal moves with positions alone, so that no turn
     changes the sign at once. Without traffic the goal is seen to the left.
-
-    Returns:
-        The scene, and 1 or -1 ``[...]``.
     """
     towards = _towards(
         seen.x, seen.y, seen.vx, seen.vy, seen.own_speed[..., None], seen.goal_x[..., None], seen.goal_y[..., None], xp
@@ -176,9 +171,9 @@ def mirrored_one(seen: Scene) -> tuple[Scene, float]:
     return seen._replace(goal_y=-seen.goal_y, y=[-y for y in seen.y], vy=[-vy for vy in seen.vy]), sign
 
 
+# What is on the line to the goal, to rounding, counts as left: two aircraft that are exact images of each other then
+# turn to the same hand and pass.
 _TIE = 1e-9
-"""What is on the line to the goal, to rounding, counts as left: two aircraft that are exact images of each other then
-turn to the same hand and pass, instead of to the same side of the world."""
 
 
 def _towards(x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_x: Any, goal_y: Any, xp: Any) -> Any:

@@ -1,7 +1,6 @@
 """What a policy file must say: its metadata, its tensors, and the checks on both (docs/reference/policy-file.md).
 
-The observation and action contracts are written into every file, so that a policy that was trained against
-another meaning of the eight numbers is refused instead of flown.
+Observation and action contracts stand in every file: a policy of other meanings is refused instead of flown.
 """
 
 import json
@@ -130,17 +129,12 @@ def new_metadata(  # noqa: PLR0913 - it describes a file
         }
         architecture |= {"encoder": [int(width) for width in of_set.encoder], "intruders": int(of_set.intruders)}
     try:
-        config = json.loads(canonical(config))
+        training = {"config": config, "config_sha256": sha256(canonical(config)), "steps": int(steps)}
         document = own | {
             "action": ACTION,
             "limits": {name: float(value) for name, value in limits._asdict().items()},
             "architecture": architecture,
-            "training": {
-                "config": config,
-                "config_sha256": sha256(canonical(config)),
-                "steps": int(steps),
-                "score": None if score is None else float(score),
-            },
+            "training": training | {"score": None if score is None else float(score)},
             "versions": dict(versions),
             "notes": notes,
         }
@@ -153,67 +147,54 @@ def new_metadata(  # noqa: PLR0913 - it describes a file
 
 def check_metadata(document: Any, source: str) -> None:
     """Raise :class:`PolicyFileError` unless the metadata has the schema's fields, types and values."""
+
+    def demand(holds: bool, name: str, value: Any, expected: str) -> None:
+        if not holds:
+            raise PolicyFileError(f"{source}: metadata.{name} is {_brief(value)}, expected {expected}")
+
     schema = document.get("schema") if isinstance(document, dict) else None
-    if schema not in (SCHEMA, SET_SCHEMA):
-        raise PolicyFileError(f"{source}: metadata.schema is {_brief(schema)}, expected {SCHEMA} or {SET_SCHEMA}")
+    demand(schema in (SCHEMA, SET_SCHEMA), "schema", schema, f"{SCHEMA} or {SET_SCHEMA}")
     of_set = schema == SET_SCHEMA
     _check_fields(document, _SET_FIELDS if of_set else _FIELDS, "metadata", source)
+    architecture, training = document["architecture"], document["training"]
+    fixed = {"architecture.activation": (architecture["activation"], "tanh")}
+    fixed |= {"architecture.output": (architecture["output"], "clip")}
+    fixed |= {"training.config_sha256": (training["config_sha256"], sha256(canonical(training["config"])))}
     for name, contract in (("scene", SCENE) if of_set else ("observation", OBSERVATION), ("action", ACTION)):
-        for key in sorted(contract.keys() | document[name].keys()):
-            _expect(document[name].get(key), contract.get(key), f"metadata.{name}.{key}", source)
-
-    architecture = document["architecture"]
-    _expect(architecture["activation"], "tanh", "metadata.architecture.activation", source)
-    _expect(architecture["output"], "clip", "metadata.architecture.output", source)
-    where = f"{source}: metadata.architecture"
+        keys = sorted(contract.keys() | document[name].keys())
+        fixed |= {f"{name}.{key}": (document[name].get(key), contract.get(key)) for key in keys}
+    for name, (value, expected) in fixed.items():
+        demand(value == expected, name, value, _brief(expected))
     for name in ("hidden", "encoder") if of_set else ("hidden",):
         widths = architecture[name]
-        if not 1 <= len(widths) <= _MAX_LAYERS or not all(_is(w, int) and 1 <= w <= _MAX_WIDTH for w in widths):
-            limits = f"1 to {_MAX_LAYERS} widths of 1 to {_MAX_WIDTH}"
-            raise PolicyFileError(f"{where}.{name} is {_brief(widths)}, expected {limits}")
-    if of_set:
-        _check_family(document, source)
-    elif architecture["feature_set"] not in FEATURE_SETS:
-        known = ", ".join(FEATURE_SETS)
-        raise PolicyFileError(f"{where}.feature_set is {_brief(architecture['feature_set'])}, expected one of {known}")
-
+        good = 1 <= len(widths) <= _MAX_LAYERS and all(_is(w, int) and 1 <= w <= _MAX_WIDTH for w in widths)
+        demand(good, f"architecture.{name}", widths, f"1 to {_MAX_LAYERS} widths of 1 to {_MAX_WIDTH}")
     limits = Limits(**document["limits"])
-    if not (
+    if of_set:
+        intruders = architecture["intruders"]
+        demand(1 <= intruders <= _MAX_INTRUDERS, "architecture.intruders", intruders, f"1 to {_MAX_INTRUDERS}")
+        try:
+            new_aircraft(limits, **document["task"])
+        except AircraftError as error:
+            raise PolicyFileError(f"{source}: metadata.task: {error}") from None
+        for name, bounds in document["family"].items():
+            good = len(bounds) == 2 and all(_is(b, float) for b in bounds) and bounds[0] <= bounds[1]
+            demand(good, f"family.{name}", bounds, "[lowest, highest]")
+    else:
+        feature_set = architecture["feature_set"]
+        known = ", ".join(FEATURE_SETS)
+        demand(feature_set in FEATURE_SETS, "architecture.feature_set", feature_set, f"one of {known}")
+    possible = (
         0.0 <= limits.speed_min < limits.speed_max <= FASTEST.speed_max
         and FASTEST.acceleration_min <= limits.acceleration_min < 0.0 < limits.acceleration_max
         and limits.acceleration_max <= FASTEST.acceleration_max
         and _LEAST_YAW_RATE <= limits.yaw_rate_max <= FASTEST.yaw_rate_max
-    ):
-        raise PolicyFileError(
-            f"{source}: metadata.limits are {_brief(document['limits'])}, which no vehicle has; expected "
-            f"speed_min below speed_max, a yaw rate of at least {_LEAST_YAW_RATE}, and none beyond {tuple(FASTEST)}"
-        )
-
-    training = document["training"]
-    expected = sha256(canonical(training["config"]))
-    _expect(training["config_sha256"], expected, "metadata.training.config_sha256", source)
-    if training["steps"] < 0:
-        raise PolicyFileError(f"{source}: metadata.training.steps is {training['steps']}, expected 0 or more")
+    )
+    expected = f"speed_min below speed_max, a yaw rate of at least {_LEAST_YAW_RATE}, and none beyond {tuple(FASTEST)}"
+    demand(possible, "limits", document["limits"], f"those of a vehicle: {expected}")
+    demand(training["steps"] >= 0, "training.steps", training["steps"], "0 or more")
     for name, version in document["versions"].items():
-        if not isinstance(version, str):
-            raise PolicyFileError(f"{source}: metadata.versions.{name} is {_brief(version)}, expected a string")
-
-
-def _check_family(document: Mapping[str, Any], source: str) -> None:
-    """Raise unless aircraft, family and number of intruders of schema 2 are possible."""
-    intruders = document["architecture"]["intruders"]
-    if not 1 <= intruders <= _MAX_INTRUDERS:
-        raise PolicyFileError(
-            f"{source}: metadata.architecture.intruders is {intruders}, expected 1 to {_MAX_INTRUDERS}"
-        )
-    try:
-        task = dict(document["task"])
-        new_aircraft(Limits(**document["limits"]), task.pop("separation"), **task)
-    except AircraftError as error:
-        raise PolicyFileError(f"{source}: metadata.task: {error}") from None
-    for name, bounds in document["family"].items():
-        if len(bounds) != 2 or not all(_is(b, float) for b in bounds) or not bounds[0] <= bounds[1]:
-            raise PolicyFileError(f"{source}: metadata.family.{name} is {_brief(bounds)}, expected [lowest, highest]")
+        demand(isinstance(version, str), f"versions.{name}", version, "a string")
 
 
 def tensor_shapes(document: Mapping[str, Any]) -> dict[str, tuple[int | None, ...]]:
@@ -266,11 +247,6 @@ def _check_fields(value: Mapping[str, Any], fields: Mapping[str, Any], path: str
 def _is(value: Any, kind: Any) -> bool:
     """Return whether a JSON value is of a kind; true and false are not numbers here."""
     return isinstance(value, kind) and not isinstance(value, bool)
-
-
-def _expect(value: Any, expected: Any, where: str, source: str) -> None:
-    if value != expected:
-        raise PolicyFileError(f"{source}: {where} is {_brief(value)}, expected {_brief(expected)}")
 
 
 def _words(kind: Any) -> str:

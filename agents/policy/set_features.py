@@ -13,11 +13,8 @@ from agents.policy.scene import Scene, mirrored
 from envs.backend import FLOATS
 from envs.relative import distance
 
-OWN = 15 + escapes.COUNT
-"""Numbers that describe the ownship, its goal and what simple manoeuvres keep."""
-
-EACH = 16
-"""Numbers that describe an intruder."""
+OWN, EACH = 15 + escapes.COUNT, 16
+"""Numbers that describe the ownship, its goal and what simple manoeuvres keep; and an intruder."""
 
 KEPT_UNIT = 0.03
 """Resolution of what manoeuvres keep beyond the separation, D."""
@@ -87,9 +84,8 @@ def own_part(seen: Scene, zero: Any, xp: Any) -> list[Any]:
     to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
     speed, ratios = seen.own_speed, seen.ratios
     radius = speed * ratios.turn_radius
-    outside = [
-        distance(seen.goal_x, seen.goal_y - side * radius, xp) - radius for side in (1.0, -1.0)
-    ]  # of the turning circles
+    # Of the turning circles.
+    outside = [distance(seen.goal_x, seen.goal_y - side * radius, xp) - radius for side in (1.0, -1.0)]
     return [
         (2.0 * speed - 1.0 - ratios.speed_min) / (1.0 - ratios.speed_min),
         speed,

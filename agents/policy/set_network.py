@@ -32,23 +32,15 @@ class SetNetwork:
 
     def __init__(self, content: PolicyFile, dtype: DTypeLike) -> None:
         """Take the tensors of a file; float32 or float64 is the precision in which the scene is evaluated."""
-        self._dtype, tensors = np.dtype(dtype), content.actor
-
-        def layers(*names: str) -> list[tuple[np.ndarray, np.ndarray]]:
-            return [(tensors[f"{each}/kernel"].astype(dtype), tensors[f"{each}/bias"].astype(dtype)) for each in names]
-
-        self._encoder = layers(*(f"each_{number}" for number in range(len(content.encoder))))
-        self._hidden = layers(*(f"hidden_{number}" for number in range(len(content.hidden))))
-        self._head = layers("head")[0]
-        self._take(content.aircraft)
-
-    def _take(self, aircraft: Aircraft) -> None:
-        self._aircraft, self._kept = aircraft, KeptByOne(ratios(aircraft.limits, aircraft.separation))
+        self._dtype, self._aircraft = np.dtype(dtype), content.aircraft
+        self._encoder, self._hidden = content.layers("each", dtype), content.layers("hidden", dtype)
+        self._head = content.layers("head", dtype)[0]
+        self._kept = KeptByOne(ratios(self._aircraft.limits, self._aircraft.separation))
 
     def for_aircraft(self, aircraft: Aircraft) -> "SetNetwork":
         """Return the network for states of another aircraft."""
         other = copy(self)
-        other._take(aircraft)
+        other._aircraft, other._kept = aircraft, KeptByOne(ratios(aircraft.limits, aircraft.separation))
         return other
 
     def of_parity(self, rows: np.ndarray) -> np.ndarray:

@@ -58,11 +58,7 @@ class Options:
 
 
 def parse(argv: Sequence[str] | None = None) -> Options:
-    """Read the command line, that of the process by default; nothing is written.
-
-    Raises:
-        ConfigError: the arguments, the configuration, the space or the directory are not usable.
-    """
+    """Read the command line, that of the process by default; raises a ConfigError, and writes nothing."""
     given = _parser().parse_args(argv)
     directory: Path = given.out
     if given.resume:

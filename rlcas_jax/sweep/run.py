@@ -5,11 +5,15 @@ The search is an Optuna study in ``study.db`` (SQLite) of the sweep's directory,
 
 import gc
 import json
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import optuna
+from optuna.study import Study
+from optuna.trial import Trial, TrialState
 
 from agents.config.figures import save_figure
 from agents.config.folder_lock import locked
@@ -20,21 +24,13 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.interrupt import INTERRUPTED, Interrupt
 from rlcas_jax.progress import Reporter
 from rlcas_jax.sweep.cli import CONFIG, SETTINGS, Options, parse
-from rlcas_jax.sweep.space import overrides, suggested
-
-if TYPE_CHECKING:
-    from optuna.study import Study
-    from optuna.trial import Trial
+from rlcas_jax.sweep.space import overrides
 
 STUDY = "study.db"
 FAILED = 1
 
 STARTUP = 10
 """Trials that are drawn evenly from the space and never stopped early, before the sampler's model is asked."""
-
-
-class _StoppedError(Exception):
-    """A stop was asked for; the trial is queued again."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -46,9 +42,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not options.resumed:
             write_file(options.directory / CONFIG, dump(options.base))
         study = _opened(options)
-        missing = max(options.settings.trials - _counted(study), 0)
-        with suppress(_StoppedError):
-            study.optimize(lambda trial: _objective(trial, options, interrupt), missing)
+        while _counted(study) < options.settings.trials and not interrupt.requested:
+            _try(study, options, interrupt)
         best = _written(options, study)
     if interrupt.requested:
         print(f"interrupted: go on with  python -m rlcas_jax.sweep --resume --out {options.directory}")
@@ -61,11 +56,8 @@ def trial_directory(directory: Path, number: int) -> Path:
     return directory / f"trial_{number:04d}"
 
 
-def _opened(options: Options) -> "Study":
+def _opened(options: Options) -> Study:
     """Open the study, with a trial that a kill left unfinished queued again."""
-    import optuna
-    from optuna.trial import TrialState
-
     optuna.logging.set_verbosity(optuna.logging.WARNING if options.quiet else optuna.logging.INFO)
     storage = optuna.storages.RDBStorage(f"sqlite:///{(options.directory / STUDY).absolute()}")
     study = optuna.create_study(
@@ -81,21 +73,31 @@ def _opened(options: Options) -> "Study":
     return study
 
 
-def _counted(study: "Study") -> int:
-    from optuna.trial import TrialState
-
+def _counted(study: Study) -> int:
     return len(study.get_trials(deepcopy=False, states=(TrialState.COMPLETE, TrialState.PRUNED)))
 
 
-def _objective(trial: "Trial", options: Options, interrupt: Interrupt) -> float:
+def _try(study: Study, options: Options, interrupt: Interrupt) -> None:
+    """Try other values; where a stop is asked for, the trial stays unfinished and is queued again on resume."""
+    trial = study.ask(dict(options.space))
+    try:
+        value = _objective(trial, options, interrupt)
+    except optuna.TrialPruned:
+        study.tell(trial, state=TrialState.PRUNED)
+        return
+    if not interrupt.requested:
+        study.tell(trial, value)
+        if not options.quiet:
+            print(f"trial {trial.number}: success {value:.6g}: {', '.join(overrides(trial.params))}")
+
+
+def _objective(trial: Trial, options: Options, interrupt: Interrupt) -> float:
     """Train a trial's seeds and return the mean share resolved of the resolvable."""
     import jax
-    import optuna
-    from optuna.trial import TrialState
 
     from rlcas_jax.loop import TrainingError
 
-    seeds, values = options.settings.seeds, suggested(trial, options.space)
+    seeds, values = options.settings.seeds, trial.params
     for done in trial.study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)):
         if done.params == values:
             return float(done.value or 0.0)
@@ -108,8 +110,7 @@ def _objective(trial: "Trial", options: Options, interrupt: Interrupt) -> float:
             watch = _Watch(options, trial if index == 0 else None, config)
             summary = _trained(config.model_copy(update={"seed": config.seed + index}), own, watch, interrupt)
             if interrupt.requested:
-                trial.study.enqueue_trial(values)
-                raise _StoppedError
+                return math.nan
             found.append(float(summary["evaluation"]["success_given_resolvable"]))
     except (ConfigError, TrainingError, jax.errors.JaxRuntimeError) as problem:
         # Of a pruned trial Optuna learns that its region is bad, of a failed one nothing.
@@ -125,7 +126,7 @@ def _objective(trial: "Trial", options: Options, interrupt: Interrupt) -> float:
 class _Watch(Reporter):
     """Shows a training's progress and reports its evaluations to Optuna's pruner."""
 
-    def __init__(self, options: Options, trial: "Trial | None", config: TrainConfig) -> None:
+    def __init__(self, options: Options, trial: Trial | None, config: TrainConfig) -> None:
         super().__init__(quiet=options.quiet)
         self._trial = trial
         self._every = config.evaluation.every_steps
@@ -135,8 +136,6 @@ class _Watch(Reporter):
         """Take the figures of an update; raises ``optuna.TrialPruned``."""
         super().update(row)
         if self._trial is not None and "eval_success" in row:
-            import optuna
-
             # Counted, because trials of different batch sizes are evaluated at different steps.
             self._trial.report(row["eval_success"], int(row["step"]) // self._every)
             if row["step"] < self._last and self._trial.should_prune():
@@ -156,10 +155,8 @@ def _trained(config: TrainConfig, directory: Path, watch: Reporter, interrupt: I
     return finish(done) if done.finished else {}
 
 
-def _written(options: Options, study: "Study") -> bool:
+def _written(options: Options, study: Study) -> bool:
     """Write ``best.yaml``, ``sweep.json`` and the figures, print the best trial, and return whether there is one."""
-    from optuna.trial import TrialState
-
     trials = study.get_trials(deepcopy=False)
     complete = [trial for trial in trials if trial.state == TrialState.COMPLETE]
     best = study.best_trial if complete else None
@@ -181,11 +178,10 @@ def _written(options: Options, study: "Study") -> bool:
     return best is not None
 
 
-def _draw(study: "Study", complete: int, out: Path) -> None:
+def _draw(study: Study, complete: int, out: Path) -> None:
     import warnings
 
     import matplotlib as mpl
-    import optuna
     from optuna.visualization import matplotlib as plots
 
     mpl.use("Agg")

@@ -4,12 +4,11 @@ import json
 import math
 import random
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
-from optuna.trial import Trial
 from pydantic.fields import FieldInfo
 
 from agents.config.keys import expected, field_at, keys, nearest, shown
@@ -24,11 +23,7 @@ _FIXED = ("name", "seed", "evaluation", "checkpoint", "phases", "aircraft")
 
 
 def parse(entries: Mapping[str, Any], source: Path | str) -> Space:
-    """Read the entries of a space file: dotted key -> ``{low, high, log, step}`` or ``{choices}``.
-
-    Raises:
-        ConfigError: a key is unknown or fixed, or an entry is not usable.
-    """
+    """Read a space file, dotted key -> ``{low, high, log, step}`` or ``{choices}``; a bad one raises a ConfigError."""
     if not entries:
         raise ConfigError(f"{source}: it names no key; expected some, such as ppo.learning_rate: {{low: .., high: ..}}")
     return {key: _distribution(key, entry, f"{source}: {key}") for key, entry in entries.items()}
@@ -39,35 +34,20 @@ def overrides(values: Mapping[str, Any]) -> list[str]:
     return [f"{key}={value}" for key, value in values.items()]
 
 
-def suggested(trial: Trial, space: Space) -> dict[str, Any]:
-    """Return the values that Optuna suggests for a trial."""
-    found: dict[str, Any] = {}
-    for key, one in space.items():
-        if isinstance(one, CategoricalDistribution):
-            found[key] = trial.suggest_categorical(key, one.choices)
-        elif isinstance(one, IntDistribution):
-            found[key] = trial.suggest_int(key, one.low, one.high, step=one.step, log=one.log)
-        elif isinstance(one, FloatDistribution):
-            found[key] = trial.suggest_float(key, one.low, one.high, step=one.step, log=one.log)
-    return found
-
-
 def check(space: Space, source: Path | str, load: Callable[[list[str]], TrainConfig]) -> None:
-    """Find out whether each choice and both ends of each range are valid, alone or with some values of the others.
+    """Raise a ConfigError unless each choice and both ends of each range are valid, alone or with some of the others.
 
     Args:
         source: what an error sentence names.
         load: ``KEY=VALUE`` texts -> configuration, raises ConfigError.
-
-    Raises:
-        ConfigError: a value is not.
     """
     draw = random.Random(0)
     for key, value in ((key, value) for key, one in space.items() for value in _ends(one)):
-        problems = []
-        for others in _combinations(space, key, draw):
+        others, problems = [other for other in space if other != key], []
+        for tried in range(_TRIED if others else 1):
+            some = {other: draw.choice(_ends(space[other])) for other in others if tried > 0}
             try:
-                load(overrides(others | {key: value}))
+                load(overrides(some | {key: value}))
                 break
             except ConfigError as problem:
                 problems.append(re.sub("^--set:? ", "", str(problem)))
@@ -77,13 +57,6 @@ def check(space: Space, source: Path | str, load: Callable[[list[str]], TrainCon
 
 def _ends(one: Any) -> tuple[Any, ...]:
     return one.choices if isinstance(one, CategoricalDistribution) else (one.low, one.high)
-
-
-def _combinations(space: Space, but: str, draw: random.Random) -> Iterator[dict[str, Any]]:
-    yield {}
-    others = [key for key in space if key != but]
-    for _ in range(_TRIED if others else 0):
-        yield {key: draw.choice(_ends(space[key])) for key in others}
 
 
 def _distribution(key: str, entry: Any, where: str) -> BaseDistribution:

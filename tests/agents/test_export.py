@@ -132,7 +132,7 @@ def test_diverged_parameters_are_refused(tmp_path, bad, where):
         (lambda: made()["params"], {}, "not those of agents.learning.networks.Actor"),
         (made, {"hidden": (16, 9)}, r"tensor actor/hidden_1/kernel has shape \[16, 8\], expected \[16, 9\]"),
         (made, {"hidden": (16,)}, "tensor 'actor/hidden_1/bias' is unexpected"),
-        (made, {"hidden": (16, 8, 4)}, "tensor actor/hidden_2/bias is missing"),
+        (made, {"hidden": (16, 8, 4)}, "tensor 'actor/hidden_2/bias' is missing"),
         (made, {"feature_set": "none"}, r"shape \[22, 16\], expected \[8, 16\]"),
         (made, {"feature_set": "magic"}, "feature_set is 'magic'"),
         (made, {"score": float("nan")}, "metadata cannot be written as JSON"),

@@ -204,7 +204,7 @@ def test_rows_hold_for_the_kernels_of_other_processors(core):
 def test_bad_components_are_named(component, value, batch):
     observation = np.zeros((*batch, 8))
     observation[(*(0 for _ in batch), component)] = value
-    expected = f"'{NAMES[component]}'" + (r" of row \[0\]" if batch else "") + " is .*expected a value in"
+    expected = f"'{NAMES[component]}'" + (r" of row \[0\]" if batch else "") + " is .*expected one in"
     with pytest.raises(ValueError, match=expected):
         policy()(observation)
 

@@ -180,7 +180,7 @@ def test_what_is_no_policy_file(data, message):
 def test_refused_paths(tmp_path, monkeypatch):
     with pytest.raises(PolicyFileError, match=r"none\.safetensors: no such policy file"):
         read(tmp_path / "none.safetensors")
-    with pytest.raises(PolicyFileError, match="a directory"):
+    with pytest.raises(PolicyFileError, match="not a regular file"):
         read(tmp_path)
     (tmp_path / "file").write_bytes(DATA)
     with pytest.raises(PolicyFileError, match="cannot be read"):
@@ -220,13 +220,13 @@ def at(path, value):
         ("observation.more", 1, r"metadata\.observation\.more is 1, expected None"),
         ("action.names", ["yaw_rate", "acceleration"], r"metadata\.action\.names is"),
         ("limits.speed_max", "fast", r"metadata\.limits\.speed_max is 'fast', expected a number"),
-        ("limits.speed_max", 10.0, "which no vehicle has"),
-        ("limits.speed_max", 400.1, "which no vehicle has"),
-        ("limits.speed_max", 1e308, "which no vehicle has"),
-        ("limits.acceleration_max", 21.0, "which no vehicle has"),
-        ("limits.acceleration_min", -21.0, "which no vehicle has"),
-        ("limits.yaw_rate_max", 1e308, "which no vehicle has"),
-        ("limits.yaw_rate_max", 1e-300, "which no vehicle has"),
+        ("limits.speed_max", 10.0, "expected those of a vehicle"),
+        ("limits.speed_max", 400.1, "expected those of a vehicle"),
+        ("limits.speed_max", 1e308, "expected those of a vehicle"),
+        ("limits.acceleration_max", 21.0, "expected those of a vehicle"),
+        ("limits.acceleration_min", -21.0, "expected those of a vehicle"),
+        ("limits.yaw_rate_max", 1e308, "expected those of a vehicle"),
+        ("limits.yaw_rate_max", 1e-300, "expected those of a vehicle"),
         ("limits.yaw_rate_max", KeyError, "metadata.limits lacks yaw_rate_max"),
         ("limits.colour", 1.0, "metadata.limits has unexpected 'colour'"),
         ("architecture.hidden", [], r"metadata\.architecture\.hidden is \[\]"),
@@ -234,7 +234,7 @@ def at(path, value):
         ("architecture.hidden", [10**9, 5], "hidden is"),
         ("architecture.hidden", [6, 4], r"shape \[6, 5\], expected \[6, 4\]"),
         ("architecture.hidden", [6], "tensor actor/hidden_1/bias' is unexpected"),
-        ("architecture.hidden", [6, 5, 5], "tensor actor/hidden_2/bias is missing"),
+        ("architecture.hidden", [6, 5, 5], "tensor 'actor/hidden_2/bias' is missing"),
         ("architecture.activation", "relu", "activation is 'relu', expected 'tanh'"),
         ("architecture.output", "tanh", "output is 'tanh', expected 'clip'"),
         (
@@ -271,8 +271,8 @@ def nan_at(name, index, value=np.nan):
 @pytest.mark.parametrize(
     ("tensors", "message"),
     [
-        (altered("actor/log_std", None), "tensor actor/log_std is missing"),
-        (altered("parity/action", None), "tensor parity/action is missing"),
+        (altered("actor/log_std", None), "tensor 'actor/log_std' is missing"),
+        (altered("parity/action", None), "tensor 'parity/action' is missing"),
         (altered("critic/head/bias", np.zeros(1, np.float32)), "tensor 'critic/head/bias' is unexpected"),
         (altered("actor/head/bias", np.zeros(3, np.float32)), r"shape \[3\], expected \[2\]"),
         (altered("actor/head/bias", np.zeros((2, 1), np.float32)), r"shape \[2, 1\], expected \[2\]"),

@@ -19,7 +19,7 @@ from agents.learning import export
 from agents.policy import file as policy_file
 from agents.policy.file import claims
 from rlcas_jax import checkpoint
-from rlcas_jax.checkpoint import CheckpointError, latest, restore, restore_part, save
+from rlcas_jax.checkpoint import CheckpointError, latest, restore, save
 from rlcas_jax.checkpoint import meta as stored_meta
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.loop import Run, prepared, run
@@ -88,8 +88,9 @@ def test_the_same_state_gives_the_same_file(tmp_path: Path):
 def test_only_the_newest_are_kept(tmp_path: Path):
     (tmp_path / "notes.safetensors").touch()
     for number in (8, 9, 10, 11):
-        save(tmp_path, number, {"a": jnp.ones(1)}, {}, keep=2)
+        save(tmp_path, number, {"a": jnp.ones(1)}, {})
     assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "checkpoint-0000000009.safetensors",
         "checkpoint-0000000010.safetensors",
         "checkpoint-0000000011.safetensors",
         "notes.safetensors",
@@ -129,7 +130,7 @@ def test_a_named_pipe_is_no_checkpoint(tmp_path: Path):
     os.mkfifo(pipe := tmp_path / "checkpoint-1.safetensors")
     assert not claims(pipe)
     with pytest.raises(CheckpointError, match="not a regular file"):
-        restore_part(pipe, tree(), "learner")
+        restore(pipe, tree(), "learner")
 
 
 def test_nothing_to_resume_from_is_an_error(tmp_path: Path):
@@ -238,8 +239,8 @@ def test_networks_and_optimiser_are_those_of_the_earlier_run(earlier: Run, tmp_p
     # Other encounters and another number of them: only the networks have to be the same.
     changes = ["seed=7", "ppo.environments=32", "scenarios=[{name: noisy}]"]
     later = trained(tmp_path / "later", *changes, f"warm_start={earlier.directory}")
-    begun = checkpoint.restore_part(first_checkpoint(later), earlier.state.learner, "learner")
-    fresh = checkpoint.restore_part(first_checkpoint(earlier), earlier.state.learner, "learner")
+    begun = checkpoint.restore(first_checkpoint(later), earlier.state.learner, "learner")
+    fresh = checkpoint.restore(first_checkpoint(earlier), earlier.state.learner, "learner")
     for mine, theirs, new in zip(*map(jax.tree.leaves, (begun, earlier.state.learner, fresh)), strict=True):
         np.testing.assert_array_equal(mine, theirs)
         assert not np.array_equal(mine, new)
@@ -295,7 +296,7 @@ def policy(earlier: Run) -> Path:
 def test_a_policy_begins_a_training_with_a_fresh_critic(earlier: Run, policy: Path, tmp_path: Path) -> None:
     later = trained(tmp_path / "later", f"warm_start={policy}", "checkpoint.every_seconds=0")
     first = sorted((later.directory / "checkpoints").glob("*.safetensors"))[0]
-    learner = checkpoint.restore_part(first, earlier.state.learner, "learner")
+    learner = checkpoint.restore(first, earlier.state.learner, "learner")
     assert same(learner.actor, earlier.state.learner.actor)
     assert not same(learner.critic, earlier.state.learner.critic)
 

@@ -144,9 +144,9 @@ def test_what_cannot_be_split_is_refused(devices: int, overrides: list[str], mes
     ("arguments", "message"),
     [
         (["--devices", "0"], "--devices is 0; expected 1 or more"),
-        (["--processes", "2"], "--processes needs --coordinator"),
+        (["--processes", "2"], "--processes and --process need --coordinator"),
         (["--coordinator", "here"], "--coordinator is 'here'; expected HOST:PORT"),
-        (["--coordinator", "here:1", "--processes", "2"], "needs --processes and --process"),
+        (["--coordinator", "here:1", "--processes", "2"], "--process is None of --processes 2; expected both"),
         (["--coordinator", "here:1", "--processes", "2", "--process", "2"], "--process is 2 of --processes 2"),
         (["--coordinator", "here:1", "--processes", "2", "--process", "1"], "needs --out"),
     ],

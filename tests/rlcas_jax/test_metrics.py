@@ -26,7 +26,7 @@ def row(update: int, **more: float) -> dict[str, float]:
 
 
 def test_what_is_written_is_read_as_columns(tmp_path: Path):
-    with Writer(tmp_path, tensorboard=False) as writer:
+    with Writer(tmp_path) as writer:
         writer.write(row(1, score=math.nan))
         writer.write(row(2, eval_success=0.5, loss=np.float32(0.1), entropy=jnp.float32(1.5), episodes=np.int64(3)))
     log = read(tmp_path)
@@ -42,7 +42,7 @@ def test_what_is_written_is_read_as_columns(tmp_path: Path):
 
 @pytest.mark.parametrize("value", [0.1, 1e300, 1e-300, -2.5e-8, 123456.789])
 def test_numbers_keep_their_precision(tmp_path: Path, value: float):
-    with Writer(tmp_path, tensorboard=False) as writer:
+    with Writer(tmp_path) as writer:
         writer.write(row(1, loss=value))
         writer.write(row(2, loss=float(np.float32(value)) if value < 1e30 else value))
     doubled, single = read(tmp_path)["loss"]
@@ -51,7 +51,7 @@ def test_numbers_keep_their_precision(tmp_path: Path, value: float):
 
 
 def test_lines_are_there_at_once(tmp_path: Path):
-    with Writer(tmp_path, tensorboard=False) as writer:
+    with Writer(tmp_path) as writer:
         writer.write(row(1))
         assert len(read(tmp_path)["step"]) == 1
 
@@ -71,15 +71,15 @@ def test_a_resumed_run_leaves_the_file_of_an_uninterrupted_one(tmp_path: Path, t
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     whole.mkdir()
     parts.mkdir()
-    with Writer(whole, tensorboard=False) as writer:
+    with Writer(whole) as writer:
         for update in range(1, 7):
             writer.write(row(update))
-    with Writer(parts, tensorboard=False) as writer:
+    with Writer(parts) as writer:
         for update in range(1, 5):
             writer.write(row(update))
     with (parts / FILE).open("a") as file:
         file.write(torn)
-    with Writer(parts, resume_update=3, tensorboard=False) as writer:
+    with Writer(parts, resume_update=3) as writer:
         for update in range(4, 7):
             writer.write(row(update))
     assert (parts / FILE).read_bytes() == (whole / FILE).read_bytes()
@@ -87,13 +87,13 @@ def test_a_resumed_run_leaves_the_file_of_an_uninterrupted_one(tmp_path: Path, t
 
 def test_a_new_run_begins_a_new_file(tmp_path: Path):
     for _ in range(2):
-        with Writer(tmp_path, tensorboard=False) as writer:
+        with Writer(tmp_path) as writer:
             writer.write(row(1))
     assert len(read(tmp_path)["step"]) == 1
 
 
 def test_a_metric_without_a_description_is_refused(tmp_path: Path):
-    with Writer(tmp_path, tensorboard=False) as writer, pytest.raises(KeyError, match="metric 'magic' has no desc"):
+    with Writer(tmp_path) as writer, pytest.raises(KeyError, match="metric 'magic' has no desc"):
         writer.write(row(1, magic=1.0))
 
 
@@ -126,7 +126,7 @@ NAMES = {f"{name}.{kind}" for name in [*FIGURES, "training"] for kind in ("png",
 def log(directory: Path, seed: int = 0, updates: int = 20) -> Path:
     directory.mkdir()
     random = np.random.default_rng(seed)
-    with Writer(directory, tensorboard=False) as writer:
+    with Writer(directory) as writer:
         for update in range(1, updates + 1):
             learned = 1.0 - np.exp(-update / 5.0)
             row = {
@@ -193,7 +193,7 @@ def test_without_metrics_there_is_nothing_to_draw(tmp_path: Path):
 
 
 def test_what_is_drawn_is_logged():
-    assert {panel.metric for panel in FIGURES.values()} <= set(METRICS)
+    assert {metric for metric, _, _ in FIGURES.values()} <= set(METRICS)
 
 
 def test_matplotlib_is_loaded_only_to_draw():
