@@ -20,8 +20,6 @@ from envs.aircraft import PAPER, Aircraft
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario
 from envs.observation import ROW, SIZE
 
-__all__ = ["ENV_ID", "Deconfliction", "EnvParams", "EnvState"]
-
 ENV_ID = "rlcas/Deconfliction-v0"
 
 
@@ -58,6 +56,9 @@ class Deconfliction(Environment[EnvState, EnvParams]):
         EncounterError: the scenario or the number of intruders is impossible.
     """
 
+    name: str = ENV_ID  # pyright: ignore[reportIncompatibleMethodOverride]
+    num_actions: int = 2  # pyright: ignore[reportIncompatibleMethodOverride]
+
     def __init__(
         self, scenario: str | Scenario = "circle", aircraft: Aircraft | None = None, intruders: int = 1
     ) -> None:
@@ -67,19 +68,9 @@ class Deconfliction(Environment[EnvState, EnvParams]):
             scenario = encounters.scenario(scenario, aircraft or PAPER)
         elif aircraft not in (None, scenario.aircraft):
             raise EncounterError(
-                f"scenario {scenario.name!r} is another aircraft's; expected one of the aircraft given"
+                f"scenario {scenario.name!r} is another aircraft's; expected one of the given aircraft"
             )
         self.scenario, self.intruders = scenario, intruders
-
-    @property
-    def name(self) -> str:
-        """The name under which it is registered."""
-        return ENV_ID
-
-    @property
-    def num_actions(self) -> int:
-        """Components of an action."""
-        return 2
 
     @property
     def default_params(self) -> EnvParams:
@@ -114,12 +105,8 @@ class Deconfliction(Environment[EnvState, EnvParams]):
         moved, result = surrogate.step(state.encounter, (action[0], action[1]), world)
         state = EnvState(time=state.time + 1, encounter=moved)
         violation, reached, _ = result.outcome
-        info = {
-            "separation": result.separation,
-            "goal_distance": result.goal_distance,
-            "violation": violation,
-            "reached": reached,
-        }
+        info = {"separation": result.separation, "goal_distance": result.goal_distance}
+        info |= {"violation": violation, "reached": reached}
         return self.observe(key, state, action, params), state, result.reward, violation | reached, info
 
     def observe(self, key: jax.Array, state: EnvState, action: Any, params: EnvParams) -> Any:

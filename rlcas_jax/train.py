@@ -8,26 +8,24 @@ from typing import TYPE_CHECKING, Any
 
 from envs.edge.command import run_cli
 from envs.edge.compiled import keep_compiled
+from rlcas_jax.interrupt import INTERRUPTED, Interrupt
 
 if TYPE_CHECKING:
     from rlcas_jax.cli import Job, Options
     from rlcas_jax.devices import Devices
-    from rlcas_jax.interrupt import Interrupt
 
 FAILED = 1
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status: 0 done, 1 training failed, 130 interrupted."""
-    from rlcas_jax.interrupt import Interrupt
-
     with Interrupt() as interrupt:
         from rlcas_jax.cli import parse
 
         return _train(parse(argv), interrupt)
 
 
-def _train(options: "Options", interrupt: "Interrupt") -> int:
+def _train(options: "Options", interrupt: Interrupt) -> int:
     keep_compiled()
     # Imported here: --help and bad input must not wait for JAX.
     from agents.config.folder_lock import is_unused, locked
@@ -37,12 +35,10 @@ def _train(options: "Options", interrupt: "Interrupt") -> int:
     from rlcas_jax.devices import connect, first
     from rlcas_jax.figures import training_figures
     from rlcas_jax.finish import table
-    from rlcas_jax.interrupt import INTERRUPTED
     from rlcas_jax.loop import TrainingError, prepared
 
     devices = connect(options.devices, options.processes)
     summaries: list[dict[str, Any]] = []
-    interrupted = False
     with ExitStack() as stack:
         folders = dict.fromkeys([options.directory, *(job.directory for job in options.jobs)])
         if not options.resumed:
@@ -56,27 +52,26 @@ def _train(options: "Options", interrupt: "Interrupt") -> int:
             write_configurations(options)
         for job in options.jobs:
             try:
-                summary = _job(job, options, devices, interrupt)
+                summaries.append(_job(job, options, devices, interrupt))
             except TrainingError as problem:
                 print(f"error: {problem}", file=sys.stderr)
                 return FAILED
             except (OSError, PolicyFileError) as problem:
                 return _unwritten(job.directory, problem)
-            summaries.append(summary)
-            if not summary["finished"]:
-                interrupted = True
+            if not summaries[-1]["finished"]:
                 break
+        finished = summaries[-1]["finished"]
         if first():
             if len(options.jobs) > 1:
                 done = [job.directory for job in options.jobs[: len(summaries)]]
                 training_figures(done, options.directory / "figures")
             print(table(options.directory, summaries))
-            if interrupted:
+            if not finished:
                 print(f"interrupted: go on with  python -m rlcas_jax.train --resume {options.directory}")
-    return INTERRUPTED if interrupted else 0
+    return 0 if finished else INTERRUPTED
 
 
-def _job(job: "Job", options: "Options", devices: "Devices", interrupt: "Interrupt") -> dict[str, Any]:
+def _job(job: "Job", options: "Options", devices: "Devices", interrupt: Interrupt) -> dict[str, Any]:
     """Train one seed and write its files; return the summary, in other processes than the first its end."""
     from rlcas_jax.devices import first
     from rlcas_jax.finish import finish

@@ -1,7 +1,6 @@
 """Actor and critic in flax: separate multi-layer perceptrons over features of the observation."""
 
 import math
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,29 +9,17 @@ from flax import linen as nn
 from agents.policy.features import features, mirror_sign
 from agents.policy.set_features import SetInputs
 
-
-class Derived(NamedTuple):
-    """The inputs that the networks derive from an observation, once for several uses."""
-
-    inputs: jax.Array
-    """Of the first layer, ``[..., F]``."""
-    mirror_sign: jax.Array
-    """Factor of the yaw rate, -1 where the scene is seen mirrored, ``[...]``."""
+Seen = jax.Array | SetInputs
+"""What a network takes: observations ``[..., 8]``, or the inputs derived from them or from scenes of several intruders;
+those of observations have no part for each intruder."""
 
 
-def derived(observation: jax.Array, feature_set: str) -> Derived:
+def derived(observation: jax.Array, feature_set: str) -> SetInputs:
     """Return what networks with a feature set take instead of observations ``[..., 8]``."""
     components = [observation[..., i] for i in range(observation.shape[-1])]
     inputs = jnp.stack(features(components, feature_set, jnp), axis=-1)
-    return Derived(inputs, jnp.broadcast_to(mirror_sign(components, feature_set, jnp), inputs.shape[:-1]))
-
-
-Seen = jax.Array | Derived | SetInputs
-"""What a network takes: observations ``[..., 8]``, or what it derives from them or from scenes of several intruders."""
-
-
-def _derived(seen: Seen, feature_set: str) -> Derived | SetInputs:
-    return seen if isinstance(seen, Derived | SetInputs) else derived(seen, feature_set)
+    sign = jnp.broadcast_to(mirror_sign(components, feature_set, jnp), inputs.shape[:-1])
+    return SetInputs(inputs, None, None, sign)
 
 
 class Trunk(nn.Module):
@@ -48,20 +35,18 @@ class Trunk(nn.Module):
     encoder: tuple[int, ...] = ()
 
     @nn.compact
-    def __call__(self, seen: Derived | SetInputs) -> jax.Array:
+    def __call__(self, seen: SetInputs) -> jax.Array:
         """Map inputs ``[..., F]``, and those of intruders ``[..., K, E]``, to ``[..., outputs]``."""
 
         def layer(x: jax.Array, width: int, name: str) -> jax.Array:
             return jnp.tanh(nn.Dense(width, kernel_init=nn.initializers.orthogonal(math.sqrt(2.0)), name=name)(x))
 
-        if isinstance(seen, SetInputs):
-            each = seen.each
+        x, each = seen.own, seen.each
+        if each is not None:
             for i, width in enumerate(self.encoder):
                 each = layer(each, width, f"each_{i}")
             pooled = jnp.max(jnp.where(seen.present[..., None], each, -1.0), axis=-2)
-            x = jnp.concatenate([seen.own, pooled], axis=-1)
-        else:
-            x = seen.inputs
+            x = jnp.concatenate([x, pooled], axis=-1)
         for i, width in enumerate(self.hidden):
             x = layer(x, width, f"hidden_{i}")
         return nn.Dense(self.outputs, kernel_init=nn.initializers.orthogonal(self.head_gain), name="head")(x)
@@ -81,7 +66,7 @@ class Actor(nn.Module):
     @nn.compact
     def __call__(self, observation: Seen) -> tuple[jax.Array, jax.Array]:
         """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
-        seen = _derived(observation, self.feature_set)
+        seen = observation if isinstance(observation, SetInputs) else derived(observation, self.feature_set)
         mean = Trunk(self.hidden, 2, 0.01, self.encoder, name="trunk")(seen)
         mean = mean * jnp.stack([jnp.ones_like(seen.mirror_sign), seen.mirror_sign], axis=-1)
         log_std = self.param("log_std", nn.initializers.constant(self.log_std_initial), (2,))
@@ -98,4 +83,5 @@ class Critic(nn.Module):
     @nn.compact
     def __call__(self, observation: Seen) -> jax.Array:
         """Return the value of observations ``[..., 8]``, ``[...]``."""
-        return Trunk(self.hidden, 1, 1.0, self.encoder, name="trunk")(_derived(observation, self.feature_set))[..., 0]
+        seen = observation if isinstance(observation, SetInputs) else derived(observation, self.feature_set)
+        return Trunk(self.hidden, 1, 1.0, self.encoder, name="trunk")(seen)[..., 0]

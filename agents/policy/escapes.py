@@ -105,32 +105,31 @@ def _squares(intruders: Any, path: Any, xp: Any) -> Any:
     return x * x + y * y
 
 
+def _chords(turn: float, radius: float) -> tuple[np.ndarray, ...]:
+    """Return the times of a turn's chords, their cosines and sines, and how they are shortened, ``[10]`` each."""
+    turning = min(abs(turn) * radius, _LONGEST)
+    middle, bent = turn * _MIDDLE, turn * _BENT
+    times = turning * _OF_TURN + (HORIZON - turning) * _OF_REST
+    return times, np.cos(middle), np.sin(middle), 0.5 * (1.0 - bent * bent * (1.0 / 6.0))
+
+
 class KeptByOne:
     """:func:`kept` for one scene of plain floats after the other: what hangs on the limits alone is computed once."""
 
     def __init__(self, ratios: Ratios) -> None:
         """Prepare the manoeuvres of an aircraft; ratios are floats."""
         self._ratios = ratios
-        turns = np.append(TURNS, [0.0] * 3)[:, None]
-        turning = np.minimum(np.abs(turns) * ratios.turn_radius, _LONGEST)
-        bent, middle = turns * _BENT, turns * _MIDDLE
-        # Times, cosines, sines and lengths, after a column for the start; the turns to the goal are not known yet.
+        # Of each manoeuvre, after a column for the start; the turns to the goal are not known yet.
         self._fixed = np.zeros((4, COUNT, _PIECES + 1))
-        self._fixed[0, :, 1:] = turning * _OF_TURN + (HORIZON - turning) * _OF_REST
-        self._fixed[1:, :, 1:] = np.cos(middle), np.sin(middle), 0.5 * (1.0 - bent * bent * (1.0 / 6.0))
+        self._fixed[:, :-3, 1:] = np.stack([_chords(turn, ratios.turn_radius) for turn in TURNS], axis=1)
         rate = np.where(THROTTLES < 0.0, ratios.acceleration_min, ratios.acceleration_max) * np.abs(THROTTLES)
         self._rate = rate[:, None]
 
     def __call__(self, seen: Scene) -> np.ndarray:
         """Return the least separation of each manoeuvre, D, ``[22]``; without intruders far away."""
-        speed, ratios = seen.own_speed, self._ratios
-        bearing = math.atan2(seen.goal_y, seen.goal_x)
-        turning = min(abs(bearing) * ratios.turn_radius, _LONGEST)
-        middle, bent = bearing * _MIDDLE, bearing * _BENT
-        known = self._fixed.copy()
-        known[0, -3:, 1:] = turning * _OF_TURN + (HORIZON - turning) * _OF_REST
-        known[1, -3:, 1:], known[2, -3:, 1:] = np.cos(middle), np.sin(middle)
-        known[3, -3:, 1:] = 0.5 * (1.0 - bent * bent * (1.0 / 6.0))
+        speed, ratios, known = seen.own_speed, self._ratios, self._fixed.copy()
+        to_goal = _chords(math.atan2(seen.goal_y, seen.goal_x), ratios.turn_radius)
+        known[0, -3:, 1:], known[1, -3:, 1:], known[2, -3:, 1:], known[3, -3:, 1:] = to_goal
         whole, (ahead, aside, short) = known[0], known[1:, :, 1:]
         times, spans = whole[:, 1:], whole[:, 1:] - whole[:, :-1]
         speeds = speed + self._rate * whole

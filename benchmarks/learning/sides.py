@@ -293,8 +293,8 @@ def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
     scenarios = config.drawn()
 
     def seen(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
-        inputs, hand = derived(surrogate.observe(state, world.aircraft), feature_set)
-        return hand, inputs
+        inputs = derived(surrogate.observe(state, world.aircraft), feature_set)
+        return inputs.mirror_sign, inputs.own
 
     def drawn(key: jax.Array) -> surrogate.State:
         return draw(key, config, scenarios, config.pool_rows)

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from agents.config.load import ConfigError, dump, load
-from agents.learning.networks import Derived
 from agents.policy import features
 from agents.policy.inference import Policy
-from agents.policy.set_features import EACH
+from agents.policy.set_features import EACH, SetInputs
 from benchmarks import deadline, gemm, measure, monte_carlo, training
 from benchmarks.learning import run as learning
 from benchmarks.learning import sb3 as sb3_task
@@ -225,8 +224,8 @@ def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: st
     @jax.jit
     def seen_by_networks(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
         seen = ours.observe(state, jax.random.key(0))
-        assert isinstance(seen, Derived)
-        return seen.inputs, seen.mirror_sign
+        assert isinstance(seen, SetInputs)
+        return seen.own, seen.mirror_sign
 
     step, restart = jax.jit(ours.step), jax.jit(ours.restart)
     generator, statistics, action = np.random.default_rng(0), [], np.zeros((8, 2), np.float32)
