@@ -13,22 +13,20 @@ from agents.learning.ppo import Batch, Learner, LearnerState, advantages, explai
 class Step(NamedTuple):
     """What an environment's step returns with its new state; fields ``[N]``."""
 
-    reward: jax.Array
-    """For learning, in scaled units, shaping included."""
+    reward: jax.Array  # for learning, in scaled units, shaping included
     terminated: jax.Array
-    statistics: Any
-    """Anything that the caller wants stacked over time."""
+    statistics: Any  # anything that the caller wants stacked over time
 
 
 class Environment(NamedTuple):
     """A batch of environments as pure functions."""
 
+    # (state, key) -> what the networks take, [N, ...]: derived once, instead of anew in every epoch.
     observe: Callable[[Any, jax.Array], Seen]
-    """(state, key) -> what the networks take, ``[N, ...]``: derived once, instead of anew in every epoch."""
+    # (state, action [N, 2]) -> (state, Step).
     step: Callable[[Any, jax.Array], tuple[Any, Step]]
-    """(state, action ``[N, 2]``) -> (state, Step)."""
+    # (state, index of the step in the rollout) -> state with a fresh episode wherever the last step ended one.
     restart: Callable[[Any, jax.Array], Any]
-    """(state, index of the step in the rollout) -> state with a fresh episode wherever the last step ended one."""
 
 
 def collect(

@@ -120,7 +120,10 @@ class _Runner:
             state = place(state, tasks[number].placed)
             resumed, done = self._updates[number] + int(state.update), self._done(number, state)
         elif self._writes:
-            write_file(directory / "versions.json", json.dumps(made_with(), indent=2) + "\n")
+            # The platform and the versions that decide a run's numbers.
+            here = {"platform": platform.platform(), "machine": platform.machine()}
+            here |= versions("numpy", "jax", "jaxlib", "flax", "optax", "safetensors")
+            write_file(directory / "versions.json", json.dumps(here, indent=2) + "\n")
         self._reporter.start(self._steps[-1], done, "compiling")
         with ExitStack() as stack:
             stack.callback(self._reporter.stop)
@@ -214,12 +217,6 @@ def _final_score(log: dict[str, np.ndarray]) -> float:
     score, episodes = log["score"][-tail:], log["episodes"][-tail:]
     known = episodes > 0
     return float(np.average(score[known], weights=episodes[known])) if known.any() else math.nan
-
-
-def made_with() -> dict[str, str]:
-    """Return the platform and the versions that decide a run's numbers."""
-    here = {"platform": platform.platform(), "machine": platform.machine()}
-    return here | versions("numpy", "jax", "jaxlib", "flax", "optax", "safetensors")
 
 
 def _check_scenarios(config: TrainConfig) -> None:

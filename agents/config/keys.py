@@ -49,14 +49,10 @@ _BOUNDS = {
 class Key(NamedTuple):
     """One key of a configuration."""
 
-    name: str
-    """Dotted; ``[]`` stands for each item of a list."""
-    expected: str
-    """Kind and range of its value."""
-    default: str
-    """As YAML would write it; ``required`` if there is none."""
-    text: str
-    """What it does, with its unit."""
+    name: str  # dotted; [] stands for each item of a list
+    expected: str  # kind and range of its value
+    default: str  # as YAML would write it; "required" if there is none
+    text: str  # what it does, with its unit
 
 
 def keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:

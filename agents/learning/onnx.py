@@ -64,8 +64,8 @@ def model(content: PolicyFile) -> Any:
     converter: Any = importlib.import_module("jax2onnx")
     function, shapes = _decision(content)
     logging.getLogger("onnx_ir").setLevel(logging.ERROR)  # it warns of every shape that it leaves out
-    made = converter.to_onnx(function, shapes, model_name="rlcas_policy", opset=OPSET)
-    _renamed(made, list(inputs_of(content)))
+    names = {"input_names": list(inputs_of(content)), "output_names": ["action"]}
+    made = converter.to_onnx(function, shapes, model_name="rlcas_policy", opset=OPSET, **names)
     # The converter's shapes of what lies between are those of one batch; runtimes find them again.
     del made.graph.value_info[:]
     made.producer_name, made.producer_version = "rlcas-toolkit", versions()["rlcas-toolkit"]
@@ -193,16 +193,6 @@ def _decision(content: PolicyFile) -> tuple[Callable[..., jax.Array], list[tuple
     if content.of_set:
         return of_scene, [("N", OWN_NUMBERS), ("N", "K", 4), ("N", "K")]
     return of_observation, [("N", SIZE)]
-
-
-def _renamed(made: Any, names: list[str]) -> None:
-    new = dict(zip((value.name for value in made.graph.input), names, strict=True))
-    new[made.graph.output[0].name] = "action"
-    for value in (*made.graph.input, *made.graph.output):
-        value.name = new[value.name]
-    for node in made.graph.node:
-        node.input[:] = [new.get(name, name) for name in node.input]
-        node.output[:] = [new.get(name, name) for name in node.output]
 
 
 def _properties(content: PolicyFile) -> dict[str, str]:

@@ -28,13 +28,10 @@ class Scene(NamedTuple):
     goal_y: Any
     x: Any
     y: Any
-    vx: Any
-    """Velocity over the ground, not relative to the ownship."""
+    vx: Any  # velocity over the ground, not relative to the ownship
     vy: Any
-    present: Any
-    """bool."""
-    ratios: Ratios
-    """Of the ownship; floats or ``[...]``."""
+    present: Any  # bool
+    ratios: Ratios  # of the ownship; floats or [...]
 
 
 def scene(

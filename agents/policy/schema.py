@@ -82,13 +82,10 @@ _SET_FIELDS: dict[str, Any] = _COMMON | {
 class SetOf(NamedTuple):
     """The fields of a policy for any number of intruders."""
 
-    encoder: tuple[int, ...]
-    """Widths of the layers that each intruder passes."""
-    intruders: int
-    """Most of them in training."""
+    encoder: tuple[int, ...]  # widths of the layers that each intruder passes
+    intruders: int  # most of them in training
     aircraft: Aircraft
-    family: Mapping[str, tuple[float, float]]
-    """Bounds of each of :class:`envs.aircraft.Ratios` in training."""
+    family: Mapping[str, tuple[float, float]]  # bounds of each of envs.aircraft.Ratios in training
 
 
 def new_metadata(  # noqa: PLR0913 - it describes a file

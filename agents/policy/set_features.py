@@ -28,14 +28,10 @@ _UNITS = 0.0025, 30.0, 1.0 / 6.0, 1.0, 0.2, 0.0  # of :func:`passing`, for lengt
 class SetInputs(NamedTuple):
     """Inputs of the network's first layers."""
 
-    own: Any
-    """``[..., 37]``."""
-    each: Any
-    """``[..., K, 16]``; of absent intruders anything finite."""
-    present: Any
-    """bool ``[..., K]``."""
-    mirror_sign: Any
-    """Factor of the network's yaw rate, -1 where the scene is seen mirrored, ``[...]``."""
+    own: Any  # [..., 37]
+    each: Any  # [..., K, 16]; of absent intruders anything finite
+    present: Any  # bool [..., K]
+    mirror_sign: Any  # factor of the network's yaw rate, -1 where the scene is seen mirrored, [...]
 
 
 def set_inputs(seen: Scene, xp: Any) -> SetInputs:

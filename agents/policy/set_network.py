@@ -24,6 +24,9 @@ from envs.observation import decode
 from envs.relative import distance
 from envs.trees import mapped
 
+Layers = list[tuple[np.ndarray, np.ndarray]]
+"""Kernel ``[in, out]`` and bias ``[out]`` of each."""
+
 _SCENES = 256  # at a time, whose numbers stay in cache; changes no bit
 
 
@@ -33,8 +36,8 @@ class SetNetwork:
     def __init__(self, content: PolicyFile, dtype: DTypeLike) -> None:
         """Take the tensors of a file; float32 or float64 is the precision in which the scene is evaluated."""
         self._dtype, self._aircraft = np.dtype(dtype), content.aircraft
-        self._encoder, self._hidden = content.layers("each", dtype), content.layers("hidden", dtype)
-        self._head = content.layers("head", dtype)[0]
+        self._encoder = content.layers("each", dtype)
+        self._trunk = content.layers("hidden", dtype) + content.layers("head", dtype)
         self._kept = KeptByOne(ratios(self._aircraft.limits, self._aircraft.separation))
 
     def for_aircraft(self, aircraft: Aircraft) -> "SetNetwork":
@@ -72,7 +75,7 @@ class SetNetwork:
     ) -> tuple[float, float]:
         """Return the action of one aircraft in plain floats."""
         mine, each, sign = self.inputs_of_one(own, intruders, goal_x, goal_y)
-        x = np.empty(len(self._hidden[0][0]), self._dtype)
+        x = np.empty(len(self._trunk[0][0]), self._dtype)
         x[:OWN] = mine
         if each:
             flat = np.array(each, self._dtype)
@@ -81,11 +84,7 @@ class SetNetwork:
             x[OWN:] = flat.max(axis=0)
         else:
             x[OWN:] = -1.0
-        for kernel, bias in self._hidden:
-            x = x.dot(kernel)
-            x += bias
-            np.tanh(x, x)
-        acceleration, yaw_rate = (x.dot(self._head[0]) + self._head[1]).tolist()
+        acceleration, yaw_rate = one_through(x, self._trunk)
         return acceleration, yaw_rate * sign
 
     def inputs_of_one(
@@ -108,17 +107,32 @@ class SetNetwork:
 
     def _actions(self, seen: Scene) -> np.ndarray:
         own, each, present, sign = set_inputs(seen, np)
-        flat = np.ascontiguousarray(each.reshape(-1, 1, each.shape[-1]))
-        for kernel, bias in self._encoder:
-            flat = np.tanh(flat @ kernel + bias)
-        each = flat.reshape(*present.shape, -1)
+        each = np.tanh(rows_through(each.reshape(-1, each.shape[-1]), self._encoder)).reshape(*present.shape, -1)
         pooled = np.where(present[..., None], each, np.float32(-1.0)).max(axis=-2)
-        x = np.concatenate([own, pooled], axis=-1)[:, None, :]
-        for kernel, bias in self._hidden:
-            x = np.tanh(x @ kernel + bias)
-        action = (x @ self._head[0] + self._head[1])[:, 0, :]
+        action = rows_through(np.concatenate([own, pooled], axis=-1), self._trunk)
         action[:, 1] *= sign
         return action
+
+
+def rows_through(rows: np.ndarray, layers: Layers) -> np.ndarray:
+    """Return the outputs ``[N, out]`` of layers with tanh between them, for rows ``[N, in]``."""
+    x = np.ascontiguousarray(rows)[:, np.newaxis, :]
+    *before, (kernel, bias) = layers
+    for each_kernel, each_bias in before:
+        x = x @ each_kernel
+        x += each_bias
+        np.tanh(x, out=x)
+    return (x @ kernel + bias)[:, 0, :]
+
+
+def one_through(x: np.ndarray, layers: Layers) -> list[float]:
+    """Return the same for one vector ``[in]``."""
+    *before, (kernel, bias) = layers
+    for each_kernel, each_bias in before:
+        x = x.dot(each_kernel)  # the method: a tenth faster than the function for so little work
+        x += each_bias
+        np.tanh(x, x)
+    return (x.dot(kernel) + bias).tolist()
 
 
 def check_one_layer(policy: Any) -> None:
