@@ -77,15 +77,14 @@ def help_text(model: type[BaseModel]) -> str:
     return "\n".join(lines)
 
 
-def markdown(model: type[BaseModel], prefix: str = "", *, beside: type[BaseModel] | None = None) -> str:
-    """Return the keys as a Markdown table, with a prefix before each, but for those that ``beside`` has as well."""
+def markdown(model: type[BaseModel], *, beside: type[BaseModel] | None = None) -> str:
+    """Return the keys as a Markdown table, but for those that ``beside`` has as well."""
     rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
     known = set(keys(beside)) if beside is not None else set[Key]()
-    for key in keys(model, prefix):
-        if key in known:
-            continue
-        cells = (f"`{key.name}`", _short(key.expected), f"`{key.default}`", key.text)
-        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    for key in keys(model):
+        if key not in known:
+            cells = (f"`{key.name}`", _short(key.expected), f"`{key.default}`", key.text)
+            rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(rows) + "\n"
 
 
@@ -99,10 +98,9 @@ def _short(expected: str) -> str:
 
 
 def field_at(model: type[BaseModel], path: Sequence[str | int]) -> FieldInfo | type[BaseModel] | None:
-    """Return the field that a path of keys and list indices leads to, the model itself for an empty path.
+    """Return the field that a path of keys and list indices leads to, the model itself for an empty path, or None.
 
-    Where a path ends inside a list or tuple of plain values, the answer is the field that holds it; None if the
-    path leads nowhere.
+    Where a path ends inside a list or tuple of plain values, the answer is the field that holds it.
     """
     here: FieldInfo | type[BaseModel] | None = model
     for step in path:
@@ -173,13 +171,8 @@ def _kind(annotation: Any) -> str:
 
 def _bounds(metadata: Iterable[Any]) -> str:
     flat = [part for one in metadata for part in (one.metadata if isinstance(one, FieldInfo) else [one])]
-    parts = [
-        text.format(f"{value:.10g}")
-        for constraint in flat
-        for name, text in _BOUNDS.items()
-        if (value := getattr(constraint, name, None)) is not None
-    ]
-    return " and ".join(parts)
+    given = [(text, getattr(part, name, None)) for part in flat for name, text in _BOUNDS.items()]
+    return " and ".join(text.format(f"{value:.10g}") for text, value in given if value is not None)
 
 
 def nested(annotation: Any) -> tuple[type[BaseModel] | None, bool]:

@@ -24,10 +24,9 @@ Model = TypeVar("Model", bound="Strict")
 class Strict(BaseModel):
     """Base of all configuration models: frozen, no unknown keys, no silent conversions.
 
-    Only three conversions happen, none of which loses anything: a whole number where a number is expected, a
-    number without a fraction (``1e7``) where a whole number is expected, and a list where a tuple is expected.
-    The docstring under a field is its text in ``--help`` and in the documentation. A model's own checks raise
-    :class:`ConfigError` with a sentence that begins with the name of the key that it is about.
+    Only what loses nothing is converted: a whole number to a number, a number without a fraction (``1e7``) to a whole
+    one, a list to a tuple. The docstring under a field is its text in ``--help`` and in the documentation. A model's
+    own checks raise :class:`ConfigError` with a sentence that begins with the name of the key that it is about.
     """
 
     model_config = ConfigDict(
