@@ -29,7 +29,6 @@ STYLE: dict[Any, Any] = {
     "grid.linewidth": 0.6,
     "legend.frameon": False,
     "legend.fontsize": 8.0,
-    "svg.hashsalt": "rlcas",  # the same data give the same file
 }
 _STEPS = "environment steps, millions"
 _POINTS = 400  # most points of a curve; more would be a band

@@ -5,7 +5,7 @@ import signal
 import sys
 import threading
 from types import FrameType
-from typing import Any, TextIO
+from typing import Any
 
 INTERRUPTED = 130  # exit status
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -19,10 +19,9 @@ class Interrupt:
     be lost (:meth:`waits_for` None) the first signal ends the process already.
     """
 
-    def __init__(self, stream: TextIO | None = None) -> None:
-        """Prepare; messages go to the stream, standard error by default."""
+    def __init__(self) -> None:
+        """Prepare."""
         self.requested = False
-        self._stream = sys.stderr if stream is None else stream
         self._what: str | None = None
         self._before: list[tuple[int, Any]] = []
 
@@ -55,15 +54,16 @@ class Interrupt:
     def _answer(self) -> None:
         what = self._what
         if self.requested or what is None:
-            self._say("interrupted; the last checkpoint is kept" if what else "interrupted")
-            if self._stream.isatty():
-                print("\x1b[?25h", end="", file=self._stream, flush=True)  # a live display hides the cursor
+            _say("interrupted; the last checkpoint is kept" if what else "interrupted")
+            if sys.stderr.isatty():
+                print("\x1b[?25h", end="", file=sys.stderr, flush=True)  # a live display hides the cursor
             os._exit(INTERRUPTED)
         self.requested = True
-        self._say(f"stopping: waits for {what}; Ctrl-C again ends at once, and the last checkpoint is kept")
+        _say(f"stopping: waits for {what}; Ctrl-C again ends at once, and the last checkpoint is kept")
 
-    def _say(self, text: str) -> None:
-        print(text, file=self._stream, flush=True)
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
 
 
 def _taken(_number: int, _frame: FrameType | None) -> None:

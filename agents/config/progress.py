@@ -27,7 +27,6 @@ class Progress:
 
         Args:
             unit: its name, plural.
-            quiet: show nothing at all.
             silence_s: least time between two plain lines, s.
             stream: where to; standard error by default.
             clock: seconds from any origin.

@@ -98,10 +98,7 @@ def _absent(own: VehicleState, scales: Aircraft, xp: Any) -> VehicleState:
 def _never_alone(
     own: VehicleState, seen: VehicleState, present: np.ndarray, scales: Aircraft
 ) -> tuple[VehicleState, np.ndarray]:
-    """Return intruders ``[..., K]`` and which exist, with one without effect where there was none."""
+    """Return intruders and which exist with one more, without effect, that exists where there is no other."""
     behind = _absent(own, scales, np)
-    if present.shape[-1] == 0:
-        return VehicleState(*(field[..., None] for field in behind)), np.ones((*own.x.shape, 1), bool)
-    alone = ~present.any(axis=-1, keepdims=True)
-    fields = (np.where(alone, other[..., None], field) for field, other in zip(seen, behind, strict=True))
-    return VehicleState(*fields), present | alone
+    fields = (np.concatenate([field, one[..., None]], axis=-1) for field, one in zip(seen, behind, strict=True))
+    return VehicleState(*fields), np.concatenate([present, ~present.any(axis=-1, keepdims=True)], axis=-1)
