@@ -94,14 +94,9 @@ def new_aircraft(
         AircraftError: a number is not finite or out of range, or two contradict each other.
     """
     limits = Limits(*map(float, limits))
-    for name, value in (*limits._asdict().items(), ("separation", separation)):
-        if not math.isfinite(value):
-            raise AircraftError(f"{name} is {value}; expected a finite number")
-    if not 0.0 <= limits.speed_min < limits.speed_max <= FASTEST.speed_max:
-        raise AircraftError(
-            f"speed_min and speed_max are {limits.speed_min:g} and {limits.speed_max:g} m/s; expected "
-            f"0 <= speed_min < speed_max <= {FASTEST.speed_max:g}"
-        )
+    slow, fast, most = limits.speed_min, limits.speed_max, FASTEST.speed_max
+    if not 0.0 <= slow < fast <= most:
+        raise AircraftError(f"speed_min, speed_max are {slow:g}, {fast:g} m/s; expected 0 <= min < max <= {most:g}")
     for name, low, value, high in (
         ("acceleration_min", FASTEST.acceleration_min, limits.acceleration_min, -1e-4),
         ("acceleration_max", 1e-4, limits.acceleration_max, FASTEST.acceleration_max),
@@ -123,14 +118,11 @@ def new_aircraft(
         if name != "limits" and not (math.isfinite(value) and value > 0.0):
             raise AircraftError(f"{name} is {value:g}; expected a finite number above 0")
     if given.goal_radius > given.separation:
-        raise AircraftError(
-            f"goal_radius is {given.goal_radius:g} m; expected at most the separation, {given.separation:g} m"
-        )
-    if limits.yaw_rate_max * given.dt > 1.0:
-        raise AircraftError(
-            f"yaw_rate_max is {limits.yaw_rate_max:g} rad/s with a time step of {given.dt:g} s; expected at most "
-            "1 rad in a step"
-        )
+        expected = f"at most the separation, {given.separation:g} m"
+        raise AircraftError(f"goal_radius is {given.goal_radius:g} m; expected {expected}")
+    turn = limits.yaw_rate_max * given.dt
+    if turn > 1.0:
+        raise AircraftError(f"yaw_rate_max turns {turn:g} rad in a time step of {given.dt:g} s; expected at most 1 rad")
     if abs(given.t_max / given.dt - round(given.t_max / given.dt)) > 1e-6:
         raise AircraftError(f"t_max is {given.t_max:g} s; expected a whole number of time steps of {given.dt:g} s")
     return given

@@ -6,14 +6,15 @@ dominate).
 """
 
 import math
+import operator
 from typing import Any
 
 
 class FloatNamespace:
     """The part of the array namespace that the core uses, for plain floats and booleans.
 
-    Both branches of :meth:`where` are evaluated before the choice, as with arrays, so callers guard
-    denominators instead of relying on the condition.
+    Both branches of ``where`` are evaluated before the choice, as with arrays, so callers guard denominators instead
+    of relying on the condition.
     """
 
     pi = math.pi
@@ -24,11 +25,10 @@ class FloatNamespace:
     abs = staticmethod(abs)
     minimum = staticmethod(min)
     maximum = staticmethod(max)
-
-    @staticmethod
-    def zeros_like(value: float) -> float:
-        """Return 0.0."""
-        return 0.0
+    logical_and = staticmethod(operator.and_)
+    logical_or = staticmethod(operator.or_)
+    logical_not = staticmethod(operator.not_)
+    zeros_like = staticmethod(lambda _: 0.0)
 
     @staticmethod
     def where(condition: bool, yes: float, no: float) -> float:
@@ -39,21 +39,6 @@ class FloatNamespace:
     def clip(value: float, low: float, high: float) -> float:
         """Return ``value`` limited to ``[low, high]``."""
         return low if value < low else high if value > high else value
-
-    @staticmethod
-    def logical_and(a: bool, b: bool) -> bool:
-        """Return whether both conditions hold."""
-        return a and b
-
-    @staticmethod
-    def logical_or(a: bool, b: bool) -> bool:
-        """Return whether either condition holds."""
-        return a or b
-
-    @staticmethod
-    def logical_not(a: bool) -> bool:
-        """Return whether the condition does not hold."""
-        return not a
 
     @staticmethod
     def stack(values: list[float], axis: int = -1) -> list[float]:

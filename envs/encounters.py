@@ -16,6 +16,7 @@ from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from envs.relative import distance, straight_cpa
+from envs.trees import choose, mapped
 
 
 class EncounterError(InputError):
@@ -192,40 +193,17 @@ def sample(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
     return encounter, accepted
 
 
-def choose(condition: Any, yes: Encounter, no: Encounter, xp: Any) -> Encounter:
-    """Return, for each of the encounters ``[N]``, ``yes`` where the condition ``[N]`` holds and else ``no``."""
-    own = VehicleState(*(xp.where(condition, a, b) for a, b in zip(yes.own, no.own, strict=True)))
-    column = condition[..., None]
-
-    def columns(a: Any, b: Any) -> list[Any]:
-        return [xp.where(column, x, y) for x, y in zip(a, b, strict=True)]
-
-    return Encounter(
-        own,
-        xp.where(condition, yes.goal_x, no.goal_x),
-        xp.where(condition, yes.goal_y, no.goal_y),
-        VehicleState(*columns(yes.intruders, no.intruders)),
-        xp.where(column, yes.mask, no.mask),
-        Intent(*columns(yes.intent, no.intent)),
-        Sensor(*columns(yes.sensor, no.sensor)),
-    )
-
-
 def padded(encounter: Encounter, count: int, xp: Any) -> Encounter:
     """Return the encounters ``[N]`` with absent intruders added until there are ``count`` of them."""
-    missing = count - encounter.mask.shape[-1]
-    if missing <= 0:
+    present = encounter.mask.shape[-1]
+    if count <= present:
         return encounter
 
-    def more(fields: Any) -> list[Any]:
-        return [xp.concatenate([field] + [field[..., :1]] * missing, axis=-1) for field in fields]
+    def more(field: Any) -> Any:
+        return xp.concatenate([field] + [field[..., :1]] * (count - present), axis=-1)
 
-    absent = xp.zeros_like(encounter.mask[..., :1])
-    return encounter._replace(
-        intruders=VehicleState(*more(encounter.intruders)),
-        mask=xp.concatenate([encounter.mask] + [absent] * missing, axis=-1),
-        intent=Intent(*more(encounter.intent)),
-    )
+    intruders, intent, mask = mapped(more, (encounter.intruders, encounter.intent, encounter.mask))
+    return encounter._replace(intruders=intruders, intent=intent, mask=mask & (xp.arange(count) < present))
 
 
 def _attempt(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:

@@ -27,10 +27,8 @@ class StraightCpa(NamedTuple):
 
 def straight_cpa(own: VehicleState, other: VehicleState, xp: Any) -> StraightCpa:
     """Predict the closest point of approach on straight courses (field's usual definition)."""
-    own_vx, own_vy = velocity(own, xp)
-    other_vx, other_vy = velocity(other, xp)
     x, y = other.x - own.x, other.y - own.y
-    vx, vy = other_vx - own_vx, other_vy - own_vy
+    vx, vy = _relative_velocity(own, other, xp)
     time = xp.maximum(-(x * vx + y * vy) / xp.maximum(vx * vx + vy * vy, 1e-9), 0.0)
     return StraightCpa(time, distance(x + vx * time, y + vy * time, xp))
 

@@ -8,9 +8,6 @@ import numpy as np
 from envs import draws
 from envs.aircraft import Aircraft
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario, sample
-from envs.intruder import Intent
-from envs.kinematics import VehicleState
-from envs.perception import Sensor
 from envs.trees import mapped
 
 
@@ -20,20 +17,23 @@ def numbered(scenario: Scenario, seed: int, first: int, count: int) -> Encounter
     Raises:
         EncounterError: seed or number are out of range, or the scenario's conditions are never met.
     """
-    if not 0 <= seed < 2**64:
-        raise EncounterError(f"seed is {seed}; expected 0 <= seed < 2**64")
-    if first < 0:
-        raise EncounterError(f"encounter number is {first}; expected 0 or more")
+    check_number(seed, first)
     uniform = draws.uniforms(seed, first, count, (scenario.attempts, scenario.dimensions))
     # Attempts lead in a sampler's draws, encounters in draws by position.
     encounter, accepted = sample(scenario, np.swapaxes(uniform, 0, 1), np)
     if not accepted.all():
         number = first + int(np.argmin(accepted))
-        raise EncounterError(
-            f"encounter {number} of seed {seed} does not meet the conditions of scenario {scenario.name!r} "
-            f"in {scenario.attempts} attempts; allow more attempts or other conditions"
-        )
+        unmet = f"does not meet the conditions of scenario {scenario.name!r} in {scenario.attempts} attempts"
+        raise EncounterError(f"encounter {number} of seed {seed} {unmet}; allow more, or other conditions")
     return encounter
+
+
+def check_number(seed: int, first: int) -> None:
+    """Raise an EncounterError for a seed or a number of an encounter that is out of range."""
+    if not 0 <= seed < 2**64:
+        raise EncounterError(f"seed is {seed}; expected 0 <= seed < 2**64")
+    if first < 0:
+        raise EncounterError(f"encounter number is {first}; expected 0 or more")
 
 
 def report_noise(seed: int, number: int, step: int, intruders: int) -> np.ndarray:
@@ -71,49 +71,41 @@ def checked(encounter: Encounter, aircraft: Aircraft, batch: tuple[int, ...] = (
     mask = np.atleast_1d(np.asarray(encounter.mask, dtype=bool))
     if not 1 <= mask.shape[-1] <= MOST_INTRUDERS:
         raise EncounterError(f"mask has {mask.shape[-1]} intruder columns; expected 1 to {MOST_INTRUDERS}")
-    wide, limits = (*batch, mask.shape[-1]), aircraft.limits
+    wide, narrow, turn = (*batch, mask.shape[-1]), (*batch, 1), (-math.pi, math.pi)
+    ranges = {
+        "own.speed": (aircraft.limits.speed_min, aircraft.limits.speed_max),
+        "own.heading": turn,
+        "intruders.speed": (0.0, aircraft.traffic_speed_max),
+        "intruders.heading": turn,
+        "intent.heading_change": turn,
+        "intent.turn_rate": (0.0, 1.0 / aircraft.dt),
+        "sensor.position_std": (0.0, math.inf),
+        "sensor.velocity_std": (0.0, math.inf),
+        "sensor.latency": (0.0, 2.0 * aircraft.dt),
+    }
 
-    own = [_numbers(f"own.{name}", value, batch) for name, value in encounter.own._asdict().items()]
-    _numbers("own.speed", own[3], batch, limits.speed_min, limits.speed_max)
-    _numbers("own.heading", own[2], batch, -math.pi, math.pi)
-    intruders = [_numbers(f"intruders.{name}", value, wide) for name, value in encounter.intruders._asdict().items()]
-    _numbers("intruders.speed", intruders[3], wide, 0.0, aircraft.traffic_speed_max)
-    _numbers("intruders.heading", intruders[2], wide, -math.pi, math.pi)
-    intent = [
-        _numbers("intent.onset", encounter.intent.onset, wide),
-        _numbers("intent.heading_change", encounter.intent.heading_change, wide, -math.pi, math.pi),
-        _numbers("intent.turn_rate", encounter.intent.turn_rate, wide, 0.0, 1.0 / aircraft.dt),
-    ]
-    narrow = (*batch, 1)
-    sensor = [
-        _numbers("sensor.position_std", encounter.sensor.position_std, narrow, 0.0),
-        _numbers("sensor.velocity_std", encounter.sensor.velocity_std, narrow, 0.0),
-        _numbers("sensor.latency", encounter.sensor.latency, narrow, 0.0, 2.0 * aircraft.dt),
-    ]
+    def numbers(name: str, value: Any, shape: tuple[int, ...]) -> Any:
+        return _numbers(name, value, shape, *ranges.get(name, (-math.inf, math.inf)))
+
+    def part(name: str, shape: tuple[int, ...]) -> Any:
+        tree = getattr(encounter, name)
+        return type(tree)(*(numbers(f"{name}.{key}", value, shape) for key, value in tree._asdict().items()))
+
     present = _shaped("mask", mask, wide)
     if not present.any(axis=-1).all():
         raise EncounterError("mask leaves an encounter without intruders; expected at least one each")
-    return Encounter(
-        VehicleState(*own),
-        _numbers("goal_x", encounter.goal_x, batch),
-        _numbers("goal_y", encounter.goal_y, batch),
-        VehicleState(*intruders),
-        present,
-        Intent(*intent),
-        Sensor(*sensor),
-    )
+    goal_x, goal_y = numbers("goal_x", encounter.goal_x, batch), numbers("goal_y", encounter.goal_y, batch)
+    others = part("intruders", wide), present, part("intent", wide), part("sensor", narrow)
+    return Encounter(part("own", batch), goal_x, goal_y, *others)
 
 
-def _numbers(
-    name: str, value: Any, shape: tuple[int, ...], low: float = -math.inf, high: float = math.inf
-) -> np.ndarray:
+def _numbers(name: str, value: Any, shape: tuple[int, ...], low: float, high: float) -> np.ndarray:
     """Return a field as finite float64 within its range."""
     try:
-        numbers = _shaped(name, np.asarray(value, dtype=np.float64), shape)
+        given = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise (
-            error if isinstance(error, EncounterError) else EncounterError(f"{name} is not numeric: {error}")
-        ) from None
+        raise EncounterError(f"{name} is not numeric: {error}") from None
+    numbers = _shaped(name, given, shape)
     wrong = ~(np.isfinite(numbers) & (numbers >= low) & (numbers <= high))
     if wrong.any():
         within = "a finite number" if low == -math.inf else f"within {low:g}..{high:g}"

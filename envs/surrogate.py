@@ -4,16 +4,15 @@ The update is :func:`envs.world.step`. Encounters that end start anew from a poo
 redraws; a row of the pool is used per step, so that a reset costs no random access.
 """
 
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from envs import encounters, world
-from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
-from envs.kinematics import VehicleState
-from envs.observation import SetObservation
+from envs.trees import choose
 from envs.world import State, StepResult, World
 
 __all__ = [
@@ -22,7 +21,6 @@ __all__ = [
     "World",
     "observe",
     "observe_set",
-    "perceived",
     "redraw_pool",
     "reset",
     "restart",
@@ -30,36 +28,10 @@ __all__ = [
 ]
 
 
-def reset(encounter: Encounter, *, history_dt: Any = None, required_separation: jax.Array | None = None) -> State:
-    """Begin encounters ``[N]``; arguments as of :func:`envs.world.begin`."""
-    return world.begin(encounter, jnp, history_dt=history_dt, required_separation=required_separation)
-
-
-def perceived(state: State, aircraft: Aircraft, noise: jax.Array | None = None) -> VehicleState:
-    """Return the intruders as the ownship believes them to be, ``[N, K]``; arguments as of :func:`observe`."""
-    return world.perceived(state, noise, aircraft.dt, jnp)
-
-
-def observe(state: State, aircraft: Aircraft, noise: jax.Array | None = None) -> jax.Array:
-    """Return the observation of the most critical intruder, ``[N, 8]``.
-
-    Args:
-        state: ``[N]``.
-        noise: standard normal draws ``[4, N, K]`` of the reports; None for perfect knowledge.
-    """
-    return world.observe(state, world.perceived(state, noise, aircraft.dt, jnp), aircraft, jnp)
-
-
-def observe_set(
-    state: State, aircraft: Aircraft, noise: jax.Array | None = None, count: int | None = None
-) -> SetObservation:
-    """Return the observation of all intruders, or of the ``count`` most critical; arguments as of :func:`observe`."""
-    return world.observe_set(state, world.perceived(state, noise, aircraft.dt, jnp), count, aircraft, jnp)
-
-
-def step(state: State, action: tuple[jax.Array, jax.Array], parameters: World) -> tuple[State, StepResult]:
-    """Advance encounters ``[N]`` by one time step, without any reset; arguments as of :func:`envs.world.step`."""
-    return world.step(state, action, parameters, jnp)
+reset = partial(world.begin, xp=jnp)
+step = partial(world.step, xp=jnp)
+observe = partial(world.observe, xp=jnp)
+observe_set = partial(world.observe_set, xp=jnp)
 
 
 def restart(state: State, fresh: State) -> State:
@@ -68,11 +40,7 @@ def restart(state: State, fresh: State) -> State:
     Called at the beginning of a loop's body, where ``ended`` is an input, it costs one choice per field; at its end
     the compiler would evaluate the whole step again for every field that is chosen.
     """
-
-    def select(new: jax.Array, old: jax.Array) -> jax.Array:
-        return jnp.where(state.ended.reshape(state.ended.shape + (1,) * (old.ndim - 1)), new, old)
-
-    return jax.tree.map(select, fresh, state)
+    return choose(state.ended, fresh, state, jnp)
 
 
 def redraw_pool(key: jax.Array, scenarios: list[Scenario], weights: list[float], rows: int, count: int) -> Encounter:
@@ -94,7 +62,7 @@ def redraw_pool(key: jax.Array, scenarios: list[Scenario], weights: list[float],
         draws = jax.random.uniform(component_key, (1, total, scenario.dimensions))
         drawn, accepted = encounters.sample(scenario, draws, jnp)
         drawn = encounters.padded(_accepted_only(drawn, accepted), most, jnp)
-        mixed = drawn if mixed is None else encounters.choose(choice < threshold, mixed, drawn, jnp)
+        mixed = drawn if mixed is None else choose(choice < threshold, mixed, drawn, jnp)
         threshold += weight
     return jax.tree.map(lambda field: field.reshape(rows, count, *field.shape[1:]), mixed)
 

@@ -29,6 +29,15 @@ def column(tree: T) -> T:
     return mapped(lambda field: field[:, None], tree)
 
 
+def choose(condition: Any, yes: T, no: T, xp: Any) -> T:
+    """Return arrays ``[N, ...]`` that hold ``yes`` where the condition ``[N]`` holds and else ``no``."""
+
+    def either(a: Any, b: Any) -> Any:
+        return xp.where(condition.reshape(condition.shape + (1,) * (a.ndim - condition.ndim)), a, b)
+
+    return mapped(either, yes, no)
+
+
 def scatter(into: Any, rows: Any, values: Any) -> None:
     """Write values into some rows of every array, in place."""
 

@@ -175,16 +175,6 @@ def legs(knots: Knots) -> Legs:
     return Legs(*(shaped(field) for field in (*fields, yaw_rate, acceleration)))
 
 
-def locate(legs: Legs, time: Any) -> Any:
-    """Return the number of the leg flown at a time, ``[...]``: the first before all of them, the last after.
-
-    Args:
-        legs: ``[..., L]``.
-        time: s, ``[...]`` or a scalar.
-    """
-    return np.sum(np.asarray(time)[..., None] >= legs.time[..., 1:], axis=-1)
-
-
 def at(legs: Legs, time: Any) -> VehicleState:
     """Return the state on the curves at a time, ``[...]``; before and after them their first and last arc go on.
 
@@ -192,7 +182,8 @@ def at(legs: Legs, time: Any) -> VehicleState:
         legs: ``[..., L]``.
         time: s, ``[...]`` or a scalar.
     """
-    number = np.broadcast_to(locate(legs, time), np.shape(legs.time)[:-1])[..., None]
+    begun = np.sum(np.asarray(time)[..., None] >= legs.time[..., 1:], axis=-1)
+    number = np.broadcast_to(begun, np.shape(legs.time)[:-1])[..., None]
     began, duration = (np.take_along_axis(field, number, -1)[..., 0] for field in (legs.time, legs.duration))
     seconds = time - began
     arc = np.clip(np.floor(seconds / duration * ARCS), 0, ARCS - 1).astype(np.intp)

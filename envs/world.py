@@ -164,26 +164,24 @@ def perceived(state: State, noise: Any, dt: Any, xp: Any) -> Any:
     return _each(lambda a, b, c, draws: perceive(a, b, c, state.sensor, draws, dt, xp), xp, now, *earlier, noise)
 
 
-def observe(state: State, seen: Any, aircraft: Aircraft, xp: Any) -> Any:
-    """Return the observation of the most critical intruder and the goal, ``[..., 8]``.
-
-    Args:
-        state: ``[...]``.
-        seen: intruders as :func:`perceived`, ``[..., K]``.
-    """
+def observe(state: State, aircraft: Aircraft, noise: Any = None, *, xp: Any) -> Any:
+    """Return the observation of the most critical intruder and the goal, ``[..., 8]``; see :func:`perceived`."""
+    seen = perceived(state, noise, aircraft.dt, xp)
     chosen = observation.most_critical(state.own, seen, state.mask, aircraft, xp)
     return observation.observe(state.own, chosen, state.goal_x, state.goal_y, aircraft, xp)
 
 
-def observe_set(state: State, seen: Any, count: int | None, aircraft: Aircraft, xp: Any) -> SetObservation:
+def observe_set(
+    state: State, aircraft: Aircraft, noise: Any = None, count: int | None = None, *, xp: Any
+) -> SetObservation:
     """Return the observation of several intruders and the goal; arrays only.
 
     Args:
         state: ``[...]``.
-        seen: intruders as :func:`perceived`, ``[..., K]``.
+        noise: as of :func:`perceived`.
         count: of the most critical ones to be seen, in their order; None: all K as they come.
     """
-    mask = state.mask
+    seen, mask = perceived(state, noise, aircraft.dt, xp), state.mask
     if count is not None:
         seen, mask = observation.ranked(state.own, seen, mask, count, aircraft, xp)
     return observation.observe_set(state.own, seen, mask, state.goal_x, state.goal_y, aircraft, xp)

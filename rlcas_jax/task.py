@@ -16,6 +16,7 @@ from envs import surrogate
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
 from envs.outcome import Outcome, Rules
+from envs.world import perceived
 from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import AXIS, Devices
@@ -199,7 +200,7 @@ def seen(state: surrogate.State, aircraft: Aircraft, feature_set: str, noise: ja
     """
     if feature_set != "set":
         return derived(surrogate.observe(state, aircraft, noise), feature_set)
-    intruders = surrogate.perceived(state, aircraft, noise)
+    intruders = perceived(state, noise, aircraft.dt, jnp)
     where = (state.goal_x, state.goal_y, aircraft.limits, aircraft.separation)
     return set_inputs(scene(state.own, intruders, state.mask, *where, jnp), jnp)
 

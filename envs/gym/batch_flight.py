@@ -19,14 +19,13 @@ class Setting(NamedTuple):
     world: World
     noisy: bool
     """Whether reports are noisy or late."""
-    late: bool
     intruders: int
     """That an observation shows: one by its eight numbers, more as a set."""
 
     @property
     def history_dt(self) -> float | None:
         """Time step of the history that late reports need, s."""
-        return self.world.aircraft.dt if self.late else None
+        return self.world.aircraft.dt if self.noisy else None
 
     @property
     def size(self) -> int:

@@ -5,20 +5,20 @@ surrogate's in double precision to 1e-6 m. (In single precision the surrogate's 
 step.)
 """
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from envs import world
+from envs import observation, world
 from envs.aircraft import Aircraft
 from envs.backend import EXACT_FLOATS
 from envs.encounters import Encounter
-from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.observation import SetObservation
-from envs.perception import Sensor
 from envs.relative import distance
-from envs.world import State, StepResult, World
+from envs.trees import mapped
+from envs.world import State
 
 
 def begin(encounter: Encounter, dt: float) -> State:
@@ -30,19 +30,17 @@ def begin(encounter: Encounter, dt: float) -> State:
     """
     present = np.flatnonzero(encounter.mask)
 
-    def each(kind: type, fields: Any) -> Any:
-        return tuple(kind(*(float(field[k]) for field in fields)) for k in present)
+    def each(tree: Any) -> Any:
+        return tuple(mapped(lambda field: float(field[k]), tree) for k in present)  # noqa: B023
 
-    plain = Encounter(
-        own=VehicleState(*(float(field) for field in encounter.own)),
-        goal_x=float(encounter.goal_x),
-        goal_y=float(encounter.goal_y),
-        intruders=each(VehicleState, encounter.intruders),
-        mask=(True,) * len(present),
-        intent=each(Intent, encounter.intent),
-        sensor=Sensor(*(float(field[0]) for field in encounter.sensor)),
-    )
+    own, goal_x, goal_y = mapped(float, (encounter.own, encounter.goal_x, encounter.goal_y))
+    sensor = mapped(lambda field: float(field[0]), encounter.sensor)
+    mask = (True,) * len(present)
+    plain = Encounter(own, goal_x, goal_y, each(encounter.intruders), mask, each(encounter.intent), sensor)
     return world.begin(plain, EXACT_FLOATS, history_dt=dt)
+
+
+step = partial(world.step, xp=EXACT_FLOATS)
 
 
 def observe(state: State, aircraft: Aircraft, noise: np.ndarray | None = None) -> np.ndarray:
@@ -51,8 +49,7 @@ def observe(state: State, aircraft: Aircraft, noise: np.ndarray | None = None) -
     Args:
         noise: standard normal draws ``[4, K]`` of the reports; None for perfect knowledge.
     """
-    seen = _perceived(state, aircraft, noise)
-    return np.array(world.observe(state, seen, aircraft, EXACT_FLOATS), dtype=np.float32)
+    return np.array(world.observe(state, aircraft, _listed(noise), xp=EXACT_FLOATS), dtype=np.float32)
 
 
 def observe_set(state: State, count: int, aircraft: Aircraft, noise: np.ndarray | None = None) -> SetObservation:
@@ -60,13 +57,14 @@ def observe_set(state: State, count: int, aircraft: Aircraft, noise: np.ndarray 
 
     Arguments as of :func:`observe`.
     """
-    seen = VehicleState(*np.array(_perceived(state, aircraft, noise)).T)
-    arrays = state._replace(own=VehicleState(*map(np.float64, state.own)), mask=np.array(state.mask))
-    return world.observe_set(arrays, seen, count, aircraft, np)
+    perceived = world.perceived(state, _listed(noise), aircraft.dt, EXACT_FLOATS)
+    own, seen = VehicleState(*map(np.float64, state.own)), VehicleState(*np.array(perceived).T)
+    seen, mask = observation.ranked(own, seen, np.array(state.mask), count, aircraft, np)
+    return observation.observe_set(own, seen, mask, state.goal_x, state.goal_y, aircraft, np)
 
 
-def _perceived(state: State, aircraft: Aircraft, noise: np.ndarray | None) -> tuple[VehicleState, ...]:
-    return world.perceived(state, None if noise is None else noise.T.tolist(), aircraft.dt, EXACT_FLOATS)
+def _listed(noise: np.ndarray | None) -> Any:
+    return None if noise is None else noise.T.tolist()
 
 
 def separations(state: State) -> tuple[float, ...]:
@@ -74,8 +72,3 @@ def separations(state: State) -> tuple[float, ...]:
     own = state.own
     vehicles = (one.vehicle for one in state.intruders)
     return tuple(distance(vehicle.x - own.x, vehicle.y - own.y, EXACT_FLOATS) for vehicle in vehicles)
-
-
-def step(state: State, action: tuple[float, float], parameters: World) -> tuple[State, StepResult]:
-    """Advance the encounter by one time step; arguments as of :func:`envs.world.step`."""
-    return world.step(state, action, parameters, EXACT_FLOATS)

@@ -68,7 +68,8 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
     Raises:
         EncounterError: (a ValueError) the scenario or encounter is impossible.
         gymnasium.error.Error: UnsupportedMode for another render mode or where no window can be opened, ResetNeeded
-            for a step before the first reset or after the end, InvalidAction for an action that is none.
+            for a step or picture before the first reset or a step after the end, InvalidAction for an action of a wrong
+            shape or that is not finite.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 20}  # noqa: RUF012 - Gymnasium's form
@@ -99,9 +100,7 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         self._number = 0
         self._label = 0
         self._flight: State | None = None
-        self._over = False
-        self._present = np.zeros(0, dtype=int)
-        self._intruders = 0
+        self._mask = np.zeros(0, dtype=bool)
         self._noisy = False
         self._min_separation = np.inf
         self._frames: list[tuple[Any, list[Any], tuple[float, ...]]] = []
@@ -110,11 +109,7 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         self._window: Window | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin the next encounter, or the one that the options ask for.
-
-        Raises:
-            EncounterError: the seed or an option is wrong.
-        """
+        """Begin the next encounter, or the one that the options ask for."""
         chosen = checked_options(options)
         super().reset(seed=seed)
         if seed is not None:
@@ -130,8 +125,8 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         encounter = starts.checked(drawn, self.world.aircraft)
 
         self._number, self._next, self._label = number, number + 1, -1 if given else number
-        self._flight, self._over, self._outcome = flight.begin(encounter, self.world.aircraft.dt), False, OUTCOMES[0]
-        self._present, self._intruders = np.flatnonzero(encounter.mask), len(encounter.mask)
+        self._flight, self._outcome = flight.begin(encounter, self.world.aircraft.dt), OUTCOMES[0]
+        self._mask = encounter.mask
         self._noisy = any(np.any(field > 0.0) for field in encounter.sensor)
         separations = flight.separations(self._flight)
         self._min_separation = min(separations)
@@ -145,22 +140,16 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         return self._observe(), self._info(min(separations), goal_distance)
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Fly on for one time step.
-
-        Raises:
-            gymnasium.error.ResetNeeded: no encounter is in progress.
-            gymnasium.error.InvalidAction: the action has a wrong shape or is not finite.
-        """
+        """Fly on for one time step."""
         if self._flight is None:
             raise error.ResetNeeded("step was called before reset; call reset to begin an encounter")
-        if self._over:
+        if self._outcome != OUTCOMES[0]:
             raise error.ResetNeeded(f"the encounter has ended ({self._outcome}); call reset to begin another one")
         acceleration, yaw_rate = checked_actions(action, (2,)).tolist()
         self._flight, result = self._advance(self._flight, (acceleration, yaw_rate))
         self._min_separation = min(self._min_separation, result.separation)
         judged = result.outcome
         self._outcome = OUTCOMES[1 * judged.violation + 2 * judged.reached + 3 * judged.timeout]
-        self._over = self._outcome != OUTCOMES[0]
         self._record(result.separations)
         if self.render_mode == "human":
             self.render()
@@ -169,12 +158,7 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         return self._observe(), float(result.reward), terminated, truncated, info
 
     def render(self) -> np.ndarray | None:
-        """Return the picture, uint8 ``[size, size, 3]``, show it in a window, or do nothing, by the render mode.
-
-        Raises:
-            gymnasium.error.ResetNeeded: there is nothing to draw before the first reset.
-            gymnasium.error.UnsupportedMode: the window cannot be opened.
-        """
+        """Return the picture, uint8 ``[size, size, 3]``, show it in a window, or do nothing, by the render mode."""
         if self.render_mode is None:
             gymnasium.logger.warn('render draws nothing: give render_mode="rgb_array" or "human" to gymnasium.make')
             return None
@@ -187,12 +171,9 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
             self._picture = self._picture or Drawing(self.render_size)
             return self._picture.frame(self.scene())
         if self._window is None:
-            from envs.gym.window import DisplayError, Window
+            from envs.gym.window import Window
 
-            try:
-                self._window = Window(self.render_size, self.metadata["render_fps"])
-            except DisplayError as problem:
-                raise error.UnsupportedMode(f'render_mode "human": {problem}') from problem
+            self._window = Window(self.render_size, self.metadata["render_fps"])
         self._window.show(self.scene())
         return None
 
@@ -208,10 +189,11 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
 
         assert self._flight is not None
         label = "an encounter of your own" if self._label < 0 else f"{self.scenario.name}, encounter {self._label}"
+        own, intruders, separations = (np.array(rows) for rows in zip(*self._frames, strict=True))
         return Scene(
-            np.array([own for own, _, _ in self._frames]),
-            np.array([intruders for _, intruders, _ in self._frames]),
-            np.array([separations for _, _, separations in self._frames]),
+            own,
+            intruders,
+            separations,
             (self._flight.goal_x, self._flight.goal_y),
             self.world.rules.goal_radius,
             self.world.rules.separation,
@@ -234,8 +216,8 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         noise = None
         if self._noisy:
             # Absent intruders have draws too, as they have in the evaluator.
-            drawn = starts.report_noise(self._seed, self._number, int(self._flight.steps), self._intruders)
-            noise = drawn[:, self._present]
+            drawn = starts.report_noise(self._seed, self._number, int(self._flight.steps), len(self._mask))
+            noise = drawn[:, self._mask]
         if self._rows == 1:
             return flight.observe(self._flight, self.world.aircraft, noise)
         seen = flight.observe_set(self._flight, self._rows, self.world.aircraft, noise)

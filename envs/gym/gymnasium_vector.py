@@ -10,7 +10,7 @@ from gymnasium.vector.utils import batch_space
 
 from envs import starts
 from envs.aircraft import PAPER, Aircraft
-from envs.encounters import Encounter, EncounterError, Scenario
+from envs.encounters import Encounter, EncounterError, Scenario, padded
 from envs.gym import batch_flight
 from envs.gym.batch_flight import Setting
 from envs.gym.gymnasium_contract import (
@@ -23,9 +23,10 @@ from envs.gym.gymnasium_contract import (
     family,
     observation_space,
 )
-from envs.gym.reserve import Reserve
 from envs.outcome import Rules
 from envs.surrogate import State
+
+_LEAST = 1_024  # fewest starts drawn beyond those of one step, so that drawing is seldom
 
 
 class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
@@ -53,7 +54,7 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
     Raises:
         ValueError: ``num_envs`` is below 1; an EncounterError for an impossible scenario or encounter.
         gymnasium.error.Error: UnsupportedMode for a render mode, ResetNeeded for a step before the first reset,
-            InvalidAction for actions that are none.
+            InvalidAction for actions of a wrong shape or that are not finite.
         gymnasium.error.ClosedEnvironmentError: a reset or step after close.
     """
 
@@ -70,10 +71,8 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         if num_envs < 1:
             raise ValueError(f"num_envs is {num_envs}; expected 1 or more")
         if render_mode is not None:
-            raise error.UnsupportedMode(
-                f"render_mode is {render_mode!r}; the vector environment draws nothing, "
-                'use vectorization_mode="sync" for pictures'
-            )
+            instead = 'expected None (for pictures vectorization_mode="sync")'
+            raise error.UnsupportedMode(f"render_mode is {render_mode!r}; {instead}")
         self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
         self.num_envs = num_envs
         self.single_observation_space = observation_space(intruders)
@@ -88,11 +87,7 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         self._state: State | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin all encounters anew.
-
-        Raises:
-            EncounterError: the seed or an option is wrong.
-        """
+        """Begin all encounters anew."""
         self._check_open()
         chosen = checked_options(options)
         if seed is not None and not isinstance(seed, (int, np.integer)):
@@ -111,12 +106,13 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
             encounter = starts.numbered(self.scenario, self._seed, wanted, self.num_envs)
             self._numbers = wanted + np.arange(self.num_envs)
             self._next = wanted + self.num_envs
-        oldest = max(float(encounter.sensor.latency.max()), self.scenario.latency[1])
-        spread = (self.scenario.position_std, self.scenario.velocity_std, *encounter.sensor[:2])
-        noisy = oldest > 0.0 or any(np.any(np.asarray(std) > 0.0) for std in spread)
-        self._setting = Setting(self.world, noisy, oldest > 0.0, self._rows)
-        self._reserve = Reserve(self.scenario, self._seed, self._next, self.num_envs, encounter.mask.shape[-1])
-        self._pool = jax.device_put(self._reserve.rows)
+        columns, most = encounter.mask.shape[-1], self.scenario.intruders[1]
+        if most > columns:
+            has = f"have {columns} intruder columns; expected {most}, as scenario {self.scenario.name!r} has"
+            raise EncounterError(f"the encounters given {has}, which follows them")
+        spread = (self.scenario.position_std, self.scenario.velocity_std, self.scenario.latency[1], *encounter.sensor)
+        self._setting = Setting(self.world, any(np.any(np.asarray(one) > 0.0) for one in spread), self._rows)
+        self._draw_pool(columns)
 
         # Counted on through resets, so that no noise comes twice under a seed.
         self._ticks += 1
@@ -137,10 +133,6 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
 
         Returns:
             Observations ``[N, ...]``, rewards float64 ``[N]``, terminations and truncations bool ``[N]``, and infos.
-
-        Raises:
-            gymnasium.error.ResetNeeded: there was no reset.
-            gymnasium.error.InvalidAction: the actions have a wrong shape or are not finite.
         """
         self._check_open()
         if self._state is None:
@@ -148,7 +140,7 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         checked = checked_actions(actions, (self.num_envs, 2))
         self._ticks += 1
         self._state, packed = batch_flight.step(
-            self._state, self._pool, self._reserve.used, checked, self._key, self._ticks, self._setting
+            self._state, self._pool, self._used, checked, self._key, self._ticks, self._setting
         )
         host = np.asarray(packed)
         size = self._setting.size
@@ -179,15 +171,24 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         if self.closed:
             raise error.ClosedEnvironmentError("the environment is closed; make a new one")
 
+    def _draw_pool(self, columns: int) -> None:
+        """Draw the next starts, always equally many, so that the step is compiled once."""
+        count = self.num_envs + max(self.num_envs, _LEAST)
+        assert self._seed is not None
+        drawn = starts.cast(starts.numbered(self.scenario, self._seed, self._next, count), np.float32)
+        self._pool, self._used = jax.device_put(padded(drawn, columns, np)), 0
+
     def _restart(self, ended: np.ndarray, new_separation: np.ndarray) -> None:
-        """Number the encounters that have begun, and draw new starts before they could run out."""
+        """Number the encounters that have begun, and draw starts before they could run out."""
         begun = int(np.count_nonzero(ended))
         self._numbers[ended] = self._next + np.arange(begun)
         self._next += begun
         self._steps[ended] = 0
         self._min_separation[ended] = new_separation[ended]
-        if self._reserve.take(begun):
-            self._pool = jax.device_put(self._reserve.rows)
+        self._used += begun
+        count, columns = self._pool.mask.shape
+        if count - self._used < self.num_envs:
+            self._draw_pool(columns)
 
     def _final(
         self, ended: np.ndarray, seen: np.ndarray, code: np.ndarray, separation: np.ndarray, goal: np.ndarray
@@ -200,14 +201,10 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
             outcomes[index] = OUTCOMES[int(code[index])]
         infos = self._infos(separation, goal)
         values = {key: np.where(ended, value, 0) for key, value in infos.items() if key[0] != "_"}
-        final_info: dict[str, Any] = values | {"outcome": outcomes}
-        final_info |= {f"_{key}": ended.copy() for key in values}
-        return {
-            "final_obs": final_obs,
-            "_final_obs": ended.copy(),
-            "final_info": final_info,
-            "_final_info": ended.copy(),
-        }
+        values |= {"outcome": outcomes}
+        final: dict[str, Any] = {"final_obs": final_obs}
+        final["final_info"] = values | {f"_{key}": ended.copy() for key in values}
+        return final | {f"_{key}": ended.copy() for key in final}
 
     def _infos(self, separation: np.ndarray, goal_distance: np.ndarray) -> dict[str, Any]:
         values = {

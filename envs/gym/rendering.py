@@ -1,8 +1,7 @@
 """Pictures of an encounter, as arrays or in a window (:mod:`envs.gym.window`).
 
-A drawing owns its figure and its artists. The still part (axes, grid, route, goal) is drawn once and kept as
-pixels; a frame restores them and draws what moves on top. Colours follow Okabe and Ito, so that they differ for
-colour-blind eyes, and also differ in lightness and shape.
+A drawing owns its figure and its artists, which move from frame to frame. Colours follow Okabe and Ito, so that they
+differ for colour-blind eyes, and also differ in lightness and shape.
 """
 
 from typing import Any, NamedTuple
@@ -58,11 +57,6 @@ class Scene(NamedTuple):
     title: str = ""
 
 
-def frame(scene: Scene, size: int = 600) -> np.ndarray:
-    """Return a picture of the scene, uint8 ``[size, size, 3]``; a :class:`Drawing` is faster for several."""
-    return Drawing(size).frame(scene)
-
-
 def view(scene: Scene) -> tuple[float, float, float]:
     """Return the west and south edge and the side of the square to be seen, km.
 
@@ -71,7 +65,7 @@ def view(scene: Scene) -> tuple[float, float, float]:
     near = np.hypot(*np.moveaxis(scene.intruders[..., :2] - scene.own[:, None, :2], -1, 0)) < _NEAR
     near[0] = True
     points = np.concatenate([scene.own[:, :2], scene.intruders[near][:, :2], [scene.goal]]) / 1000.0
-    # Whole kilometres, so that the still part of the picture seldom changes.
+    # Whole kilometres, so that the picture seldom jumps.
     margin = _MARGIN + _MARGIN_PART * float(np.max(np.ptp(points, axis=0)))
     low, high = np.floor(points.min(axis=0) - margin), np.ceil(points.max(axis=0) + margin)
     side = float(np.max(high - low))
@@ -90,34 +84,19 @@ class Drawing:
         figure.set_dpi(size / _INCHES)
         figure.set_facecolor(_PAPER)
         self.figure = figure
-        self._canvas: Any = figure.canvas
-        self._background: Any = None
-        self._still: Any = None
         self._build()
-        # A window that is resized or uncovered draws its figure anew; that drawing is the new background.
-        self._canvas.mpl_connect("draw_event", self._keep_background)
 
     def frame(self, scene: Scene) -> np.ndarray:
         """Return the picture, uint8 ``[size, size, 3]``."""
         self.update(scene)
-        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+        canvas: Any = self.figure.canvas
+        return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
     def update(self, scene: Scene) -> None:
         """Draw the scene onto the canvas."""
-        still = (view(scene), scene.goal, scene.goal_radius, tuple(scene.own[0, :2]))
-        if still != self._still:
-            self._place(scene)
-            self._still = still
-            self._background = None
+        self._place(scene)
         self._move(scene)
-        if self._background is None:
-            self._canvas.draw()
-        self._canvas.restore_region(self._background)
-        for artist in self._moving:
-            self._axes.draw_artist(artist)
-
-    def _keep_background(self, _: Any) -> None:
-        self._background = self._canvas.copy_from_bbox(self.figure.bbox)
+        self.figure.canvas.draw()
 
     def _build(self) -> None:
         axes = self.figure.add_axes(_AXES)
@@ -142,36 +121,24 @@ class Drawing:
         self._goal_text = axes.text(0.0, 0.0, "goal", color="#00704f", **small)
         self._start_text = axes.text(0.0, 0.0, "start", color=_FAINT, **small)
 
-        def moving(artist: Any) -> Any:
-            artist.set_animated(True)
-            return artist
-
-        def lines(zorder: float, **style: Any) -> LineCollection:
-            return moving(axes.add_collection(LineCollection([], zorder=zorder, **style), autolim=False))
-
-        self._discs = moving(axes.add_collection(PatchCollection([], zorder=2, linewidths=1.2), autolim=False))
-        self._trails = lines(4, linewidths=2.0, capstyle="round")
-        self._red = lines(5, linewidths=4.0, colors=VIOLATION, capstyle="round")
-        self._leaders = lines(4, linewidths=1.0)
-        self._link = lines(3, linewidths=1.2, linestyles=[(0, (2, 2))])
-        self._planes = moving(
-            axes.add_collection(PolyCollection([], zorder=6, edgecolors=_INK, linewidths=0.7), autolim=False)
-        )
+        self._discs = PatchCollection([], zorder=2, linewidths=1.2)
+        self._link = LineCollection([], zorder=3, linewidths=1.2, linestyles=[(0, (2, 2))])
+        self._trails = LineCollection([], zorder=4, linewidths=2.0, capstyle="round")
+        self._leaders = LineCollection([], zorder=4, linewidths=1.0)
+        self._red = LineCollection([], zorder=5, linewidths=4.0, colors=VIOLATION, capstyle="round")
+        self._planes = PolyCollection([], zorder=6, edgecolors=_INK, linewidths=0.7)
+        for collection in (self._discs, self._link, self._trails, self._leaders, self._red, self._planes):
+            axes.add_collection(collection, autolim=False)
         self._labels: list[Any] = []
 
         def header(x: float, y: float, align: str, **style: Any) -> Any:
-            return moving(self.figure.text(x, y, "", ha=align, va="baseline", **style))
+            return self.figure.text(x, y, "", ha=align, va="baseline", **style)
 
         left, right = _AXES[0], _AXES[0] + _AXES[2]
         self._title = header(left, 0.968, "left", color=_INK, fontsize=11, fontweight="bold")
         self._figures = header(left, 0.935, "left", color=_INK, fontsize=9)
         self._clock = header(right, 0.968, "right", color=_INK, fontsize=11, fontweight="bold")
         self._verdict = header(right, 0.935, "right", color=_FAINT, fontsize=9, fontweight="bold")
-
-    @property
-    def _moving(self) -> list[Any]:
-        pictures = [self._discs, self._link, self._trails, self._leaders, self._red, self._planes]
-        return [*pictures, *self._labels, self._title, self._figures, self._clock, self._verdict]
 
     def _place(self, scene: Scene) -> None:
         west, south, side = view(scene)
@@ -227,7 +194,7 @@ class Drawing:
         while len(self._labels) < len(now):
             style = {"fontsize": 8.5, "fontweight": "bold", "ha": "center", "va": "center", "zorder": 7}
             colour = "#8a5f00" if self._labels else OWNSHIP
-            self._labels.append(self._axes.text(0.0, 0.0, "", animated=True, clip_on=True, color=colour, **style))
+            self._labels.append(self._axes.text(0.0, 0.0, "", clip_on=True, color=colour, **style))
         only = len(now) == 2
         for index, label in enumerate(self._labels):
             label.set_visible(index < len(now))

@@ -3,11 +3,8 @@
 import math
 import time
 
+from envs.gym.gymnasium_contract import error
 from envs.gym.rendering import Drawing, Scene
-
-
-class DisplayError(RuntimeError):
-    """No window can be opened; the message says why and what to do."""
 
 
 class Window:
@@ -18,7 +15,7 @@ class Window:
         fps: frames a second that :meth:`show` waits for; inf for as fast as possible.
 
     Raises:
-        DisplayError: there is no display, or no interactive matplotlib backend.
+        gymnasium.error.UnsupportedMode: there is no display, or no interactive matplotlib backend.
     """
 
     def __init__(self, size: int = 600, fps: float = math.inf) -> None:
@@ -28,15 +25,15 @@ class Window:
         try:
             backend = plt.get_backend()
             if backend.lower() not in backend_registry.list_builtin(BackendFilter.INTERACTIVE):
-                raise DisplayError(f"matplotlib's backend is {backend!r}, which has no window")
+                raise RuntimeError(f"matplotlib's backend is {backend!r}, which has no window")
             with plt.rc_context({"toolbar": "None"}):
                 self._figure = plt.figure(num="RLCAS encounter", clear=True)
-        except Exception as error:
+        except Exception as problem:
             # Toolkits raise errors of their own where there is no display.
-            raise DisplayError(
-                "a window needs a display and an interactive matplotlib backend such as TkAgg or QtAgg "
-                f'({error}); use render_mode="rgb_array" where there is none'
-            ) from error
+            raise error.UnsupportedMode(
+                'render_mode "human": a window needs a display and an interactive matplotlib backend such as TkAgg or '
+                f'QtAgg ({problem}); use render_mode="rgb_array" where there is none'
+            ) from problem
         self._pyplot = plt
         self._drawing = Drawing(size, self._figure)
         self._interval = 1.0 / fps
@@ -54,7 +51,6 @@ class Window:
             return
         self._drawing.update(scene)
         canvas = self._figure.canvas
-        canvas.blit(self._figure.bbox)
         canvas.flush_events()
         self._next = max(self._next + self._interval, time.monotonic())
         wait = self._next - time.monotonic()

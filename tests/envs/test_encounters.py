@@ -15,8 +15,9 @@ from scipy import stats
 from envs import surrogate
 from envs.aircraft import PAPER
 from envs.draws import normals, uniforms
-from envs.encounters import SCENARIOS, Encounter, EncounterError, Scenario, choose, padded, sample, scenario
+from envs.encounters import SCENARIOS, Encounter, EncounterError, Scenario, padded, sample, scenario
 from envs.kinematics import VehicleState
+from envs.trees import choose
 from tests.support import angle_between
 
 CONFLICTS = ("crossing_left", "crossing_right", "head_on", "same_course")

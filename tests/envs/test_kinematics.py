@@ -319,7 +319,7 @@ def test_plain_floats_equal_numpy_to_the_last_bit(name: str, dt: float) -> None:
     rng = np.random.default_rng(1)
     for _ in range(STEPS):
         action, noise = rng.uniform(-1.2, 1.2, (COUNT, 2)), rng.normal(size=(4, *encounters.mask.shape))
-        seen = world.observe(batch, world.perceived(batch, noise, dt, np), aircraft, np).astype(np.float32)
+        seen = world.observe(batch, aircraft, noise, xp=np).astype(np.float32)
         batch, result = world.step(batch, (action[:, 0], action[:, 1]), parameters, np)
         for i, mask in enumerate(encounters.mask):
             np.testing.assert_array_equal(flight.observe(singles[i], aircraft, noise[:, i, mask]), seen[i])

@@ -345,9 +345,8 @@ def flown(aircraft: Aircraft, encounters: Encounter) -> dict[str, np.ndarray]:
     logged: dict[str, list[np.ndarray]] = {key: [] for key in ("own", "traffic", "seen", "set", "outcome", "apart")}
     for _ in range(STEPS):
         noise = rng.standard_normal((4, *encounters.mask.shape))
-        seen = world.perceived(state, noise, aircraft.dt, np)
-        observed = world.observe(state, seen, aircraft, np)
-        rows = world.observe_set(state, seen, 3, aircraft, np)
+        observed = world.observe(state, aircraft, noise, xp=np)
+        rows = world.observe_set(state, aircraft, noise, 3, xp=np)
         wander = np.sin(rng.uniform(0.0, 6.0, (2, COUNT)))
         action = wander[0], np.clip(0.5 * wander[1] + np.sin(np.pi * observed[:, 6]) - 0.3 * observed[:, 5], -1, 1)
         state, result = world.step(state, action, parameters, np)
@@ -402,7 +401,7 @@ def test_one_encounter_in_plain_floats_is_the_batchs() -> None:
     encounters = drawn(aircraft, "multi", {"turn": True, "noisy": True})
     batch = world.begin(encounters, np, history_dt=aircraft.dt)
     single = flight.begin(take(encounters, 0), aircraft.dt)
-    rows = world.observe_set(batch, world.perceived(batch, None, aircraft.dt, np), 4, aircraft, np)
+    rows = world.observe_set(batch, aircraft, None, 4, xp=np)
     mine = flight.observe_set(single, 4, aircraft)
     for part, whole in zip(mine, rows, strict=True):
         np.testing.assert_allclose(part, whole[0], atol=1e-12)

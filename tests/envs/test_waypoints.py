@@ -1,6 +1,7 @@
 """The leg's curve meets its waypoints and is gentle; the follower keeps to it in position and time."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from envs.follower import PERIOD, KinematicVehicle, deviation, guidance, offset
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState, advance
-from envs.waypoints import ARCS, CLOSED, Knots, Legs, RoutePoint, Waypoint, at, knots, leg, legs, locate
+from envs.waypoints import ARCS, CLOSED, Knots, Legs, RoutePoint, Waypoint, at, knots, leg, legs
 from tests.support import accelerations, angle_between, random_states, states, yaw_rates
 
 SECONDS = 20
@@ -147,9 +148,10 @@ def test_states_on_a_plan_are_continuous_and_consistent() -> None:
 
 def test_the_leg_of_a_time_is_found() -> None:
     points = [Waypoint(i, 1600.0 * i, 0.0, 0.0, 80.0, 20.0 * i) for i in range(1, 4)]
-    curves = legs(knots(VehicleState(0.0, 0.0, 0.0, 80.0), points))
-    assert [int(locate(curves, time)) for time in (-1.0, 0.0, 19.9, 20.0, 41.0, 500.0)] == [0, 0, 0, 1, 2, 2]
-    beyond = at(curves, 70.0)
+    bent = legs(knots(VehicleState(0.0, 100.0, 0.1, 75.0), [replace(points[0], y=200.0), *points[1:]]))
+    for time, number in ((-1.0, 0), (0.0, 0), (19.9, 0), (20.0, 1), (41.0, 2), (90.0, 2)):
+        assert at(bent, time) == at(Legs(*(field[number : number + 1] for field in bent)), time)
+    beyond = at(legs(knots(VehicleState(0.0, 0.0, 0.0, 80.0), points)), 70.0)
     assert beyond.x == pytest.approx(5_600.0)
 
 
