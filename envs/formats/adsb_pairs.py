@@ -55,7 +55,7 @@ def adsb_pairs(
     The ownship is the one that begins within the aircraft's speeds; of two, the one with the smaller address.
 
     Args:
-        path, repair, max_gap: as of :func:`envs.formats.adsb_file.read_adsb`.
+        path, repair, max_gap: as of :func:`envs.formats.adsb_file.ordered_flights`.
         nearby: what counts as an encounter.
         aircraft: what the ownship is taken for.
 

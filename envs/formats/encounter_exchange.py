@@ -88,9 +88,7 @@ def scenes_of_tracks(encounters: Sequence[tuple[str, Sequence[Track], float]]) -
         late = next((track for track in tracks if track.time[0] > begin), None)
         if late is not None or end - begin < 1.0:
             which = "a track" if late is None else f"the track of {late.name!r}"
-            raise EncounterError(
-                f"encounter {name!r}: {which} does not cover the ownship's first second, expected all to"
-            )
+            raise EncounterError(f"encounter {name!r}: {which} does not cover the ownship's first second")
         times = np.minimum(np.arange(begin, end + 1e-6), end)
         rows = [at_times(track, times)._replace(time=times - begin, extra={}) for track in tracks]
         outside = sum(int(np.sum((track.time < begin) | (track.time > times[-1] + 1e-6))) for track in tracks)
@@ -132,10 +130,8 @@ def check_same(scenes: Sequence[Scene], again: Sequence[Scene], *, own: bool = T
             apart = [getattr(one, field)[:rows] - getattr(two, field)[:rows] for field in fields]
             off = float(np.sqrt(np.sum(np.square(apart), axis=0)).max())
             if off > EXACT or rows < len(one.time):
-                raise EncounterError(
-                    f"encounter {scene.name!r}: read again, {one.name!r} is {off:.1f} m off its track for {rows} of "
-                    f"{len(one.time)} s, expected at most {EXACT:g} m: this form holds no such motion"
-                )
+                far = f"{off:.1f} m off its track for {rows} of {len(one.time)} s, expected at most {EXACT:g} m"
+                raise EncounterError(f"encounter {scene.name!r}: this form does not hold {one.name!r}: {far}")
 
 
 def lincoln_objects(scenes: Sequence[Scene], altitude: float | None) -> list[dict[str, Any]]:
@@ -157,10 +153,8 @@ def is_number(name: str) -> bool:
 
 def _lincoln(number: int, scene: Scene, altitude: float | None) -> dict[str, Any]:
     if len(scene.tracks) != 2:
-        raise EncounterError(
-            f"encounter {scene.name!r} has {len(scene.tracks) - 1} intruders, expected one, because a .json file of "
-            "Lincoln Laboratory's form holds two aircraft"
-        )
+        has = f"has {len(scene.tracks) - 1} intruders, expected one, because a .json file holds two aircraft"
+        raise EncounterError(f"encounter {scene.name!r} {has}")
     tracks = _at_height(scene, altitude)
     states = [_lincoln_state(track) for track in tracks]
     return {
@@ -197,9 +191,7 @@ def daidalus_text(scene: Scene, altitude: float | None) -> str:
     tracks = _at_height(scene, altitude)
     labels = [track.name for track in tracks]
     if len(set(labels)) < len(labels) or any(not label or set(label) & set(" ,#\t") for label in labels):
-        raise EncounterError(
-            f"encounter {scene.name!r}: names of aircraft {labels}, expected different ones without blanks, commas, #"
-        )
+        raise EncounterError(f"encounter {scene.name!r}: names {labels}, expected different ones without blanks or , #")
     lines = ["NAME, sx, sy, sz, vx, vy, vz, time", "[none], [m], [m], [m], [m/s], [m/s], [m/s], [s]"]
     for row in range(len(tracks[0].time)):
         for track in tracks:
@@ -213,9 +205,7 @@ def _at_height(scene: Scene, altitude: float | None) -> list[Track]:
     if scene.altitudes:
         return list(scene.tracks)
     if altitude is None:
-        raise EncounterError(
-            f"encounter {scene.name!r} has no altitude, expected one for a form that holds them (--altitude-ft)"
-        )
+        raise EncounterError(f"encounter {scene.name!r} has no altitude, expected one for this form (--altitude-ft)")
     return [track._replace(altitude=np.full(len(track.time), altitude)) for track in scene.tracks]
 
 

@@ -19,13 +19,12 @@ import numpy as np
 from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.edge.files import written
-from envs.encounters import Encounter, EncounterError
+from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError
 from envs.intruder import Intent
 from envs.kinematics import FASTEST, VehicleState
 from envs.perception import Sensor
 from envs.traffic.text_file import number_of, text_of
 
-MOST_INTRUDERS = 64  # more rows for one encounter are refused as a mistake
 _MOST_PLACES = 2_000_000  # encounters times the intruders of the fullest one
 _FAR = 1_000_000.0
 _DEGREES = math.radians(1.0)
@@ -106,10 +105,8 @@ def read(path: str | os.PathLike[str], aircraft: Aircraft | None = None) -> tupl
         raise EncounterError(f"{source}: no encounter, expected at least one line below the header")
     places = len(groups) * max(map(len, groups.values()))
     if places > _MOST_PLACES:
-        raise EncounterError(
-            f"{source}: {len(groups)} encounters of up to {places // len(groups)} intruders, expected a product of at "
-            f"most {_MOST_PLACES}: divide the file"
-        )
+        size = f"{len(groups)} encounters of up to {places // len(groups)} intruders"
+        raise EncounterError(f"{source}: {size}, expected a product of at most {_MOST_PLACES}: divide the file")
     return _encounters([[values for _, values in group] for group in groups.values()]), list(groups)
 
 
@@ -138,9 +135,7 @@ def write_rows(path: str | os.PathLike[str], groups: Sequence[Sequence[Sequence[
     target = Path(path)
     names = [str(name) for name in names]
     if len(names) != len(groups) or len(set(names)) != len(names) or not all(n.strip() == n and n for n in names):
-        raise EncounterError(
-            f"{target}: expected {len(groups)} distinct names of encounters without blanks around them"
-        )
+        raise EncounterError(f"{target}: expected {len(groups)} distinct names without blanks around them")
     if any(name.startswith("#") for name in names):
         raise EncounterError(f"{target}: a name that begins with # would read as a comment")
     lines: list[list[str]] = [list(_ALL)]
@@ -160,16 +155,16 @@ def write_rows(path: str | os.PathLike[str], groups: Sequence[Sequence[Sequence[
 
 
 def _lines(source: str) -> list[tuple[int, list[str]]]:
-    reader = csv.reader(io.StringIO(text_of(source, EncounterError), newline=""), strict=True)
+    reader = csv.reader(io.StringIO(text_of(source), newline=""), strict=True)
     try:
         # A quoted cell may span lines: its row is named by its last one.
-        lines = [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
+        lines = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader]
     except csv.Error as error:
         raise EncounterError(f"{source}: not a CSV file: {error}") from None
-    lines = [line for line in lines if not line[1][0].lstrip().startswith("#")]
+    lines = [(number, cells) for number, cells in lines if any(cells) and not cells[0].startswith("#")]
     if not lines:
         raise EncounterError(f"{source}: the file is empty, expected a header line with {', '.join(_ALL)}")
-    return [(number, [cell.strip() for cell in cells]) for number, cells in lines]
+    return lines
 
 
 def _check_header(header: list[str], where: str) -> None:
@@ -210,10 +205,8 @@ def _number(cell: str, column: Column, where: str) -> float:
 def _check_shared(values: list[float], first: tuple[int, list[float]], name: str, where: str) -> None:
     for column, value, before in zip(COLUMNS, values, first[1], strict=True):
         if column.shared and value != before:
-            raise EncounterError(
-                f"{where}, column {column.name}: {value!r}, expected {before!r} as in line {first[0]}, "
-                f"the first of encounter {name!r}"
-            )
+            same = f"expected {before!r} as in line {first[0]}, the first of encounter {name!r}"
+            raise EncounterError(f"{where}, column {column.name}: {value!r}, {same}")
 
 
 def _encounters(groups: list[list[list[float]]]) -> Encounter:

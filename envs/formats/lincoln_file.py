@@ -67,7 +67,7 @@ def read_lincoln(path: str | os.PathLike[str], *, repair: bool = False) -> list[
             line, where the file is no JSON at all).
     """
     source = os.fspath(path)
-    found = json_of(source, TrackError)
+    found = json_of(source)
     if not isinstance(found, list) or not found:
         raise TrackError(f"{source}: expected a list of encounters that is not empty")
     encounters = [_encounter(each, f"{source} encounter {i + 1}", repair) for i, each in enumerate(found)]
@@ -88,8 +88,7 @@ def tracks_of(encounter: LincolnEncounter) -> tuple[Track, Track]:
     The speed along the flight path grows by the acceleration, its horizontal part is what the vertical rate leaves of
     it, and the track turns at the turn rate; each event holds until the next one.
     """
-    own, intruder = (_flown(encounter, i, name) for i, name in enumerate(("ownship", "intruder")))
-    return own, intruder
+    return _flown(encounter, 0, "ownship"), _flown(encounter, 1, "intruder")
 
 
 def _flown(encounter: LincolnEncounter, i: int, name: str) -> Track:
@@ -167,10 +166,7 @@ def _events(rows: Any, where: str, repair: bool) -> tuple[np.ndarray, Repairs]:
         values = _row(row, f"{where}, row {i + 1}")
         if kept and values[0] <= kept[-1][0]:
             if not repair:
-                raise TrackError(
-                    f"{where}, row {i + 1}, time: {values[0]:g} s does not increase, expected more than "
-                    f"{kept[-1][0]:g} s as in the row before"
-                )
+                raise TrackError(f"{where}, row {i + 1}, time: {values[0]:g} s, expected more than {kept[-1][0]:g} s")
             late += 1
             continue
         kept.append(values)
@@ -190,10 +186,8 @@ def _check_flight(events: np.ndarray, duration: float, altitude: float, speed: f
         # A speed that would fall below 0 stays there.
         if values.max() > high or (key == "h_ft" and values.min() < low):
             row = int(np.argmax((values > high) | (values < low)))
-            raise TrackError(
-                f"{where}, row {row + 1}: leads to the {name} {values[row]:.6g}, expected at most {high:.6g} "
-                f"and at least {low:g}, as of {key}"
-            )
+            bounds = f"expected {low:g} to {high:.6g}, as of {key}"
+            raise TrackError(f"{where}, row {row + 1}: leads to the {name} {values[row]:.6g}, {bounds}")
 
 
 def _is_none(value: Any) -> bool:

@@ -94,7 +94,7 @@ def read_daidalus(path: str | os.PathLike[str], *, repair: bool = False, max_gap
 
 def _lines(source: str) -> list[tuple[int, list[str]]]:
     lines = []
-    for number, line in enumerate(lines_of(source, TrackError), start=1):
+    for number, line in enumerate(lines_of(source), start=1):
         line = line.split("#", 1)[0].strip()  # noqa: PLW2901
         if line:
             cells = line.split(",") if "," in line else re.split(r"\s+", line)
@@ -106,9 +106,7 @@ def _header(source: str, names: tuple[int, list[str]], units: tuple[int, list[st
     """Return the columns in the order of the file: our names, and what is accepted of each."""
     where, where_units = f"{source} line {names[0]}", f"{source} line {units[0]}"
     if len(units[1]) != len(names[1]):
-        raise TrackError(
-            f"{where_units}: {len(units[1])} units, expected {len(names[1])}, one in brackets for each name"
-        )
+        raise TrackError(f"{where_units}: {len(units[1])} units, expected {len(names[1])}, one in brackets a name")
     fields: dict[str, Range] = {}
     for name, unit in zip(names[1], units[1], strict=True):
         if name.lower() not in _COLUMNS:

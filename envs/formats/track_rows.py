@@ -12,8 +12,9 @@ Nothing is repaired unless asked for, and what was repaired is counted.
 """
 
 import math
+import operator
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -74,10 +75,8 @@ def track_file(rows: Mapping[str, Rows], how: Reading) -> TrackFile:
     for track in tracks:
         far = float(np.hypot(track.x, track.y).max())
         if far > DISTANT:
-            raise TrackError(
-                f"{how.source}: {track.name!r} is {far / 1e3:.0f} km from the first position of {tracks[0].name!r}, "
-                f"expected at most {DISTANT / 1e3:.0f} km"
-            )
+            away = f"{far / 1e3:.0f} km from where {tracks[0].name!r} begins, expected at most {DISTANT / 1e3:.0f} km"
+            raise TrackError(f"{how.source}: {track.name!r} is {away}")
     return TrackFile(tracks, summed(done))
 
 
@@ -120,25 +119,25 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
                 raise TrackError(f"{how.field(number, bad)}: {values[bad]}, expected a finite number")
             counts["not_finite"] += 1
             continue
-        fault = ""
+        fault, refusal, filled = "", "", 0
         for flight in reversed(recent):
-            found, filled = flight.add(number, values, how)
+            found, sentence, filled = flight.add(number, values, how)
             if found in ("", "out_of_order", "stale"):
-                fault = found
+                fault, refusal = found, sentence
                 recent.remove(flight)
                 recent.append(flight)
                 break
-            fault = fault if found == "apart" and fault else found
+            if fault in ("", "apart"):
+                fault, refusal = found, sentence
         else:
             if fault in ("", "apart") or how.repair:
-                recent = [*recent[1 - _MOST_OPEN :], _Flight(number, values)]
+                recent = [*recent[1 - _MOST_OPEN :], _Flight(name, number, values)]
                 if fault in ("", "apart"):
                     groups.append([])
                 groups[-1].append(recent[-1])
                 continue
-            filled = 0
         if fault and not how.repair:
-            raise TrackError(_sentence(name, number, values, recent[-1], how))
+            raise TrackError(refusal)
         counts["filled"] += filled
         if counts["filled"] > _MOST_FILLED:
             raise TrackError(f"{how.source}: the gaps of {name!r} take more than {_MOST_FILLED} rows to fill")
@@ -157,67 +156,69 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
 class _Flight:
     """Rows that follow from each other, and what their positions miss of their velocities since the first."""
 
-    def __init__(self, number: int, values: dict[str, float]) -> None:
+    def __init__(self, name: str, number: int, values: dict[str, float]) -> None:
+        self.name = name
         self.rows: Rows = [(number, values)]
         self.times = [values["time"]]
-        self.missed: list[tuple[float, float, float, float]] = [(0.0, 0.0, 0.0, 0.0)]
+        self.missed: list[tuple[float, ...]] = [(0.0, 0.0, 0.0, 0.0)]
         """East, north and up, and what an acceleration can do, m."""
 
     def lasts(self) -> float:
         return self.times[-1] - self.times[0]
 
-    def add(self, number: int, values: dict[str, float], how: Reading) -> tuple[str, int]:
-        """Add a row and return "", or why not; and how many rows were filled in before it."""
-        time = values["time"]
-        step = time - self.times[-1]
+    def add(self, number: int, values: dict[str, float], how: Reading) -> tuple[str, str, int]:
+        """Add a row; return the fault that keeps it out or "", a sentence on it, and how many rows were filled in."""
+        (line, last), time = self.rows[-1], values["time"]
+        step, of = time - last["time"], f"of {self.name!r}"
         if step <= 0.0:
+            expected = f"expected more than {last['time']:.15g} s as in {how.noun} {line}"
+            sentence = f"{how.field(number, 'time')}: {time:.15g} s {of}, {expected}"
             before = bisect_right(self.times, time) - 1
             if before < 0:
-                return ("apart" if self.times[0] - time > how.apart else "impossible"), 0
-            again = _Flight(*self.rows[before])
-            return ("out_of_order" if again.follows(values) else "impossible"), 0
+                return ("apart" if self.times[0] - time > how.apart else "impossible"), sentence, 0
+            again = _Flight(self.name, *self.rows[before])
+            return ("impossible" if again.strays(number, values, how) else "out_of_order"), sentence, 0
         if step > how.apart:
-            return "apart", 0
-        last = self.rows[-1][1]
-        if _same_place(last, values) and values.get("gs", 0.0) * step > how.standing:
-            return "stale", 0
+            return "apart", "", 0
+        place = ("lat", "lon") if "lat" in last else ("sx", "sy")
+        if all(last[key] == values[key] for key in place) and values.get("gs", 0.0) * step > how.standing:
+            same = f"the position of {time:.15g} s is that of {last['time']:.15g} s at {values['gs']:.0f} m/s"
+            return "stale", f"{how.field(number, place[0])}: {same}, expected another", 0
         parts = math.ceil(min(step / how.max_gap, _MOST_FILLED + 1))
         if parts > 1 and (not how.repair or parts > _MOST_FILLED):
-            return "impossible", 0
+            gap = f"a gap of {step:g} s in the track {of}, expected at most {how.max_gap:g} s"
+            return "impossible", f"{how.field(number, 'time')}: {gap}", 0
         size = len(self.rows)
         for part in range(1, parts + 1):
             share = part / parts
             each = values if part == parts else {key: _mixed(key, last[key], values[key], share) for key in last}
-            if each["time"] <= self.times[-1] or not self.follows(each):
+            strays = "no time passes" if each["time"] <= self.times[-1] else self.strays(number, each, how)
+            if strays:
                 del self.rows[size:], self.times[size:], self.missed[size:]
-                return "impossible", 0
+                return "impossible", strays, 0
             self.rows.append((number, each))
             self.times.append(each["time"])
-        return "", parts - 1
+        return "", "", parts - 1
 
-    def follows(self, values: dict[str, float]) -> bool:
-        """Return whether an aircraft can come from the last row to another; if so what it misses is noted."""
+    def strays(self, number: int, values: dict[str, float], how: Reading) -> str:
+        """Return why no aircraft can come from the last rows to another; "" if one can: what it misses is noted."""
         step = values["time"] - self.times[-1]
-        east, north, up = _missed(self.rows[-1][1], values)
-        bend = 0.25 * ACCELERATION * step * step
-        if not _within((east, north, up, bend), step):
-            return False
-        last = self.missed[-1]
-        total = (last[0] + east, last[1] + north, last[2] + up, last[3] + bend)
+        off = (*_missed(self.rows[-1][1], values), 0.25 * ACCELERATION * step * step)
+        total = tuple(map(operator.add, self.missed[-1], off))
         begin = max(bisect_right(self.times, values["time"] - WINDOW) - 1, 0)
-        first = self.missed[begin]
-        since = (total[0] - first[0], total[1] - first[1], total[2] - first[2], total[3] - first[3])
-        if not _within(since, values["time"] - self.times[begin]):
-            return False
+        for row, missed in ((-1, off), (begin, tuple(map(operator.sub, total, self.missed[begin])))):
+            east, north, up, bend = missed
+            seconds = values["time"] - self.times[row]
+            for key, far, most in (
+                ("alt", abs(up), HEIGHT + CLIMB * seconds),
+                ("lat" if "lat" in values else "sx", math.hypot(east, north), POSITION + VELOCITY * seconds + bend),
+            ):
+                if not far <= most:
+                    lead = f"{how.noun} {self.rows[row][0]} of {self.name!r} and the velocities since lead"
+                    where = f"{far:.0f} m off where {lead} in {seconds:g} s, expected at most {most:.0f} m"
+                    return f"{how.field(number, key)}: {where}"
         self.missed.append(total)
-        return True
-
-
-def _within(off: Sequence[float], seconds: float) -> bool:
-    """Return whether rows agree: how far they are off, east, north and up, and what an acceleration can do, m."""
-    east, north, up, bend = off
-    level = math.hypot(east, north) <= POSITION + VELOCITY * seconds + bend
-    return level and abs(up) <= HEIGHT + CLIMB * seconds
+        return ""
 
 
 def _missed(before: dict[str, float], after: dict[str, float]) -> tuple[float, float, float]:
@@ -241,46 +242,6 @@ def _velocity(values: dict[str, float]) -> tuple[float, float]:
     if "gs" in values:
         return values["gs"] * math.sin(values["trk"]), values["gs"] * math.cos(values["trk"])
     return values["vx"], values["vy"]
-
-
-def _same_place(before: dict[str, float], after: dict[str, float]) -> bool:
-    keys = ("lat", "lon") if "lat" in before else ("sx", "sy")
-    return all(before[key] == after[key] for key in keys)
-
-
-def _sentence(name: str, number: int, values: dict[str, float], flight: _Flight, how: Reading) -> str:
-    """Return why a row does not follow the last one."""
-    line, before = flight.rows[-1]
-    step = values["time"] - before["time"]
-    time, place = how.field(number, "time"), how.field(number, "lat" if "lat" in values else "sx")
-    if step <= 0.0:
-        return (
-            f"{time}: {values['time']:.15g} s of {name!r}, expected more than {before['time']:.15g} s as in "
-            f"{how.noun} {line}"
-        )
-    if step > how.max_gap:
-        return f"{time}: a gap of {step:g} s in the track of {name!r}, expected at most {how.max_gap:g} s"
-    if _same_place(before, values) and values.get("gs", 0.0) * step > how.standing:
-        return (
-            f"{place}: the position of {values['time']:.15g} s is that of {before['time']:.15g} s at "
-            f"{values['gs']:.0f} m/s, expected another"
-        )
-    east, north, up = _missed(before, values)
-    if abs(up) > HEIGHT + CLIMB * step:
-        return (
-            f"{how.field(number, 'alt')}: {abs(up):.0f} m off the altitude to which {how.noun} {line} of {name!r} and "
-            f"its vertical rate lead in {step:g} s, expected at most {HEIGHT + CLIMB * step:.0f} m"
-        )
-    off, most = math.hypot(east, north), POSITION + VELOCITY * step + 0.25 * ACCELERATION * step * step
-    if off > most:
-        return (
-            f"{place}: {off:.0f} m off the place to which {how.noun} {line} of {name!r} and its velocity lead "
-            f"in {step:g} s, expected at most {most:.0f} m"
-        )
-    return (
-        f"{place}: the positions of {name!r} in the {WINDOW:g} s before do not agree with its velocities, "
-        f"expected agreement within {POSITION:g} m and {VELOCITY:g} m/s, and in altitude {HEIGHT:g} m and {CLIMB:g} m/s"
-    )
 
 
 def _mixed(key: str, first: float, second: float, share: float) -> float:

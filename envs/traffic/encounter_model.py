@@ -91,14 +91,14 @@ def read_model(path: str | os.PathLike[str]) -> EncounterModel:
         if name not in names:
             raise file.error("labels_initial", f": no variable {name!r}, expected one")
     moving = _moving(file, names, later)
-    bins, all_bins = file.sizes("r_initial", len(names)), file.sizes("r_transition", len(later))
+    bins, all_bins = (
+        file.numbers(block, len(labels), low=1, high=_MOST_BINS, whole=True).astype(int).tolist()
+        for block, labels in (("r_initial", names), ("r_transition", later))
+    )
     for i, place in enumerate([*range(len(names)), *moving]):
         if all_bins[i] != bins[place]:
-            raise file.error(
-                "r_transition",
-                f", variable {later[i]!r}: {all_bins[i]} bins, expected {bins[place]} as of {names[place]!r} in "
-                "r_initial",
-            )
+            expected = f"{all_bins[i]} bins, expected {bins[place]} as of {names[place]!r} in r_initial"
+            raise file.error("r_transition", f", variable {later[i]!r}: {expected}")
     parents, all_parents = _parents(file, "G_initial", names), _parents(file, "G_transition", later)
     for i in range(len(names)):
         if all_parents[i]:
@@ -110,9 +110,7 @@ def read_model(path: str | os.PathLike[str]) -> EncounterModel:
     for name in {*_NEEDED, *changing}:
         if edges[names.index(name)] is None:
             raise file.error("boundaries", f", variable {name!r}: '*', expected edges")
-    rates = file.numbers("resample_rates")
-    if len(rates) != len(names) or (rates < 0.0).any() or (rates > 1.0).any():
-        raise file.error("resample_rates", f": expected {len(names)} chances a second, 0 to 1")
+    rates = file.numbers("resample_rates", len(names), low=0.0, high=1.0)
     return EncounterModel(first, second, moving, edges, rates)
 
 
@@ -122,7 +120,7 @@ class _File:
         self.blocks: dict[str, list[tuple[int, str]]] = {}
         """Lines of each block, with their numbers from 1."""
         name, begins = "", {}
-        for number, line in enumerate(lines_of(source, EncounterError), start=1):
+        for number, line in enumerate(lines_of(source), start=1):
             line = line.strip()  # noqa: PLW2901
             where = f"{source} line {number}"
             if line.startswith("#"):
@@ -146,53 +144,44 @@ class _File:
         """Return an error about a row of a block."""
         return EncounterError(f"{self._source} line {self.blocks[block][row][0]}, block {block}{what}")
 
-    def line(self, block: str) -> str:
-        """Return the line of a block that has one."""
-        lines = self.blocks[block]
-        if len(lines) != 1:
-            raise self.error(block, f": {len(lines)} lines, expected one")
-        return lines[0][1]
-
-    def rows(self, block: str, count: int, what: str) -> list[str]:
-        """Return the lines of a block that has one a variable."""
+    def rows(self, block: str, count: int) -> list[str]:
+        """Return the lines of a block that has so many."""
         lines = [line for _, line in self.blocks[block]]
         if len(lines) != count:
-            raise self.error(block, f": {len(lines)} {what}, expected {count}, one a variable")
+            raise self.error(block, f": {len(lines)} lines, expected {count}")
         return lines
 
     def labels(self, block: str) -> list[str]:
         """Return the names of variables."""
-        line = self.line(block)
+        (line,) = self.rows(block, 1)
         labels = [label.strip() for label in re.findall(r'"([^"]*)"', line)]
         rest = re.sub(r'"[^"]*"', "", line).replace(",", "").strip()
         if not labels or rest or len(set(labels)) != len(labels) or not all(labels):
             raise self.error(block, ": expected different names in quotes between commas")
         return labels
 
-    def numbers(self, block: str, row: int | None = None, of: str = "") -> np.ndarray:
-        """Return the numbers of a block's only line, or of a row of it."""
-        text = self.line(block) if row is None else self.blocks[block][row][1]
-        values = []
-        for word in text.split(maxsplit=_MOST_COUNTS):
-            try:
+    def numbers(
+        self, block: str, count: int, row: int | None = None, *,
+        of: str = "", low: float = -_LARGEST, high: float = _LARGEST, whole: bool = False,
+    ) -> np.ndarray:  # fmt: skip
+        """Return so many numbers within a range, of a block's only line or of a row of it."""
+        text = self.rows(block, 1)[0] if row is None else self.blocks[block][row][1]
+        kind, row = "whole numbers" if whole else "numbers", row or 0
+        word, values = "", []
+        try:
+            for word in text.split(maxsplit=_MOST_COUNTS):
                 values.append(number_of(word))
-            except ValueError:
-                raise self.error(block, f"{of}: {word[:40]!r}, expected numbers", row or 0) from None
+        except ValueError:
+            raise self.error(block, f"{of}: {word[:40]!r}, expected {kind}", row) from None
         found = np.array(values)
-        wrong = found[~(abs(found) <= _LARGEST)]
-        if wrong.size:
-            raise self.error(block, f"{of}: {wrong[0]}, expected numbers from {-_LARGEST:g} to {_LARGEST:g}", row or 0)
+        if len(found) != count:
+            cut = f"{len(found)} numbers, expected {count} (a file that is cut off?)"
+            raise self.error(block, f"{of}: {cut}", row)
+        good = (found >= low) & (found <= high) & ((found == np.round(found)) | (not whole))
+        if not good.all():
+            bounds = f"expected {kind} from {low:g} to {high:g}"
+            raise self.error(block, f"{of}: {found[~good][0]:g}, {bounds}", row)
         return found
-
-    def sizes(self, block: str, count: int) -> list[int]:
-        """Return how many bins each variable has."""
-        values = self.numbers(block)
-        if len(values) != count:
-            raise self.error(block, f": {len(values)} numbers of bins, expected {count}, one for each variable")
-        wrong = values[(values != np.round(values)) | (values < 1.0) | (values > _MOST_BINS)]
-        if wrong.size:
-            raise self.error(block, f": {wrong[0]:g} bins, expected whole numbers from 1 to {_MOST_BINS}")
-        return values.astype(int).tolist()
 
 
 def _bare(label: str) -> str:
@@ -218,12 +207,8 @@ def _moving(file: _File, names: list[str], later: list[str]) -> tuple[int, ...]:
 def _parents(file: _File, block: str, labels: list[str]) -> list[tuple[int, ...]]:
     """Return the parents of each variable; a graph with a circle is refused."""
     count = len(labels)
-    graph = np.zeros((count, count), bool)
-    for i in range(len(file.rows(block, count, "rows"))):
-        values = file.numbers(block, i)
-        if len(values) != count or not np.isin(values, (0.0, 1.0)).all():
-            raise file.error(block, f": expected {count} times 0 or 1", i)
-        graph[i] = values
+    file.rows(block, count)
+    graph = np.array([file.numbers(block, count, i, low=0, high=1, whole=True) for i in range(count)])
     parents = [tuple(np.flatnonzero(graph[:, i]).tolist()) for i in range(count)]
     try:
         TopologicalSorter(dict(enumerate(parents))).prepare()
@@ -241,11 +226,7 @@ def _variables(
     wanted = ends[-1]
     if wanted > _MOST_COUNTS:
         raise file.error(block, f": the graph asks for {wanted} counts, expected at most {_MOST_COUNTS}")
-    values = file.numbers(block)
-    if len(values) != wanted:
-        raise file.error(block, f": {len(values)} counts, expected {wanted} (a file that is cut off?)")
-    if (values < 0.0).any():
-        raise file.error(block, f": count {values[values < 0.0][0]:g}, expected 0 or more")
+    values = file.numbers(block, wanted, low=0.0)
     made = []
     for name, each, shape, part in zip(names, parents, shapes, np.split(values, ends[:-1].astype(int)), strict=True):
         if not each and not part.any():
@@ -256,17 +237,14 @@ def _variables(
 
 def _boundaries(file: _File, names: list[str], bins: list[int]) -> tuple[np.ndarray | None, ...]:
     block, edges = "boundaries", []
-    for i, line in enumerate(file.rows(block, len(names), "lines")):
-        of = f", variable {names[i]!r}"
+    for i, line in enumerate(file.rows(block, len(names))):
         if line == "*":
             edges.append(None)
             continue
-        values = file.numbers(block, i, of)
-        if len(values) != bins[i] + 1 or (np.diff(values) <= 0.0).any():
-            raise file.error(block, f"{of}: expected {bins[i] + 1} edges that increase, or *", i)
+        of = f", variable {names[i]!r}"
         low, high = _RANGES.get(names[i], (-1e6, 1e6))
-        if values[0] < low or values[-1] > high:
-            bounds = f"{values[0]:g} to {values[-1]:g}, expected within {low:g} to {high:g}"
-            raise file.error(block, f"{of}: {bounds}", i)
+        values = file.numbers(block, bins[i] + 1, i, of=of, low=low, high=high)
+        if (np.diff(values) <= 0.0).any():
+            raise file.error(block, f"{of}: expected edges that increase, or *", i)
         edges.append(values)
     return tuple(edges)

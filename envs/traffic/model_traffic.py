@@ -29,6 +29,7 @@ from envs.encounters import Encounter, EncounterError
 from envs.intruder import Recording
 from envs.kinematics import FASTEST, VehicleState, advance
 from envs.relative import distance, leg_separation
+from envs.starts import check_number
 from envs.traffic.encounter_model import EncounterModel
 from envs.traffic.encounter_model_sampler import dimensions, flown, sample_model
 from envs.traffic.replay import encounters_of
@@ -74,10 +75,7 @@ def encounters_with(traffic: ModelTraffic, seed: int, first: int, count: int) ->
     Raises:
         EncounterError: seed or number are out of range, or the conditions are never met.
     """
-    if not 0 <= seed < 2**64:
-        raise EncounterError(f"seed is {seed}; expected 0 <= seed < 2**64")
-    if first < 0:
-        raise EncounterError(f"encounter number is {first}; expected 0 or more")
+    check_number(seed, first)
     wanted = dimensions(traffic.model, traffic.duration) + _OWN_DRAWS
     whole: Any = None
     left = np.arange(count)
@@ -91,10 +89,8 @@ def encounters_with(traffic: ModelTraffic, seed: int, first: int, count: int) ->
         if not left.size:
             break
     else:
-        raise EncounterError(
-            f"encounter {first + int(left[0])} of seed {seed} does not meet the conditions in {traffic.attempts} "
-            "attempts; allow more attempts or other conditions"
-        )
+        unmet = f"does not meet the conditions in {traffic.attempts} attempts; allow more, or other conditions"
+        raise EncounterError(f"encounter {first + int(left[0])} of seed {seed} {unmet}")
     recording = Recording(*(field[:, None] for field in _at_steps(whole.recording, traffic.aircraft.dt)))
     return encounters_of(whole.own, recording, np.ones((count, 1), bool), traffic.ahead), whole.weight
 

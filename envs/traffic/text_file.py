@@ -7,17 +7,18 @@ from pathlib import Path
 from typing import Any
 
 from envs.edge.files import check_regular
+from envs.traffic.tracks import TrackError
 
 _MOST_BYTES = 128 * 2**20  # of the text, after unpacking
 _MOST_LINES = 2_000_000
 _MOST_PARTS = 10_000_000  # lists and objects in a JSON file
 
 
-def text_of(source: str, error: type[Exception]) -> str:
+def text_of(source: str) -> str:
     """Return the text of a file in UTF-8, with or without a byte order mark, plain or gzipped.
 
-    Args:
-        error: what is raised, with a sentence that names the file, where it cannot be read.
+    Raises:
+        TrackError: it cannot be read.
     """
     try:
         check_regular(source)
@@ -25,39 +26,40 @@ def text_of(source: str, error: type[Exception]) -> str:
             packed = file.peek(2)[:2] == b"\x1f\x8b"
             data = (gzip.GzipFile(fileobj=file) if packed else file).read(_MOST_BYTES + 1)
     except FileNotFoundError:
-        raise error(f"{source}: there is no such file") from None
+        raise TrackError(f"{source}: there is no such file") from None
     except (EOFError, zlib.error, gzip.BadGzipFile) as problem:
-        raise error(f"{source}: not a gzip file, or cut off: {problem}") from None
+        raise TrackError(f"{source}: not a gzip file, or cut off: {problem}") from None
     except OSError as problem:
-        raise error(f"{source}: cannot be read: {problem.strerror or problem}") from None
+        raise TrackError(f"{source}: cannot be read: {problem.strerror or problem}") from None
     if len(data) > _MOST_BYTES:
-        unpacked = " unpacked" if packed else ""
-        raise error(f"{source}: more than {_MOST_BYTES >> 20} MiB{unpacked}, expected at most so much: divide the file")
+        most = f"{_MOST_BYTES >> 20} MiB{' unpacked' if packed else ''}"
+        raise TrackError(f"{source}: more than {most}, expected at most so much: divide the file")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
-        raise error(f"{source}: not a text in UTF-8 (byte {problem.start})") from None
+        raise TrackError(f"{source}: not a text in UTF-8 (byte {problem.start})") from None
 
 
-def lines_of(source: str, error: type[Exception]) -> list[str]:
-    """Return the lines of a file; arguments as of :func:`text_of`."""
-    text = text_of(source, error)
+def lines_of(source: str) -> list[str]:
+    """Return the lines of a file; raises as :func:`text_of` does."""
+    text = text_of(source)
     if text.count("\n") > _MOST_LINES:
-        raise error(f"{source}: more than {_MOST_LINES} lines, expected at most so many: divide the file")
+        raise TrackError(f"{source}: more than {_MOST_LINES} lines, expected at most so many: divide the file")
     return text.splitlines()
 
 
-def json_of(source: str, error: type[Exception]) -> Any:
-    """Return the content of a JSON file, NaN and Infinity allowed; arguments as of :func:`text_of`."""
-    text = text_of(source, error)
+def json_of(source: str) -> Any:
+    """Return the content of a JSON file, NaN and Infinity allowed; raises as :func:`text_of` does."""
+    text = text_of(source)
     if text.count("{") + text.count("[") > _MOST_PARTS:
-        raise error(f"{source}: more than {_MOST_PARTS} lists and objects, expected at most so many: divide the file")
+        most = f"{_MOST_PARTS} lists and objects"
+        raise TrackError(f"{source}: more than {most}, expected at most so many: divide the file")
     try:
         return json.loads(text, object_pairs_hook=_distinct)
     except json.JSONDecodeError as problem:
-        raise error(f"{source} line {problem.lineno}: not JSON, or cut off: {problem.msg}") from None
+        raise TrackError(f"{source} line {problem.lineno}: not JSON, or cut off: {problem.msg}") from None
     except (ValueError, RecursionError) as problem:
-        raise error(f"{source}: not usable as JSON: {problem}") from None
+        raise TrackError(f"{source}: not usable as JSON: {problem}") from None
 
 
 def number_of(text: str) -> float:

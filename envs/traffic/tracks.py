@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.edge.command import InputError
+from envs.encounters import EncounterError
 
 DISTANT = 1_000_000.0  # m; further from its reference a flat map holds neither distances nor directions
 
 
-class TrackError(InputError):
-    """Tracks that cannot be used; the message says file, line, field, and what was expected."""
+class TrackError(EncounterError):
+    """Tracks, or a file, that cannot be used; the message says file, line, field, and what was expected."""
 
 
 class Track(NamedTuple):
@@ -60,10 +60,8 @@ def at_times(track: Track, times: np.ndarray) -> Track:
     """
     times = np.asarray(times, np.float64)
     if not (np.isfinite(times).all() and times.min() >= track.time[0] and times.max() <= track.time[-1]):
-        raise TrackError(
-            f"track {track.name!r} covers {track.time[0]:g} to {track.time[-1]:g} s, expected the times asked for, "
-            f"{times.min():g} to {times.max():g} s"
-        )
+        covered = f"covers {track.time[0]:g} to {track.time[-1]:g} s"
+        raise TrackError(f"track {track.name!r} {covered}, expected {times.min():g} to {times.max():g} s")
     fields = {
         name: np.interp(times, track.time, getattr(track, name)) for name in Track._fields if name not in _NOT_BY_LINES
     }

@@ -14,7 +14,6 @@ import pytest
 from envs import draws
 from envs.encounters import EncounterError
 from envs.formats import encounter_file
-from envs.formats.adsb_file import read_adsb
 from envs.formats.encounter_exchange import scenes_of
 from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_files import read_daidalus
@@ -108,21 +107,19 @@ def meeting(seconds: int, step: float = 1.0) -> list[Row]:
 
 
 class Reports:
-    """ADS-B, read by aircraft and by pairs."""
+    """ADS-B, read by pairs."""
 
-    time, name = "timestamp", "icao24"
+    time, name, suffix = "timestamp", "icao24", "json"
 
-    def __init__(self, pairs: bool) -> None:
-        self.rows, self.pairs, self.suffix = meeting(80 if pairs else 20), pairs, "json"
+    def __init__(self) -> None:
+        self.rows = meeting(80)
 
     def text(self, rows: list[Row]) -> str:
         return json.dumps(rows)
 
     def read(self, path: Path, repair: bool) -> list[Track]:
-        if self.pairs:
-            found, _ = pairs_of(path, repair=repair)
-            return [track for _, own, others in found for track in (own, *others)]
-        return list(read_adsb(path, ("aaa001", "bbb002"), (0.0, 1e10), repair=repair).tracks)
+        found, _ = pairs_of(path, repair=repair)
+        return [track for _, own, others in found for track in (own, *others)]
 
 
 class Daidalus:
@@ -240,8 +237,7 @@ class Model:
 
 
 READERS: dict[str, Callable[[], Any]] = {
-    "read_adsb": lambda: Reports(pairs=False),
-    "adsb_pairs": lambda: Reports(pairs=True),
+    "adsb_pairs": Reports,
     "read_daidalus, geographic": lambda: Daidalus(local=False),
     "read_daidalus, local": lambda: Daidalus(local=True),
     "read_lincoln": Lincoln,
