@@ -17,7 +17,7 @@ from envs.c208.conditions import Loading
 from envs.c208.facts import FOOT, GRAVITY, Variant, value
 from envs.c208.model import stall_angle
 from envs.c208.propulsion import DENSITIES, DENSITY_0, SPEEDS, Curve, density_at, tables
-from envs.c208.trim import REFERENCE_ALTITUDE, REFERENCE_WEIGHT, Trim, stored
+from envs.c208.trim import REFERENCE_ALTITUDE, REFERENCE_WEIGHT, Trim, level_curve
 
 TICK = 0.05  # period, s
 BANK_MAX, CLIMB_MAX = math.radians(45.0), 5.0  # rad and m/s
@@ -81,8 +81,7 @@ class Autopilot:
 
     def __init__(self, variant: Variant, loading: Loading, altitude: float, density: float, begin: Trim) -> None:
         self._altitude = altitude
-        table = stored()
-        self._alpha, self._elevator, self._thrust = (table.curve(name) for name in ("alpha", "elevator", "thrust"))
+        self._alpha, self._elevator, self._thrust = map(level_curve, ("alpha", "elevator", "thrust"))
         self._density_0 = density_at(REFERENCE_ALTITUDE)
         here = [np.array([np.interp(density, DENSITIES, row) for row in thrusts]) for thrusts in tables(variant)]
         self._idle, self._top = (Curve(SPEEDS, thrust, 20.0) for thrust in here)

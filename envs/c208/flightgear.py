@@ -59,8 +59,13 @@ class FlightGear(NamedTuple):
 
     def send(self, latitude: np.ndarray, longitude: np.ndarray, altitude: float, others: VehicleState) -> None:
         """Show intruders ``[K]``, wings level: their places, rad, altitude, m, headings and speeds."""
+        # Imported here, because few flights are shown.
+        from scipy.spatial.transform import Rotation
+
         places = geocentric(latitude, longitude, altitude)
-        turned = _rotation(latitude, longitude, math.pi / 2.0 - others.heading)
+        # From the Earth's axes to those of a level aircraft, as angle times axis.
+        angles = np.stack((longitude, -0.5 * math.pi - latitude, 0.5 * math.pi - others.heading), axis=-1)
+        turned = Rotation.from_euler("ZYZ", angles).as_rotvec()
         now = time.time()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
             for number, (place, axis, speed) in enumerate(zip(places, turned, others.speed, strict=True)):
@@ -85,15 +90,3 @@ def flightgear_at(address: str, *, paced: bool) -> FlightGear:
     except (OSError, UnicodeError):
         raise ConfigError(f"flightgear is {address!r}: the host cannot be resolved; {wanted}") from None
     return FlightGear(str(found[0][4][0]), int(port), paced)
-
-
-def _rotation(latitude: np.ndarray, longitude: np.ndarray, heading: np.ndarray) -> np.ndarray:
-    """Return the turn from the Earth's axes to those of level aircraft, angle times axis, ``[K, 3]``.
-
-    It is the product of the quaternions about z by the longitude, y by -(90 degrees + latitude), z by the heading.
-    """
-    a, b, c = 0.5 * longitude, -0.25 * math.pi - 0.5 * latitude, 0.5 * heading
-    real = np.cos(a + c) * np.cos(b)
-    axis = np.stack((np.sin(c - a) * np.sin(b), np.cos(c - a) * np.sin(b), np.sin(a + c) * np.cos(b)), axis=-1)
-    length = np.linalg.norm(axis, axis=-1)
-    return axis * (2.0 * np.arctan2(length, real) / length)[:, None]

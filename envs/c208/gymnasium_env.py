@@ -48,11 +48,7 @@ class C208Env(DeconflictionEnv):
         self._vehicle: C208Vehicle | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin the next encounter, or the one that the options ask for, as the surrogate's environment does.
-
-        Raises:
-            EncounterError: the seed or an option is wrong, or the aircraft cannot fly so at the start.
-        """
+        """Begin the next encounter, or the one that the options ask for; an EncounterError if it cannot be flown."""
         self._vehicle = None
         observation, info = super().reset(seed=seed, options=options)
         assert self._flight is not None

@@ -15,7 +15,7 @@ from envs.c208.autopilot import BANK_MAX, CLIMB_MAX
 from envs.c208.conditions import check_state
 from envs.c208.facts import GRAVITY, POUND, VARIANTS
 from envs.c208.propulsion import Curve, density_at, idle_thrust, maximum_thrust
-from envs.c208.trim import REFERENCE_ALTITUDE, REFERENCE_WEIGHT, stored
+from envs.c208.trim import REFERENCE_ALTITUDE, REFERENCE_WEIGHT, level_curve
 from envs.kinematics import VehicleState
 
 _LAGS = 0.65, 0.5, 1.5  # of bank, longitudinal acceleration and climb, s
@@ -58,7 +58,7 @@ class PointMassVehicle:
         speeds, self._density = np.linspace(25.0, 130.0, 211), density_at(altitude)
         thrusts = (given(VARIANTS[variant], speeds, self._density) for given in (idle_thrust, maximum_thrust))
         self._idle, self._top = (Curve(speeds, np.asarray(thrust)) for thrust in thrusts)
-        self._drag = stored().curve("thrust")
+        self._drag = level_curve("thrust")
 
     @property
     def state(self) -> VehicleState:

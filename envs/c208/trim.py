@@ -6,6 +6,7 @@ equilibria at the reference altitude are stored (``data/trim.csv``), and the aut
 """
 
 import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from envs.edge.files import write_file
 REFERENCE_ALTITUDE = 2500.0  # of the stored equilibria and of flights, m
 REFERENCE_WEIGHT = 8807.0 * POUND  # of the stored equilibria, N
 TABLE_SPEEDS = tuple(float(speed) for speed in range(46, 107, 3))  # true airspeeds of the stored equilibria, m/s
-_FILE = DATA / "trim.csv"
+_FILE, _COLUMNS = DATA / "trim.csv", ("speed", "alpha", "elevator", "thrust")
 _ITERATIONS, _EXACT = 30, 1e-8
 
 
@@ -37,19 +38,6 @@ class Trim(NamedTuple):
     throttle: float  # 0 to 1
     gamma: float  # climb angle
     thrust: float
-
-
-class Table(NamedTuple):
-    """Level equilibria of one weight and altitude, arrays ``[N]``; named as in :class:`Trim`."""
-
-    speed: np.ndarray
-    alpha: np.ndarray
-    elevator: np.ndarray
-    thrust: np.ndarray
-
-    def curve(self, name: str) -> Curve:
-        """Return a column over the speed."""
-        return Curve(self.speed, getattr(self, name))
 
 
 def solve(
@@ -125,23 +113,29 @@ def _found(fdm: Fdm, speed: float, alpha: float, elevator: float, power: float, 
     return Trim(speed, alpha, elevator, math.sqrt(power), gamma, fdm.get("propulsion/engine/thrust-lbs") * POUND)
 
 
-def level_table(fdm: Fdm) -> Table:
-    """Find the level equilibria at the reference altitude."""
+def level_table(fdm: Fdm) -> dict[str, np.ndarray]:
+    """Find the level equilibria at the reference altitude, ``[N]`` each, by their names in :class:`Trim`."""
     found = [solve(fdm, speed) for speed in TABLE_SPEEDS]
-    return Table(*(np.array([getattr(trim, name) for trim in found]) for name in Table._fields))
+    return {name: np.array([getattr(trim, name) for trim in found]) for name in _COLUMNS}
 
 
-def stored() -> Table:
+@cache
+def stored() -> dict[str, np.ndarray]:
     """Return the level equilibria that ship: of the EX at its greatest weight, reference altitude."""
-    return Table(*np.loadtxt(_FILE, delimiter=",", skiprows=2, unpack=True))
+    return dict(zip(_COLUMNS, np.loadtxt(_FILE, delimiter=",", skiprows=2, unpack=True), strict=True))
+
+
+def level_curve(name: str) -> Curve:
+    """Return a column of the stored equilibria over their speed."""
+    return Curve(stored()["speed"], stored()[name])
 
 
 def main() -> int:
     """Write the file that ships; return the exit code."""
     Parser(prog="python -m envs.c208.trim", description=__doc__).parse_args()
     lines = ["# Level flight of the EX at 8807 lb, 2500 m: m/s, rad, rad, N. Written by python -m envs.c208.trim."]
-    lines.append(",".join(Table._fields))
-    lines += [",".join(f"{number:.9g}" for number in row) for row in zip(*level_table(Fdm()), strict=True)]
+    lines.append(",".join(_COLUMNS))
+    lines += [",".join(f"{number:.9g}" for number in row) for row in zip(*level_table(Fdm()).values(), strict=True)]
     write_file(_FILE, "\n".join(lines) + "\n")
     print(f"wrote {_FILE}")
     return 0
