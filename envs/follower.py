@@ -57,20 +57,15 @@ class KinematicVehicle:
     """The surrogate's kinematics as a vehicle; one or many aircraft ``[...]``."""
 
     def __init__(self, state: VehicleState, limits: Limits) -> None:
-        self._state = state
+        self.state = state
         self._limits = limits
-
-    @property
-    def state(self) -> VehicleState:
-        """Position, heading and speed now, ``[...]``."""
-        return self._state
 
     def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
         """Fly on for ``dt`` seconds; commands beyond the limits are cut off there."""
         limits = self._limits
         acceleration = np.clip(acceleration, limits.acceleration_min, limits.acceleration_max)
         yaw_rate = np.clip(yaw_rate, -limits.yaw_rate_max, limits.yaw_rate_max)
-        self._state = advance(self._state, acceleration, yaw_rate, dt, limits, np)
+        self.state = advance(self.state, acceleration, yaw_rate, dt, limits, np)
 
 
 def guidance(legs: Legs, state: VehicleState, time: Any, dt: float = PERIOD, gains: Gains = GAINS) -> tuple[Any, Any]:

@@ -55,18 +55,11 @@ def within(first: Limits, second: Limits) -> Limits:
     Raises:
         ValueError: they share less than 1 m/s of speed.
     """
-    both = Limits(
-        max(first.speed_min, second.speed_min),
-        min(first.speed_max, second.speed_max),
-        max(first.acceleration_min, second.acceleration_min),
-        min(first.acceleration_max, second.acceleration_max),
-        min(first.yaw_rate_max, second.yaw_rate_max),
-    )
+    narrower = max, min, max, min, min
+    both = Limits(*(pick(pair) for pick, pair in zip(narrower, zip(first, second, strict=True), strict=True)))
     if both.speed_min >= both.speed_max - 1.0:
-        raise ValueError(
-            f"allows {second.speed_min:g} to {second.speed_max:g} m/s; expected a range that overlaps "
-            f"{first.speed_min:g} to {first.speed_max:g} m/s by more than 1 m/s"
-        )
+        range_, other = (f"{limits.speed_min:g} to {limits.speed_max:g} m/s" for limits in (second, first))
+        raise ValueError(f"allows {range_}; expected a range that overlaps {other} by more than 1 m/s")
     return both
 
 

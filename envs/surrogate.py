@@ -15,18 +15,7 @@ from envs.encounters import Encounter, Scenario
 from envs.trees import choose
 from envs.world import State, StepResult, World
 
-__all__ = [
-    "State",
-    "StepResult",
-    "World",
-    "observe",
-    "observe_set",
-    "redraw_pool",
-    "reset",
-    "restart",
-    "step",
-]
-
+__all__ = ["State", "StepResult", "World", "observe", "observe_set", "redraw_pool", "reset", "restart", "step"]
 
 reset = partial(world.begin, xp=jnp)
 step = partial(world.step, xp=jnp)

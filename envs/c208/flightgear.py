@@ -19,8 +19,6 @@ from envs.edge.command import ConfigError
 from envs.formats.local_frame import geocentric
 from envs.kinematics import VehicleState
 
-__all__ = ["FlightGear", "flightgear_at"]
-
 _PACKET = struct.Struct(">6I8s96s5d15fI")
 _HEADER = 0x46474653, 0x00010001, 7, _PACKET.size, 100, 0  # "FGFS", protocol 1.1, a position, length, range NM, no port
 _MODEL = b"Aircraft/Cessna208Caravan/Models/Cessna208-ai.xml"  # in AI/ of FlightGear's base package

@@ -12,8 +12,6 @@ import shutil
 from importlib import metadata
 from pathlib import Path
 
-__all__ = ["keep_compiled"]
-
 _LARGE = 1 << 30
 """Size of all folders, bytes, from which on they are emptied."""
 
