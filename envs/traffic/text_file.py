@@ -14,11 +14,11 @@ _MOST_LINES = 2_000_000
 _MOST_PARTS = 10_000_000  # lists and objects in a JSON file
 
 
-def text_of(source: str) -> str:
+def text_of(source: str, error: type[Exception] = TrackError) -> str:
     """Return the text of a file in UTF-8, with or without a byte order mark, plain or gzipped.
 
-    Raises:
-        TrackError: it cannot be read.
+    Args:
+        error: what is raised where it cannot be read.
     """
     try:
         check_regular(source)
@@ -26,18 +26,18 @@ def text_of(source: str) -> str:
             packed = file.peek(2)[:2] == b"\x1f\x8b"
             data = (gzip.GzipFile(fileobj=file) if packed else file).read(_MOST_BYTES + 1)
     except FileNotFoundError:
-        raise TrackError(f"{source}: there is no such file") from None
+        raise error(f"{source}: there is no such file") from None
     except (EOFError, zlib.error, gzip.BadGzipFile) as problem:
-        raise TrackError(f"{source}: not a gzip file, or cut off: {problem}") from None
+        raise error(f"{source}: not a gzip file, or cut off: {problem}") from None
     except OSError as problem:
-        raise TrackError(f"{source}: cannot be read: {problem.strerror or problem}") from None
+        raise error(f"{source}: cannot be read: {problem.strerror or problem}") from None
     if len(data) > _MOST_BYTES:
         most = f"{_MOST_BYTES >> 20} MiB{' unpacked' if packed else ''}"
-        raise TrackError(f"{source}: more than {most}, expected at most so much: divide the file")
+        raise error(f"{source}: more than {most}, expected at most so much: divide the file")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
-        raise TrackError(f"{source}: not a text in UTF-8 (byte {problem.start})") from None
+        raise error(f"{source}: not a text in UTF-8 (byte {problem.start})") from None
 
 
 def lines_of(source: str) -> list[str]:
