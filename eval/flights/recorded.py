@@ -46,11 +46,11 @@ def fly_in_mode(
     pilot: Pilot,
     starts: Encounter,
     noise: Callable[[int], np.ndarray] | None,
-    recorder: TrajectoryRecorder,
+    recorder: TrajectoryRecorder | None,
     *,
     endless: bool = False,
 ) -> tuple[Plans | None, Flights]:
-    """Plan where the evaluation's mode does, and fly encounters ``[M]``, recorded.
+    """Plan where the evaluation's mode does, and fly encounters ``[M]``; a recorder takes the trajectories.
 
     The noise of the sensors is by step, ``[4, M, K]``, None for perfect knowledge; endless flights lose nothing.
     """

@@ -8,8 +8,6 @@ from matplotlib.figure import Figure
 
 from eval.plots.style import BLUE, GREY, ORANGE, VERMILION, tidy
 
-__all__ = ["levels_figure"]
-
 
 def levels_figure(found: Mapping[str, Any]) -> Figure:
     """Return the figure of ``rare.json``'s content."""
@@ -22,29 +20,14 @@ def levels_figure(found: Mapping[str, Any]) -> Figure:
         shown = np.where(line > 0.0, line, np.nan)
         above.plot(place, shown, color="#B9D4E8", linewidth=0.9, label="each repetition" if number == 0 else None)
     total = levels[0]["plain"]["total"]
-    for kind, label, style in (
-        (
-            "plain",
-            f"plain sampling ({total} flights, the first of all repetitions)",
-            {
-                "color": GREY,
-                "linestyle": "",
-                "marker": "s",
-                "markersize": 7.0,
-                "markerfacecolor": "none",
-                "capsize": 3.0,
-            },
-        ),
-        (
-            "rate",
-            f"splitting, {100.0 * found['confidence']:g} % interval",
-            {"color": BLUE, "marker": "o", "markersize": 5.0, "capsize": 2.5},
-        ),
-    ):
-        shown = [(each["level_m"], each[kind]) for each in levels if each[kind]["value"] > 0.0]
-        at = [level for level, _ in shown]
-        value, low, high = (np.array([rate[end] for _, rate in shown]) for end in ("value", "low", "high"))
-        above.errorbar(at, value, [value - np.maximum(low, 1e-3 * value), high - value], label=label, **style)
+    square = {"color": GREY, "marker": "s", "markersize": 7.0, "markerfacecolor": "none", "linestyle": ""}
+    plain, ours = f"plain sampling ({total} flights, the first of all repetitions)", {"color": BLUE, "marker": "o"}
+    splitting = f"splitting, {100.0 * found['confidence']:g} % interval"
+    for kind, label, style in (("plain", plain, square), ("rate", splitting, ours)):
+        rates = np.array([[each[kind][end] for end in ("value", "low", "high")] for each in levels])
+        value, low, high = rates[rates[:, 0] > 0.0].T
+        ends = [value - np.maximum(low, 1e-3 * value), high - value]
+        above.errorbar(place[rates[:, 0] > 0.0], value, ends, label=label, capsize=2.5, **style)
     above.axvline(found["separation_m"], color=VERMILION, linewidth=1.4, linestyle="--", label="required separation")
     above.set_yscale("log")
     if np.any(every > 0.0):  # an interval that reaches 0 goes to the edge

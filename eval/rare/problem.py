@@ -1,6 +1,7 @@
 """Rare losses of separation as a problem of importance splitting: the smallest separation of the flight decided on."""
 
-from collections.abc import Callable
+import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,11 +10,8 @@ from envs.encounters import Encounter, Scenario, sample
 from envs.trees import take
 from eval.flights.chunks import Pilot
 from eval.flights.conditions import verdicts
-from eval.flights.plan_mode import fly_once, plan_at_start
+from eval.flights.recorded import fly_in_mode
 from eval.flights.simulate import Direct, Flights, fly
-from eval.rare.splitting import Draws
-
-__all__ = ["FlightProblem"]
 
 _BLOCK = 1_024  # flights flown together, to bound memory
 _LARGEST = np.nextafter(1.0, 0.0)
@@ -37,75 +35,45 @@ class FlightProblem:
         scenario = pilot.evaluation.source
         if not isinstance(scenario, Scenario):
             raise ValueError("expected a sampled scenario")
-        self._pilot, self._scenario, self._mode = pilot, scenario, mode
+        self._pilot = replace(pilot, evaluation=pilot.evaluation._replace(mode=mode))
+        self._scenario, self._aircraft = scenario, pilot.evaluation.aircraft
         self._resolvable_only, self._endless = resolvable_only, closer_than is not None
-        self.level = pilot.evaluation.rules.separation if closer_than is None else closer_than
-        self._flawed = scenario.position_std > 0.0 or scenario.velocity_std > 0.0 or scenario.latency[1] > 0.0
+        self.level = self._aircraft.separation if closer_than is None else closer_than
+        flawed = mode != "none" and (scenario.position_std or scenario.velocity_std or scenario.latency[1])
+        steps = 0 if not flawed else 1 if mode == "plan" else round(self._aircraft.t_max / self._aircraft.dt)
+        self._noise = (steps, 4, scenario.intruders[1])
+        self.dimensions = scenario.dimensions + math.prod(self._noise)
+        """Draws of the start, then of the sensors' noise step by step where there is any."""
 
-    @property
-    def shapes(self) -> tuple[tuple[int, ...], ...]:
-        """Of the draws of the start, and of the sensors' noise step by step where there is any."""
-        start = (self._scenario.dimensions,)
-        if not self._flawed or self._mode == "none":
-            return (start,)
-        aircraft = self._pilot.evaluation.aircraft
-        seconds = 1 if self._mode == "plan" else round(aircraft.t_max / aircraft.dt)
-        return (start, (seconds, 4, self._scenario.intruders[1]))
-
-    def supported(self, draws: Draws) -> np.ndarray:
-        """Return which starts meet the scenario's conditions, bool ``[N]``."""
-        return self._sampled(draws)[1]
-
-    def value(self, draws: Draws) -> np.ndarray:
-        """Return the smallest separations, m, ``[N]``."""
-        starts, flights = self.flown(draws)
-        # Where no trajectory was proposed, nothing was flown that could lose the separation.
-        apart = np.where(np.isnan(flights.min_separation), np.inf, flights.min_separation)
-        if self._resolvable_only:
-            apart = np.where(self.unresolvable(starts, apart < self.level), np.inf, apart)
-        return apart
-
-    def starts(self, draws: Draws) -> Encounter:
-        """Return the encounters, ``[N]``."""
-        return self._sampled(draws)[0]
-
-    def flown(self, draws: Draws) -> tuple[Encounter, Flights]:
-        """Return the encounters and how they were flown, ``[N]``."""
-        starts = self.starts(draws)
-        count = len(starts.goal_x)
-        blocks = [slice(first, first + _BLOCK) for first in range(0, count, _BLOCK)]
-        parts = [self._fly(take(starts, block), [one[block] for one in draws[1:]]) for block in blocks]
-        return starts, Flights(*(np.concatenate(field) for field in zip(*parts, strict=True)))
-
-    def unresolvable(self, starts: Encounter, lost: np.ndarray) -> np.ndarray:
-        """Return which encounters are proven unresolvable, bool ``[N]``; only those that were lost are asked about."""
-        found = np.zeros(len(lost), bool)
-        rows = np.flatnonzero(lost)
-        if rows.size:
-            evaluation = self._pilot.evaluation
-            unsolved = np.zeros(rows.size, bool)
-            judged = verdicts(take(starts, rows), evaluation.aircraft, solved=unsolved)
-            found[rows] = judged.verdict == Verdict.UNRESOLVABLE
-        return found
-
-    def _sampled(self, draws: Draws) -> tuple[Encounter, np.ndarray]:
+    def sampled(self, draws: np.ndarray) -> tuple[Encounter, np.ndarray]:
+        """Return the encounters, ``[N]``, and which meet the scenario's conditions, bool ``[N]``."""
         from scipy.special import ndtr
 
-        return sample(self._scenario, np.minimum(ndtr(draws[0]), _LARGEST)[None], np)
+        uniform = np.minimum(ndtr(draws[:, : self._scenario.dimensions]), _LARGEST)
+        return sample(self._scenario, uniform[None], np)
 
-    def _fly(self, starts: Encounter, noises: list[np.ndarray]) -> Flights:
-        evaluation = self._pilot.evaluation
-        noise = None if not noises else _by_step(noises[0])
-        aircraft, setting = evaluation.aircraft, evaluation.setting
-        if self._mode == "none":
-            return fly(starts, Direct(aircraft), aircraft, endless=self._endless)
-        if self._mode == "policy":
-            return fly(starts, self._pilot.decider, aircraft, noise=noise, endless=self._endless)
-        plans = plan_at_start(starts, self._pilot.policy, aircraft, setting, None if noise is None else noise(0))
-        return fly_once(starts, plans, aircraft, setting, endless=self._endless).flights
+    def value(self, draws: np.ndarray) -> np.ndarray:
+        """Return the smallest separations, m, ``[N]``, not a number where a start fails the scenario's conditions."""
+        starts, inside = self.sampled(draws)
+        apart, rows = np.full(len(inside), np.nan), np.flatnonzero(inside)
+        for first in range(0, rows.size, _BLOCK):
+            block = rows[first : first + _BLOCK]
+            noise = draws[block, self._scenario.dimensions :].reshape(block.size, *self._noise)
+            apart[block] = self._fly(take(starts, block), noise).min_separation
+        # Where no trajectory was proposed, nothing was flown that could lose the separation.
+        apart[inside & np.isnan(apart)] = np.inf
+        if self._resolvable_only:
+            lost = np.flatnonzero(apart < self.level)
+            apart[lost[self.unresolvable(take(starts, lost))]] = np.inf
+        return apart
 
+    def unresolvable(self, starts: Encounter) -> np.ndarray:
+        """Return which encounters are proven unresolvable, bool ``[N]``."""
+        solved = np.zeros(len(starts.goal_x), bool)
+        return verdicts(starts, self._aircraft, solved=solved).verdict == Verdict.UNRESOLVABLE
 
-def _by_step(noise: np.ndarray) -> Callable[[int], np.ndarray]:
-    """Return noise ``[N, T, 4, K]`` by number of the step, ``[4, N, K]``."""
-    steps = np.moveaxis(noise, 0, 2)
-    return lambda step: steps[step]
+    def _fly(self, starts: Encounter, noise: np.ndarray) -> Flights:
+        if self._pilot.evaluation.mode == "none":
+            return fly(starts, Direct(self._aircraft), self._aircraft, endless=self._endless)
+        by_step = (lambda step: np.moveaxis(noise[:, step], 0, 1)) if noise.size else None
+        return fly_in_mode(self._pilot, starts, by_step, None, endless=self._endless)[1]

@@ -6,22 +6,27 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from scipy.special import stdtrit
+from threadpoolctl import threadpool_limits
 
 from agents.config.figures import save_figure
-from agents.config.load import ConfigError, Parser
+from agents.config.load import ConfigError, Parser, dump
 from envs.edge.files import write_file
+from envs.edge.installation import versions
+from envs.formats import encounter_file
+from eval.config import MonteCarloConfig
+from eval.flights.aircraft import described, lines_about
+from eval.flights.chunks import Pilot
 from eval.plots import save as picture_folder
+from eval.rare.figure import levels_figure
+from eval.rare.problem import FlightProblem
+from eval.rare.splitting import Plan, Repetition, pilot, repetition
+from eval.rare.tail import fits, tail_figure
 from eval.runner.options import loaded, named_evaluation, real, whole
-
-if TYPE_CHECKING:
-    from eval.config import MonteCarloConfig
-    from eval.rare.problem import FlightProblem
-    from eval.rare.splitting import Plan, Repetition
-
-__all__ = ["main"]
+from eval.stats.intervals import share
 
 _MODES = ("policy", "plan", "none")
 _SHARE = 0.2  # of the particles that passes a level
@@ -52,43 +57,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Estimate what the command line asks for and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
     config, mode = _config(options)
-    from threadpoolctl import threadpool_limits
-
-    from eval.flights.aircraft import described
-    from eval.flights.chunks import Pilot
-    from eval.rare.problem import FlightProblem
-    from eval.rare.splitting import SplittingError, pilot, repetition
-
     evaluation, policy, resolved = named_evaluation(config)
     config = config.model_copy(update={"backend": resolved["backend"]})
     how = {"resolvable_only": options.resolvable_only, "closer_than": options.closer_than}
     problem = FlightProblem(Pilot(evaluation, policy), mode, **how)
     picture_folder.create(options.out)
     begun = time.perf_counter()
-    seeds = np.random.SeedSequence((config.seed, _STREAM)).spawn(options.repetitions + 1)
-    level = problem.level
+    seeds = np.random.SeedSequence((config.seed, _STREAM))
+    first, *others = map(np.random.default_rng, seeds.spawn(options.repetitions + 1))
     sizes = (options.particles, options.moves)
+    made: list[Repetition] = []
     with threadpool_limits(1):
-        try:
-            plan = pilot(problem, level, *sizes, _SHARE, np.random.default_rng(seeds[0]))
-        except SplittingError as problem_found:
-            print(f"error: {problem_found}", file=sys.stderr)
-            return 1
-        _say(f"levels: {', '.join(f'{level:.0f}' for level in plan.levels)} m")
-        made: list[Repetition] = []
-        for number, seed in enumerate(seeds[1:], 1):
-            made.append(repetition(problem, plan, *sizes, np.random.default_rng(seed)))
-            _say(f"repetition {number} of {options.repetitions}: {made[-1].probability[-1]:.3g}")
-        blamed = [_blamed(problem, one) for one in made]
-        found = _found(options, config, mode, plan, made, blamed)
-        found |= {"policy_sha256": policy.sha256}
-        found |= described(evaluation.aircraft, policy)
-        _write_worst(options.out, problem, made, blamed)
-    from agents.config.load import dump
-    from eval.rare.figure import levels_figure
-    from eval.rare.tail import tail_figure
-
-    found["wall_s"] = time.perf_counter() - begun
+        plan = pilot(problem, problem.level, *sizes, _SHARE, first)
+        print(f"levels: {', '.join(f'{level:.0f}' for level in plan.levels)} m", file=sys.stderr)
+        for number, rng in enumerate(others, 1):
+            made.append(repetition(problem, plan, *sizes, rng))
+            said = f"repetition {number} of {options.repetitions}: {made[-1].probability[-1]:.3g}"
+            print(said, file=sys.stderr)
+        blamed = [~problem.unresolvable(problem.sampled(one.last)[0]) for one in made]
+    found = _found(options, config, mode, plan, made, blamed) | {"policy_sha256": policy.sha256}
+    found |= described(evaluation.aircraft, policy) | {"wall_s": time.perf_counter() - begun}
+    # Equally many of each repetition.
+    rows = [one.last[kept][: max(1, _WORST // len(made))] for one, kept in zip(made, blamed, strict=True)]
+    if any(map(len, rows)):
+        encounter_file.write(options.out / "worst.csv", problem.sampled(np.concatenate(rows))[0])
     write_file(options.out / "config.yaml", dump(config))
     picture_folder.write(options.out, "rare", found, levels_figure(found))
     if found["tail"]:
@@ -128,9 +120,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _config(options: argparse.Namespace) -> "tuple[MonteCarloConfig, str]":
-    from eval.config import MonteCarloConfig
-
+def _config(options: argparse.Namespace) -> tuple[MonteCarloConfig, str]:
     options.resume = False
     options.named_mode = None if options.mode == "none" else options.mode
     config = loaded(MonteCarloConfig, options, {"named_mode": "mode", "seed": "seed"}, "--")
@@ -144,41 +134,27 @@ def _config(options: argparse.Namespace) -> "tuple[MonteCarloConfig, str]":
     return config, mode
 
 
-def _blamed(problem: "FlightProblem", one: "Repetition") -> np.ndarray:
-    """Return which of the last encounters of a repetition are not proven unresolvable."""
-    count = len(one.last[0])
-    if not count:
-        return np.zeros(0, bool)
-    return ~problem.unresolvable(problem.starts(one.last), np.ones(count, bool))
-
-
 def _found(
     options: argparse.Namespace,
-    config: "MonteCarloConfig",
+    config: MonteCarloConfig,
     mode: str,
-    plan: "Plan",
-    made: "Sequence[Repetition]",
+    plan: Plan,
+    made: Sequence[Repetition],
     blamed: Sequence[np.ndarray],
 ) -> dict[str, Any]:
     """Return the content of rare.json, without policy and wall time."""
-    from envs.edge.installation import versions
-    from eval.rare.tail import fits
-    from eval.stats.intervals import share
-
     by_level = np.stack([one.probability for one in made])
     first = np.concatenate([one.first for one in made])
     shares = np.array([np.mean(each) if each.size else 0.0 for each in blamed])
-    accepted = np.stack([one.acceptance for one in made])
     levels = []
-    for stage, level in enumerate(plan.levels):
-        last = stage == len(plan.steps)
-        taken = np.empty(0) if last else accepted[np.isfinite(accepted[:, stage]), stage]
+    for stage, (level, step) in enumerate(zip(plan.levels, (*plan.steps, None), strict=True)):
+        taken = [one.acceptance[stage] for one in made if step and np.isfinite(one.acceptance[stage])]
         levels.append(
             {
                 "level_m": level,
                 "rate": _estimate(by_level[:, stage], options.confidence),
-                "step": None if last else plan.steps[stage],
-                "acceptance": float(np.mean(taken)) if taken.size else None,
+                "step": step,
+                "acceptance": float(np.mean(taken)) if taken else None,
                 "plain": share(np.count_nonzero(first < level), first.size, options.confidence),
             }
         )
@@ -211,8 +187,6 @@ def _found(
 
 def _estimate(values: np.ndarray, confidence: float) -> dict[str, Any]:
     """Return the mean of independent estimates, its t interval, not below 0, and the estimates, in JSON types."""
-    from scipy.special import stdtrit
-
     value, error = float(np.mean(values)), float(np.std(values, ddof=1)) / math.sqrt(values.size)
     half = float(stdtrit(values.size - 1, 0.5 + 0.5 * confidence)) * error
     return {
@@ -239,22 +213,7 @@ def _warnings(found: dict[str, Any]) -> list[str]:
     return said
 
 
-def _write_worst(
-    out: Path, problem: "FlightProblem", made: "Sequence[Repetition]", blamed: Sequence[np.ndarray]
-) -> None:
-    """Write encounters that were lost and are not proven unresolvable, equally many of each repetition."""
-    from envs.formats import encounter_file
-
-    rows = [np.flatnonzero(kept)[: max(1, _WORST // len(made))] for kept in blamed]
-    last = zip(*([field[some] for field in one.last] for one, some in zip(made, rows, strict=True)), strict=True)
-    draws = tuple(np.concatenate(fields) for fields in last)
-    if len(draws[0]):
-        encounter_file.write(out / "worst.csv", problem.starts(draws))
-
-
 def _show(found: dict[str, Any], out: Path) -> None:
-    from eval.flights.aircraft import lines_about
-
     print(f"scenario {found['scenario']}, mode {found['mode']}, below {found['separation_m']:g} m")
     names = {"rate": "losses of separation", "rate_not_unresolvable": "of them not proven unresolvable"}
     for key, name in ({"rate": "losses not proven unresolvable"} if found["resolvable_only"] else names).items():
@@ -271,7 +230,3 @@ def _show(found: dict[str, Any], out: Path) -> None:
     for line in [*lines_about(found), *(f"warning: {sentence}" for sentence in found["warnings"])]:
         print(line)
     print(f"written to {out}")
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

@@ -11,15 +11,11 @@ their distribution as it is in any number of dimensions (S. L. Cotter et al., St
 taken where it stays below the level.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-__all__ = ["Draws", "Plan", "Problem", "Repetition", "SplittingError", "pilot", "repetition"]
-
-Draws: TypeAlias = tuple[np.ndarray, ...]
-"""Standard normal numbers of N particles, an array ``[N, ...]`` for each of the problem's shapes."""
+from envs.edge.command import InputError
 
 _MOST_LEVELS = 60
 _WANTED_ACCEPTANCE = 0.3
@@ -29,24 +25,21 @@ _SPREAD = 10.0
 _TRIES = 1_000
 
 
-class SplittingError(RuntimeError):
+class SplittingError(InputError):
     """The event cannot be reached; the message says at which level and why."""
 
 
 class Problem(Protocol):
     """What is asked: how probable it is that a value of random draws lies below a threshold."""
 
-    @property
-    def shapes(self) -> tuple[tuple[int, ...], ...]:
-        """Of the standard normal numbers that one particle takes."""
-        ...
+    dimensions: int
+    """Of the standard normal numbers that one particle takes."""
 
-    def supported(self, draws: Draws) -> np.ndarray:
-        """Return which particles the distribution is about, bool ``[N]``: it is that of normal draws given this."""
-        ...
+    def value(self, draws: np.ndarray) -> np.ndarray:
+        """Return the values ``[N]`` of draws ``[N, dimensions]``.
 
-    def value(self, draws: Draws) -> np.ndarray:
-        """Return the values of supported particles, ``[N]``; infinite where the event cannot count."""
+        Not a number: the distribution (of normal draws on a condition) has no such particle; infinite: it cannot count.
+        """
         ...
 
 
@@ -67,7 +60,7 @@ class Repetition(NamedTuple):
     ancestors: int  # different first particles from which those below the last level descend
     evaluations: int
     first: np.ndarray  # values of the first particles: plain sampling, [N]
-    last: Draws  # particles below the last level, [M, ...]
+    last: np.ndarray  # particles below the last level, [M, dimensions]
 
 
 def pilot(
@@ -104,7 +97,7 @@ def pilot(
             )
         levels.append(float(wanted))
         rows = _copies(values < wanted, particles, rng)
-        draws, values = tuple(one[rows] for one in draws), values[rows]
+        draws, values = draws[rows], values[rows]
         for _ in range(moves):
             draws, values, taken, flown = _moved(problem, draws, values, levels[-1], step, rng)
             evaluations += flown
@@ -126,10 +119,10 @@ def repetition(problem: Problem, plan: Plan, particles: int, moves: int, rng: np
         probability[stage] = product
         if stage == len(plan.steps) or not below.any():
             # Where none passes, this estimate is 0, and so it is at all levels after it.
-            last = tuple(one[below] for one in draws)
-            return Repetition(probability, acceptance, np.unique(family[below]).size, evaluations, first, last)
+            ancestors = np.unique(family[below]).size
+            return Repetition(probability, acceptance, ancestors, evaluations, first, draws[below])
         rows = _copies(below, particles, rng)
-        draws, values, family = tuple(one[rows] for one in draws), values[rows], family[rows]
+        draws, values, family = draws[rows], values[rows], family[rows]
         shares = []
         for _ in range(moves):
             draws, values, taken, flown = _moved(problem, draws, values, level, plan.steps[stage], rng)
@@ -139,37 +132,30 @@ def repetition(problem: Problem, plan: Plan, particles: int, moves: int, rng: np
     raise AssertionError("the last level ends the loop")
 
 
-def _first(problem: Problem, count: int, rng: np.random.Generator) -> tuple[Draws, np.ndarray]:
+def _first(problem: Problem, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return independent particles of the distribution asked about, and their values."""
-    draws = _normal(problem.shapes, count, rng)
-    outside = np.flatnonzero(~problem.supported(draws))
+    draws = rng.standard_normal((count, problem.dimensions))
+    values = problem.value(draws)
     for _ in range(_TRIES):
+        outside = np.flatnonzero(np.isnan(values))
         if not outside.size:
-            return draws, problem.value(draws)
-        again = _normal(problem.shapes, outside.size, rng)
-        for old, new in zip(draws, again, strict=True):
-            old[outside] = new
-        outside = outside[~problem.supported(again)]
-    raise SplittingError(f"{outside.size} particles do not meet the problem's conditions in {_TRIES} draws")
+            return draws, values
+        draws[outside] = rng.standard_normal((outside.size, problem.dimensions))
+        values[outside] = problem.value(draws[outside])
+    raise SplittingError(f"particles do not meet the problem's conditions in {_TRIES} draws")
 
 
 def _moved(
-    problem: Problem, draws: Draws, values: np.ndarray, level: float, step: float, rng: np.random.Generator
-) -> tuple[Draws, np.ndarray, float, int]:
+    problem: Problem, draws: np.ndarray, values: np.ndarray, level: float, step: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, float, int]:
     """Propose one step for every particle; return particles, values, share of steps taken and evaluations."""
-    count = len(values)
     # Sizes do not depend on where a particle is, so that a step back is as likely as the step.
-    size = step * _SPREAD ** -rng.random(count)
-    keep = np.sqrt(1.0 - size**2)
-    noise = _normal(problem.shapes, count, rng)
-    asked = tuple(_wide(keep, old) * old + _wide(size, old) * new for old, new in zip(draws, noise, strict=True))
-    inside = np.flatnonzero(problem.supported(asked))
-    found = np.full(count, np.inf)
-    if inside.size:
-        found[inside] = problem.value(tuple(one[inside] for one in asked))
+    size = step * _SPREAD ** -rng.random((len(values), 1))
+    asked = np.sqrt(1.0 - size**2) * draws + size * rng.standard_normal(draws.shape)
+    found = problem.value(asked)
     taken = found < level
-    draws = tuple(np.where(_wide(taken, old), new, old) for old, new in zip(draws, asked, strict=True))
-    return draws, np.where(taken, found, values), float(np.mean(taken)), inside.size
+    draws = np.where(taken[:, None], asked, draws)
+    return draws, np.where(taken, found, values), float(np.mean(taken)), int(np.count_nonzero(~np.isnan(found)))
 
 
 def _copies(chosen: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -177,11 +163,3 @@ def _copies(chosen: np.ndarray, count: int, rng: np.random.Generator) -> np.ndar
     rows = np.flatnonzero(chosen)
     whole, rest = divmod(count, rows.size)
     return np.concatenate([np.repeat(rows, whole), rng.choice(rows, rest, replace=False)])
-
-
-def _normal(shapes: Sequence[tuple[int, ...]], count: int, rng: np.random.Generator) -> Draws:
-    return tuple(rng.standard_normal((count, *shape)) for shape in shapes)
-
-
-def _wide(values: np.ndarray, like: np.ndarray) -> np.ndarray:
-    return values.reshape(-1, *(1,) * (like.ndim - 1))

@@ -18,11 +18,13 @@ from envs.formats import encounter_file
 from envs.outcome import RULES
 from envs.relative import straight_cpa
 from envs.trees import column
+from eval.config import usual_setting
 from eval.flights.chunks import Evaluation, Pilot
-from eval.flights.simulate import Direct, fly
+from eval.flights.plan_mode import fly_once, plan_at_start
+from eval.flights.simulate import ByPolicy, Direct, fly
 from eval.rare import run as rare
 from eval.rare.problem import FlightProblem
-from eval.rare.splitting import Draws, Plan, SplittingError, pilot, repetition
+from eval.rare.splitting import Plan, SplittingError, pilot, repetition
 from eval.rare.tail import fits
 
 CIRCLE = scenario("circle", PAPER)
@@ -32,42 +34,33 @@ SMALL = ["--particles", "60", "--repetitions", "3", "--moves", "1"]
 class Tail:
     """The sum of normal numbers, whose tail is known exactly, where the first of them is positive."""
 
-    shapes = ((3,), (2, 2))
+    dimensions = 7
 
-    def supported(self, draws: Draws) -> np.ndarray:
-        return draws[0][:, 0] > -1.0
-
-    def value(self, draws: Draws) -> np.ndarray:
-        assert np.all(self.supported(draws))
-        return -(draws[0][:, 1:].sum(axis=1) + draws[1].sum(axis=(1, 2))) / np.sqrt(6.0)
+    def value(self, draws: np.ndarray) -> np.ndarray:
+        return np.where(draws[:, 0] > -1.0, -draws[:, 1:].sum(axis=1) / np.sqrt(6.0), np.nan)
 
 
 class Miss:
     """The closest approach of straight courses in circle encounters: cheap, so that plain sampling knows it too."""
 
-    shapes = ((CIRCLE.dimensions,),)
+    dimensions = CIRCLE.dimensions
 
-    def supported(self, draws: Draws) -> np.ndarray:
-        return sample(CIRCLE, ndtr(draws[0])[None], np)[1]
-
-    def value(self, draws: Draws) -> np.ndarray:
-        return self.miss(ndtr(draws[0]))
+    def value(self, draws: np.ndarray) -> np.ndarray:
+        return self.miss(ndtr(draws))
 
     def miss(self, uniform: np.ndarray) -> np.ndarray:
-        encounter, _ = sample(CIRCLE, uniform[None], np)
-        return straight_cpa(column(encounter.own), encounter.intruders, np).distance[:, 0]
+        encounter, supported = sample(CIRCLE, uniform[None], np)
+        found = straight_cpa(column(encounter.own), encounter.intruders, np).distance[:, 0]
+        return np.where(supported, found, np.nan)
 
 
 class Flat:
     """Two values and nothing between: no level lies below the first."""
 
-    shapes = ((2,),)
+    dimensions = 2
 
-    def supported(self, draws: Draws) -> np.ndarray:
-        return np.ones(len(draws[0]), bool)
-
-    def value(self, draws: Draws) -> np.ndarray:
-        return np.full(len(draws[0]), 5.0)
+    def value(self, draws: np.ndarray) -> np.ndarray:
+        return np.full(len(draws), 5.0)
 
 
 def estimates(problem, threshold: float, repetitions: int, particles: int = 400, moves: int = 4, seed: int = 0):
@@ -107,13 +100,7 @@ def test_straight_courses_agree_with_a_million_plain_samples() -> None:
     plain = np.concatenate(
         [Miss().miss(uniforms(11, first, 50_000, (CIRCLE.dimensions,))) for first in range(0, 1_000_000, 50_000)]
     )
-    supported = np.concatenate(
-        [
-            sample(CIRCLE, uniforms(11, first, 50_000, (CIRCLE.dimensions,))[None], np)[1]
-            for first in range(0, 1_000_000, 50_000)
-        ]
-    )
-    plain = plain[supported]
+    plain = plain[np.isfinite(plain)]
     _, made = estimates(Miss(), threshold, 12, particles=600)
     for level in (50.0, threshold):
         if level == threshold:
@@ -131,7 +118,7 @@ def test_levels_that_nobody_passes_give_zero_and_not_an_error() -> None:
     made = repetition(Tail(), Plan((-50.0,), (), 0), 20, 1, np.random.default_rng(0))
     assert made.probability.tolist() == [0.0]
     assert made.ancestors == 0
-    assert len(made.last[0]) == 0
+    assert len(made.last) == 0
     deep = repetition(Tail(), Plan((0.0, -50.0, -60.0), (0.5, 0.5), 0), 20, 1, np.random.default_rng(0))
     assert deep.probability[0] > 0.0
     assert deep.probability[1:].tolist() == [0.0, 0.0]
@@ -156,35 +143,42 @@ def problem_of(policy, mode: str, name: str = "circle", **settings) -> FlightPro
 @pytest.mark.parametrize("mode", ["policy", pytest.param("plan", marks=pytest.mark.slow), "none"])
 def test_the_value_is_the_separation_of_the_flight(policy, mode: str) -> None:
     problem = problem_of(policy, mode)
-    draws = (np.random.default_rng(1).standard_normal((4 if mode == "plan" else 60, CIRCLE.dimensions)),)
-    draws = (draws[0][problem.supported(draws)],)
-    values, (_, flights) = problem.value(draws), problem.flown(draws)
-    lost = flights.outcome == 0
-    np.testing.assert_array_equal(values < RULES.separation, lost)
-    assert lost.any() or mode == "plan"
+    draws = np.random.default_rng(1).standard_normal((4 if mode == "plan" else 60, CIRCLE.dimensions))
+    starts, inside = problem.sampled(draws)
+    values = problem.value(draws)
+    np.testing.assert_array_equal(np.isnan(values), ~inside)
+    if mode == "policy":
+        expected = fly(starts, ByPolicy(policy), PAPER).min_separation
+    elif mode == "none":
+        expected = fly(starts, Direct(PAPER), PAPER).min_separation
+    else:
+        setting = usual_setting(PAPER)
+        plans = plan_at_start(starts, policy, PAPER, setting)
+        expected = fly_once(starts, plans, PAPER, setting).flights.min_separation
+    np.testing.assert_array_equal(values[inside], expected[inside])
+    assert (values < RULES.separation).any() or mode == "plan"
 
 
 def test_noise_is_part_of_the_draws(policy) -> None:
     problem = problem_of(policy, "policy", "noisy")
-    start, steps = problem.shapes
-    assert steps == (300, 4, 1)
-    rng = np.random.default_rng(2)
-    draws = (rng.standard_normal((6, *start)), rng.standard_normal((6, *steps)))
-    again = (draws[0], draws[1].copy())
-    again[1][3] += 2.0
-    changed = problem.value(draws) != problem.value(again)
-    assert changed.tolist() == [False, False, False, True, False, False]
-    assert problem_of(policy, "plan", "noisy").shapes[1] == (1, 4, 1)
+    noisy = scenario("noisy", PAPER).dimensions
+    assert problem.dimensions == noisy + 300 * 4
+    draws = np.random.default_rng(2).standard_normal((6, problem.dimensions))
+    again = draws.copy()
+    again[3, noisy:] += 2.0
+    before, after = problem.value(draws), problem.value(again)
+    assert np.isfinite(before[3])
+    np.testing.assert_array_equal(before != after, [np.isnan(one) or row == 3 for row, one in enumerate(before)])
+    assert problem_of(policy, "plan", "noisy").dimensions == noisy + 4
 
 
 def test_proven_unresolvable_encounters_can_be_left_out(policy) -> None:
     every = problem_of(policy, "none")
     rng = np.random.default_rng(3)
-    draws = (rng.standard_normal((1_500, CIRCLE.dimensions)),)
-    draws = (draws[0][every.supported(draws)],)
-    near = every.starts(draws)
+    draws = rng.standard_normal((1_500, CIRCLE.dimensions))
+    near, inside = every.sampled(draws)
     close = np.hypot(near.intruders.x[:, 0] - near.own.x, near.intruders.y[:, 0] - near.own.y) < 1_150.0
-    draws = (draws[0][close],)
+    draws = draws[inside & close]
     values, kept = every.value(draws), problem_of(policy, "none", resolvable_only=True).value(draws)
     excluded = np.isinf(kept)
     assert 0 < np.count_nonzero(excluded) < len(kept)
