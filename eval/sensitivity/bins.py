@@ -1,7 +1,7 @@
 """Success as a function of what a run varies: its table cut into bins of one quantity."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,8 +13,6 @@ from envs.aircraft import Aircraft
 from eval.flights.aircraft import aircraft_of
 from eval.runner.outputs import read_table
 from eval.stats.intervals import share
-
-__all__ = ["Quantity", "Run", "binned", "quantities", "rates", "read_run", "successes"]
 
 _TABLES = ("encounters.parquet", "flights.parquet")
 _NEEDED = ("outcome", "verdict")
@@ -137,15 +135,10 @@ def _cells(values: np.ndarray, quantity: Quantity) -> list[tuple[dict[str, Any],
     """Return the ends or the word of each bin, and which encounters lie in it."""
     if quantity.words:
         return [({"word": word}, values == word) for word in quantity.words]
-    edges: Sequence[float] = quantity.edges
     values = values.astype(float)
-    finite = values[np.isfinite(values)]
-    if finite.size and finite.min() < edges[0]:
-        edges = (float(finite.min()), *edges)
-    if finite.size and finite.max() > edges[-1]:
-        edges = (*edges, float(finite.max()))
-    last = edges[-1]
-    return [
-        ({"low": low, "high": high}, (values >= low) & ((values < high) | ((high == last) & (values == last))))
-        for low, high in pairwise(edges)
-    ]
+    finite, (first, *_, last) = np.isfinite(values), quantity.edges
+    ends = float(values[finite].min(initial=first)), float(values[finite].max(initial=last))
+    edges = sorted({*quantity.edges, *ends})
+    # The last bin holds its upper end.
+    place = np.where(finite, np.minimum(np.searchsorted(edges, values, "right"), len(edges) - 1), 0)
+    return [({"low": low, "high": high}, place == i) for i, (low, high) in enumerate(pairwise(edges), 1)]

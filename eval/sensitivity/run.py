@@ -5,19 +5,18 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from agents.config.figures import save_figure
 from agents.config.load import ConfigError, Parser
 from agents.config.progress import spaced
+from envs.edge.installation import versions
 from eval.plots import save as picture_folder
 from eval.runner.options import real, whole
-
-if TYPE_CHECKING:
-    from eval.sensitivity.bins import Run
-    from eval.sensitivity.sweep import Sweep
-
-__all__ = ["main"]
+from eval.sensitivity.bins import Run, binned, quantities, read_run
+from eval.sensitivity.figure import detailed, overview, points_of
+from eval.sensitivity.sweep import Sweep, changed, collected, fly, swept
+from eval.stats.intervals import percent
 
 _SWEEPS = "sweeps"
 
@@ -51,9 +50,6 @@ A run in mode assured flies plan and policy beside, so that its figures show all
 def main(arguments: Sequence[str] | None = None) -> int:
     """Draw what the command line asks for and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
-    from eval.sensitivity.bins import read_run
-    from eval.sensitivity.sweep import fly, swept
-
     sweeps = [swept(text) for text in options.vary]
     _check(options, sweeps)
     run = None if options.run is None else read_run(options.run)
@@ -99,9 +95,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _check(options: argparse.Namespace, sweeps: "Sequence[Sweep]") -> None:
-    from eval.sensitivity.sweep import changed
-
+def _check(options: argparse.Namespace, sweeps: Sequence[Sweep]) -> None:
     if options.run is None and not sweeps:
         raise ConfigError("neither --run nor --vary is given; expected at least one of them")
     for name in ("mode", "scenario", "policy", "encounters", "seed", "workers", "set", "resume"):
@@ -126,11 +120,7 @@ def _passed_on(options: argparse.Namespace) -> list[str]:
     return [*given, *(part for text in options.set for part in ("--set", text))]
 
 
-def _found(options: argparse.Namespace, run: "Run | None", sweeps: "Sequence[Sweep]") -> dict[str, Any]:
-    from envs.edge.installation import versions
-    from eval.sensitivity.bins import binned, quantities
-    from eval.sensitivity.sweep import collected
-
+def _found(options: argparse.Namespace, run: Run | None, sweeps: Sequence[Sweep]) -> dict[str, Any]:
     confidence = options.confidence
     bins = [binned(run, each, confidence) for each in quantities(run.aircraft).values()] if run else []
     settings = {
@@ -151,35 +141,32 @@ def _found(options: argparse.Namespace, run: "Run | None", sweeps: "Sequence[Swe
     }
 
 
-def _described(run: "Run") -> dict[str, Any]:
+def _described(run: Run) -> dict[str, Any]:
     weighted = "weight" in run.table and bool((run.table["weight"] != 1.0).any())
     counted = {"folder": run.path.name, "encounters": len(run.table["outcome"]), "weights_ignored": weighted}
     return counted | dict(run.settings)
 
 
 def _draw(options: argparse.Namespace, found: dict[str, Any]) -> list[str]:
-    from eval.sensitivity.figure import overview, quantity_figure, sweep_figure
-
     bars = f"bars: {100.0 * options.confidence:g} % intervals (Clopper-Pearson)"
     figures: dict[str, Any] = {}
     titles = []
-    for said, what in ((found["run"], "quantities"), (found["sweeps_settings"], "sweeps")):
+    for said, name, each in ((found["run"], "quantities", ""), (found["sweeps_settings"], "sweeps", " a value")):
         if said is not None:
-            count = f"{spaced(said['encounters'])} encounters{'' if what == 'quantities' else ' a value'}"
-            title = f"{said.get('folder', 'sweeps')}: {count}, scenario {said.get('scenario')}, mode {said.get('mode')}"
-            titles.append(title)
-            draw, prefix = (quantity_figure, "") if what == "quantities" else (sweep_figure, "vary_")
-            figures |= {f"{prefix}{one['name']}": draw(one, f"{title}; {bars}") for one in found[what]}
+            count = f"{spaced(said['encounters'])} encounters{each}"
+            titles.append(
+                f"{said.get('folder', name)}: {count}, scenario {said.get('scenario')}, mode {said.get('mode')}"
+            )
+            for one in found[name]:
+                figures[f"{'vary_' if each else ''}{one['name']}"] = detailed(one, f"{titles[-1]}; {bars}")
     figures["overview"] = overview([*found["quantities"], *found["sweeps"]], "\n".join([*titles, bars]))
     return [path.name for name, figure in figures.items() for path in save_figure(figure, options.out / name, 130)]
 
 
 def _show(found: dict[str, Any]) -> None:
     """Print the success of the run's mode in each bin of a quantity, or of every mode at each value of a sweep."""
-    from eval.stats.intervals import percent
-
     print(f"{found['label']}:")
-    for cell in found.get("bins") or found["values"]:
+    for cell in points_of(found):
         span = f"{cell['low']:g} to {cell['high']:g} {found['unit']}" if "low" in cell else cell.get("word")
         for mode, success in list(cell["success"].items())[: 1 if span else None]:
             place = f"{span:22}" if span else f"{cell['value']:g} {found['unit']:8} {mode:8}"

@@ -17,8 +17,6 @@ from eval.runner.options import real
 from eval.sensitivity.bins import rates, read_run, successes
 from eval.stats.paired import pairs, tango
 
-__all__ = ["PARAMETERS", "Parameter", "Sweep", "changed", "collected", "fly", "swept"]
-
 
 class Parameter(NamedTuple):
     """A number of a scenario that a run holds fixed."""
@@ -82,16 +80,14 @@ def fly(sweep: Sweep, arguments: Sequence[str], out: Path, *, resume: bool) -> i
     Returned is the exit status of the first run that did not finish, else 0.
     """
     for value in sweep.values:
-        folder = folder_of(out, sweep.name, value)
         sets = [part for key, text in changed(sweep.name, value).items() for part in ("--set", f"changes.{key}={text}")]
-        status = run_quietly([*arguments, *sets], folder, resume=resume)
+        status = run_quietly([*arguments, *sets], _folder(out, sweep.name, value), resume=resume)
         if status:
             return status
     return 0
 
 
-def folder_of(out: Path, name: str, value: float) -> Path:
-    """Return the folder of one value's run."""
+def _folder(out: Path, name: str, value: float) -> Path:
     return out / f"{name}_{value:g}"
 
 
@@ -101,7 +97,7 @@ def collected(sweep: Sweep, out: Path, confidence: float) -> dict[str, Any]:
     Beside the rates of every value stands their difference from those of the first, encounter by encounter.
     """
     parameter = PARAMETERS[sweep.name]
-    runs = [read_run(folder_of(out, sweep.name, value)) for value in sweep.values]
+    runs = [read_run(_folder(out, sweep.name, value)) for value in sweep.values]
     first = successes(runs[0])
     values = []
     for value, run in zip(sweep.values, runs, strict=True):
