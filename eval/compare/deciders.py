@@ -15,7 +15,6 @@ from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict
 from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter
-from eval.config import Setting, usual_setting
 from eval.flights.chunks import Evaluation, Pilot, noise_of
 from eval.flights.conditions import verdicts
 from eval.flights.optimal import WitnessSearch, fly_witnesses
@@ -25,9 +24,6 @@ from eval.flights.sources import drawn
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder, until
 from eval.metrics.volumes import VOLUMES, costs, losses, relative, severity
 from eval.runner.options import check_digest
-
-__all__ = ["REFERENCE", "WITNESS", "Comparison", "Entry", "Plans", "aircraft_of_all", "baseline_entry", "columns"]
-__all__ += ["entries_of", "policy_entries", "policy_names"]
 
 REFERENCE = "none"  # the flight without a resolver, which is always flown: risk ratios need it
 WITNESS = "witness"  # name and kind of the entry that flies the least-cost witness: a mark, not a resolver
@@ -39,7 +35,6 @@ class Plans(NamedTuple):
     """A policy that decides by plans: once at the start, or in the assured loop."""
 
     policy: Policy
-    setting: Setting
     mode: str  # plan or assured
 
 
@@ -65,22 +60,17 @@ def policy_entries(path: Path | None, name: str, aircraft: Aircraft, modes: Sequ
     A ``.nnet`` file is a logic of which no plans are made. Without a path it is the policy that ships.
     """
     if path is not None and path.suffix == ".nnet":
-        logic = load_logic(path, aircraft)
-        return (Entry(name, "nnet", logic),)
+        return (Entry(name, "nnet", load_logic(path, aircraft)),)
     policy = Policy.load(path)
-    setting = usual_setting(aircraft)
-    return (
-        Entry(name, "policy", ByPolicy(policy), policy.sha256),
-        *(Entry(f"{name}, {mode}", "policy", Plans(policy, setting, mode), policy.sha256) for mode in modes),
-    )
+    deciders = {name: ByPolicy(policy), **{f"{name}, {mode}": Plans(policy, mode) for mode in modes}}
+    return tuple(Entry(each, "policy", decider, policy.sha256) for each, decider in deciders.items())
 
 
 def baseline_entry(name: str, aircraft: Aircraft) -> Entry:
     """Return the entry of a baseline, one of :data:`agents.baselines.BASELINES`, or of the witness."""
     if name == WITNESS:
         return Entry(name, WITNESS, WitnessSearch())
-    made = BASELINES[name](aircraft)
-    return Entry(name, "baseline", made)
+    return Entry(name, "baseline", BASELINES[name](aircraft))
 
 
 def entries_of(
@@ -90,12 +80,10 @@ def entries_of(
     entries: list[Entry] = []
     for path, name in zip(policies or [None], policy_names(policies) or ["policy"], strict=True):
         entries += policy_entries(path, name, aircraft, list(dict.fromkeys(modes)))
-    wanted = list(dict.fromkeys(baselines or BASELINES))
+    wanted = dict.fromkeys([*(baselines or BASELINES), REFERENCE])
     for name in wanted:
         if name not in _NAMES:
             raise ConfigError(f"--baseline: {name!r}; {one_of(name, _NAMES)}")
-    if REFERENCE not in wanted:
-        wanted.append(REFERENCE)
     return (*entries, *(baseline_entry(name, aircraft) for name in wanted))
 
 
@@ -124,15 +112,14 @@ def aircraft_of_all(policies: Sequence[Path], digests: Sequence[str]) -> Aircraf
         check_digest(path, loaded[path].sha256, digest, "--policy-sha256")
     if not loaded:
         return PAPER
-    found = {path: policy.aircraft for path, policy in loaded.items()}
-    first, *others = found
-    for path in others:
-        if found[path] != found[first]:
+    first = loaded[files[0]].aircraft
+    for path, policy in loaded.items():
+        if policy.aircraft != first:
             raise ConfigError(
-                f"--policy: {path} was trained for {found[path]}, {first} for {found[first]}; "
+                f"--policy: {path} was trained for {policy.aircraft}, {files[0]} for {first}; "
                 "expected policies of the same aircraft"
             )
-    return found[first]
+    return first
 
 
 def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndarray]:
@@ -142,15 +129,14 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
     What counts as a violation is the same as in :mod:`eval.flights.simulate`: any loss before the end.
     """
     evaluation = comparison.evaluation
-    aircraft, rules = evaluation.aircraft, evaluation.rules
+    aircraft = evaluation.aircraft
     starts, weights = drawn(evaluation.source, evaluation.seed, first, count)
     noise = noise_of(evaluation, starts, first)
     table: dict[str, np.ndarray] = {"encounter": np.arange(first, first + count), "weight": weights}
     solved = []
     for entry in comparison.entries:
-        own_noise = None if entry.name == REFERENCE else noise
-        flights, flown = _flown(entry.decider, starts, evaluation, own_noise)
-        outcome = np.where(flights.min_separation < rules.separation, OUTCOMES.index("violation"), flights.outcome)
+        flights, flown = _flown(entry.decider, starts, evaluation, None if entry.name == REFERENCE else noise)
+        outcome = np.where(flights.min_separation < aircraft.separation, OUTCOMES.index("violation"), flights.outcome)
         solved.append(outcome == OUTCOMES.index("reached"))
         made = _columns(outcome, flights, flown, starts.mask) | costs(starts, flights, flown)
         table |= {f"{entry.name}.{name}": values for name, values in made.items()}
@@ -172,8 +158,7 @@ def _flown(
     if not isinstance(decider, Plans):
         flights = fly(starts, decider, evaluation.aircraft, noise=noise, recorder=recorder, endless=True)
         return flights, recorder.stack()
-    policy, setting, mode = decider
-    pilot = Pilot(evaluation._replace(given=setting, mode=mode), policy)
+    pilot = Pilot(evaluation._replace(mode=decider.mode), decider.policy)
     _, flights = fly_in_mode(pilot, starts, noise, recorder, endless=True)
     return flights, until(recorder.stack(), flights.duration, evaluation.aircraft.dt)
 

@@ -4,21 +4,28 @@ import argparse
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+from threadpoolctl import threadpool_limits
 
 from agents.config.figures import save_figure
 from agents.config.load import ConfigError, Parser
 from envs.edge.files import written
+from envs.edge.installation import versions
+from envs.traffic.replay import Replay
+from eval.compare.deciders import WITNESS, Comparison, aircraft_of_all, columns, entries_of
+from eval.compare.summary import SCHEMA_VERSION, Statistics, draw, show
+from eval.config import FILE, TRACKS, MonteCarloConfig
+from eval.flights.aircraft import described
+from eval.flights.chunks import Evaluation
+from eval.flights.simulate import ByPolicy
+from eval.flights.sources import most_intruders, said, say
 from eval.plots import save as picture_folder
-from eval.runner.options import whole
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from eval.compare.deciders import Comparison
-    from eval.config import MonteCarloConfig
-
-__all__ = ["main"]
+from eval.runner.command import Encounters
+from eval.runner.options import loaded, named_source, whole
+from eval.runner.outputs import arrow_table
 
 _DEFAULT_ENCOUNTERS = 1_000
 _KEYS = ("changes", "tracks", "scenario_sha256", "confidence", "resamples")
@@ -60,16 +67,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison of the command line and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
     begun = time.perf_counter()
-    import pyarrow.parquet as pq
-    from threadpoolctl import threadpool_limits
-
-    from envs.edge.installation import versions
-    from envs.traffic.replay import Replay
-    from eval.compare.summary import SCHEMA_VERSION, draw, show, summarise
-    from eval.flights.aircraft import described
-    from eval.flights.sources import said, say
-    from eval.runner.outputs import arrow_table
-
     config, comparison, total = _prepared(options)
     entries, evaluation = comparison
     out = options.out or Path("runs") / time.strftime("compare_%Y%m%d_%H%M%S")
@@ -80,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         table = _flown(comparison, total)
     weighted = bool((table["weight"] != 1.0).any())
     weights = table["weight"] if weighted else None
-    how = (config.confidence, config.resamples, config.seed)
+    found = Statistics(table, weights, config.confidence, config.resamples, config.seed)
     summary = {
         "schema_version": SCHEMA_VERSION,
         "scenario": config.scenario,
@@ -90,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "resamples": config.resamples,
         "ahead_s": config.tracks.ahead if isinstance(evaluation.source, Replay) else None,
         "weighted": weighted,
-        **summarise(table, entries, weights, *how),
+        **found.summary(entries),
         **said(evaluation.source),
         **described(evaluation.aircraft, None),
         "wall_s": time.perf_counter() - begun,
@@ -131,14 +128,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _prepared(options: argparse.Namespace) -> "tuple[MonteCarloConfig, Comparison, int]":
-    from eval.compare.deciders import Comparison, aircraft_of_all, entries_of
-    from eval.config import FILE, TRACKS, MonteCarloConfig
-    from eval.flights.chunks import Evaluation
-    from eval.flights.simulate import ByPolicy
-    from eval.flights.sources import most_intruders
-    from eval.runner.options import loaded, named_source
-
+def _prepared(options: argparse.Namespace) -> tuple[MonteCarloConfig, Comparison, int]:
     for text in options.set:
         if not text.startswith(_KEYS):
             raise ConfigError(f"--set {text}: plays no part here; expected a key of {', '.join(_KEYS)}")
@@ -157,12 +147,7 @@ def _prepared(options: argparse.Namespace) -> "tuple[MonteCarloConfig, Compariso
     return config, Comparison(entries, evaluation), resolved["encounters"]
 
 
-def _flown(comparison: "Comparison", total: int) -> "dict[str, np.ndarray]":
-    import numpy as np
-
-    from eval.compare.deciders import WITNESS, columns
-    from eval.runner.command import Encounters
-
+def _flown(comparison: Comparison, total: int) -> dict[str, np.ndarray]:
     parts = []
     chunk = _SLOW_CHUNK if any(entry.kind == WITNESS for entry in comparison.entries) else _CHUNK
     with Encounters(total) as progress:

@@ -6,7 +6,7 @@ docs/howto/compare.md defines every key.
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -20,109 +20,90 @@ from eval.plots.style import BLUE, GREY, ORANGE, SKY, VERMILION, tidy
 from eval.stats.intervals import interval, mean_interval, number, percent, share
 from eval.stats.paired import mcnemar_exact, pairs, tango
 
-__all__ = ["SCHEMA_VERSION", "draw", "show", "summarise"]
-
 SCHEMA_VERSION = 1
 _RATES = ("success_rate", "success_given_resolvable", "violation_rate", "timeout_rate")
 
 
-def summarise(
-    table: Mapping[str, np.ndarray],
-    entries: Sequence[Entry],
-    weights: np.ndarray | None,
-    confidence: float,
-    resamples: int,
-    seed: int,
-) -> dict[str, Any]:
-    """Return the statistics of a comparison in JSON types; what cannot be said is None.
+class Statistics(NamedTuple):
+    """The table of :func:`eval.compare.deciders.columns`, N >= 1, and how its intervals are made."""
 
-    The table is that of :func:`eval.compare.deciders.columns`, N >= 1; the first entry is the one that the others are
-    compared with; weights ``[N]`` are for the ratios, None for equal ones.
-    """
-    total = len(table["encounter"])
-    possible = total - int(np.count_nonzero(table["unresolvable"]))
-    how = (confidence, resamples, seed)
-    rows = []
-    witness = next((entry for entry in entries if entry.kind == WITNESS), None)
-    for entry in entries:
-        row = _row(table, entry, possible, how) | _ratios(table, entry, weights, how)
-        row["difference"] = None if entry is entries[0] else _difference(table, entry, entries[0], how)
-        if witness is not None:
-            row["path_excess_over_witness_mean"] = None if entry is witness else _longer(table, entry, witness, how)
-        rows.append(row)
-    return {
-        "encounters": total,
-        "resolvable_rate": share(possible, total, confidence),
-        "volumes": {name: volume._asdict() for name, volume in VOLUMES.items()},
-        "altitude": "co-altitude is assumed: every loss is given that the altitudes do not separate",
-        "entries": rows,
-    }
+    table: Mapping[str, np.ndarray]
+    weights: np.ndarray | None  # of the ratios, [N]; None for equal ones
+    confidence: float
+    resamples: int
+    seed: int
 
+    def summary(self, entries: Sequence[Entry]) -> dict[str, Any]:
+        """Return the statistics in JSON types; what cannot be said is None. The others are compared with the first."""
+        first, total = entries[0], len(self.table["encounter"])
+        possible = total - int(np.count_nonzero(self.table["unresolvable"]))
+        witness = next((entry for entry in entries if entry.kind == WITNESS), None)
+        rows = []
+        for entry in entries:
+            row = self._row(entry, possible)
+            row["difference"] = None if entry is first else self._difference(entry, first)
+            if witness is not None:
+                row["path_excess_over_witness_mean"] = None if entry is witness else self._longer(entry, witness)
+            rows.append(row)
+        return {
+            "encounters": total,
+            "resolvable_rate": share(possible, total, self.confidence),
+            "volumes": {name: volume._asdict() for name, volume in VOLUMES.items()},
+            "altitude": "co-altitude is assumed: every loss is given that the altitudes do not separate",
+            "entries": rows,
+        }
 
-def _row(table: Mapping[str, np.ndarray], entry: Entry, possible: int, how: tuple[float, int, int]) -> dict[str, Any]:
+    def _of(self, entry: Entry, column: str) -> np.ndarray:
+        return self.table[f"{entry.name}.{column}"]
 
-    def of(name: str) -> np.ndarray:
-        return table[f"{entry.name}.{name}"]
+    def _reached(self, entry: Entry) -> np.ndarray:
+        return self._of(entry, "outcome") == "reached"
 
-    def rate(name: str, total: int = len(table["encounter"])) -> dict[str, Any]:
-        return share(np.count_nonzero(of("outcome") == name), total, how[0])
+    def _row(self, entry: Entry, possible: int) -> dict[str, Any]:
+        severity, total = self._of(entry, "severity"), len(self.table["encounter"])
+        severe, reached = severity[severity > 0.0], self._reached(entry)
+        counts = {name: np.count_nonzero(self._of(entry, "outcome") == name) for name in ("violation", "timeout")}
+        means = {"path_excess_mean": "path_excess", "time_excess_mean_s": "time_excess_s"}
+        means |= {"cross_track_max_mean_m": "cross_track_m"}
+        return {
+            "name": entry.name,
+            "kind": entry.kind,
+            "sha256": entry.sha256,
+            "success_rate": share(np.count_nonzero(reached), total, self.confidence),
+            "success_given_resolvable": share(np.count_nonzero(reached), possible, self.confidence),
+            **{f"{name}_rate": share(count, total, self.confidence) for name, count in counts.items()},
+            **{key: self._mean(self._of(entry, name)[reached]) for key, name in means.items()},
+            "heading_reversals_mean": float(np.mean(self._of(entry, "heading_reversals"))),
+            "min_separation_m": number(float(np.fmin.reduce(self._of(entry, "min_separation_m")))),
+            "severity_mean_of_losses": float(np.mean(severe)) if severe.size else None,
+            "severity_max": float(np.max(severity)),
+            "risk_ratio": self._ratio(entry, "outcome", "violation"),
+            "ratios": {name: self._ratio(entry, f"lost_{name}") for name in VOLUMES},
+        }
 
-    def mean(name: str) -> dict[str, float | None]:
-        return interval(mean_interval(of(name)[of("outcome") == "reached"], *how))
+    def _mean(self, values: np.ndarray) -> dict[str, float | None]:
+        return interval(mean_interval(values, self.confidence, self.resamples, self.seed))
 
-    severe = of("severity")[of("severity") > 0.0]
-    return {
-        "name": entry.name,
-        "kind": entry.kind,
-        "sha256": entry.sha256,
-        "success_rate": rate("reached"),
-        "success_given_resolvable": rate("reached", possible),
-        "violation_rate": rate("violation"),
-        "timeout_rate": rate("timeout"),
-        "path_excess_mean": mean("path_excess"),
-        "time_excess_mean_s": mean("time_excess_s"),
-        "cross_track_max_mean_m": mean("cross_track_m"),
-        "heading_reversals_mean": float(np.mean(of("heading_reversals"))),
-        "min_separation_m": number(float(np.fmin.reduce(of("min_separation_m")))),
-        "severity_mean_of_losses": float(np.mean(severe)) if severe.size else None,
-        "severity_max": float(np.max(of("severity"))),
-    }
+    def _ratio(self, entry: Entry, column: str, event: Any = True) -> dict[str, Any]:
+        ours, bare = self._of(entry, column) == event, self.table[f"{REFERENCE}.{column}"] == event
+        how = {"confidence": self.confidence, "resamples": self.resamples, "seed": self.seed}
+        found = asdict(ratio(ours, bare, self.weights, **how))
+        return {key: number(value) if isinstance(value, float) else value for key, value in found.items()}
 
+    def _difference(self, entry: Entry, first: Entry) -> dict[str, Any]:
+        """Return the entry's success rate less the first's, and its path excess where both succeed."""
+        counts = pairs(self._reached(first), self._reached(entry))
+        return {
+            **tango(counts, self.confidence)._asdict(),
+            "mcnemar_exact_p": mcnemar_exact(counts),
+            "pairs": counts._asdict(),
+            "path_excess_mean": self._longer(entry, first),
+        }
 
-def _ratios(
-    table: Mapping[str, np.ndarray], entry: Entry, weights: np.ndarray | None, how: tuple[float, int, int]
-) -> dict[str, Any]:
-
-    def of(column: str, event: Any = True) -> dict[str, Any]:
-        ours, bare = (table[f"{name}.{column}"] == event for name in (entry.name, REFERENCE))
-        found = ratio(ours, bare, weights, confidence=how[0], resamples=how[1], seed=how[2])
-        said = asdict(found) | {"warnings": list(found.warnings)}
-        return {key: number(value) if isinstance(value, float) else value for key, value in said.items()}
-
-    return {"risk_ratio": of("outcome", "violation"), "ratios": {name: of(f"lost_{name}") for name in VOLUMES}}
-
-
-def _difference(
-    table: Mapping[str, np.ndarray], entry: Entry, first: Entry, how: tuple[float, int, int]
-) -> dict[str, Any]:
-    """Return the entry's success rate less the first's, and its path excess where both succeed."""
-    ours, theirs = (table[f"{name}.outcome"] == "reached" for name in (entry.name, first.name))
-    counts = pairs(theirs, ours)
-    return {
-        **tango(counts, how[0])._asdict(),
-        "mcnemar_exact_p": mcnemar_exact(counts),
-        "pairs": counts._asdict(),
-        "path_excess_mean": _longer(table, entry, first, how),
-    }
-
-
-def _longer(
-    table: Mapping[str, np.ndarray], entry: Entry, other: Entry, how: tuple[float, int, int]
-) -> dict[str, float | None]:
-    """Return the entry's mean path excess less the other's, where both succeed, with its interval."""
-    both = np.logical_and(*(table[f"{name}.outcome"] == "reached" for name in (entry.name, other.name)))
-    excess = table[f"{entry.name}.path_excess"] - table[f"{other.name}.path_excess"]
-    return interval(mean_interval(excess[both], *how))
+    def _longer(self, entry: Entry, other: Entry) -> dict[str, float | None]:
+        """Return the entry's mean path excess less the other's, where both succeed, with its interval."""
+        excess = self._of(entry, "path_excess") - self._of(other, "path_excess")
+        return self._mean(excess[self._reached(entry) & self._reached(other)])
 
 
 def show(summary: Mapping[str, Any], folder: Path) -> None:
@@ -135,10 +116,11 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
         (
             row["name"],
             *(percent(row[key]) for key in _RATES),
-            _ratio(row["risk_ratio"]),
-            _percent(row["path_excess_mean"]["value"]),
-            *([_points(row["path_excess_over_witness_mean"])] if witness else []),
-            *_shown_difference(row["difference"]),
+            _shown(row["risk_ratio"], "{:.4f} [{:.4f}, {:.4f}]", 1.0),
+            _shown(row["path_excess_mean"], "{:.2f} %"),
+            *([_shown(row["path_excess_over_witness_mean"], "{:+.2f}")] if witness else []),
+            _shown(row["difference"], "{:+.2f} [{:+.2f}, {:+.2f}]"),
+            f"{row['difference']['mcnemar_exact_p']:.2g}" if row["difference"] else "-",
         )
         for row in summary["entries"]
     ]
@@ -166,25 +148,10 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
     print_table(title, names, rows, notes, 240)
 
 
-def _ratio(ratio: Mapping[str, Any]) -> str:
-    if ratio["value"] is None:
+def _shown(found: Mapping[str, Any] | None, form: str, unit: float = 100.0) -> str:
+    if found is None or found["value"] is None:
         return "-"
-    return f"{ratio['value']:.4f} [{ratio['low']:.4f}, {ratio['high']:.4f}]"
-
-
-def _percent(value: float | None) -> str:
-    return "-" if value is None else f"{100.0 * value:.2f} %"
-
-
-def _points(mean: Mapping[str, Any] | None) -> str:
-    return "-" if mean is None or mean["value"] is None else f"{100.0 * mean['value']:+.2f}"
-
-
-def _shown_difference(difference: Mapping[str, Any] | None) -> tuple[str, str]:
-    if difference is None:
-        return "-", "-"
-    value, low, high = (100.0 * difference[key] for key in ("value", "low", "high"))
-    return f"{value:+.2f} [{low:+.2f}, {high:+.2f}]", f"{difference['mcnemar_exact_p']:.2g}"
+    return form.format(*(unit * found[key] for key in ("value", "low", "high")))
 
 
 def draw(summary: Mapping[str, Any]) -> Figure:
