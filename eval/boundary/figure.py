@@ -13,20 +13,14 @@ from envs.aircraft import Aircraft
 from eval.boundary.slices import Answers
 from eval.plots.style import BLUE, ORANGE, VERMILION, arrow, legend, sample
 
-__all__ = ["boundary_figure"]
-
 _KM = 1e-3
 _LEVELS = (0.4, 0.6, 0.8, 1.0, 1.2)  # separations
 _SHADES = ("#C9C9C9", "#D6D6D6", "#E2E2E2", "#EDEDED", "#F6F6F6", "#FFFFFF")
-_STYLES: dict[Verdict, dict[str, Any]] = {
-    Verdict.RESOLVABLE: {"marker": "o", "color": BLUE, "s": 7.0, "linewidths": 0.0},
-    Verdict.UNRESOLVABLE: {"marker": "s", "color": VERMILION, "s": 7.0, "linewidths": 0.0},
-    Verdict.UNDECIDED: {"marker": "D", "color": ORANGE, "edgecolors": "black", "s": 17.0, "linewidths": 0.6},
-}
-_NAMES = {
-    Verdict.RESOLVABLE: "resolvable: a witness flies it",
-    Verdict.UNRESOLVABLE: "proven unresolvable",
-    Verdict.UNDECIDED: "undecided",
+_DOTS: dict[str, Any] = {"linestyle": "", "markersize": 2.6, "markeredgewidth": 0.0}
+_STYLES: dict[Verdict, tuple[str, dict[str, Any]]] = {
+    Verdict.RESOLVABLE: ("resolvable: a witness flies it", _DOTS | {"marker": "o", "color": BLUE}),
+    Verdict.UNRESOLVABLE: ("proven unresolvable", _DOTS | {"marker": "s", "color": VERMILION}),
+    Verdict.UNDECIDED: ("undecided", _DOTS | {"marker": "D", "color": ORANGE, "markersize": 4.1}),
 }
 
 
@@ -42,10 +36,7 @@ def boundary_figure(slices: Sequence[tuple[Answers, Mapping[str, Any]]], aircraf
         sample(f"the grid's boundary: {separation:.0f} m can just be kept", color="black", linewidth=1.6),
         sample(f"{separation:.0f} m around the ownship", color="black", linewidth=1.0, linestyle="--"),
     ]
-    for verdict, style in _STYLES.items():
-        look = {"marker": style["marker"], "markersize": 7.0, "color": style["color"], "linestyle": ""}
-        look["markeredgecolor"] = style.get("edgecolors", style["color"])
-        handles.append(sample(_NAMES[verdict], **look))
+    handles += [sample(name, **style | {"markersize": 7.0}) for name, style in _STYLES.values()]
     legend(figure, handles, min(2 * columns, 3), 10)
     return figure
 
@@ -60,10 +51,10 @@ def _map(axes: Any, answers: Answers, figures: Mapping[str, Any], aircraft: Airc
     others = [level for level in levels if level != separation]
     thin = axes.contour(across, up, value, levels=others, colors="#8C8C8C", linewidths=0.6)
     axes.clabel(thin, fmt="%.0f m", fontsize=7)
-    for verdict, style in _STYLES.items():
+    for verdict, (_, style) in _STYLES.items():
         # The finer points would hide the boundary; only what is undecided is worth it.
         shown = (answers.verdict == verdict) & (answers.on_raster | (verdict == Verdict.UNDECIDED))
-        axes.scatter(-_KM * answers.y[shown], _KM * answers.x[shown], rasterized=True, zorder=3.0, **style)
+        axes.plot(-_KM * answers.y[shown], _KM * answers.x[shown], rasterized=True, zorder=3.0, **style)
     axes.contour(across, up, value, levels=[separation], colors="black", linewidths=1.6, zorder=4.0)
     axes.add_patch(Circle((0.0, 0.0), _KM * separation, fill=False, linestyle="--", linewidth=1.0, zorder=4.0))
     # The intruder that is avoided last: the lost start farthest away.

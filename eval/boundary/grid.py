@@ -22,8 +22,6 @@ from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import leg_separation
 
-__all__ = ["CAP", "Grid", "Solution", "edge_value", "make_grid", "solve", "value_at"]
-
 CAP = 1.4  # values above this many separations are cut off: they say nothing about the boundary
 # Turns right, none, left; strongest deceleration and acceleration (their mixture stands for all between).
 _CONTROLS = tuple((turn, thrust) for turn in (-1, 0, 1) for thrust in (0, 1))
@@ -180,14 +178,12 @@ def _backup(value: Any, index: tuple[int, ...], steps: list[_Step], cell: float,
 
 def _interpolated(solution: Solution, x: Any, y: Any, heading: float, speed: float) -> Any:
     """Return the value interpolated in all of the state, m, ``[...]``; the cap beyond the grid."""
-    grid = solution.grid
-    i, heading_part = _place(abs(heading), grid.heading)
-    j, speed_part = _place(speed, grid.speed)
-    table = _between(solution.value[i : i + 2], heading_part) if heading_part else solution.value[i]
-    table = _between(table[j : j + 2], speed_part) if speed_part else table[j]
+    grid, zero = solution.grid, 0.0 * x
+    nodes = ((abs(heading), grid.heading), (speed, grid.speed))
+    held = [zero + np.interp(where, axis, np.arange(axis.size)) for where, axis in nodes]
     cell = grid.x[1] - grid.x[0]
-    places = [(x - grid.x[0]) / cell, (math.copysign(1.0, heading) * y - grid.y[0]) / cell]
-    return map_coordinates(table, places, order=1, cval=CAP * solution.separation)
+    places = [*held, (x - grid.x[0]) / cell, (math.copysign(1.0, heading) * y - grid.y[0]) / cell]
+    return map_coordinates(solution.value, places, order=1, cval=CAP * solution.separation)
 
 
 def _place(where: float, nodes: Any) -> tuple[int, float]:

@@ -6,17 +6,15 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from agents.config.load import AIRCRAFT, ConfigError, Parser, file_of, load
+from agents.config.world import AircraftConfig
+from envs.aircraft import PAPER, Aircraft
+from eval.boundary.figure import boundary_figure
+from eval.boundary.grid import Solution, edge_value, make_grid, solve
+from eval.boundary.slices import Answers, Slice, compare, judge
 from eval.plots import save as picture_folder
-
-if TYPE_CHECKING:
-    from envs.aircraft import Aircraft
-    from eval.boundary.grid import Solution
-    from eval.boundary.slices import Answers, Slice
-
-__all__ = ["GRIDS", "main"]
 
 GRIDS = {
     "coarse": ((12, 0.12), (12, 0.06)),
@@ -66,19 +64,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise ConfigError(f"--spacing: {spacing:g} m; expected {0.02 * separation:g} to {0.5 * separation:g} m")
     picture_folder.create(options.out)
     begun = time.perf_counter()
-
-    from eval.boundary.figure import boundary_figure
-    from eval.boundary.slices import compare, judge
-
+    grids = [
+        (round(math.pi / aircraft.limits.yaw_rate_max / steps, 9), cell * separation)
+        for steps, cell in GRIDS[options.grid]
+    ]
     found: dict[int, tuple[Answers, dict[str, Any]]] = {}
     solutions: dict[float, list[Solution]] = {}
     for number, cut in sorted(enumerate(cuts), key=lambda one: one[1].intruder_speed):
         if cut.intruder_speed not in solutions:
             solutions.clear()  # one at a time bounds the memory
-            _say(f"solving the grids for an intruder at {cut.intruder_speed:g} m/s")
-            solutions[cut.intruder_speed] = _solutions(cut.intruder_speed, options.grid, aircraft)
+            print(f"solving the grids for an intruder at {cut.intruder_speed:g} m/s", file=sys.stderr)
+            solutions[cut.intruder_speed] = [_solution(cut.intruder_speed, *grid, aircraft) for grid in grids]
         coarse, fine = solutions[cut.intruder_speed]
-        _say(f"judging {cut.name}")
+        print(f"judging {cut.name}", file=sys.stderr)
         answers = judge(cut, fine, coarse, spacing, aircraft)
         grid = {"grid_nodes": fine.value.size, "grid_sweeps": fine.sweeps, "last_change_m": fine.change}
         found[number] = answers, compare(answers, separation, spacing) | grid
@@ -89,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "separation_m": separation,
         "limits": aircraft.limits._asdict(),
         "spacing_m": spacing,
-        "grids": [{"dt_s": dt, "cell_m": cell} for dt, cell in _grids(options.grid, aircraft)],
+        "grids": [{"dt_s": dt, "cell_m": cell} for dt, cell in grids],
         "disagreements": disagreements,
         "slices": [figures for _, figures in asked],
         "wall_s": time.perf_counter() - begun,
@@ -130,19 +128,14 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _aircraft(path: Path | None) -> "Aircraft":
-    from agents.config.world import AircraftConfig
-    from envs.aircraft import PAPER
-
+def _aircraft(path: Path | None) -> Aircraft:
     aircraft = PAPER if path is None else load(AircraftConfig, file_of(path, AIRCRAFT)).aircraft()
     if aircraft.limits.speed_min <= 0.0:
         raise ConfigError("--aircraft: speed_min is 0; expected above 0: what can stand still has no such boundary")
     return aircraft
 
 
-def _slices(wanted: Sequence[Sequence[float]], aircraft: "Aircraft") -> "list[Slice]":
-    from eval.boundary.slices import Slice
-
+def _slices(wanted: Sequence[Sequence[float]], aircraft: Aircraft) -> list[Slice]:
     slowest, fastest = aircraft.limits.speed_min, aircraft.limits.speed_max
     named = [(f"slice {number}", *values) for number, values in enumerate(wanted, 1)]
     if not named:
@@ -161,23 +154,8 @@ def _slices(wanted: Sequence[Sequence[float]], aircraft: "Aircraft") -> "list[Sl
     return [Slice(name, own, intruder, math.radians(course)) for name, own, intruder, course in named]
 
 
-def _grids(name: str, aircraft: "Aircraft") -> list[tuple[float, float]]:
-    """Return time step, s, and cell, m, of the coarser and the finer grid."""
-    half_turn = math.pi / aircraft.limits.yaw_rate_max
-    return [(round(half_turn / steps, 9), cell * aircraft.separation) for steps, cell in GRIDS[name]]
-
-
-def _solutions(intruder_speed: float, name: str, aircraft: "Aircraft") -> "list[Solution]":
-    from eval.boundary.grid import edge_value, make_grid, solve
-
-    limits, separation = aircraft.limits, aircraft.separation
-    found = []
-    for dt, cell in _grids(name, aircraft):
-        grid = make_grid(limits, intruder_speed, separation, dt, cell)
-        found.append(solve(grid, limits, intruder_speed, separation))
-        assert edge_value(found[-1]) > separation, "a lost state touches the edge of the grid"
+def _solution(intruder_speed: float, dt: float, cell: float, aircraft: Aircraft) -> Solution:
+    asked = aircraft.limits, intruder_speed, aircraft.separation
+    found = solve(make_grid(*asked, dt, cell), *asked)
+    assert edge_value(found) > aircraft.separation, "a lost state touches the edge of the grid"
     return found
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

@@ -18,8 +18,6 @@ from envs.kinematics import Limits, VehicleState, advance
 from envs.perception import Sensor
 from eval.boundary.grid import Solution, value_at
 
-__all__ = ["Answers", "Slice", "best_separation", "compare", "encounters_at", "judge", "values_at"]
-
 # Lengths in separations.
 _GOAL_AHEAD = 12.0  # the goal straight ahead: far beyond the conflict, near enough to be reached after any escape
 _NEAR = 0.1  # values within this of the separation are near the boundary: there the errors are measured
