@@ -18,8 +18,6 @@ from envs.trees import column
 from eval.flights.simulate import OUTCOMES, ByPolicy, Flights, fly
 from eval.flights.trajectories import TrajectoryRecorder
 
-__all__ = ["Advisory", "Scene", "advise", "chatter", "name_of", "relative_velocity", "scores"]
-
 _UP = math.pi / 2.0
 
 

@@ -15,8 +15,6 @@ from agents.policy.set_features import ALIKE, KEPT_UNIT, each_part, own_part
 from envs.aircraft import Ratios
 from envs.relative import distance
 
-__all__ = ["Form", "derived_inputs", "line_along"]
-
 _PARTS = 6  # of a chord: on each the direction to the intruder is held
 _SOFTENED = 5e-5  # D; by how much 1e-8 in the closest point of a chord can shift a separation
 _FINE = 1e-12

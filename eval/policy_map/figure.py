@@ -13,9 +13,7 @@ from matplotlib.patheffects import Normal, Stroke
 
 from envs.aircraft import Aircraft
 from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION, arrow, legend, sample
-from eval.policy_map.advisory import Advisory, Scene, name_of, relative_velocity
-
-__all__ = ["policy_map"]
+from eval.policy_map.advisory import Advisory, name_of, relative_velocity
 
 _KM = 1e-3
 _WAY = 1.2  # arrows show what is flown in so many times of a separation at the greatest speed
@@ -35,44 +33,39 @@ def policy_map(advisories: Sequence[Advisory], aircraft: Aircraft, policy: str) 
 
     The maps, at least one, are of the same extent and differ in relative heading; the policy's name is for the title.
     """
-    limits = aircraft.limits
-    columns = len(advisories)
+    limits, scene, columns = aircraft.limits, advisories[0].scene, len(advisories)
     figure = Figure(figsize=(max(3.5 * columns + 1.9, 8.0), 8.4), layout="constrained")
     axes = figure.subplots(2, columns, sharex=True, sharey=True, squeeze=False)
     full = math.degrees(limits.yaw_rate_max)
-    turn_scale = TwoSlopeNorm(0.0, -full, full)
-    speed_scale = TwoSlopeNorm(0.0, limits.acceleration_min, limits.acceleration_max)
-    turns = speeds = None
-    for column, advisory in enumerate(advisories):
-        above, below = axes[0, column], axes[1, column]
-        turns = _cells(above, np.degrees(advisory.yaw_rate), advisory, _TURN, turn_scale)
-        speeds = _cells(below, advisory.acceleration, advisory, _SPEED, speed_scale)
-        for panel in (above, below):
+    turns: Any = "commanded turn rate, degrees per second", _TURN, TwoSlopeNorm(0.0, -full, full), ("right", "left")
+    scale = TwoSlopeNorm(0.0, limits.acceleration_min, limits.acceleration_max)
+    speeds: Any = "commanded acceleration, m/s²", _SPEED, scale, ("brake", "accelerate")
+    for row, (label, colours, norm, ends) in zip(axes, (turns, speeds), strict=True):
+        for panel, advisory in zip(row, advisories, strict=True):
+            edge = _extent_km(advisory)
+            values = np.degrees(advisory.yaw_rate) if colours is _TURN else advisory.acceleration
+            place: Any = {"extent": (-edge, edge, -edge, edge), "origin": "lower", "interpolation": "nearest"}
+            panel.imshow(values, cmap=colours, norm=norm, **place)
             _geometry(panel, advisory, aircraft)
-        degrees = math.degrees(advisory.scene.relative_heading)
-        above.set_title(f"{name_of(advisory.scene.relative_heading)} ({_signed(degrees)}°)", fontsize=11)
-        below.set_xlabel("intruder to the right, km")
-    for row in axes:
         row[0].set_ylabel("intruder ahead, km")
-    _bar(figure, turns, axes[0], full, "commanded turn rate, degrees per second", ("right", "left"))
-    _bar(figure, speeds, axes[1], limits.acceleration_max, "commanded acceleration, m/s²", ("brake", "accelerate"))
-    scene = advisories[0].scene
+        bar = figure.colorbar(row[0].images[0], ax=list(row), shrink=0.86, aspect=22.0, pad=0.015)
+        low, high = norm.vmin, norm.vmax
+        texts = [f"{-low:g} {ends[0]}", f"{-0.5 * low:g}", "0", f"{0.5 * high:g}", f"{high:g} {ends[1]}"]
+        bar.set_ticks([low, 0.5 * low, 0.0, 0.5 * high, high], labels=texts)
+        bar.set_label(label)
+    for above, below, advisory in zip(*axes, advisories, strict=True):
+        heading = advisory.scene.relative_heading
+        above.set_title(f"{name_of(heading)} ({math.degrees(heading):+.4g}°)", fontsize=11)
+        below.set_xlabel("intruder to the right, km")
     figure.suptitle(
         f"Advisory map of {policy}: the command for every place of the intruder\n"
         f"ownship at the origin, heading up, {scene.own_speed:g} m/s; intruder {scene.intruder_speed:g} m/s; "
-        f"goal at {_KM * scene.goal_distance:g} km, {_bearing(scene.goal_bearing)}\n"
-        "in brackets: heading of the intruder less own heading, counter-clockwise",
+        f"goal at {_KM * scene.goal_distance:g} km, bearing {math.degrees(scene.goal_bearing):+.0f}°\n"
+        "in brackets: heading of the intruder less own heading; angles count counter-clockwise",
         fontsize=11,
     )
     legend(figure, _handles(aircraft), 4 if columns > 2 else 2, 10)
     return figure
-
-
-def _cells(axes: Any, values: np.ndarray, advisory: Advisory, colours: Any, scale: Any) -> Any:
-    edge = _extent_km(advisory)
-    return axes.imshow(
-        values, cmap=colours, norm=scale, extent=(-edge, edge, -edge, edge), origin="lower", interpolation="nearest"
-    )
 
 
 def _geometry(axes: Any, advisory: Advisory, aircraft: Aircraft) -> None:
@@ -99,26 +92,12 @@ def _geometry(axes: Any, advisory: Advisory, aircraft: Aircraft) -> None:
     ):
         way = _KM * _WAY * aircraft.time_unit * speed
         arrow(axes, start, heading + math.pi / 2.0, way, name, xytext=(6.0, -11.0), path_effects=_HALO)
-    _goal(axes, edge, scene)
+    goal = np.array([-math.sin(scene.goal_bearing), math.cos(scene.goal_bearing)])
+    tick = edge / max(abs(goal)) * np.stack([0.92 * goal, goal]).T
+    axes.plot(*tick, color="black", linewidth=3.5, solid_capstyle="butt", path_effects=_WIDE_HALO, zorder=5.0)
     axes.set_xlim(-edge, edge)
     axes.set_ylim(-edge, edge)
     axes.set_aspect("equal")
-
-
-def _goal(axes: Any, edge: float, scene: Scene) -> None:
-    direction = np.array([-math.sin(scene.goal_bearing), math.cos(scene.goal_bearing)])
-    outer = edge / max(abs(direction)) * direction
-    tick = np.stack([0.92 * outer, outer]).T
-    axes.plot(*tick, color="black", linewidth=3.5, solid_capstyle="butt", path_effects=_WIDE_HALO, zorder=5.0)
-
-
-def _bar(figure: Figure, cells: Any, row: Any, full: float, label: str, ends: tuple[str, str]) -> None:
-    bar = figure.colorbar(cells, ax=list(row), shrink=0.86, aspect=22.0, pad=0.015)
-    low, high = cells.norm.vmin, cells.norm.vmax
-    marks = [low, low / 2.0, 0.0, full / 2.0, high]
-    texts = [f"{abs(low):g} {ends[0]}", f"{abs(low) / 2.0:g}", "0", f"{full / 2.0:g}", f"{high:g} {ends[1]}"]
-    bar.set_ticks(marks, labels=texts)
-    bar.set_label(label)
 
 
 def _handles(aircraft: Aircraft) -> list[Line2D]:
@@ -126,26 +105,9 @@ def _handles(aircraft: Aircraft) -> list[Line2D]:
     return [
         sample(f"{aircraft.separation:.0f} m around the ownship", color="black", **_RING),
         sample("between: conflict if both fly on straight", color="black", **_EDGE),
-        sample(
-            f"velocity: way in {_WAY * aircraft.time_unit:.0f} s",
-            color="black",
-            marker="o",
-            markersize=4.5,
-            linewidth=2.0,
-        ),
+        sample(f"velocity: way in {_WAY * aircraft.time_unit:.0f} s", color="black", marker="o", linewidth=2.0),
         sample("towards the goal", color="black", **tick),
     ]
-
-
-def _bearing(counter_clockwise: float) -> str:
-    degrees = math.degrees(counter_clockwise)
-    if abs(degrees) < 0.5:
-        return "straight ahead"
-    return f"{abs(degrees):.0f}° to the {'left' if degrees > 0.0 else 'right'}"
-
-
-def _signed(degrees: float) -> str:
-    return "0" if degrees == 0.0 else f"{degrees:+.4g}".replace("-", "−")
 
 
 def _extent_km(advisory: Advisory) -> float:

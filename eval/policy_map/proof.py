@@ -14,8 +14,6 @@ from envs.aircraft import ratios
 from envs.kinematics import VehicleState
 from eval.policy_map.enclosure import Form, derived_inputs, line_along
 
-__all__ = ["COUNTEREXAMPLE", "OPEN", "VERIFIED", "Scenes", "answers", "box_of", "decide", "layers", "turns_of"]
-
 VERIFIED, COUNTEREXAMPLE, OPEN = 0, 1, 2
 
 _ROUNDING = 1e-3  # of an action: the policy flies in single precision, the bounds are of exact numbers
@@ -129,7 +127,7 @@ def turns_of(network: list[tuple[np.ndarray, np.ndarray]], inputs: Form) -> tupl
         size = np.abs(weights)
         form = Form(_times(weights, inputs.middle) + offset, weights @ inputs.slopes, _times(size, inputs.rest) + rest)
         if number < len(network) - 1:
-            curves.append(_tanh(*form.ends))
+            curves.append(line_along(*form.ends, np.tanh, None, _steepest))
             if number == 0:  # what describes the ownship passes the first layer as it is
                 for field, value in zip(curves[0], (1.0, 0.0, 0.0), strict=True):
                     field[:, :OWN] = value
@@ -158,10 +156,6 @@ def _sampled(policy: Policy, scenes: Scenes, half: Any, side: Any, seed: int) ->
     pace, goal = (np.repeat(field, _SAMPLES, axis=0) for field in (scenes.pace, scenes.goal))
     turns = answers(policy, Scenes(pace, goal, (scenes.state[:, None] + shifts * half).reshape(-1, 4)))
     return (turns.reshape(-1, _SAMPLES) * side[:, None]).max(axis=-1)
-
-
-def _tanh(low: Any, high: Any) -> tuple[Any, Any, Any]:
-    return line_along(low, high, np.tanh, None, _steepest)
 
 
 def _steepest(slope: Any) -> list[Any]:

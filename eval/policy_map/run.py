@@ -5,18 +5,18 @@ import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from threadpoolctl import threadpool_limits
 
 from agents.config.load import ConfigError, Parser
+from agents.policy.inference import Policy
+from envs.aircraft import Aircraft
+from envs.edge.installation import versions
 from eval.plots import save as picture_folder
-from eval.runner.options import real, whole
-
-if TYPE_CHECKING:
-    from agents.policy.inference import Policy
-    from envs.aircraft import Aircraft
-    from eval.policy_map.advisory import Scene
-
-__all__ = ["HEADINGS", "main"]
+from eval.policy_map.advisory import Scene, advise, chatter
+from eval.policy_map.figure import policy_map
+from eval.runner.options import check_digest, real, whole
 
 HEADINGS = (180.0, -90.0, 90.0, -30.0)  # relative headings of the default columns, degrees counter-clockwise
 _MOST_COLUMNS = 8
@@ -41,11 +41,6 @@ the left and comes from the right; a goal bearing of 90 is to the left."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Draw and measure a policy and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
-    from threadpoolctl import threadpool_limits
-
-    from agents.policy.inference import Policy
-    from eval.runner.options import check_digest
-
     policy = Policy.load(options.policy)
     check_digest(options.policy, policy.sha256, options.policy_sha256, "--policy-sha256")
     scenes = _scenes(options, policy.aircraft)
@@ -90,9 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _scenes(options: argparse.Namespace, aircraft: "Aircraft") -> "list[Scene]":
-    from eval.policy_map.advisory import Scene
-
+def _scenes(options: argparse.Namespace, aircraft: Aircraft) -> list[Scene]:
     limits, unit = aircraft.limits, aircraft.separation
     for name, default, low, high, of in (
         ("own_speed", 0.75 * limits.speed_max, limits.speed_min, limits.speed_max, "m/s"),
@@ -113,11 +106,7 @@ def _scenes(options: argparse.Namespace, aircraft: "Aircraft") -> "list[Scene]":
     return [Scene(options.own_speed, options.intruder_speed, math.radians(heading), *goal) for heading in headings]
 
 
-def _examine(policy: "Policy", scenes: "list[Scene]", options: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
-    from envs.edge.installation import versions
-    from eval.policy_map.advisory import advise, chatter
-    from eval.policy_map.figure import policy_map
-
+def _examine(policy: Policy, scenes: list[Scene], options: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     aircraft = policy.aircraft
     maps = [advise(policy, scene, options.extent, options.cells, aircraft) for scene in scenes]
     name = "the shipped policy" if options.policy is None else options.policy.name
