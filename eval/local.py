@@ -6,19 +6,17 @@ import time
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from agents.policy.inference import Policy
+from agents.policy.set_network import check_one_layer
 from envs.edge.command import ConfigError, Parser, run_cli
 from envs.edge.files import write_file
+from eval.policy_map.proof import Scenes, answers, box_of, decide
+from eval.stats.intervals import share
 
-if TYPE_CHECKING:
-    from agents.policy.inference import Policy
-    from eval.policy_map.proof import Scenes
-
-COURSES = (0.0, 45.0, 90.0, 135.0, 180.0)  # edges of the cells, degrees between the courses
-RATIOS = (0.4, 0.7, 0.9, 1.1, 1.5, 2.6)  # intruder's speed / own speed
 VERDICTS = ("verified", "counterexample", "open")
 QUESTIONS = ("side", "toward")
 
@@ -49,8 +47,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise ConfigError(f"--{name}: {low:g} {high:g}; expected the lower end first")
     from threadpoolctl import threadpool_limits
 
-    from agents.policy.inference import Policy
-    from agents.policy.set_network import check_one_layer
     from eval.plots import save as picture_folder
 
     policy = Policy.load(options.policy)
@@ -67,11 +63,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def examine(policy: "Policy", options: argparse.Namespace) -> dict[str, Any]:
+def examine(policy: Policy, options: argparse.Namespace) -> dict[str, Any]:
     """Return shares of the verdicts, of all boxes and of each cell."""
-    from eval.policy_map.proof import answers, decide
-    from eval.stats.intervals import share
-
     scenes, cell, names = draw(policy, options)
     half = np.repeat([options.position / policy.aircraft.separation, options.velocity / policy.limits.speed_max], 2)
     away, toward = -np.where(answers(policy, scenes) < 0.0, -1.0, 1.0), passing(scenes)
@@ -103,9 +96,9 @@ def examine(policy: "Policy", options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def draw(policy: "Policy", options: argparse.Namespace) -> "tuple[Scenes, np.ndarray, list[str]]":
+def draw(policy: Policy, options: argparse.Namespace) -> tuple[Scenes, np.ndarray, list[str]]:
     """Return scenes spread evenly over the cells, the cell of each, and the names of the cells."""
-    from eval.policy_map.proof import Scenes
+    from eval.evidence.domain import COURSES, RATIOS
 
     low, high = options.course
     edges = [low, *(edge for edge in COURSES if low < edge < high), high]
@@ -132,20 +125,19 @@ def draw(policy: "Policy", options: argparse.Namespace) -> "tuple[Scenes, np.nda
     return Scenes(pace, goal, np.concatenate([lost - way * time[:, None], velocity], axis=-1)), cell, names
 
 
-def passing(scenes: "Scenes") -> np.ndarray:
+def passing(scenes: Scenes) -> np.ndarray:
     """Return the side on which the intruder will pass on straight courses, 1: left, -1: right, ``[N]``."""
     x, y, vx, vy = scenes.state.T
     vx = vx - scenes.pace
     return np.where(y - vy * (x * vx + y * vy) / (vx * vx + vy * vy) < 0.0, -1.0, 1.0)
 
 
-def _write_vnnlib(out: Path, policy: "Policy", scenes: "Scenes", half: Any, away: np.ndarray, allowed: float) -> None:
+def _write_vnnlib(out: Path, policy: Policy, scenes: Scenes, half: Any, away: np.ndarray, allowed: float) -> None:
     """Write the network behind its derived inputs as ONNX, and boxes of these in which it may turn as is forbidden.
 
     A box is of a scene with a part of the error; a verifier that finds it unsatisfiable says *verified*.
     """
     from agents.learning.onnx import network_part
-    from eval.policy_map.proof import box_of
 
     write_file(out / "network.onnx", network_part(policy).SerializeToString(deterministic=True))
     inputs, sign = box_of(policy, scenes, half)
@@ -164,26 +156,17 @@ def _write_vnnlib(out: Path, policy: "Policy", scenes: "Scenes", half: Any, away
 
 def _figure(found: dict[str, Any]) -> Any:
     """Return the map: verified share of each cell in colour, all three in numbers."""
-    from matplotlib.figure import Figure
+    from eval.evidence.domain import cells_figure
 
     courses, ratios = (list(dict.fromkeys(cell["name"].split("/")[i] for cell in found["cells"])) for i in (0, 1))
-    figure = Figure((11.0, 1.6 + 0.75 * len(courses)), layout="constrained")
-    panels = figure.subplots(1, 2, sharey=True)
+    panels = []
     titles = ("side flipped: never / seen / open, %", "turn to the passing side: never / seen / open, %")
-    for axes, name, title in zip(panels, QUESTIONS, titles, strict=True):
+    for name, title in zip(QUESTIONS, titles, strict=True):
         parts = [[cell[name][verdict]["value"] for verdict in VERDICTS] for cell in found["cells"]]
-        values = 100.0 * np.array([[np.nan if one is None else one for one in row] for row in parts])
-        values = values.reshape(len(courses), len(ratios), 3)
-        axes.imshow(values[..., 0], vmin=0.0, vmax=100.0, cmap="cividis", aspect="auto")
-        for (i, j), verified in np.ndenumerate(values[..., 0]):
-            text = " / ".join("-" if np.isnan(one) else f"{one:.0f}" for one in values[i, j])
-            axes.text(j, i, text, ha="center", va="center", fontsize=8, color="white" if verified < 60.0 else "black")
-        axes.set_xticks(range(len(ratios)), ratios, fontsize=8)
-        axes.set_yticks(range(len(courses)), courses, fontsize=8)
-        axes.set(xlabel="intruder's speed / own speed", title=title)
-    panels[0].set_ylabel("courses differ by")
-    figure.colorbar(panels[0].images[0], ax=panels, label="verified, %")
-    return figure
+        values = 100.0 * np.array(parts, float).reshape(len(courses), len(ratios), 3)
+        texts = [[" / ".join("-" if np.isnan(one) else f"{one:.0f}" for one in cell) for cell in row] for row in values]
+        panels.append((title, values[..., 0], texts))
+    return cells_figure(panels, courses, ratios, 0.0, "verified, %")
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -9,12 +9,15 @@ import numpy as np
 
 from envs.edge.files import written
 from eval.evidence.listed import Evidence
+from eval.runner.outputs import read_table
 from eval.stats.intervals import share
 
-_COURSES = (0.0, 45.0, 90.0, 135.0, 180.0)
-_RATIOS = (0.4, 0.7, 0.9, 1.1, 1.5, 2.6)
-_GEOMETRIES = [f"{low:g} to {high:g} deg" for low, high in pairwise(_COURSES)]
-_SPEEDS = [f"{low:g} to {high:g}" for low, high in pairwise(_RATIOS)]
+COURSES = (0.0, 45.0, 90.0, 135.0, 180.0)
+"""Edges of the cells: difference of the courses, degrees."""
+RATIOS = (0.4, 0.7, 0.9, 1.1, 1.5, 2.6)
+"""Edges of the cells: intruder's speed / own speed."""
+_GEOMETRIES = [f"{low:g} to {high:g} deg" for low, high in pairwise(COURSES)]
+_SPEEDS = [f"{low:g} to {high:g}" for low, high in pairwise(RATIOS)]
 _ENOUGH = 100  # trials of a cell: even without a failure fewer show no more than 97 %
 _KEPT = ("count", "total", "low")
 PICTURE = "docs/assets/figures/domain.png"
@@ -25,13 +28,11 @@ def cells(folder: Path) -> dict[str, Any]:
 
     The geometry is that of the most critical intruder at the start. The lower end is the one-sided 95 % bound.
     """
-    from eval.runner.outputs import read_table
-
     table = read_table(folder / "encounters.parquet", "the table of a run")
     columns = ("relative_heading_deg", "own_speed_m_s", "intruder_speed_m_s", "outcome", "verdict")
     course, own, other, outcome, verdict = (table[name].to_numpy(zero_copy_only=False) for name in columns)
-    row = np.clip(np.searchsorted(_COURSES, np.abs(course), "right") - 1, 0, len(_GEOMETRIES) - 1)
-    column = np.clip(np.searchsorted(_RATIOS, other / own, "right") - 1, 0, len(_SPEEDS) - 1)
+    row = np.clip(np.searchsorted(COURSES, np.abs(course), "right") - 1, 0, len(_GEOMETRIES) - 1)
+    column = np.clip(np.searchsorted(RATIOS, other / own, "right") - 1, 0, len(_SPEEDS) - 1)
     tried = verdict != "unresolvable"
     found = {}
     for i, geometry in enumerate(_GEOMETRIES):
@@ -60,22 +61,35 @@ def draw(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Path]
     names = [name for name, entry in listed.results.items() if entry.cells and name in results]
     if not names:
         return []
-    from matplotlib.figure import Figure
-
-    figure = Figure((5.4 * len(names), 3.4), layout="constrained")
-    panels = figure.subplots(1, len(names), squeeze=False)[0]
-    for axes, name in zip(panels, names, strict=True):
+    panels = []
+    for name in names:
         found = [[results[name]["figures"][f"cells/{row}/{one}"] for one in _SPEEDS] for row in _GEOMETRIES]
         bound = np.array([[one["low"] if one["total"] >= _ENOUGH else np.nan for one in row] for row in found])
-        axes.imshow(100.0 * bound, vmin=80.0, vmax=100.0, cmap="cividis", aspect="auto")
-        for (i, j), low in np.ndenumerate(bound):
-            text = f"{100.0 * low:.1f}" if np.isfinite(low) else f"too few\n({found[i][j]['total']})"
-            axes.text(j, i, text, ha="center", va="center", fontsize=8, color="white" if low < 0.92 else "black")
-        axes.set_xticks(range(len(_SPEEDS)), _SPEEDS, fontsize=7)
-        axes.set_yticks(range(len(_GEOMETRIES)), _GEOMETRIES, fontsize=8)
-        axes.set(xlabel="intruder's speed / own speed", title=listed.results[name].title)
-    panels[0].set_ylabel("courses differ by")
-    figure.colorbar(panels[0].images[0], ax=panels, label="success, lower 95 % bound, %")
+        few = [[f"too few\n({one['total']})" for one in row] for row in found]
+        texts = np.where(np.isfinite(bound), np.char.mod("%.1f", 100.0 * bound), few)
+        panels.append((listed.results[name].title, 100.0 * bound, texts))
+    figure = cells_figure(panels, _GEOMETRIES, _SPEEDS, 80.0, "success, lower 95 % bound, %")
     with written(root / PICTURE) as path:
         figure.savefig(path, format="png", dpi=110)
     return [root / PICTURE]
+
+
+def cells_figure(
+    panels: Sequence[tuple[str, np.ndarray, Any]], courses: Sequence[str], ratios: Sequence[str], least: float, of: str
+) -> Any:
+    """Return a figure of the cells: of each panel a title, percentages in colour from ``least`` on, and texts."""
+    from matplotlib.figure import Figure
+
+    figure = Figure((5.4 * len(panels), 1.4 + 0.5 * len(courses)), layout="constrained")
+    row = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    for axes, (title, values, texts) in zip(row, panels, strict=True):
+        axes.imshow(values, vmin=least, vmax=100.0, cmap="cividis", aspect="auto")
+        for (i, j), value in np.ndenumerate(values):
+            color = "white" if value < least + 0.6 * (100.0 - least) else "black"
+            axes.text(j, i, texts[i][j], ha="center", va="center", fontsize=8, color=color)
+        axes.set_xticks(range(len(ratios)), ratios, fontsize=8)
+        axes.set_yticks(range(len(courses)), courses, fontsize=8)
+        axes.set(xlabel="intruder's speed / own speed", title=title)
+    row[0].set_ylabel("courses differ by")
+    figure.colorbar(row[0].images[0], ax=row, label=of)
+    return figure

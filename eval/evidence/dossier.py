@@ -5,13 +5,13 @@ import re
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field
 
+from agents.config.keys import nearest
 from agents.config.load import ConfigError, Strict, load
 from envs.edge.files import write_file
 from envs.edge.installation import versions
@@ -110,8 +110,9 @@ def checked(root: Path, case: Case, listed: Evidence, tests: list[str]) -> dict[
 def _exist(by: str, kind: str, names: Iterable[str], known: Iterable[str]) -> None:
     for name in names:
         if name not in known:
-            near = "".join(f"; the nearest is {one!r}" for one in get_close_matches(name, list(known), 1))
-            raise ConfigError(f"dossier: {by} names the {kind} {name!r}, which does not exist{near}")
+            near = nearest(name, known)
+            more = f"; did you mean {near}?" if near else ""
+            raise ConfigError(f"dossier: {by} names the {kind} {name!r}, which does not exist{more}")
 
 
 def write(

@@ -95,13 +95,18 @@ def flagged(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, n
         memory, _own, _traffic, found = updated(memory, given, thresholds)
         causes |= np.where(present.any(axis=-1), found, 0)
         if box is not None and number % _NOVEL_EVERY == 0:
-            there = VehicleState(*(np.where(present, field, 0.0) for field in seen))
             rows = np.flatnonzero(present.any(axis=-1))
-            part = mapped(lambda field, rows=rows: field[rows], (own, there, present, flights.goal))
-            beyond = novelty.excess(box, novelty.inputs_of(*part, aircraft))
+            beyond = novelty.excess(box, _inputs(rows, (own, seen, present, flights.goal), aircraft))
             new[rows] |= (beyond[0] > 0.0).any(axis=-1) | (beyond[1] > 0.0).any(axis=(-1, -2))
     reasons = {name: (causes & int(cause)) != 0 for name, cause in _REASONS.items()}
     return reasons | {"novelty": new}
+
+
+def _inputs(rows: np.ndarray, states: Any, aircraft: Aircraft) -> Any:
+    """Return the network's inputs of some flights of all, by own state, intruders, their presence, and goal."""
+    own, seen, present, goal = mapped(lambda field: field[rows], states)
+    there = VehicleState(*(np.where(present, field, 0.0) for field in seen))
+    return novelty.inputs_of(own, there, present, goal, aircraft)
 
 
 def _steps(flights: Flights) -> Iterator[tuple[VehicleState, VehicleState]]:
@@ -119,12 +124,6 @@ def inside(flights: Flights, aircraft: Aircraft) -> np.ndarray:
 
 
 # Shifts: each takes the reports and random numbers, and returns other reports, from some seconds on.
-
-
-def _velocity(
-    seen: VehicleState, random: Random, aircraft: Aircraft, *, turn: float = 0.0, sign: float = 1.0, pace: float = 1.0
-) -> VehicleState:
-    return seen._replace(heading=wrap(sign * seen.heading + turn, np), speed=seen.speed * pace)
 
 
 def _flown_at(seen: VehicleState, random: Random, aircraft: Aircraft, pace: tuple[float, float]) -> VehicleState:
@@ -183,9 +182,9 @@ SHIFTS: dict[str, Callable[[VehicleState, Random, Aircraft], VehicleState]] = {
     "intruders at up to 0.3 of it": partial(_flown_at, pace=(0.02, 0.3)),
     "turns at 2 to 4 times the greatest rate": _turning,
     "place jumps by 0.5 to 3 separations": _jumping,
-    "velocity in knots": partial(_velocity, pace=1.943844),
-    "velocity with its axes exchanged": partial(_velocity, sign=-1.0, turn=0.5 * math.pi),
-    "heading with the wrong sign": partial(_velocity, sign=-1.0),
+    "velocity in knots": lambda seen, *_: seen._replace(speed=1.943844 * seen.speed),
+    "velocity with its axes exchanged": lambda seen, *_: seen._replace(heading=wrap(0.5 * math.pi - seen.heading, np)),
+    "heading with the wrong sign": lambda seen, *_: seen._replace(heading=wrap(-seen.heading, np)),
     "frozen, with new stamps": partial(_of_time, when=lambda step, _: np.minimum(step, _BEGIN)),
     "each repeated for 5 s, with new stamps": partial(_of_time, when=lambda step, _: step // 5 * 5),
     "stamps off by up to 4 s": partial(_of_time, when=lambda step, random: step - random.integers(0, 5, step.size)),
@@ -250,27 +249,24 @@ def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
     for number in range(count):
         aircraft = _of_family(policy, seed, number)
         of_traffic = traffic(aircraft)["intruder_speed"]
-        begun, parts = [], []
+        begun = []
         for one in wanted:
             given = ScenarioConfig(**one).model_dump(exclude_none=True) | {"units": "aircraft", "attempts": 200}
             if number:
                 given["intruder_speed"] = [speed / aircraft.limits.speed_max for speed in of_traffic]
-            begun.append(
-                padded(numbered(ScenarioConfig(**given).scenario(aircraft), seed, 0, _STARTS), policy.most, np)
-            )
-            parts.append(take(begun[-1], slice(0, _FLOWN)))
+            starts = numbered(ScenarioConfig(**given).scenario(aircraft), seed, 0, _STARTS)
+            begun.append(padded(starts, policy.most, np))
         first = reduce(joined, begun)
         others = VehicleState(*(np.where(first.mask, field, np.nan) for field in first.intruders))
-        flights = flown(reduce(joined, parts), policy, aircraft, seed)
+        parts = reduce(joined, (take(one, slice(0, _FLOWN)) for one in begun))
+        flights = flown(parts, policy, aircraft, seed)
         scenes = [(first.own, others, (first.goal_x, first.goal_y))]
         scenes += [(*states, flights.goal) for states in list(_steps(flights))[::_NOVEL_EVERY]]
         for own, seen, goal in scenes:
             rows = np.flatnonzero(np.isfinite(own.x))
-            part = mapped(lambda field, rows=rows: field[rows], (own, seen, goal))
-            present = np.isfinite(part[1].x)
-            there = VehicleState(*(np.where(present, field, 0.0) for field in part[1]))
-            found = novelty.inputs_of(part[0], there, present, part[2], aircraft)
-            for place, values in enumerate((found.own, found.each[present])):
+            present = np.isfinite(seen.x)
+            found = _inputs(rows, (own, seen, present, goal), aircraft)
+            for place, values in enumerate((found.own, found.each[present[rows]])):
                 low[place] = np.minimum(low[place], values.min(axis=0, initial=np.inf))
                 high[place] = np.maximum(high[place], values.max(axis=0, initial=-np.inf))
         print(f"aircraft {number + 1} of {count}", flush=True)

@@ -17,8 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from agents.config.load import Parser, load
+from agents.policy.inference import Policy
 from envs.edge.files import write_file
 from eval.evidence.domain import cells
+from eval.evidence.dossier import write
 from eval.evidence.listed import Entry, Evidence, Reading, found_in, read_results, written_results
 from eval.evidence.tables import publish
 from eval.runner.options import real
@@ -38,8 +40,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     listed = load(Evidence, options.list)
     names = listed.chosen(options.only)
-    from agents.policy.inference import Policy
-
     policy = Policy.load().sha256
     if options.tables:
         store = ROOT / "docs/reference/evidence.json"
@@ -48,8 +48,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("\n".join(f"written: {path.relative_to(ROOT)}" for path in publish(ROOT, listed, results)))
         return 0
     if options.dossier is not None:
-        from eval.evidence.dossier import write
-
         results = published(listed, policy, read_results(ROOT / "docs/reference/evidence.json"), options.out)
         about = {"policy": policy, "commit": str(_commit())}
         print(write(ROOT, options.dossier, listed, results, about, options.out, options.junit))
@@ -71,12 +69,7 @@ def _parser() -> argparse.ArgumentParser:
     size.add_argument("--quick", action="store_const", const=0.01, dest="scale", help="the same as --scale 0.01")
     size.add_argument("--scale", type=real(1e-4, 100.0), metavar="S", help="times the listed encounters (default: 1)")
     add("--tables", action="store_true", help="run nothing: write the tables of README and docs from --out")
-    add(
-        "--dossier",
-        type=Path,
-        metavar="FILE",
-        help="run nothing: write the assurance case of configs/dossier.yaml, HTML",
-    )
+    add("--dossier", type=Path, metavar="FILE", help="run nothing: write the case of configs/dossier.yaml, HTML")
     add("--junit", type=Path, nargs="+", default=[], metavar="XML", help="pytest --junitxml reports, for --dossier")
     add("--scheduler", metavar="ADDRESS", help="of a Dask cluster, for the commands that take one")
     add("--list", type=Path, default=ROOT / "configs/evidence.yaml", metavar="FILE", help="what is evaluated")
