@@ -14,8 +14,10 @@ Seen = jax.Array | SetInputs
 those of observations have no part for each intruder."""
 
 
-def derived(observation: jax.Array, feature_set: str) -> SetInputs:
-    """Return what networks with a feature set take instead of observations ``[..., 8]``."""
+def derived(observation: Seen, feature_set: str) -> SetInputs:
+    """Return what networks with a feature set take of observations ``[..., 8]``; what is derived already as it is."""
+    if isinstance(observation, SetInputs):
+        return observation
     components = [observation[..., i] for i in range(observation.shape[-1])]
     inputs = jnp.stack(features(components, feature_set, jnp), axis=-1)
     sign = jnp.broadcast_to(mirror_sign(components, feature_set, jnp), inputs.shape[:-1])
@@ -66,7 +68,7 @@ class Actor(nn.Module):
     @nn.compact
     def __call__(self, observation: Seen) -> tuple[jax.Array, jax.Array]:
         """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
-        seen = observation if isinstance(observation, SetInputs) else derived(observation, self.feature_set)
+        seen = derived(observation, self.feature_set)
         mean = Trunk(self.hidden, 2, 0.01, self.encoder, name="trunk")(seen)
         mean = mean * jnp.stack([jnp.ones_like(seen.mirror_sign), seen.mirror_sign], axis=-1)
         log_std = self.param("log_std", nn.initializers.constant(self.log_std_initial), (2,))
@@ -83,5 +85,4 @@ class Critic(nn.Module):
     @nn.compact
     def __call__(self, observation: Seen) -> jax.Array:
         """Return the value of observations ``[..., 8]``, ``[...]``."""
-        seen = observation if isinstance(observation, SetInputs) else derived(observation, self.feature_set)
-        return Trunk(self.hidden, 1, 1.0, self.encoder, name="trunk")(seen)[..., 0]
+        return Trunk(self.hidden, 1, 1.0, self.encoder, name="trunk")(derived(observation, self.feature_set))[..., 0]
