@@ -8,7 +8,6 @@ from agents.assurance.monitor import (
     Thresholds,
     activate,
     answer,
-    deactivate,
     start,
     step,
 )
@@ -21,7 +20,6 @@ __all__ = [
     "Thresholds",
     "activate",
     "answer",
-    "deactivate",
     "start",
     "step",
 ]

@@ -45,6 +45,8 @@ class Backup(NamedTuple):
     """To reach, m/s."""
     knots: Knots
     """``[N, B]``, their times from when the backup was refreshed."""
+    legs: Legs
+    """Between them."""
     started: Any
     """When that was, on the monitor's clock, s; nan where there has never been one."""
     clearance: Any
@@ -72,14 +74,8 @@ def flown(own: VehicleState, course: Any, speed: Any, thresholds: Thresholds) ->
     return Knots(x, y, wrap(heading, np), velocity, times.copy())
 
 
-def refreshed(
-    previous: Backup,
-    own: VehicleState,
-    traffic: Traffic,
-    time: Any,
-    thresholds: Thresholds,
-) -> tuple[Backup, Legs]:
-    """Return the backups for the present step and their legs, ``[N]``.
+def refreshed(previous: Backup, own: VehicleState, traffic: Traffic, time: Any, thresholds: Thresholds) -> Backup:
+    """Return the backups for the present step, ``[N]``.
 
     Args:
         previous: those of the step before.
@@ -94,8 +90,8 @@ def refreshed(
     )
     curves = legs(knots)
     found = validate(knots, traffic, thresholds.requirement, thresholds.limits, curves)
-    safe = _safe(found, thresholds) & had
-    result = Backup(previous.course, previous.speed, knots, time, found.clearance, safe, np.zeros(had.size, dtype=bool))
+    safe, no = _safe(found, thresholds) & had, np.zeros(had.size, dtype=bool)
+    result = Backup(previous.course, previous.speed, knots, curves, time, found.clearance, safe, no)
     result = mapped(np.array, result)
     rows = np.flatnonzero(~safe)
     for first in range(0, rows.size, _BLOCK):
@@ -103,10 +99,7 @@ def refreshed(
         other = search(take(own, part), take(traffic, part), time[part], thresholds)
         better = ~had[part] | other.safe | (other.clearance > result.clearance[part] + thresholds.backup_gain)
         scatter(result, part[better], take(other, better))
-    changed = np.flatnonzero(result.searched)
-    if changed.size:
-        scatter(curves, changed, legs(take(result.knots, changed)))
-    return result, curves
+    return result
 
 
 def search(own: VehicleState, traffic: Traffic, time: Any, thresholds: Thresholds) -> Backup:
@@ -127,28 +120,20 @@ def search(own: VehicleState, traffic: Traffic, time: Any, thresholds: Threshold
     extreme = np.where(np.tile(_FAMILY_SPEED, count) > 0.0, manoeuvre.speed_max, manoeuvre.speed_min)
     held = np.clip(own.speed, manoeuvre.speed_min, manoeuvre.speed_max)[which]
     speed = np.where(np.tile(_FAMILY_SPEED, count) == 0.0, held, extreme)
-    away = distance(traffic.state.x - own.x[:, None], traffic.state.y - own.y[:, None], np)
-    base = required(traffic, away, requirement)
+    base = required(traffic, own, requirement)
     clearance = _estimate(take(own, which), course, speed, traffic, base, thresholds)
     merit = (np.minimum(clearance, _ENOUGH * unit) - _TURN_COST * unit * np.abs(turn)).reshape(count, each)
     pick = np.argsort(-merit, axis=-1, kind="stable")[:, :_TRIED] + np.arange(count)[:, None] * each
     pick = pick.ravel()
     owners = which[pick]
     knots = flown(take(own, owners), course[pick], speed[pick], thresholds)
-    found = validate(knots, take(traffic, owners), requirement, thresholds.limits)
+    curves = legs(knots)
+    found = validate(knots, take(traffic, owners), requirement, thresholds.limits, curves)
     safe, spare = _safe(found, thresholds), np.where(np.isnan(found.clearance), -np.inf, found.clearance)
     order = np.lexsort((np.arange(pick.size), np.where(safe, 0.0, -spare), ~safe, owners))
-    best = order[::_TRIED] if _TRIED > 1 else order
-    knots = take(knots, best)
-    return Backup(
-        course[pick][best],
-        speed[pick][best],
-        knots,
-        np.array(time),
-        spare[best],
-        safe[best],
-        np.ones(count, dtype=bool),
-    )
+    best = order[::_TRIED]
+    course, speed, knots, curves, spare, safe = take((course[pick], speed[pick], knots, curves, spare, safe), best)
+    return Backup(course, speed, knots, curves, np.array(time), spare, safe, np.ones(count, dtype=bool))
 
 
 def _safe(found: Findings, thresholds: Thresholds) -> Any:
@@ -194,7 +179,7 @@ def resting(count: int, thresholds: Thresholds) -> Backup:
     """Return that there has never been a backup, ``[count]``."""
     zero, no = np.zeros(count), np.zeros(count, dtype=bool)
     knots = straight_east(count, np.arange(len(STEPS) + 1) * 10.0, thresholds.options.aircraft.limits)
-    return Backup(zero, knots.speed[:, 0].copy(), knots, zero + np.nan, zero - np.inf, no, no.copy())
+    return Backup(zero, knots.speed[:, 0].copy(), knots, legs(knots), zero + np.nan, zero - np.inf, no, no.copy())
 
 
 def straight_east(count: int, times: Any, limits: Limits) -> Knots:

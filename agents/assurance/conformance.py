@@ -1,19 +1,17 @@
 """How a flight conforms to its plan, and its intruders to what the plan expected of them."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from agents.assurance.inputs import Memory
-from agents.assurance.lookahead import outlook
+from agents.assurance.lookahead import Course, outlook
 from agents.assurance.state import Monitor, State
 from agents.assurance.thresholds import BLIND, WANTING, Cause, Thresholds
 from agents.planner.traffic import Traffic, predicted, required, uncertainty
 from envs.follower import deviation
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
-
-__all__ = ["Measured", "floor", "has", "judged", "watched"]
 
 _NOISE = 3.0
 """Standard deviations of what the plan expected and of what is believed now by which an intruder may also be off."""
@@ -22,21 +20,14 @@ _REPORTS = Cause.INTRUDER_MISSING | Cause.INTRUDER_OUT_OF_ORDER
 """Causes that do not lie in the plan."""
 
 
-class Measured(NamedTuple):
-    """Errors and outlook; fields ``[N]``, as in :class:`agents.assurance.state.Decision`."""
-
-    cross_track: Any
-    along_track: Any
-    time_error: Any
-    intruder_position: Any
-    intruder_velocity: Any
-    separation: Any
-    loss: Any
-
-
 def has(causes: Any, any_of: Cause) -> Any:
     """Return where any of some causes holds, bool ``[N]``."""
     return (causes & int(any_of)) != 0
+
+
+def kept(plan: Course, traffic: Traffic, thresholds: Thresholds) -> Any:
+    """Return the separations that plans made against some intruders were required to keep, m, ``[N, K]``."""
+    return required(traffic, VehicleState(plan.x[:, 0], plan.y[:, 0], 0.0, 0.0), thresholds.requirement)
 
 
 def floor(required_separation: Any, thresholds: Thresholds) -> Any:
@@ -51,7 +42,7 @@ def watched(monitor: Monitor) -> Any:
 
 def judged(
     monitor: Monitor, memory: Memory, own: VehicleState, traffic: Traffic, causes: Any, thresholds: Thresholds
-) -> tuple[Any, Any, Measured]:
+) -> tuple[Any, Any, dict[str, Any]]:
     """Measure the present second against the plan.
 
     A cause begins beyond its threshold and ends below a share of it.
@@ -65,7 +56,7 @@ def judged(
         thresholds: of the monitor.
 
     Returns:
-        The leaky sums ``[N, 3]``, all causes ``[N]``, and what was measured.
+        The leaky sums ``[N, 3]``, all causes ``[N]``, and what was measured, by the names of a decision's fields.
     """
     on = watched(monitor)
     since = memory.time - monitor.started
@@ -99,9 +90,16 @@ def judged(
     share = np.max(np.where(separation < thresholds.concern, share, 0.0), axis=-1, initial=0.0)
     causes = causes | latched(share, 1.0, Cause.INTRUDER_DEVIATION)
     causes = np.where(on, causes, causes & ~int(WANTING & ~_REPORTS)).astype(np.int32)
-    far, fast = np.max(position, axis=-1, initial=0.0), np.max(speed, axis=-1, initial=0.0)
-    least = np.min(separation, axis=-1, initial=np.inf) - offset
-    return sums, causes, Measured(off.cross_track, off.along_track, off.time, far, fast, least, loss)
+    measured = {
+        "cross_track": off.cross_track,
+        "along_track": off.along_track,
+        "time_error": off.time,
+        "intruder_position": np.max(position, axis=-1, initial=0.0),
+        "intruder_velocity": np.max(speed, axis=-1, initial=0.0),
+        "separation": np.min(separation, axis=-1, initial=np.inf) - offset,
+        "loss": loss,
+    }
+    return sums, causes, measured
 
 
 def _outlook(
@@ -113,9 +111,8 @@ def _outlook(
     the plan was required to keep, nor, less that distance, below the separation itself.
     """
     requirement = thresholds.requirement
-    away = distance(traffic.state.x - own.x[:, None], traffic.state.y - own.y[:, None], np)
-    planned = np.where(monitor.expected.mask, monitor.required_separation, np.inf)
-    least = floor(np.minimum(planned, required(traffic, away, requirement)), thresholds)
+    planned = np.where(monitor.expected.mask, kept(monitor.plan, monitor.expected, thresholds), np.inf)
+    least = floor(np.minimum(planned, required(traffic, own, requirement)), thresholds)
     off = offset[:, None]
     had = has(monitor.causes, Cause.SEPARATION)[:, None]
     edge = np.where(had, least + thresholds.separation_band, least - thresholds.resolution)

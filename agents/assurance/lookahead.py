@@ -36,8 +36,6 @@ class Course(NamedTuple):
     """Of the knots on the plan's clock, s, ``[N, L + 1]``."""
     bow: Any
     """Largest distance of each leg from uniform motion along its chord, m, ``[N, L]``; an upper bound."""
-    pull: Any
-    """Largest acceleration on each leg, m/s^2, ``[N, L]``."""
 
 
 class Outlook(NamedTuple):
@@ -46,8 +44,6 @@ class Outlook(NamedTuple):
     separation: Any
     """Smallest distance less what uncertainty grows to, m: a lower bound; inf for absent intruders and after the
     plan's end. Exact to 5 mm where it is below the level of interest."""
-    time: Any
-    """When that is, s from now."""
     loss: Any
     """When the separation first falls below the level of interest, s from now; inf where it does not."""
 
@@ -64,7 +60,7 @@ def course(knots: Any, legs: Legs) -> Course:
     pull = _pull(legs.speed, legs.acceleration, legs.yaw_rate, step)
     arc = np.max(0.125 * pull * step * step, axis=-1)
     bow = np.max(distance(bows[0], bows[1], np), axis=-1) + arc + legs.miss
-    return Course(legs, ends[0], ends[1], np.asarray(knots.time, dtype=float), bow, np.max(pull, axis=-1))
+    return Course(legs, ends[0], ends[1], np.asarray(knots.time, dtype=float), bow)
 
 
 def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: float) -> Outlook:
@@ -78,9 +74,9 @@ def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: fl
         sigmas: of the growing uncertainty that are taken off the separation.
     """
     shape = traffic.mask.shape
-    least, when, loss = np.full(shape, np.inf), np.zeros(shape), np.full(shape, np.inf)
+    found = Outlook(np.full(shape, np.inf), np.full(shape, np.inf))
     if traffic.mask.size == 0:
-        return Outlook(least, when, loss)
+        return found
     began, ended = course.time[:, :-1] - since[:, None], course.time[:, 1:] - since[:, None]
     wide = column(traffic)
     ends = predicted(wide, (course.time - since[:, None])[..., None])
@@ -93,16 +89,14 @@ def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: fl
     ahead = (ended > 0.0)[..., None] & wide.mask
     near = np.where(ahead, near, np.inf)
     unclear = near < level[:, None]
-    _note((least, when, loss), np.where(unclear, np.inf, near), began)
+    found.separation[...] = np.min(np.where(unclear, np.inf, near), axis=1)
     n, leg, k = np.nonzero(unclear)
     if n.size:
-        _arcs((least, when, loss), course, since, (n, leg, k), traffic, level, sigmas)
-    return Outlook(least, when, loss)
+        _arcs(found, course, since, (n, leg, k), traffic, level, sigmas)
+    return found
 
 
-def _arcs(
-    found: tuple[Any, Any, Any], course: Course, since: Any, which: Any, traffic: Traffic, level: Any, sigmas: float
-) -> None:
+def _arcs(found: Outlook, course: Course, since: Any, which: Any, traffic: Traffic, level: Any, sigmas: float) -> None:
     """Look at the arcs of some legs, and at parts of those that are not clear."""
     n, leg, k = which
     one = column(take(traffic, (n, k)))
@@ -120,7 +114,7 @@ def _arcs(
     near = near - _growth(one, one, times[:, 1:], sigmas)
     near = np.where(times[:, 1:] > 0.0, near, np.inf)
     unclear = near < level[n, k, None]
-    _lower(found, n, k, np.where(unclear, np.inf, near), times[:, :-1], np.full(near.shape, np.inf))
+    np.minimum.at(found.separation, (n, k), np.min(np.where(unclear, np.inf, near), axis=1))
     m, arc = np.nonzero(unclear)
     if m.size == 0:
         return
@@ -135,28 +129,10 @@ def _arcs(
     length = np.diff(parts, axis=1)
     near = _chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - 0.125 * pull[m, arc][:, None] * length * length
     near = near - arcs.miss[m, None] - _growth(one, one, parts[:, 1:], sigmas)
-    lost = np.where(near < level[n[m], k[m], None], parts[:, :-1], np.inf)
-    _lower(found, n[m], k[m], near, parts[:, :-1], lost)
-
-
-def _note(found: tuple[Any, Any, Any], near: Any, began: Any) -> None:
-    """Take the smallest of what is clear, ``[N, L, K]``."""
-    least, when, _loss = found
-    leg = np.argmin(near, axis=1)
-    least[...] = np.take_along_axis(near, leg[:, None], 1)[:, 0]
-    when[...] = np.maximum(np.take_along_axis(began, leg, 1), 0.0)
-
-
-def _lower(found: tuple[Any, Any, Any], n: Any, k: Any, near: Any, time: Any, lost: Any) -> None:
-    """Lower what is known by parts ``[m, P]`` of pairs (n, k)."""
-    least, when, loss = found
-    part = np.argmin(near, axis=1)[:, None]
-    value, at = np.take_along_axis(near, part, 1)[:, 0], np.take_along_axis(time, part, 1)[:, 0]
-    order = np.lexsort((at, value, k, n))
-    first = order[np.flatnonzero(np.diff(n[order], prepend=-1) | np.diff(k[order], prepend=-1))]
-    closer = first[value[first] < least[n[first], k[first]]]
-    least[n[closer], k[closer]], when[n[closer], k[closer]] = value[closer], np.maximum(at[closer], 0.0)
-    np.minimum.at(loss, (n, k), np.maximum(lost.min(axis=1), 0.0))
+    pair = n[m], k[m]
+    lost = np.min(np.where(near < level[pair][:, None], parts[:, :-1], np.inf), axis=1)
+    np.minimum.at(found.separation, pair, near.min(axis=1))
+    np.minimum.at(found.loss, pair, np.maximum(lost, 0.0))
 
 
 def _chord(x0: Any, y0: Any, x1: Any, y1: Any) -> Any:

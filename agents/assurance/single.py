@@ -10,20 +10,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from agents.assurance import monitor as assurance
-from agents.assurance.conformance import Measured
 from agents.assurance.inputs import Inputs
 from agents.assurance.state import Decision, Flown, Monitor, State
 from agents.assurance.thresholds import OUTSIDE, Cause, Thresholds
 from agents.planner.answer import Plan
 from agents.planner.request import Intruder, reported
-from agents.planner.traffic import Traffic, advanced
+from agents.planner.traffic import advanced
 from envs.kinematics import VehicleState
 from envs.trees import mapped, take
 from envs.waypoints import Knots, Waypoint, knots
 
-__all__ = ["Ask", "Verdict", "Watch", "Why", "activate", "answer", "begin", "deactivate", "reasons", "step"]
+__all__ = ["Ask", "Verdict", "Watch", "Why", "activate", "answer", "begin", "reasons", "step"]
 
-_MISSING = VehicleState(float("nan"), float("nan"), float("nan"), float("nan"))
+_ONE = np.array([0])
+_MISSING, _NOWHERE = VehicleState(*[float("nan")] * 4), VehicleState(0.0, 0.0, 0.0, 0.0)
 
 _SAYS = {
     Cause.OWN_MISSING: ("own", "is missing, not finite or out of range"),
@@ -124,23 +124,11 @@ def activate(watch: Watch, plan: Plan, own: VehicleState, intruders: Mapping[str
         time: of the request on the monitor's clock, s.
     """
     watch = _placed(watch, (*watch.names, *(name for name in intruders if name not in watch.names)))
-    reports = [intruders.get(name) for name in watch.names]
-    traffic = _traffic(reports)
-    monitor = assurance.activate(
-        watch.monitor,
-        np.array([0]),
-        _knots(own, plan, watch.thresholds),
-        np.array([plan.safe]),
-        time,
-        traffic,
-        watch.thresholds,
-    )
-    return replace(watch, monitor=monitor)
-
-
-def deactivate(watch: Watch) -> Watch:
-    """Stop watching."""
-    return replace(watch, monitor=assurance.deactivate(watch.monitor, np.array([0])))
+    given, age = reported([intruders.get(name, Intruder(_NOWHERE)) for name in watch.names])
+    traffic = advanced(given._replace(mask=np.array([[name in intruders for name in watch.names]], dtype=bool)), age)
+    knots, thresholds = _knots(own, plan, watch.thresholds), watch.thresholds
+    safe = np.array([plan.safe])
+    return replace(watch, monitor=assurance.activate(watch.monitor, _ONE, knots, safe, time, traffic, thresholds))
 
 
 def step(
@@ -164,20 +152,10 @@ def step(
     """
     names = (*(name for name in watch.names if name not in gone), *(n for n in intruders if n not in watch.names))
     watch = _placed(watch, names)
-    reports = [intruders.get(name) for name in names]
-    states = [_MISSING if report is None else report.state for report in reports]
-    ages = [0.0 if report is None else report.age for report in reports]
-    spreads = [(0.0, 0.0) if report is None else (report.position_std, report.velocity_std) for report in reports]
-    given = Inputs(
-        np.array([time], dtype=float),
-        VehicleState(*(np.array([value], dtype=float) for value in (own or _MISSING))),
-        np.array([own_age], dtype=float),
-        _row(states),
-        np.array([ages], dtype=float),
-        np.ones((1, len(names)), dtype=bool),
-        np.array([[spread[0] for spread in spreads]], dtype=float),
-        np.array([[spread[1] for spread in spreads]], dtype=float),
-    )
+    seen, age = reported([intruders.get(name, Intruder(_MISSING)) for name in names])
+    here = VehicleState(*(np.array([value], dtype=float) for value in (own or _MISSING)))
+    now, late = np.array([time], dtype=float), np.array([own_age], dtype=float)
+    given = Inputs(now, here, late, seen.state, age, seen.mask, seen.position_std, seen.velocity_std)
     monitor, decision = assurance.step(watch.monitor, given, watch.thresholds)
     asked = _ask(monitor, decision, watch.thresholds) if decision.replan[0] else None
     backup = _waypoints(monitor) if np.isfinite(monitor.backup.started[0]) else ()
@@ -191,9 +169,8 @@ def answer(watch: Watch, number: int, plan: Plan) -> tuple[Watch, bool]:
     if watch.ask is None or number != watch.ask.number:
         return watch, False
     given = _knots(watch.ask.own, plan, watch.thresholds)
-    monitor, taken_up = assurance.answer(
-        watch.monitor, np.array([0]), np.array([number]), given, np.array([plan.safe]), watch.thresholds
-    )
+    safe = np.array([plan.safe])
+    monitor, taken_up = assurance.answer(watch.monitor, _ONE, np.array([number]), given, safe, watch.thresholds)
     return replace(watch, monitor=monitor), bool(taken_up[0])
 
 
@@ -201,23 +178,20 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
     """Return the monitor with places for these intruders; one that had a place keeps its memory."""
     if names == watch.names:
         return watch
-    order = [watch.names.index(name) if name in watch.names else -1 for name in names]
     old, new = watch.monitor, assurance.start(1, len(names), watch.thresholds)
-    places, known = np.array(order, dtype=int), np.array(order, dtype=int) >= 0
+    into = [place for place, name in enumerate(names) if name in watch.names]
+    of = [watch.names.index(names[place]) for place in into]
 
     def moved(fresh: np.ndarray, had: np.ndarray) -> np.ndarray:
         result = np.array(fresh)
-        result[:, known] = had[:, places[known]]
+        result[:, into] = had[:, of]
         return result
 
     given = {
         name: mapped(moved, getattr(new.memory, name), getattr(old.memory, name))
         for name in ("intruders", "seen", "turn_rate", "position_std", "velocity_std", "drift")
     }
-    rest = {
-        name: mapped(moved, getattr(new, name), getattr(old, name))
-        for name in ("expected", "required_separation", "request_traffic", "request_separation")
-    }
+    rest = {name: mapped(moved, getattr(new, name), getattr(old, name)) for name in ("expected", "request_traffic")}
     return replace(watch, monitor=old._replace(memory=old.memory._replace(**given), **rest), names=names)
 
 
@@ -240,7 +214,7 @@ def _ask(monitor: Monitor, decision: Decision, thresholds: Thresholds) -> Ask:
 
 def reasons(decision: Decision, thresholds: Thresholds) -> tuple[Why, ...]:
     """Return the causes of one second in words."""
-    now = Measured(*(float(field[0]) for field in decision[-7:]))
+    now = take(decision, 0)
     return tuple(
         Why(cause, field, f"{field} {says.format(now=now, **vars(thresholds))}")
         for cause, (field, says) in _SAYS.items()
@@ -259,14 +233,3 @@ def _knots(own: VehicleState, plan: Plan, thresholds: Thresholds) -> Knots:
 def _waypoints(monitor: Monitor) -> tuple[Waypoint, ...]:
     rows = np.stack([field[0] for field in monitor.backup.knots], axis=-1)[1:].tolist()
     return tuple(Waypoint(index, *row) for index, row in enumerate(rows))
-
-
-def _traffic(reports: Sequence[Intruder | None]) -> Traffic:
-    """Return intruders at the request as the planner takes their reports, ``[1, K]``; absent where there is none."""
-    given, age = reported([report or Intruder(VehicleState(0.0, 0.0, 0.0, 0.0)) for report in reports])
-    return advanced(given._replace(mask=np.array([[report is not None for report in reports]], dtype=bool)), age)
-
-
-def _row(states: Sequence[VehicleState]) -> VehicleState:
-    table = np.array([list(state) for state in states], dtype=float).reshape(len(states), 4)
-    return VehicleState(table[None, :, 0], table[None, :, 1], table[None, :, 2], table[None, :, 3])

@@ -11,7 +11,7 @@ from agents.assurance.lookahead import Course, course
 from agents.assurance.thresholds import Thresholds
 from agents.planner.traffic import Traffic
 from envs.kinematics import VehicleState
-from envs.waypoints import Knots, Legs, legs
+from envs.waypoints import Knots, legs
 
 __all__ = ["Decision", "Flown", "Monitor", "State", "placeholder", "start"]
 
@@ -57,8 +57,6 @@ class Monitor(NamedTuple):
     """Number of the request that the active plan answers; 0 for the one activated with, -1 without a plan."""
     expected: Traffic
     """The intruders that the active plan was made with, ``[N, K]``."""
-    required_separation: Any
-    """Separations that the active plan was required to keep, m, ``[N, K]``."""
     sums: Any
     """Leaky sums of cross-track (m s), along-track (m s) and time error (s s), ``[N, 3]``."""
     requested: Any
@@ -69,11 +67,7 @@ class Monitor(NamedTuple):
     """Number of the last request that was answered."""
     request_traffic: Traffic
     """The intruders of the last request, ``[N, K]``."""
-    request_separation: Any
-    """Separations that its answer must keep, m, ``[N, K]``."""
     backup: Backup
-    backup_legs: Legs
-    """``[N, L]``."""
 
 
 class Decision(NamedTuple):
@@ -113,7 +107,7 @@ def start(count: int, intruders: int, thresholds: Thresholds) -> Monitor:
     no, zero, none = np.zeros(count, dtype=bool), np.zeros(count), np.full(count, -1)
     absent = np.zeros((count, intruders), dtype=bool)
     no_traffic = Traffic.straight(VehicleState(*(np.zeros(absent.shape) for _ in range(4))), absent)
-    straight, backup = placeholder(count, thresholds), resting(count, thresholds)
+    straight = placeholder(count, thresholds)
     return Monitor(
         state=np.zeros(count, dtype=np.int8),
         on_backup=no.copy(),
@@ -123,15 +117,12 @@ def start(count: int, intruders: int, thresholds: Thresholds) -> Monitor:
         started=zero.copy(),
         revision=none,
         expected=no_traffic,
-        required_separation=np.full((count, intruders), np.inf),
         sums=np.zeros((count, 3)),
         requested=np.zeros(count, dtype=np.int64),
         requested_at=zero - np.inf,
         answered=np.zeros(count, dtype=np.int64),
         request_traffic=no_traffic,
-        request_separation=np.full((count, intruders), np.inf),
-        backup=backup,
-        backup_legs=legs(backup.knots),
+        backup=resting(count, thresholds),
     )
 
 

@@ -11,9 +11,9 @@ from agents.manoeuvres.direct_to_goal import EVERY, clear
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly_away, takeoff
 from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
-from agents.planner.request import Request, required_separation
+from agents.planner.request import Request
 from agents.planner.rollout import Rollout
-from agents.planner.traffic import predicted, uncertainty
+from agents.planner.traffic import predicted, required, uncertainty
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState
 from envs.relative import leg_separation
@@ -168,7 +168,7 @@ def _scene(request: Request, options: Options, last: int) -> _Scene:
         growth = options.requirement.sigmas * (uncertainty(traffic, times[1:]) - uncertainty(traffic, 0.0))
     return _Scene(
         predicted(traffic, times),
-        np.where(traffic.mask, required_separation(request, options), -np.inf),
+        np.where(traffic.mask, required(traffic, request.own, options.requirement), -np.inf),
         stride,
         growth,
     )

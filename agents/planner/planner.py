@@ -18,8 +18,9 @@ from agents.planner.candidates import empty, evaluate, keep_best
 from agents.planner.certificate import certificate
 from agents.planner.options import Options, task_of
 from agents.planner.publish import Plans, published
-from agents.planner.request import Altitude, Intruder, Request, checked, eligible, finite, required_separation
+from agents.planner.request import Altitude, Intruder, Request, checked, eligible, finite
 from agents.planner.rollout import roll
+from agents.planner.traffic import required
 from agents.policy.domain import departures
 from agents.policy.inference import OutsideDomainError, Policy
 from envs.kinematics import VehicleState
@@ -127,8 +128,8 @@ def _planned(request: Request, policy: Policy, options: Options, budget: Budget,
             break
         part, goal = request if rows.size == count else take(request, rows), goals[rows, choice]
         to = part.route_x[np.arange(rows.size), goal], part.route_y[np.arange(rows.size), goal]
-        required = required_separation(part, options) + options.slack
-        flown = roll(part.own, part.traffic, to, required, policy, task_of(options), budget, floats=floats)
+        owed = required(part.traffic, part.own, options.requirement) + options.slack
+        flown = roll(part.own, part.traffic, to, owed, policy, task_of(options), budget, floats=floats)
         plans = evaluate(part, flown, goal, options)
         wanting = ~plans.safe | (plans.cost > options.fallback_cost_threshold)
         if count == 1 and choice == 0 and not wanting[0]:

@@ -11,7 +11,7 @@ from agents.planner.answer import Excluded, RequestError
 from agents.planner.fields import real, sequence, shown
 from agents.planner.options import Options, check, speed_range
 from agents.planner.separation import same_flight
-from agents.planner.traffic import Traffic, advanced, required
+from agents.planner.traffic import Traffic, advanced
 from envs.kinematics import FASTEST, VehicleState
 from envs.waypoints import RoutePoint
 
@@ -24,7 +24,6 @@ __all__ = [
     "eligible",
     "finite",
     "reported",
-    "required_separation",
 ]
 
 _FARTHEST = 1e6
@@ -173,13 +172,6 @@ def eligible(request: Request, options: Options) -> Any:
     inside = chosen < points[:, None]
     chosen = np.where(inside, chosen, 0)
     return np.where(inside & np.take_along_axis(near & exists, chosen, 1), chosen, -1)
-
-
-def required_separation(request: Request, options: Options) -> Any:
-    """Return the separation required from each intruder, m, ``[N, K]``; see :func:`agents.planner.traffic.required`."""
-    own, other = request.own, request.traffic.state
-    away = np.hypot(other.x - own.x[:, None], other.y - own.y[:, None])
-    return required(request.traffic, away, options.requirement)
 
 
 def _state(name: str, state: Any) -> VehicleState:

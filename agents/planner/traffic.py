@@ -97,7 +97,7 @@ def uncertainty(traffic: Traffic, time: Any) -> Any:
     return np.sqrt(traffic.position_std**2 + drift * drift)
 
 
-def required(traffic: Traffic, distance: Any, requirement: Requirement) -> Any:
+def required(traffic: Traffic, own: VehicleState, requirement: Requirement) -> Any:
     """Return the separation required from each intruder before uncertainty grows, m, ``[..., K]``.
 
     Where the request begins inside the margin, the present distance must not decrease; it is never less than the
@@ -105,8 +105,9 @@ def required(traffic: Traffic, distance: Any, requirement: Requirement) -> Any:
 
     Args:
         traffic: ``[..., K]``.
-        distance: to the intruders at the request, m, ``[..., K]``.
+        own: at the request, ``[...]``; only its place counts.
         requirement: on the separation.
     """
+    away = np.hypot(traffic.state.x - own.x[..., None], traffic.state.y - own.y[..., None])
     wanted = requirement.separation + requirement.margin + requirement.sigmas * uncertainty(traffic, 0.0)
-    return np.maximum(requirement.separation, np.minimum(wanted, distance))
+    return np.maximum(requirement.separation, np.minimum(wanted, away))

@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.planner.separation import FINE, along, blur, chords, growth
 from agents.planner.traffic import Requirement, Traffic, required
-from envs.kinematics import Limits
+from envs.kinematics import Limits, VehicleState
 from envs.trees import mapped, take
 from envs.waypoints import ARCS, CLOSED, Knots, Legs, legs
 
@@ -158,9 +158,7 @@ def _separation(
     if rows.size == 0 or traffic.mask.shape[-1] == 0:
         return
     own, seen = (curves, traffic) if sound.all() else take((curves, traffic), rows)
-    start_x, start_y = knots.x[rows, 0, None], knots.y[rows, 0, None]
-    now = np.hypot(seen.state.x - start_x, seen.state.y - start_y)
-    base = required(seen, now, requirement)
+    base = required(seen, VehicleState(*(field[rows, 0] for field in knots[:4])), requirement)
     present = seen.mask
 
     # Arcs in one row: [n, A] with their ends, and against every intruder [n, A, K].

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.planner.options import Options, task_of
-from agents.planner.request import Request, required_separation
+from agents.planner.request import Request
 from agents.planner.rollout import roll
-from agents.planner.traffic import predicted
+from agents.planner.traffic import predicted, required
 from agents.policy.inference import Policy
 from envs.backend import FLOATS
 from envs.c208.air_mass import Wind, over_ground
@@ -83,11 +83,11 @@ def rolled(request: Request, goal: int, policy: Policy, options: Options) -> Veh
 
     It leads to the route's point ``goal`` and ends where the planner took over: the way back was clear, or it is there.
     """
-    task, required = task_of(options), required_separation(request, options) + options.slack
+    task, owed = task_of(options), required(request.traffic, request.own, options.requirement) + options.slack
     state = VehicleState(*(float(field[0]) for field in request.own))
     to = float(request.route_x[0, goal]), float(request.route_y[0, goal])
     there = request.route_x[:, goal], request.route_y[:, goal]
-    until = float(roll(request.own, request.traffic, there, required, policy, task, floats=True).time[0])
+    until = float(roll(request.own, request.traffic, there, owed, policy, task, floats=True).time[0])
     states = [state]
     for step in range(0 if math.isnan(until) else round(until / task.dt)):
         seen = predicted(request.traffic, step * task.dt)

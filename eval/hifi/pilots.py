@@ -146,7 +146,7 @@ class Assured:
         began = float((monitor.backup.started if backup else monitor.started)[0])
         flies = (backup, began, float(monitor.backup.course[0]) if backup else int(monitor.revision[0]))
         if flies != self._flies:
-            curves = take(monitor.backup_legs if backup else monitor.plan.legs, 0)
+            curves = take(monitor.backup.legs if backup else monitor.plan.legs, 0)
             self._guide = Guide(Path(curves, self._frame, began), self._gains)
             self._flies = flies
 

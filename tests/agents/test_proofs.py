@@ -164,7 +164,9 @@ def test_requirement_is_the_proven_one() -> None:
         traffic = traffic._replace(position_std=one + std, velocity_std=one + vstd, age=one + age)
         spread = COQ["norm"](std, vstd * age)
         base = COQ["required"](asked.separation, asked.margin, asked.sigmas, spread, away)
-        assert required(traffic, one + away, asked)[0, 0] == pytest.approx(base)
+        assert required(traffic, VehicleState(*np.full((4, 1), away / math.sqrt(2.0))), asked)[0, 0] == pytest.approx(
+            base
+        )
         grown = separation.growth(traffic, np.array([[time]]), asked)
         assert grown.item() == pytest.approx(COQ["growth"](asked.sigmas, std, vstd, age, time), abs=1e-9)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agents.assurance import single as watching
-from agents.assurance.backup import STEPS, Backup, flown, refreshed, search
+from agents.assurance.backup import STEPS, flown, refreshed, resting, search
 from agents.assurance.lookahead import course, outlook
 from agents.assurance.monitor import Cause, Flown, State, Thresholds
 from agents.planner.answer import Plan, Status
@@ -121,21 +121,21 @@ def test_a_search_returns_a_safe_backup_or_the_clearest() -> None:
 def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -> None:
     zero = np.zeros(1)
     own = VehicleState(zero, zero, zero, zero + 75.0)
-    none = Backup(zero, zero, flown(own, zero, zero, THRESHOLDS), zero + np.nan, zero, zero > 1, zero > 1)
+    none = resting(1, THRESHOLDS)
     away = Traffic.straight(other(9_000.0, 0.0, math.pi))
-    first, _ = refreshed(none, own, away, zero, THRESHOLDS)
+    first = refreshed(none, own, away, zero, THRESHOLDS)
     assert first.searched[0] and first.safe[0] and first.course[0] != 0.0
     moved = own._replace(x=own.x + 75.0)
-    second, curves = refreshed(first, moved, away, zero + 1.0, THRESHOLDS)
+    second = refreshed(first, moved, away, zero + 1.0, THRESHOLDS)
     assert not second.searched[0] and second.safe[0] and second.started[0] == 1.0
     assert second.course[0] == first.course[0] and second.knots.x[0, 0] == 75.0
-    np.testing.assert_allclose(curves.x[0, 0, 0], 75.0)
+    np.testing.assert_allclose(second.legs.x[0, 0, 0], 75.0)
     into = Traffic.straight(
         other(6_000.0 * math.cos(first.course[0]), 6_000.0 * math.sin(first.course[0]), first.course[0] + math.pi)
     )
-    third, curves = refreshed(second, moved, into, zero + 2.0, THRESHOLDS)
+    third = refreshed(second, moved, into, zero + 2.0, THRESHOLDS)
     assert third.searched[0] and third.safe[0] and third.course[0] != first.course[0]
-    np.testing.assert_allclose(curves.heading[0, -1, 0], third.knots.heading[0, -2], atol=1e-6)
+    np.testing.assert_allclose(third.legs.heading[0, -1, 0], third.knots.heading[0, -2], atol=1e-6)
 
 
 def test_on_top_of_an_intruder_there_is_still_a_backup() -> None:
@@ -155,10 +155,10 @@ def test_an_unsafe_backup_is_exchanged_for_much_more_clearance_only() -> None:
     best = search(own, near, zero, THRESHOLDS)
     assert not best.safe[0]
     slightly = best._replace(course=best.course - 0.02 * np.sign(best.course))
-    kept, _ = refreshed(slightly, own, near, zero + 1.0, THRESHOLDS)
+    kept = refreshed(slightly, own, near, zero + 1.0, THRESHOLDS)
     assert kept.clearance[0] < best.clearance[0] and not kept.searched[0] and not kept.safe[0]
     wrong = best._replace(course=zero, speed=zero + 75.0)
-    changed, _ = refreshed(wrong, own, near, zero + 1.0, THRESHOLDS)
+    changed = refreshed(wrong, own, near, zero + 1.0, THRESHOLDS)
     assert changed.searched[0] and changed.course[0] == best.course[0]
 
 
@@ -226,7 +226,6 @@ def test_an_intruder_that_is_not_reported_is_missing_until_it_is_gone(first: Pla
     watch, verdict = watching.step(watch, 3.0, None, {})
     assert verdict.state is State.DENIED and verdict.backup
     assert [why.message for why in verdict.reasons] == ["own is missing, not finite or out of range"]
-    assert watching.step(watching.deactivate(watch), 4.0, None, {})[1].state is State.IDLE
 
 
 def test_every_cause_has_its_words(first: Plan) -> None:

@@ -247,13 +247,6 @@ def test_a_plan_that_ends_asks_for_another() -> None:
     assert causes_of(monitor) == Cause.PLAN_ENDING
 
 
-def test_a_deactivated_monitor_is_idle_and_takes_no_late_answer() -> None:
-    monitor, decision = tell(flying(), 0.0, on_plan(0.0, left=30.0))
-    monitor = assurance.deactivate(monitor, np.array([0]))
-    monitor, accepted = reply(monitor, decision, safe=True)
-    assert state_of(monitor) is State.IDLE and not accepted.any()
-
-
 def test_references_lead_along_the_plan_or_the_backup() -> None:
     monitor, decision = tell(flying(), 7.0)
     states = assurance.references(monitor, 7.0, 0.5, 4)
@@ -307,6 +300,5 @@ def test_the_monitor_never_changes_what_it_is_given() -> None:
     reply(monitor, decision, safe=True, knots=Knots(*straight(0.0)))
     reply(monitor, decision, safe=False)
     tell(monitor, 1.0, seen=opposing(1.0))
-    assurance.deactivate(monitor, np.array([0]))
     for old, new in zip(before, flat(monitor), strict=True):
         np.testing.assert_array_equal(old, new)

@@ -232,7 +232,7 @@ def test_one_velocity_error_counts_from_the_report_on(report: Intruder, time: fl
     whole = math.hypot(40.0, 3.0 * (abs(report.age) + time))
     assert uncertainty(now, time).item() == pytest.approx(whole)
     asked = Requirement(1_000.0, 0.0, 2.0)
-    need = required(now, np.full((1, 1), 1e6), asked) + growth(now, np.array([[time]]), asked)[0]
+    need = required(now, VehicleState(*np.full((4, 1), 1e7)), asked) + growth(now, np.array([[time]]), asked)[0]
     assert need.item() == pytest.approx(1_000.0 + 2.0 * whole)
 
 

@@ -239,7 +239,7 @@ def test_uncertainty_enlarges_what_is_required() -> None:
 @pytest.mark.parametrize("distance", [1_000.0, 1_000.01, 1_020.0, 1_049.99, 1_050.0, 1_500.0])
 def test_a_start_inside_the_margin_must_only_not_come_closer(distance: float) -> None:
     one = Traffic.straight(VehicleState(*(np.array([[value]]) for value in (0.0, distance, 0.0, 80.0))))
-    need = required(one, np.array([[distance]]), Requirement(1_000.0, 50.0))
+    need = required(one, VehicleState(*np.zeros((4, 1))), Requirement(1_000.0, 50.0))
     assert need[0, 0] == min(distance, 1_050.0)
     times = 20.0 * np.arange(6.0)[None]
     knots = Knots(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
