@@ -91,6 +91,11 @@ class Reason:
     y: float | None = None
     """North, m."""
 
+    @classmethod
+    def of(cls, kind: Kind, field: str, what: str, *place: float) -> "Reason":
+        """Return a reason whose message begins with the field; ``place`` is time, x and y, or nothing."""
+        return cls(kind, field, f"{field} {what}", *place)
+
 
 @dataclass(frozen=True, slots=True)
 class Excluded:

@@ -30,10 +30,10 @@ def audit(
     """
     found = []
     if len(waypoints) != count:
-        found.append(_reason(Kind.COUNT, "waypoints", f"are {len(waypoints)}, expected {count}"))
+        found.append(Reason.of(Kind.COUNT, "waypoints", f"are {len(waypoints)}, expected {count}"))
     for number, point in enumerate(waypoints):
         if not all(map(math.isfinite, (point.x, point.y, point.heading, point.speed, point.time))):
-            found.append(_reason(Kind.NOT_FINITE, f"waypoints[{number}]", "is not finite"))
+            found.append(Reason.of(Kind.NOT_FINITE, f"waypoints[{number}]", "is not finite"))
     taken = Counter(point.index for point in waypoints)
     taken.update(point.index for point in route)
     ends_route = bool(waypoints) and waypoints[-1].index in {point.index for point in route}
@@ -41,7 +41,7 @@ def audit(
         last = number == len(waypoints) - 1
         if taken[point.index] > (2 if last and ends_route else 1):
             what = f"has index {point.index}, which another waypoint or a point of the route has too"
-            found.append(_reason(Kind.INDICES, f"waypoints[{number}]", what, point))
+            found.append(Reason.of(Kind.INDICES, f"waypoints[{number}]", what, point.time, point.x, point.y))
     if waypoints:
         found += _last(waypoints[-1], len(waypoints) - 1, route, extended)
     return found
@@ -58,20 +58,16 @@ def _last(point: Waypoint, number: int, route: Sequence[RoutePoint], extended: b
         dx, dy = end.x - before.x, end.y - before.y
         length = math.hypot(dx, dy)
         if length <= 0.0:
-            return [_reason(Kind.OFF_ROUTE, name, "cannot be on a route whose last leg has no length", point)]
+            return [_off_route(point, name, "cannot be on a route whose last leg has no length")]
         along = ((point.x - end.x) * dx + (point.y - end.y) * dy) / length
         # Behind the route's end the nearest point of the line's extension is that end.
         along = max(along, 0.0)
         off = math.hypot(point.x - end.x - along * dx / length, point.y - end.y - along * dy / length)
         wanted = "the line on which the route goes on"
     else:
-        return [_reason(Kind.OFF_ROUTE, name, f"has index {point.index}, which no point of the route has", point)]
-    if off <= ON_ROUTE:
-        return []
-    return [_reason(Kind.OFF_ROUTE, name, f"is {off:.3f} m off {wanted}", point)]
+        return [_off_route(point, name, f"has index {point.index}, which no point of the route has")]
+    return [] if off <= ON_ROUTE else [_off_route(point, name, f"is {off:.3f} m off {wanted}")]
 
 
-def _reason(kind: Kind, name: str, what: str, point: Waypoint | None = None) -> Reason:
-    if point is None:
-        return Reason(kind, name, f"{name} {what}")
-    return Reason(kind, name, f"{name} {what}", point.time, point.x, point.y)
+def _off_route(point: Waypoint, name: str, what: str) -> Reason:
+    return Reason.of(Kind.OFF_ROUTE, name, what, point.time, point.x, point.y)

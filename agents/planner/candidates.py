@@ -12,8 +12,6 @@ from agents.planner.validator import Findings, validate
 from envs.trees import scatter, take
 from envs.waypoints import Knots
 
-__all__ = ["REVERSAL_WEIGHT", "TIME_WEIGHT", "Proposals", "empty", "evaluate", "is_better", "keep_best"]
-
 TIME_WEIGHT = 0.25
 """Cost of a metre that the time beyond the straight line would have covered."""
 
@@ -104,21 +102,16 @@ def keep_best(best: Proposals, rows: Any, plans: Proposals) -> Any:
     Returns:
         The numbers of the requests that have a better plan now.
     """
-    found = plans.findings
-    unsafe = np.where(found.legal, 1e6, 2e6) - 0.1 * np.clip(found.clearance, -1e5, 1e5)
-    key = np.where(plans.safe, plans.cost, unsafe)
-    order = np.lexsort((key, ~plans.safe, rows))
+    order = np.lexsort((*_merits(plans), rows))
     row, first = np.unique(rows[order], return_index=True)
-    chosen = take(plans, order[first])
-    gain = is_better(chosen, take(best, row))
+    chosen, gain = take(plans, order[first]), False
+    for new, old in zip(_merits(chosen), _merits(take(best, row)), strict=True):
+        gain = (new < old) | ((new == old) & gain)
     scatter(best, row[gain], take(chosen, gain))
     return row[gain]
 
 
-def is_better(a: Proposals, b: Proposals) -> Any:
-    """Return where ``a`` is better than ``b``: safe and cheaper; if neither is safe, legal and clearer, ``[N]``."""
-    a_safe, b_safe = a.safe, b.safe
-    a_legal, b_legal = a.findings.legal, b.findings.legal
-    cheaper = a_safe & (~b_safe | (a.cost < b.cost))
-    clearer = (a_legal > b_legal) | ((a_legal == b_legal) & (a.findings.clearance > b.findings.clearance))
-    return cheaper | (~a_safe & ~b_safe & clearer)
+def _merits(plans: Proposals) -> tuple[Any, Any, Any]:
+    """Return what plans are compared by, less is better: cost of safe ones, else clearance; legality; safety."""
+    safe, found = plans.safe, plans.findings
+    return np.where(safe, plans.cost, -found.clearance), ~found.legal, ~safe

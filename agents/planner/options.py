@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 from agents.manoeuvres.direct_to_goal import EVERY, Task
@@ -31,6 +32,16 @@ up (measured: docs/explanation/planner.md)."""
 _ORDINARY = 0.0524  # rad of turn in a time step, to which margins and resolutions were measured
 _RESERVE = 0.75  # of turn rate and acceleration, for curves that take 4/3 of what was flown
 _TURN_SHARE = 2.0 / 3.0  # of the turn rate, for turns along the route
+
+_KINDS: dict[str, type] = {"aircraft": Aircraft, "aircraft.limits": Limits, "requirement": Requirement}
+_KINDS |= dict.fromkeys(("limits", "manoeuvre"), Limits) | dict.fromkeys(("direct", "extend_route", "exhaustive"), bool)
+_LIMITS: tuple[tuple[str, float, float, str], ...] = (
+    ("speed_min", 0.0, FASTEST.speed_max, "m/s"),
+    ("speed_max", 1e-3, 1.01 * FASTEST.speed_max, "m/s"),
+    ("acceleration_min", 2.0 * FASTEST.acceleration_min, 0.0, "m/s^2"),
+    ("acceleration_max", 1e-6, 2.0 * FASTEST.acceleration_max, "m/s^2"),
+    ("yaw_rate_max", 1e-5, 2.0 * FASTEST.yaw_rate_max, "rad/s"),
+)
 
 
 def agility(aircraft: Aircraft) -> float:
@@ -204,12 +215,11 @@ def check(options: Options) -> None:
     """
     if not isinstance(options, Options):
         raise RequestError("options", f"is {type(options).__name__}, expected Options")
-    kinds: dict[str, type] = {"aircraft": Aircraft, "requirement": Requirement, "limits": Limits, "manoeuvre": Limits}
-    for name, kind in kinds.items():
-        if not isinstance(getattr(options, name), kind):
-            raise RequestError(f"options.{name}", f"is {shown(getattr(options, name))}, expected {kind.__name__}")
-    if not isinstance(options.aircraft.limits, Limits):
-        raise RequestError("options.aircraft.limits", f"is {shown(options.aircraft.limits)}, expected Limits")
+    for name, kind in _KINDS.items():
+        value = attrgetter(name)(options)
+        if not isinstance(value, kind):
+            expected = "True or False" if kind is bool else kind.__name__
+            raise RequestError(f"options.{name}", f"is {shown(value)}, expected {expected}")
     numbers = options.aircraft.limits._asdict() | options.aircraft._asdict()
     for name, value in numbers.items():
         if name != "limits":
@@ -218,48 +228,31 @@ def check(options: Options) -> None:
         new_aircraft(**options.aircraft._asdict())
     except AircraftError as problem:
         raise RequestError("options.aircraft", f"cannot be: {problem}") from None
-    _numbers(options)
-    for name in ("direct", "extend_route", "exhaustive"):
-        if not isinstance(getattr(options, name), bool):
-            raise RequestError(f"options.{name}", f"is {shown(getattr(options, name))}, expected True or False")
+    for name, low, high, step in (("waypoints", 4, 400, 1), ("spacing", EVERY, 400, EVERY), ("goals", 1, 100, 1)):
+        value = getattr(options, name)
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high or value % step:
+            expected = f"an integer from {low} to {high}" + (f", a multiple of {step}" if step > 1 else "")
+            raise RequestError(f"options.{name}", f"is {shown(value)}, expected {expected}")
+    if options.last_free > LONGEST:
+        what = f"makes plans of {options.last_free:g} s and more, expected {LONGEST:g} s at most"
+        raise RequestError("options.spacing", what)
+    for name, low, high, unit in (
+        ("requirement.separation", 1.0, 1e6, "m"),
+        ("requirement.margin", 0.0, 50.0 * options.aircraft.separation, "m"),
+        ("requirement.sigmas", 0.0, 10.0, "sigmas"),
+        ("rejoin_by", options.interval, options.latest_rejoin, "s"),
+        ("vertical_filter", 0.0, 50_000.0, "m"),
+        ("max_age", 0.0, 60.0 * options.aircraft.dt, "s"),
+        ("fallback_cost_threshold", 0.0, math.inf, "m"),
+        ("deadline_s", 0.0, math.inf, "s"),
+        *((f"{of}.{limit}", *bounds) for of in ("limits", "manoeuvre") for limit, *bounds in _LIMITS),
+    ):
+        real(f"options.{name}", attrgetter(name)(options), low, high, unit)
+    for name, limits in (("limits", options.limits), ("manoeuvre", options.manoeuvre)):
+        if limits.speed_min >= limits.speed_max:
+            what = f"is {limits.speed_min:g} m/s, expected less than speed_max, {limits.speed_max:g} m/s"
+            raise RequestError(f"options.{name}.speed_min", what)
     circle = 2.0 * math.pi / options.manoeuvre.yaw_rate_max
     if circle > options.last_free:
         what = f"makes a full circle of {circle:.0f} s, expected at most the plan's {options.last_free:.0f} s"
         raise RequestError("options.manoeuvre.yaw_rate_max", what)
-
-
-def _numbers(options: Options) -> None:
-    for name, low, high, step in (("waypoints", 4, 400, 1), ("spacing", EVERY, 400, EVERY), ("goals", 1, 100, 1)):
-        value = getattr(options, name)
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high or value % step:
-            multiple = f", a multiple of {step}" if step > 1 else ""
-            raise RequestError(
-                f"options.{name}", f"is {shown(value)}, expected an integer from {low} to {high}{multiple}"
-            )
-    if options.last_free > LONGEST:
-        what = f"makes plans of {options.last_free:g} s and more, expected {LONGEST:g} s at most"
-        raise RequestError("options.spacing", what)
-    wanted, size = options.requirement, 50.0 * options.aircraft.separation
-    for name, value, low, high, unit in (
-        ("requirement.separation", wanted.separation, 1.0, 1e6, "m"),
-        ("requirement.margin", wanted.margin, 0.0, size, "m"),
-        ("requirement.sigmas", wanted.sigmas, 0.0, 10.0, "sigmas"),
-        ("rejoin_by", options.rejoin_by, options.interval, options.latest_rejoin, "s"),
-        ("vertical_filter", options.vertical_filter, 0.0, 50_000.0, "m"),
-        ("max_age", options.max_age, 0.0, 60.0 * options.aircraft.dt, "s"),
-        ("fallback_cost_threshold", options.fallback_cost_threshold, 0.0, math.inf, "m"),
-        ("deadline_s", options.deadline_s, 0.0, math.inf, "s"),
-    ):
-        real(f"options.{name}", value, low, high, unit)
-    for name, limits in (("limits", options.limits), ("manoeuvre", options.manoeuvre)):
-        for limit, low, high, unit in (
-            ("speed_min", 0.0, FASTEST.speed_max, "m/s"),
-            ("speed_max", 1e-3, 1.01 * FASTEST.speed_max, "m/s"),
-            ("acceleration_min", 2.0 * FASTEST.acceleration_min, 0.0, "m/s^2"),
-            ("acceleration_max", 1e-6, 2.0 * FASTEST.acceleration_max, "m/s^2"),
-            ("yaw_rate_max", 1e-5, 2.0 * FASTEST.yaw_rate_max, "rad/s"),
-        ):
-            real(f"options.{name}.{limit}", getattr(limits, limit), low, high, unit)
-        if limits.speed_min >= limits.speed_max:
-            what = f"is {limits.speed_min:g} m/s, expected less than speed_max, {limits.speed_max:g} m/s"
-            raise RequestError(f"options.{name}.speed_min", what)

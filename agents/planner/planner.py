@@ -8,6 +8,7 @@ pipeline (:mod:`agents.planner.candidates`): completed to a plan, validated, kep
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -64,26 +65,18 @@ def plan(
         policy.check_intruders(len(kept))
     except OutsideDomainError as problem:
         raise RequestError("intruders", f"are too many: {problem}") from None
-    budget = Budget(options.deadline_s)
-    plans = _planned(request, policy, options, budget, floats=True)
-    answer = published(request, plans, route, excluded, kept, options, tuple(budget.skipped))
-    said = [answer.advisory, *departures(policy.domain, _of_domain(intruders)), *_unlike(request, policy, options)]
-    answer = replace(answer, advisory="; ".join(filter(None, said)) or None)
-    if not answer.safe:
-        return answer
-    start = VehicleState(*(float(field[0]) for field in request.own))
-    asked = (start, tuple(intruders), answer.waypoints, excluded, own_altitude, options)
-    return replace(answer, certify=partial(certificate, *asked))
-
-
-def _unlike(request: Request, policy: Policy, options: Options) -> list[str]:
-    """Return how one request is unlike what the policy was trained with; without a point ahead it decides nothing."""
-    goal = int(eligible(request, options)[0, 0])
-    if goal < 0:
-        return []
-    own, others = (np.stack(states, axis=-1)[0].tolist() for states in (request.own, request.traffic.state))
-    place = float(request.route_x[0, goal]), float(request.route_y[0, goal])
-    return policy.departures(VehicleState(*own), [VehicleState(*one) for one in others], *place)
+    budget, goals = Budget(options.deadline_s), eligible(request, options)
+    plans = _planned(request, goals, policy, options, budget, floats=True)
+    goal = int(goals[0, 0])
+    answer = published(request, plans, goal, route, excluded, kept, options, tuple(budget.skipped))
+    one = take(request, 0)
+    start = VehicleState(*map(float, one.own))
+    said = [answer.advisory, *departures(policy.domain, _of_domain(intruders))]
+    if goal >= 0:  # without a point ahead the policy decides nothing
+        others = list(map(VehicleState, *(field.tolist() for field in one.traffic.state)))
+        said += policy.departures(start, others, float(one.route_x[goal]), float(one.route_y[goal]))
+    certify = partial(certificate, start, tuple(intruders), answer.waypoints, excluded, own_altitude, options)
+    return replace(answer, advisory="; ".join(filter(None, said)) or None, certify=certify if answer.safe else None)
 
 
 def _of_domain(intruders: Sequence[VehicleState | Intruder]) -> dict[str, list[float]]:
@@ -113,13 +106,12 @@ def plan_many(request: Request, policy: Policy, options: Options, *, floats: boo
         RequestError: a number is not finite.
     """
     finite(request)
-    return _planned(request, policy, options, Budget(), floats=floats)
+    return _planned(request, eligible(request, options), policy, options, Budget(), floats=floats)
 
 
-def _planned(request: Request, policy: Policy, options: Options, budget: Budget, *, floats: bool) -> Plans:
-    """Plan requests of which every number is finite."""
+def _planned(request: Request, goals: Any, policy: Policy, options: Options, budget: Budget, *, floats: bool) -> Plans:
+    """Plan requests of which every number is finite, to points of the route ``[N, goals]``."""
     count = request.points.size
-    goals = eligible(request, options)
     best = empty(count, options.waypoints)
     source, policy_safe = np.zeros(count, dtype=np.int8), np.zeros(count, dtype=bool)
     for choice in range(options.goals):

@@ -43,6 +43,7 @@ class Plans(NamedTuple):
 def published(
     request: Request,
     plans: Plans,
+    next_goal: int,
     route: Sequence[RoutePoint],
     excluded: tuple[Excluded, ...],
     kept: list[int],
@@ -54,6 +55,7 @@ def published(
     Args:
         request: ``[1]``.
         plans: ``[1]``.
+        next_goal: number of the first point that may be rejoined at; -1: there is none.
         route: of the request.
         excluded: intruders that were left out.
         kept: numbers of the others.
@@ -66,7 +68,7 @@ def published(
     slips += [_outlasting(one, waypoints[-1]) for one in excluded if waypoints and not waypoints[-1].time <= one.until]
     valid = bool(best.findings.safe)
     safe = valid and not slips
-    reasons = tuple(slips) if valid else (*_reasons(request, best, kept, options), *slips)
+    reasons = tuple(slips) if valid else (*_reasons(request, best, next_goal, kept, options), *slips)
     if skipped and not safe:
         what = f"options.deadline_s of {options.deadline_s:g} s was reached before: {', '.join(skipped)}"
         reasons = (*reasons, Reason(Kind.DEADLINE, "options.deadline_s", what))
@@ -83,7 +85,7 @@ def published(
         float(best.rejoin_time),
         excluded,
         waypoints,
-        float(best.cost) if waypoints else float("nan"),
+        float(best.cost) if waypoints else np.nan,
         advisory,
         skipped,
     )
@@ -91,15 +93,14 @@ def published(
 
 def _outlasting(one: Excluded, end: Waypoint) -> Reason:
     """Return that a plan goes on longer than an intruder is known to stay above or below."""
-    name = f"intruders[{one.number}]"
     what = f"was left out until {one.until:.0f} s, expected until the plan's end at {end.time:.0f} s"
-    return Reason(Kind.SEPARATION, name, f"{name} {what}", end.time, end.x, end.y)
+    return Reason.of(Kind.SEPARATION, f"intruders[{one.number}]", what, end.time, end.x, end.y)
 
 
 def received(waypoints: tuple[Waypoint, ...]) -> Plan:
     """Return a plan as a receiver of its waypoints has it: only SAFE ones have any."""
-    nan, status = float("nan"), Status.SAFE if waypoints else Status.UNRESOLVED
-    return Plan(status, Source.NONE, (), nan, nan, None, nan, (), waypoints)
+    status = Status.SAFE if waypoints else Status.UNRESOLVED
+    return Plan(status, Source.NONE, (), np.nan, np.nan, None, np.nan, (), waypoints)
 
 
 def rechecked(
@@ -159,7 +160,7 @@ def _waypoints(best: Proposals, route: Sequence[RoutePoint]) -> tuple[Waypoint, 
     return tuple(Waypoint(index, *row) for index, row in zip(indices, rows, strict=True))
 
 
-def _reasons(request: Request, best: Proposals, kept: list[int], options: Options) -> list[Reason]:
+def _reasons(request: Request, best: Proposals, next_goal: int, kept: list[int], options: Options) -> list[Reason]:
     """Return everything that is wrong with one request ``[1]`` and its best plan ``[]``."""
     reasons = []
     requirement = options.requirement
@@ -168,23 +169,18 @@ def _reasons(request: Request, best: Proposals, kept: list[int], options: Option
     for number, far in zip(kept, apart, strict=True):
         if far < requirement.separation:
             what = f"is {far:.1f} m away at the request, expected {requirement.separation:.1f} m or more"
-            name = f"intruders[{number}]"
-            reasons.append(
-                Reason(Kind.START_IN_VIOLATION, name, f"{name} {what}", 0.0, float(own.x[0]), float(own.y[0]))
-            )
-    if eligible(request, options)[0, 0] < 0:
+            place = 0.0, float(own.x[0]), float(own.y[0])
+            reasons.append(Reason.of(Kind.START_IN_VIOLATION, f"intruders[{number}]", what, *place))
+    if next_goal < 0:
         return [*reasons, _no_goal(request, options)]
     if best.last < 0 and best.too_short:
         what = "ends before the plan does and may not be extended"
-        return [*reasons, Reason(Kind.ROUTE_TOO_SHORT, "route", f"route {what}")]
+        return [*reasons, Reason.of(Kind.ROUTE_TOO_SHORT, "route", what)]
     if best.last < 0:
         what = f"cannot be rejoined within {options.rejoin_by:g} s by any manoeuvre that was tried"
-        return [*reasons, Reason(Kind.NO_REJOIN, "route", f"route {what}")]
-    wanted = requirement.separation + requirement.margin
-    return [
-        *reasons,
-        *(_finding(best.findings, check, kept, wanted) for check in np.flatnonzero(best.findings.wrong).tolist()),
-    ]
+        return [*reasons, Reason.of(Kind.NO_REJOIN, "route", what)]
+    wanted, wrong = requirement.separation + requirement.margin, np.flatnonzero(best.findings.wrong)
+    return reasons + [_finding(best.findings, check, kept, wanted) for check in wrong.tolist()]
 
 
 def _no_goal(request: Request, options: Options) -> Reason:
@@ -193,22 +189,19 @@ def _no_goal(request: Request, options: Options) -> Reason:
     ahead = eligible(request, replace(options, rejoin_by=1e9))[0, 0] >= 0
     if ahead:
         what = f"has no point that can be reached in time; the nearest is {nearest:.0f} m away"
-        return Reason(Kind.GOAL_TOO_FAR, "route", f"route {what}")
-    return Reason(Kind.GOAL_BEHIND, "route", "route lies behind: the ownship has passed all of its points")
+        return Reason.of(Kind.GOAL_TOO_FAR, "route", what)
+    return Reason.of(Kind.GOAL_BEHIND, "route", "lies behind: the ownship has passed all of its points")
 
 
 def _finding(found: Findings, check: int, kept: list[int], wanted: float) -> Reason:
     """Return one finding of the validator as a reason."""
     kind = Kind(CHECKS[check])
-    leg, time = int(found.leg[check]), float(found.time[check])
-    x, y = float(found.x[check]), float(found.y[check])
+    time, x, y = (float(field[check]) for field in (found.time, found.x, found.y))
     if kind is Kind.SEPARATION:
-        name = f"intruders[{kept[int(found.intruder)]}]"
-        least, when = float(found.min_separation), float(found.time_of_min_separation)
-        message = (
-            f"{name} comes closer than required from {time:.1f} s on; the smallest distance to any intruder is "
-            f"{least:.1f} m at {when:.1f} s, expected {wanted:.1f} m or more"
+        what = (
+            f"comes closer than required from {time:.1f} s on; the smallest distance to any intruder is "
+            f"{found.min_separation:.1f} m at {found.time_of_min_separation:.1f} s, expected {wanted:.1f} m or more"
         )
-        return Reason(kind, name, message, time, x, y)
-    name = f"waypoints[{leg}]"
+        return Reason.of(kind, f"intruders[{kept[int(found.intruder)]}]", what, time, x, y)
+    name = f"waypoints[{found.leg[check]}]"
     return Reason(kind, name, f"the leg to {name} fails the check of {kind.value} from {time:.1f} s on", time, x, y)

@@ -18,10 +18,7 @@ from agents.policy.inference import Policy
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState, advance, commands
 from envs.relative import distance
-from envs.trees import mapped, take
-
-__all__ = ["Rollout", "roll"]
-
+from envs.trees import column, mapped, scatter, take
 
 _AHEAD = 32  # time steps for which the intruders are predicted at once; most flights take fewer
 
@@ -69,17 +66,9 @@ def roll(
         floats: roll one request after the other in plain floats: faster for fewer than about a hundred.
     """
     if floats:
-        each = [
-            _roll_one(VehicleState(*start), others, to, owed, policy, task, budget or Budget())
-            for start, others, to, owed in zip(
-                zip(*(np.asarray(field, float).tolist() for field in own), strict=True),
-                (take(traffic, slice(row, row + 1)) for row in range(np.size(own.x))),
-                zip(*(np.asarray(field, float).tolist() for field in goal), strict=True),
-                np.asarray(required)[:, None],
-                strict=True,
-            )
-        ]
-        return each[0] if len(each) == 1 else mapped(lambda *fields: np.concatenate(fields), *each)
+        requests = (take((own, traffic, goal, required), row) for row in range(np.size(own.x)))
+        each = [_roll_one(*request, policy, task, budget or Budget()) for request in requests]
+        return mapped(lambda *fields: np.concatenate(fields), *each)
     limits = task.limits
     count = np.size(own.x)
     steps = steps_of(task)
@@ -90,20 +79,15 @@ def roll(
     for step in range(steps + 1):
         time = step * task.dt
         if step % task.spacing == 0:
-            for field, value in zip(result.knots, state, strict=True):
-                field[rows, step // task.spacing] = value
+            scatter(result.knots, (rows, step // task.spacing), state)
         seen = predicted(traffic, time)
         arrived = distance(goal_x - state.x, goal_y - state.y, np) <= task.radius
         ended = arrived
         if task.direct and step % EVERY == 0:
             ended = ended | _all_clear(state, (goal_x, goal_y), seen, traffic.mask, required, time, task)
         if ended.any():
-            done = rows[ended]
-            for field, value in zip(result.end, state, strict=True):
-                field[done] = value[ended]
-            result.time[done], result.direct[done] = time, ~arrived[ended]
-            for field, value in zip(result[4:], (path, turn_sign, reversals), strict=True):
-                field[done] = value[ended]
+            landed = take((state, np.full(rows.size, time), ~arrived, path, turn_sign, reversals), ended)
+            scatter(result[1:], rows[ended], landed)
             rows, goal_x, goal_y, traffic, seen, required, state, path, turn_sign, reversals = take(
                 (rows, goal_x, goal_y, traffic, seen, required, state, path, turn_sign, reversals), ~ended
             )
@@ -122,45 +106,38 @@ def roll(
 def _roll_one(
     own: VehicleState,
     traffic: Traffic,
-    goal: tuple[float, float],
+    goal: tuple[Any, Any],
     required: Any,
     policy: Policy,
     task: Task,
     budget: Budget,
 ) -> Rollout:
-    """Roll one request in plain floats: its state and goal, intruders ``[1, K]``; fields ``[1]`` and ``[1, S]``."""
+    """Roll one request in plain floats, against intruders ``[K]``; fields ``[1]`` and ``[1, S]``."""
     limits, steps, dt = task.limits, steps_of(task), task.dt
     result = _empty(1, steps // task.spacing + 1)
-    present = np.flatnonzero(traffic.mask[0])
+    traffic, required = take(traffic, traffic.mask), required[traffic.mask].tolist()
     flown: list[list[VehicleState]] = []
-    required = required[0, present].tolist()
-    state = VehicleState(*(float(field) for field in own))
-    goal_x, goal_y = goal
+    state, (goal_x, goal_y) = VehicleState(*map(float, own)), map(float, goal)
     path, turn_sign, reversals = 0.0, 0.0, 0
     square = task.radius * task.radius
     threshold = 0.1 * limits.yaw_rate_max
     knots = []
     for step in range(steps + 1):
         if step % _AHEAD == 0:
-            flown = _tracks(traffic, present, step, dt)
+            flown = _tracks(traffic, step, dt)
         seen = [track[step % _AHEAD] for track in flown]
         if step % task.spacing == 0:
             knots.append(state)
         dx, dy = goal_x - state.x, goal_y - state.y
         arrived = dx * dx + dy * dy <= square
+        # Without intruders nothing is in the way, but the goal may be inside the turning circle.
+        way = zip(seen or [state], required or [-math.inf], strict=True)
         if arrived or (
             task.direct
             and step % EVERY == 0
-            and all(
-                clear(state, goal, other, far, step * dt, task, FLOATS)
-                for other, far in zip(seen, required, strict=True)
-            )
-            and (flown or clear(state, goal, state, -math.inf, step * dt, task, FLOATS))
+            and all(clear(state, (goal_x, goal_y), other, far, step * dt, task, FLOATS) for other, far in way)
         ):
-            for field, value in zip(result.end, state, strict=True):
-                field[0] = value
-            result.time[0], result.direct[0] = step * dt, not arrived
-            result.path[0], result.turn_sign[0], result.reversals[0] = path, turn_sign, reversals
+            scatter(result[1:], 0, (state, step * dt, not arrived, path, turn_sign, reversals))
             break
         if step == steps or (step % EVERY == 0 and budget.ends("policy")):
             break
@@ -172,18 +149,14 @@ def _roll_one(
             reversals += yaw_rate * turn_sign < 0.0
             turn_sign = 1.0 if yaw_rate > 0.0 else -1.0
         state = moved
-    for number, field in enumerate(result.knots):
-        field[0, : len(knots)] = [knot[number] for knot in knots]
+    scatter(result.knots, (0, slice(len(knots))), VehicleState(*zip(*knots, strict=True)))
     return result
 
 
-def _tracks(traffic: Traffic, present: Any, first: int, dt: float) -> list[list[VehicleState]]:
-    """Return the predicted states of one request's intruders in some time steps, in plain floats."""
-    one = Traffic(
-        VehicleState(*(field[0, present] for field in traffic.state)), *(field[0, present] for field in traffic[1:])
-    )
-    seen = predicted(one, np.arange(first, first + _AHEAD)[:, None] * dt)
-    each = (zip(*(field[:, k].tolist() for field in seen), strict=True) for k in range(present.size))
+def _tracks(traffic: Traffic, first: int, dt: float) -> list[list[VehicleState]]:
+    """Return the predicted states of intruders ``[K]`` in some time steps, in plain floats."""
+    seen = predicted(traffic, np.arange(first, first + _AHEAD)[:, None] * dt)
+    each = (zip(*(field[:, k].tolist() for field in seen), strict=True) for k in range(traffic.mask.size))
     return [list(map(VehicleState._make, track)) for track in each]
 
 
@@ -193,11 +166,8 @@ def _all_clear(
     """Return whether the direct way is clear of all intruders, ``[N]``."""
     if mask.shape[-1] == 0:
         return clear(state, goal, state, -np.inf, time, task, np)
-    own = VehicleState(*(field[:, None] for field in state))
-    to = (goal[0][:, None], goal[1][:, None])
-    # Without intruders nothing is in the way, but the goal may be inside the turning circle.
     required = np.where(mask, required, -np.inf)
-    return np.all(clear(own, to, seen, required, time, task, np), axis=-1)
+    return np.all(clear(*column((state, goal)), seen, required, time, task, np), axis=-1)
 
 
 def steps_of(task: Task) -> int:
@@ -206,7 +176,6 @@ def steps_of(task: Task) -> int:
 
 
 def _empty(count: int, points: int) -> Rollout:
-    knots = VehicleState(*(np.full((count, points), np.nan) for _ in range(4)))
-    end = VehicleState(*(np.full(count, np.nan) for _ in range(4)))
-    time, path, turn_sign, reversals = (np.full(count, np.nan) for _ in range(4))
+    knots, end = VehicleState(*np.full((4, count, points), np.nan)), VehicleState(*np.full((4, count), np.nan))
+    time, path, turn_sign, reversals = np.full((4, count), np.nan)
     return Rollout(knots, end, time, np.zeros(count, dtype=bool), path, turn_sign, reversals)
