@@ -15,8 +15,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 from agents.manoeuvres.escape_manoeuvre import steps, tracks
+from agents.manoeuvres.escape_search import Found
 from agents.resolvability.classify import replay
-from agents.resolvability.witness import Witnesses, least_cost
+from agents.resolvability.witness import least_cost
 from benchmarks.measure import report
 from envs.aircraft import PAPER
 from envs.angles import wrap
@@ -133,7 +134,7 @@ def pieces(controls: Any) -> Any:
     )
 
 
-def recorded(encounter: Encounter, witnesses: Witnesses, number: int) -> Any:
+def recorded(encounter: Encounter, witnesses: Found, number: int) -> Any:
     """Return the controls ``[T, 2]`` of a witness."""
     own = replay(encounter, take(witnesses.manoeuvre, number), RULES, SURROGATE).own
     turn = wrap(np.diff(own.heading), np) / (SURROGATE.yaw_rate_max * RULES.dt)
@@ -145,7 +146,7 @@ def in_conflict(count: int, seed: int) -> Encounter:
     return numbered(scenario("circle", PAPER, conflicts_closer_than=RULES.separation), seed, 0, count)
 
 
-def compare(encounter: Encounter, witnesses: Witnesses, number: int, iterations: int) -> float:
+def compare(encounter: Encounter, witnesses: Found, number: int, iterations: int) -> float:
     """Return the shortest length that the optimiser finds for one encounter, m."""
     traffic = tracks(encounter, steps(RULES), RULES)
     goal = np.array([encounter.goal_x, encounter.goal_y])

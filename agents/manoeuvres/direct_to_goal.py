@@ -1,6 +1,9 @@
 """The direct way back: one turn onto the goal, a straight line to it, and whether that keeps clear of the traffic."""
 
+import math
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from envs.angles import atan2, sincos, wrap
 from envs.kinematics import Limits, VehicleState, velocity
@@ -28,6 +31,13 @@ class Task(NamedTuple):
     """Between decisions, s."""
     spacing: int
     """Decisions from waypoint to waypoint."""
+
+
+def arc_end(state: VehicleState, arc: Any, length: Any) -> tuple[Any, Any]:
+    """Return where arcs from a state end that turn by ``arc``, rad, on a length, m; numpy, ``[...]`` each."""
+    # sin(x)/x by numpy is safe at 0; the chord of an arc points half-way through its turn.
+    chord, middle = length * np.sinc(arc / (2.0 * math.pi)), state.heading + 0.5 * arc
+    return state.x + chord * np.cos(middle), state.y + chord * np.sin(middle)
 
 
 def end_speed(length: Any, speed: Any, seconds: Any, limits: Limits, xp: Any) -> tuple[Any, Any]:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.manoeuvres.direct_to_goal import arc_end
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.intruder import start, step
@@ -104,15 +105,8 @@ def fly(
     returning = flight.returning.copy()
     asking = np.flatnonzero(~returning & (time >= manoeuvre.resume))
     if asking.size:
-        returning[asking] = _clear(
-            take(own, asking),
-            take(goal, asking),
-            take(traffic, asking),
-            mask[asking],
-            manoeuvre.slack[asking],
-            rules,
-            limits,
-        )
+        scene = take((own, goal, traffic, mask, manoeuvre.slack), asking)
+        returning[asking] = _clear(*scene, rules, limits)
     full_turn = limits.yaw_rate_max * rules.dt
     escape_turn, escape_throttle, to_turn, switched = _escaping(flight, manoeuvre, time, full_turn)
     goal_turn, goal_throttle = _to_goal(own, goal, time, manoeuvre.throttle_home, rules, limits)
@@ -198,30 +192,19 @@ def _to_goal(
 def _clear(
     own: VehicleState, goal: tuple[Any, Any], traffic: VehicleState, mask: Any, slack: Any, rules: Rules, limits: Limits
 ) -> Any:
-    """Return whether turning onto the goal now would keep clear of the traffic's straight courses, ``[M]``.
-
-    Judged half-way through the turn and on the straight flight after it, at the present speed.
-    """
+    """Return whether the traffic's straight courses are clear half-way through the turn onto the goal and after it."""
     to_goal = bearing(own, *goal, np)
     turning = np.abs(to_goal) / limits.yaw_rate_max
     traffic_vx, traffic_vy = velocity(traffic, np)
     required = (rules.separation + slack)[:, None]
 
-    def turned(fraction: float) -> tuple[Any, Any]:
-        """Return the position after a part of the turn."""
-        arc = fraction * to_goal
-        chord = own.speed * fraction * turning * np.sinc(arc / (2.0 * np.pi))
-        middle = own.heading + 0.5 * arc
-        return own.x + chord * np.cos(middle), own.y + chord * np.sin(middle)
-
-    x, y = turned(0.5)
+    half_x, half_y = arc_end(own, 0.5 * to_goal, own.speed * 0.5 * turning)
     seconds = 0.5 * turning[:, None]
-    rx, ry = traffic.x + traffic_vx * seconds - x[:, None], traffic.y + traffic_vy * seconds - y[:, None]
+    rx, ry = traffic.x + traffic_vx * seconds - half_x[:, None], traffic.y + traffic_vy * seconds - half_y[:, None]
     clear = distance(rx, ry, np) >= required
 
-    x, y = turned(1.0)
+    x, y = arc_end(own, to_goal, own.speed * turning)
     rx, ry = rx + traffic_vx * seconds, ry + traffic_vy * seconds
-    half_x, half_y = turned(0.5)
     rx, ry = rx + (half_x - x)[:, None], ry + (half_y - y)[:, None]
     course = own.heading + to_goal
     vx, vy = traffic_vx - (own.speed * np.cos(course))[:, None], traffic_vy - (own.speed * np.sin(course))[:, None]

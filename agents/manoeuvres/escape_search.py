@@ -15,6 +15,7 @@ from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules, judge
 from envs.relative import distance, leg_separation
+from envs.starts import cast
 from envs.trees import column, scatter, take
 
 BLOCK = 16_384
@@ -42,15 +43,12 @@ class Flown(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The best escape of each encounter; fields ``[N]``, nan where none is known to work."""
+    """The best escape of each encounter, as in :class:`Flown`; fields ``[N]``, nan where none is known to work."""
 
     manoeuvre: Manoeuvre
     arrival: Any
-    """s."""
     separation: Any
-    """Smallest distance to any intruder, m."""
     path: Any
-    """Length flown, m."""
 
 
 def _grid(turns_deg: Any, throttles: Any = (0.0,), delays: Any = (0.0,), slacks: Any = (0.03,)) -> Manoeuvre:
@@ -165,7 +163,7 @@ def fly_out(
 def search(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
     """Look for an escape of every encounter ``[N]``: the first to reach the goal of the first stage that has one."""
     count = np.shape(encounter.goal_x)[0]
-    found = _empty(count)
+    found = nothing(count)
     for stage in STAGES:
         left = np.flatnonzero(np.isnan(found.arrival))
         for part in parts(left, stage.turn.size, encounter):
@@ -184,21 +182,11 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
     """Improve the nearest misses of the coarse family by random changes until they keep the separation, ``[N]``."""
     count = np.shape(encounter.goal_x)[0]
     traffic = tracks(encounter, steps(rules), rules)
-    found = _empty(count)
-    # Offspring of one round are the same changes for every encounter, so that results do not depend on the batch.
-    changes = normals(0, 0, ROUNDS, (len(SPREAD), CHILDREN))
-    parents = (uniforms(0, 0, ROUNDS, (CHILDREN,), stream=1) * ELITES).astype(int)
-    elites: Any = None
+    found = nothing(count)
+    left, pool, scores = np.arange(count), np.zeros((len(SPREAD), count, 0)), np.zeros((count, 0))
+    coarse = np.broadcast_to(np.stack(scaled(COARSE, rules))[:, None], (len(SPREAD), count, COARSE.turn.size))
     for index in range(ROUNDS + 1):
-        left = np.flatnonzero(np.isnan(found.arrival))
-        if left.size == 0:
-            break
-        if elites is None:
-            tried = np.broadcast_to(np.stack(scaled(COARSE, rules))[:, None], (len(SPREAD), count, COARSE.turn.size))
-            elites = np.zeros((len(SPREAD), count, 0)), np.zeros((count, 0))
-        else:
-            spread = np.array(scaled(SPREAD, rules))[:, None] * changes[index - 1] * 0.8 ** (index - 1)
-            tried = within_range(elites[0][:, left][..., parents[index - 1]] + spread[:, None])
+        tried = offspring(pool, index - 1, rules) if index else coarse
         family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
         which = np.repeat(left, tried.shape[-1])
         flown = fly_out(encounter, traffic, which, family, rules, limits, scoring=True)
@@ -208,14 +196,24 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
 
         # What misses the goal comes after all that reach it.
         score = np.where(np.isnan(flown.arrival), flown.separation - 1e6, flown.separation).reshape(left.size, -1)
-        pool = np.concatenate([elites[0][:, left], tried], axis=-1)
-        scores = np.concatenate([elites[1][left], score], axis=-1)
+        pool, scores = np.concatenate([pool, tried], axis=-1), np.concatenate([scores, score], axis=-1)
         best = np.argsort(-scores, axis=-1, kind="stable")[:, :ELITES]
-        kept = np.zeros((len(SPREAD), count, ELITES)), np.zeros((count, ELITES))
-        kept[0][:, left] = np.take_along_axis(pool, best[None], axis=-1)
-        kept[1][left] = np.take_along_axis(scores, best, axis=-1)
-        elites = kept
+        on = np.isnan(found.arrival[left])
+        pool = np.take_along_axis(pool, best[None], axis=-1)[:, on]
+        left, scores = left[on], np.take_along_axis(scores, best, axis=-1)[on]
+        if left.size == 0:
+            break
     return found
+
+
+def offspring(pool: Any, index: int, task: Aircraft | Rules) -> Any:
+    """Return random variants of elites ``[8, N, ELITES]`` in a round of a refinement, ``[8, N, CHILDREN]``.
+
+    They are the same changes for every encounter, so that results do not depend on the batch.
+    """
+    changes = np.array(scaled(SPREAD, task))[:, None] * normals(0, index, 1, (len(SPREAD), CHILDREN))[0] * 0.8**index
+    parents = (uniforms(0, index, 1, (CHILDREN,), stream=1)[0] * ELITES).astype(int)
+    return within_range(pool[..., parents] + changes[:, None])
 
 
 def within_range(values: Any) -> Any:
@@ -240,7 +238,19 @@ def _keep_best(found: Found, part: Any, which: Any, family: Manoeuvre, flown: Fl
     scatter(found, part[owners], take(Found(family, *flown), arrived[first]))
 
 
-def _empty(count: int) -> Found:
+def doubled(encounters: Encounter) -> Encounter:
+    """Return encounters ``[N]`` in double precision.
+
+    Raises:
+        ValueError: there is no leading axis.
+    """
+    if np.ndim(encounters.goal_x) != 1:
+        raise ValueError(f"encounters must have one leading axis [N], got shape {np.shape(encounters.goal_x)}")
+    return cast(encounters, np.float64)
+
+
+def nothing(count: int) -> Found:
+    """Return that no escape is known, ``[count]``."""
     return Found(Manoeuvre(*np.full((len(SPREAD), count), np.nan)), *np.full((3, count), np.nan))
 
 

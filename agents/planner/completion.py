@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import Task, end_speed
+from agents.manoeuvres.direct_to_goal import Task, arc_end, end_speed
 from agents.planner.options import Options, task_of
 from agents.planner.rollout import Rollout
 from envs.angles import wrap
 from envs.kinematics import VehicleState
-from envs.trees import take
+from envs.trees import scatter, take
 from envs.waypoints import Knots
 
 __all__ = ["Completed", "complete"]
@@ -68,8 +68,8 @@ def complete(rollout: Rollout, route: tuple[Any, Any], points: Any, goal: Any, o
         rollout.reversals.copy(),
     )
     left = np.arange(rows.size)
+    pieces = []
     steps = most + 1 + (math.ceil(options.last_free * 1.5 * options.limits.speed_max / extension) if extend else 0)
-    pieces = _Pieces(2 * steps + 1, rows.size)
     for step in range(steps):
         number, have = target[left], points[rows[left]]
         if not extend:
@@ -81,8 +81,7 @@ def complete(rollout: Rollout, route: tuple[Any, Any], points: Any, goal: Any, o
         x, y = _point(route, rows[left], number, have, extension)
         state, at = take(now, left), time[left]
         arc, length, course, reached = _onto(state, x, y, task.turn_rate)
-        turned = at + np.abs(arc) / task.turn_rate
-        speed = state.speed
+        turned, speed = at + np.abs(arc) / task.turn_rate, state.speed
         if step == 0:
             # The goal itself must not be passed by, nor reached too late: there may be a need to accelerate.
             direct = ahead[left]
@@ -90,39 +89,39 @@ def complete(rollout: Rollout, route: tuple[Any, Any], points: Any, goal: Any, o
             wanted, in_time = end_speed(straight, speed, task.until - turned, task.limits, np)
             on = ~direct | (reached & in_time)
             left, number, x, y, state, at, turned, speed = take((left, number, x, y, state, at, turned, speed), on)
-            arc, length, course, reached = take((arc, length, course, reached), on)
-            wanted, direct, straight = take((wanted, direct, straight), on)
+            wanted, direct, straight, arc, length, course, reached = take(
+                (wanted, direct, straight, arc, length, course, reached), on
+            )
             speed = np.where(direct, wanted, speed)
             there, which = rows[left[direct]], np.flatnonzero(direct)
             entered = turned + _duration(straight, state.speed, speed, task)
             whole.rejoin_time[there] = entered[which]
             whole.path[there] += (np.abs(arc) * state.speed / task.turn_rate + straight)[which]
             whole.reversals[there] += np.sign(arc[which]) * rollout.turn_sign[there] < 0.0
-        none = np.zeros(left.size)
-        pieces.add(left, np.where(reached, at, np.inf), state, np.sign(arc) * task.turn_rate, none)
+        target[left] += 1
+        on = left[reached]
+        number, x, y, state, at = take((number, x, y, state, at), reached)
+        turned, speed, arc, length, course = take((turned, speed, arc, length, course), reached)
+        none, gain = np.zeros(on.size), np.where(speed > state.speed, task.limits.acceleration_max, 0.0)
         middle = _turned(state, arc, task.turn_rate)
-        gain = np.where(speed > state.speed, task.limits.acceleration_max, 0.0)
-        pieces.add(left, np.where(reached, turned, np.inf), middle, none, gain)
+        pieces += [_piece(rows.size, on, at, *state, np.sign(arc) * task.turn_rate, none)]
+        pieces += [_piece(rows.size, on, turned, *middle, none, gain)]
         arrived = turned + _duration(length, state.speed, speed, task)
         if step == 0:
             rise = (speed - state.speed) / task.limits.acceleration_max
             far = 0.5 * (speed + state.speed) * rise
-            level = VehicleState(
-                middle.x + far * np.cos(middle.heading), middle.y + far * np.sin(middle.heading), middle.heading, speed
-            )
-            pieces.add(left, np.where(reached & (rise > 0.0), turned + rise, np.inf), level, none, none)
-        after = VehicleState(x, y, wrap(course, np), speed)
-        for field, value in zip(now, after, strict=True):
-            field[left] = np.where(reached, value, field[left])
-        time[left] = np.where(reached, arrived, at)
-        target[left] += 1
-        done = reached & (arrived >= finished_by)
-        whole.last[rows[left[done]]] = number[done]
-        left = left[~done]
+            level = middle.x + far * np.cos(middle.heading), middle.y + far * np.sin(middle.heading), middle.heading
+            begin = np.where(rise > 0.0, turned + rise, np.inf)
+            pieces += [_piece(rows.size, on, begin, *level, speed, none, none)]
+        scatter((now, time), on, (VehicleState(x, y, wrap(course, np), speed), arrived))
+        done = arrived >= finished_by
+        whole.last[rows[on[done]]] = number[done]
+        left = np.setdiff1d(left, on[done])
     whole.too_short[rows[left]] = True
     finished = np.flatnonzero(whole.last[rows] >= 0)
-    times = np.arange(options.waypoints) * options.interval
-    _read_off(whole.knots, times, rollout, rows, finished, pieces, take(now, finished), time[finished])
+    if finished.size:
+        parts = np.moveaxis(np.stack(pieces)[:, :, finished], 0, 2)
+        _read_off(whole.knots, options, rollout, rows[finished], parts, *take((now, time), finished))
     return whole
 
 
@@ -158,11 +157,8 @@ def _onto(state: VehicleState, x: Any, y: Any, turn_rate: float) -> tuple[Any, A
 
 
 def _turned(state: VehicleState, arc: Any, turn_rate: float) -> VehicleState:
-    chord = state.speed * np.abs(arc) / turn_rate * np.sinc(arc / (2.0 * math.pi))
-    middle = state.heading + 0.5 * arc
-    return VehicleState(
-        state.x + chord * np.cos(middle), state.y + chord * np.sin(middle), state.heading + arc, state.speed
-    )
+    x, y = arc_end(state, arc, state.speed * np.abs(arc) / turn_rate)
+    return VehicleState(x, y, state.heading + arc, state.speed)
 
 
 def _duration(length: Any, speed: Any, wanted: Any, task: Task) -> Any:
@@ -171,43 +167,27 @@ def _duration(length: Any, speed: Any, wanted: Any, task: Task) -> Any:
     return rise + (length - 0.5 * (speed + wanted) * rise) / wanted
 
 
-class _Pieces:
-    """Parts of the tails: begin time, x, y, heading, speed, yaw rate and acceleration, ``[7, P, N]``.
-
-    A part that begins at infinity is not flown. None both turns and accelerates.
-    """
-
-    def __init__(self, most: int, count: int) -> None:
-        self._fields = np.zeros((7, most, count))
-        self._fields[0] = np.inf
-        self._used = 0
-
-    def add(self, rows: Any, time: Any, state: VehicleState, rate: Any, gain: Any) -> None:
-        """Add a part of some tails, ``[M]`` each."""
-        self._fields[:, self._used, rows] = (time, *state, rate, gain)
-        self._used += 1
-
-    def of(self, rows: Any) -> Any:
-        """Return the parts of some tails, ``[7, M, P]``."""
-        return np.moveaxis(self._fields[:, : self._used, rows], 1, 2)
+def _piece(count: int, rows: Any, *values: Any) -> Any:
+    """Return a piece of some of the tails, ``[7, count]``: begin (inf: not flown), state, yaw rate, acceleration."""
+    piece = np.zeros((7, count))
+    piece[0] = np.inf
+    piece[:, rows] = values
+    return piece
 
 
 def _read_off(
-    knots: Knots, times: Any, rollout: Rollout, rows: Any, whole: Any, pieces: _Pieces, end: VehicleState, end_time: Any
+    knots: Knots, options: Options, rollout: Rollout, out: Any, parts: Any, end: VehicleState, end_time: Any
 ) -> None:
-    if whole.size == 0:
-        return
-    out = rows[whole]
-    parts = pieces.of(whole)
+    """Write the knots of the whole plans numbered ``out`` from the pieces of their tails ``[7, M, P]``."""
+    times = np.arange(options.waypoints) * options.interval
     # The last part begun by each time; parts that are not flown begin never.
     begun = parts[0][:, None] <= times[:, None]
     number = np.where(begun.any(axis=-1), begun.shape[-1] - 1 - np.argmax(begun[..., ::-1], axis=-1), 0)
     began, x, y, heading, speed, rate, gain = (np.take_along_axis(field, number, axis=-1) for field in parts)
     seconds = np.where(begun.any(axis=-1), times - began, 0.0)
     arc = rate * seconds
-    chord = (speed + 0.5 * gain * seconds) * seconds * np.sinc(arc / (2.0 * math.pi))
-    middle = heading + 0.5 * arc
-    tail = (x + chord * np.cos(middle), y + chord * np.sin(middle), heading + arc, speed + gain * seconds)
+    there = arc_end(VehicleState(x, y, heading, speed), arc, (speed + 0.5 * gain * seconds) * seconds)
+    tail = (*there, heading + arc, speed + gain * seconds)
     flown = times <= rollout.time[out][:, None]
     have = min(times.size, rollout.knots.x.shape[1])
     for field, manoeuvre, after, final in zip(knots[:4], rollout.knots, tail, end, strict=True):

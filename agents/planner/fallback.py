@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre
-from agents.manoeuvres.escape_search import CHILDREN, COARSE, ELITES, SPREAD, STAGES, concatenated, scaled, within_range
+from agents.manoeuvres.escape_search import COARSE, ELITES, STAGES, concatenated, offspring, scaled
 from agents.planner.budget import Budget
 from agents.planner.candidates import REVERSAL_WEIGHT, TIME_WEIGHT, Proposals, empty, evaluate, keep_best
 from agents.planner.fallback_flight import Effort, fly_out
 from agents.planner.options import Options, aggressive_limits
 from agents.planner.request import Request
-from envs.draws import normals, uniforms
 from envs.trees import take
 
 __all__ = ["refine", "search"]
@@ -61,29 +60,19 @@ def search(request: Request, goal: Any, options: Options, budget: Budget) -> Pro
 def refine(request: Request, goal: Any, options: Options, budget: Budget) -> Proposals:
     """Return the best plan of a random refinement of the nearest misses, ``[N]``."""
     best, options = empty(goal.size, options.waypoints), replace(options, manoeuvre=aggressive_limits(options))
-    changes = normals(0, 0, _ROUNDS, (len(SPREAD), CHILDREN))
-    parents = (uniforms(0, 0, _ROUNDS, (CHILDREN,), stream=1) * ELITES).astype(int)
     aircraft = options.aircraft
-    seeds, spreads, within = (
-        np.stack(scaled(_SEEDS, aircraft)),
-        np.array(scaled(SPREAD, aircraft))[:, None],
-        _WITHIN * aircraft.separation,
-    )
+    seeds, within = np.stack(scaled(_SEEDS, aircraft)), _WITHIN * aircraft.separation
     history = np.full((goal.size, _ROUNDS + 1), -np.inf)
     for part in _parts(np.arange(goal.size), _SEEDS.turn.size):
-        left, pool, scores = part, np.zeros((len(SPREAD), part.size, 0)), np.zeros((part.size, 0))
+        left, pool, scores = part, np.zeros((len(seeds), part.size, 0)), np.zeros((part.size, 0))
+        coarse = np.broadcast_to(seeds[:, None], (len(seeds), part.size, seeds.shape[-1]))
         for index in range(_ROUNDS + 1):
             if budget.ends("refinement"):
                 return best
-            if index == 0:
-                tried = np.broadcast_to(seeds[:, None], (len(SPREAD), left.size, seeds.shape[-1]))
-            else:
-                spread = spreads * changes[index - 1] * 0.8 ** (index - 1)
-                tried = within_range(pool[..., parents[index - 1]] + spread[:, None])
+            tried = offspring(pool, index - 1, aircraft) if index else coarse
             # What begins was validated by the stages before as far as it was promising.
             score = _tried(best, left, request, goal, tried, options, budget, judge=index > 0)
-            pool = np.concatenate([pool, tried], axis=-1)
-            scores = np.concatenate([scores, score], axis=-1)
+            pool, scores = np.concatenate([pool, tried], axis=-1), np.concatenate([scores, score], axis=-1)
             order = _elites(pool[0], scores)
             pool = np.take_along_axis(pool, order[None], axis=-1)
             scores = np.take_along_axis(scores, order, axis=-1)

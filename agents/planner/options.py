@@ -33,15 +33,19 @@ _ORDINARY = 0.0524  # rad of turn in a time step, to which margins and resolutio
 _RESERVE = 0.75  # of turn rate and acceleration, for curves that take 4/3 of what was flown
 _TURN_SHARE = 2.0 / 3.0  # of the turn rate, for turns along the route
 
-_KINDS: dict[str, type] = {"aircraft": Aircraft, "aircraft.limits": Limits, "requirement": Requirement}
-_KINDS |= dict.fromkeys(("limits", "manoeuvre"), Limits) | dict.fromkeys(("direct", "extend_route", "exhaustive"), bool)
-_LIMITS: tuple[tuple[str, float, float, str], ...] = (
-    ("speed_min", 0.0, FASTEST.speed_max, "m/s"),
-    ("speed_max", 1e-3, 1.01 * FASTEST.speed_max, "m/s"),
-    ("acceleration_min", 2.0 * FASTEST.acceleration_min, 0.0, "m/s^2"),
-    ("acceleration_max", 1e-6, 2.0 * FASTEST.acceleration_max, "m/s^2"),
-    ("yaw_rate_max", 1e-5, 2.0 * FASTEST.yaw_rate_max, "rad/s"),
-)
+_KINDS: dict[str, type] = {
+    "aircraft": Aircraft,
+    "requirement": Requirement,
+    **dict.fromkeys(("limits", "manoeuvre", "aircraft.limits"), Limits),
+    **dict.fromkeys(("direct", "extend_route", "exhaustive"), bool),
+}
+_LIMITS: dict[str, tuple[float, float, str]] = {
+    "speed_min": (0.0, FASTEST.speed_max, "m/s"),
+    "speed_max": (1e-3, 1.01 * FASTEST.speed_max, "m/s"),
+    "acceleration_min": (2.0 * FASTEST.acceleration_min, 0.0, "m/s^2"),
+    "acceleration_max": (1e-6, 2.0 * FASTEST.acceleration_max, "m/s^2"),
+    "yaw_rate_max": (1e-5, 2.0 * FASTEST.yaw_rate_max, "rad/s"),
+}
 
 
 def agility(aircraft: Aircraft) -> float:
@@ -236,7 +240,7 @@ def check(options: Options) -> None:
     if options.last_free > LONGEST:
         what = f"makes plans of {options.last_free:g} s and more, expected {LONGEST:g} s at most"
         raise RequestError("options.spacing", what)
-    for name, low, high, unit in (
+    ranges: list[tuple[str, float, float, str]] = [
         ("requirement.separation", 1.0, 1e6, "m"),
         ("requirement.margin", 0.0, 50.0 * options.aircraft.separation, "m"),
         ("requirement.sigmas", 0.0, 10.0, "sigmas"),
@@ -245,8 +249,9 @@ def check(options: Options) -> None:
         ("max_age", 0.0, 60.0 * options.aircraft.dt, "s"),
         ("fallback_cost_threshold", 0.0, math.inf, "m"),
         ("deadline_s", 0.0, math.inf, "s"),
-        *((f"{of}.{limit}", *bounds) for of in ("limits", "manoeuvre") for limit, *bounds in _LIMITS),
-    ):
+    ]
+    ranges += [(f"{of}.{name}", *bounds) for of in ("limits", "manoeuvre") for name, bounds in _LIMITS.items()]
+    for name, low, high, unit in ranges:
         real(f"options.{name}", attrgetter(name)(options), low, high, unit)
     for name, limits in (("limits", options.limits), ("manoeuvre", options.manoeuvre)):
         if limits.speed_min >= limits.speed_max:

@@ -1,10 +1,10 @@
 """The intruders as the planner predicts them, and the separation that is required from each."""
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.manoeuvres.direct_to_goal import arc_end
 from envs.angles import wrap
 from envs.kinematics import VehicleState
 
@@ -57,12 +57,9 @@ def predicted(traffic: Traffic, time: Any) -> VehicleState:
     state = traffic.state
     turning = np.minimum(time, traffic.turn_time)
     arc = traffic.turn_rate * turning
-    # sin(x)/x by numpy is safe at 0; the chord of an arc points half-way through its turn.
-    chord = state.speed * turning * np.sinc(arc / (2.0 * math.pi))
-    middle, heading = state.heading + 0.5 * arc, state.heading + arc
-    straight = state.speed * (time - turning)
-    x = state.x + chord * np.cos(middle) + straight * np.cos(heading)
-    y = state.y + chord * np.sin(middle) + straight * np.sin(heading)
+    x, y = arc_end(state, arc, state.speed * turning)
+    heading, straight = state.heading + arc, state.speed * (time - turning)
+    x, y = x + straight * np.cos(heading), y + straight * np.sin(heading)
     return VehicleState(x, y, wrap(heading, np), state.speed + np.zeros_like(x))
 
 

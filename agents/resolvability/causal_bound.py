@@ -11,15 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import REGARDLESS, Flight, Manoeuvre, fly, steps, takeoff, tracks
-from agents.manoeuvres.escape_search import COARSE, STAGES, concatenated, fly_out, parts, scaled, search
+from agents.manoeuvres.escape_search import COARSE, STAGES, concatenated, doubled, fly_out, parts, scaled, search
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.intruder import IntruderState, start, step
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules, judge
 from envs.relative import distance, leg_separation
-from envs.starts import cast, joined
-from envs.trees import column, take
+from envs.starts import joined
+from envs.trees import column, scatter, take
 
 OUTCOMES = ("violation", "reached", "timeout")
 """Names of the outcome codes 0, 1, 2."""
@@ -45,18 +45,10 @@ _LOST = -10.0
 _TOGETHER = 1_024
 """Encounters flown together."""
 
+_TURN = np.radians(90.0)
+"""Heading change of an intruder that might begin to turn now, or goes on turning, rad."""
+
 _FAMILY = concatenated(STAGES[0], COARSE)
-
-
-class Foresight(NamedTuple):
-    """Intents of intruders that the oracle takes into account; angles in rad."""
-
-    rate: float
-    """Turn rate of an intruder that might begin to turn now, rad/s."""
-    turn: float = np.radians(90.0)
-    """Its heading change, also of one that goes on turning."""
-    observed: bool = True
-    """Whether an intruder that has turned during the last second is expected to go on at that rate."""
 
 
 class Causal(NamedTuple):
@@ -93,39 +85,35 @@ class _Air(NamedTuple):
     """As from now."""
 
 
-def causal(encounters: Encounter, rules: Rules, limits: Limits, foresight: Foresight | None = None) -> Causal:
+def causal(encounters: Encounter, rules: Rules, limits: Limits) -> Causal:
     """Let the oracle fly the encounters.
 
     Args:
         encounters: ``[N]``, numpy.
         rules: of the task; floats.
         limits: of the ownship; floats.
-        foresight: what it holds possible; None: turns at the ownship's greatest rate.
 
     Raises:
         ValueError: ``encounters`` has no leading axis.
     """
-    if np.ndim(encounters.goal_x) != 1:
-        raise ValueError(f"encounters must have one leading axis [N], got shape {np.shape(encounters.goal_x)}")
-    chosen = cast(encounters, np.float64)
-    count = np.shape(chosen.goal_x)[0]
+    chosen, count = doubled(encounters), np.size(encounters.goal_x)
     inf, nan = np.full(count, np.inf), np.full(count, np.nan)
     record = VehicleState(*np.full((len(VehicleState._fields), steps(rules) + 1, count), np.nan))
     result = Causal(np.full(count, 2, np.int8), inf, nan, np.zeros(count), record)
     for part in np.split(np.arange(count), range(_TOGETHER, count, _TOGETHER)):
-        _fly(take(chosen, part), part, foresight or Foresight(limits.yaw_rate_max), rules, limits, result)
+        _fly(take(chosen, part), part, rules, limits, result)
     return result
 
 
-def _fly(encounter: Encounter, part: Any, foresight: Foresight, rules: Rules, limits: Limits, result: Causal) -> None:
+def _fly(encounter: Encounter, part: Any, rules: Rules, limits: Limits, result: Causal) -> None:
     """Fly a part of the encounters to their ends and write them into the result."""
     nothing = Manoeuvre(*np.zeros((len(Manoeuvre._fields), part.size)))
     air = _Air(part, encounter, encounter.own, start(encounter.intruders, np), 0.0 * encounter.intruders.x, nothing)
-    _record(result.own, 0, air)
+    scatter(result.own, (0, part), air.own)
     for index in range(steps(rules)):
         elapsed = index * rules.dt
         left = rules._replace(t_max=rules.t_max - elapsed)
-        air = air._replace(plan=_planned(air, index, foresight, left, limits))
+        air = air._replace(plan=_planned(air, index, left, limits))
         goal, mask, now = (air.encounter.goal_x, air.encounter.goal_y), air.encounter.mask, air.intruders.vehicle
         before = takeoff(air.own, air.plan)
         flight = fly(before, air.plan, 0.0, goal, now, mask, left, limits)
@@ -142,18 +130,13 @@ def _fly(encounter: Encounter, part: Any, foresight: Foresight, rules: Rules, li
         rate = wrap(traffic.vehicle.heading - now.heading, np) / rules.dt
         plan = _rest(air.plan, flight, rules.dt)
         air = air._replace(own=flight.own, intruders=traffic, rate=rate, plan=plan)
-        _record(result.own, index + 1, air)
+        scatter(result.own, (index + 1, air.number), air.own)
         air = take(air, ~ended.ended(np))
         if air.number.size == 0:
             break
 
 
-def _record(record: VehicleState, index: int, air: _Air) -> None:
-    for field, now in zip(record, air.own, strict=True):
-        field[index, air.number] = now
-
-
-def _planned(air: _Air, index: int, foresight: Foresight, rules: Rules, limits: Limits) -> Manoeuvre:
+def _planned(air: _Air, index: int, rules: Rules, limits: Limits) -> Manoeuvre:
     """Return the plans to follow from now on: the old ones, unless these fail and better ones are found."""
     plan = np.stack(air.plan)
     surprised = np.any((np.abs(air.rate) > 1e-6) & air.encounter.mask, axis=-1)
@@ -162,7 +145,9 @@ def _planned(air: _Air, index: int, foresight: Foresight, rules: Rules, limits: 
 
     def futures(rows: Any) -> list[Encounter]:
         own, intruders = take((air.own, air.intruders.vehicle), rows)
-        return _futures(take(air.encounter, rows)._replace(own=own, intruders=intruders), air.rate[rows], foresight)
+        return _futures(
+            take(air.encounter, rows)._replace(own=own, intruders=intruders), air.rate[rows], limits.yaw_rate_max
+        )
 
     def value(rows: Any, tried: Any) -> Any:
         return _value(futures(rows), tried, coarse, limits)
@@ -187,29 +172,23 @@ def _planned(air: _Air, index: int, foresight: Foresight, rules: Rules, limits: 
     return Manoeuvre(*plan)
 
 
-def _futures(present: Encounter, rate: Any, foresight: Foresight) -> list[Encounter]:
-    """Return the encounter as it may go on: intruders on straight courses first, ``[M]`` each."""
-    turning = (np.abs(rate) > 1e-6) & foresight.observed
+def _futures(present: Encounter, rate: Any, most: float) -> list[Encounter]:
+    """Return how encounters ``[M]`` may go on: straight courses, then turns as seen, else at the rate ``most``."""
+    turning = np.abs(rate) > 1e-6
     zero = np.zeros_like(rate)
 
     def turned(change: Any, turn_rate: Any) -> Encounter:
         intent = present.intent._replace(onset=zero, heading_change=zero + change, turn_rate=zero + turn_rate)
         return present._replace(intent=intent)
 
-    side = foresight.turn
-    one = turned(np.where(turning, np.sign(rate) * side, side), np.where(turning, np.abs(rate), foresight.rate))
-    other = turned(
-        np.where(turning, np.sign(rate) * 0.5 * side, -side), np.where(turning, np.abs(rate), foresight.rate)
-    )
-    return [turned(0.0, foresight.rate), one, other]
+    side, fast = np.sign(rate), np.where(turning, np.abs(rate), most)
+    one = turned(np.where(turning, side * _TURN, _TURN), fast)
+    other = turned(np.where(turning, side * 0.5 * _TURN, -_TURN), fast)
+    return [turned(0.0, most), one, other]
 
 
 def _value(futures: list[Encounter], tried: Any, rules: Rules, limits: Limits) -> Any:
-    """Return what plans ``[8, M, C]`` are worth in the futures of their encounters, m, ``[M, C]``.
-
-    It is the mean of the smallest distances, those below the separation weighing more, less a little for the time.
-    A plan that does not keep the separation on the straight courses, or does not arrive, comes after all that do.
-    """
+    """Return what plans ``[8, M, C]`` are worth in the futures: mean distances less a little for the time, m."""
     shape = (len(futures), *tried.shape[1:])
     together = futures[0]
     for future in futures[1:]:
@@ -225,6 +204,7 @@ def _value(futures: list[Encounter], tried: Any, rules: Rules, limits: Limits) -
     value = np.sum(weights * kept, axis=0) - dear * arrival[0]
     lost = _LOST * unit
     failed = np.minimum(separation[0], enough) + 2.0 * lost + lost * np.isnan(arrival[0])
+    # A plan that does not keep the separation on the straight courses, or does not arrive, comes after all that do.
     return np.where((separation[0] < rules.separation) | np.isnan(arrival[0]), failed, value)
 
 

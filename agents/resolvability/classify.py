@@ -15,29 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly, steps, takeoff, tracks
-from agents.manoeuvres.escape_search import search
-from agents.resolvability.causal_bound import Causal, causal
+from agents.manoeuvres.escape_search import doubled, search
 from agents.resolvability.proof import contained, look_ahead, split
-from agents.resolvability.witness import Witnesses, least_cost
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules, judge
 from envs.relative import distance, leg_separation
 from envs.starts import cast
-from envs.trees import scatter, take
-
-__all__ = [
-    "Causal",
-    "Method",
-    "Replay",
-    "Resolvability",
-    "Verdict",
-    "Witnesses",
-    "causal",
-    "classify",
-    "least_cost",
-    "replay",
-]
+from envs.trees import column, mapped, scatter, take
 
 _CHUNK = 1_024
 """Encounters with up to 8 intruders classified together (fewer with more), to bound memory."""
@@ -115,9 +100,7 @@ def classify(
     Raises:
         ValueError: ``encounters`` has no leading axis, or ``solved`` is not one bool for each of them.
     """
-    if np.ndim(encounters.goal_x) != 1:
-        raise ValueError(f"encounters must have one leading axis [N], got shape {np.shape(encounters.goal_x)}")
-    count = np.shape(encounters.goal_x)[0]
+    chosen, count = doubled(encounters), np.size(encounters.goal_x)
     known = np.zeros(count, dtype=bool) if solved is None else np.asarray(solved)
     if known.shape != (count,) or known.dtype != bool:
         raise ValueError(f"solved must be bool [{count}], got {known.dtype} {list(known.shape)}")
@@ -130,7 +113,8 @@ def classify(
     asked = np.flatnonzero(~known)
     size = max(_CHUNK * 8 // max(np.shape(encounters.mask)[1], 8), 1)
     for first in range(0, asked.size, size):
-        _decide(encounters, asked[first : first + size], rules, limits, reserve, result)
+        part = asked[first : first + size]
+        _decide(take(chosen, part), part, rules, limits, reserve, result)
     return result
 
 
@@ -146,17 +130,16 @@ def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limit
     """
     if not np.all(np.isfinite(witness)):
         raise ValueError("the encounter has no witness: its manoeuvre is not finite")
-    one, manoeuvre = _with_axis(encounter), _with_axis(witness)
+    one, manoeuvre = mapped(lambda field: np.asarray(field)[None], (cast(encounter, np.float64), witness))
     traffic = tracks(one, steps(rules), rules)
     flight, goal = takeoff(one.own, manoeuvre), (one.goal_x, one.goal_y)
     states, separations = [flight.own], []
     for index in range(steps(rules)):
         now, after = take(traffic, index), take(traffic, index + 1)
         flight = fly(flight, manoeuvre, index * rules.dt, goal, now, one.mask, rules, limits)
-        before, own = (VehicleState(*(field[:, None] for field in state)) for state in (states[-1], flight.own))
-        apart = np.where(one.mask, leg_separation(before, own, now, after, rules.dt, np), np.inf)
+        apart = leg_separation(column(states[-1]), column(flight.own), now, after, rules.dt, np)
         states.append(flight.own)
-        separations.append(float(np.min(apart)))
+        separations.append(float(np.min(np.where(one.mask, apart, np.inf))))
         to_goal = distance(goal[0] - flight.own.x, goal[1] - flight.own.y, np)
         if judge(np.array(separations[-1:]), to_goal, (index + 1) * rules.dt, rules, np).ended(np).all():
             break
@@ -165,12 +148,9 @@ def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limit
     return Replay(flown * rules.dt, own, take(traffic, (flown, 0)), np.array(separations))
 
 
-def _decide(
-    encounters: Encounter, part: Any, rules: Rules, limits: Limits, reserve: float, result: Resolvability
-) -> None:
+def _decide(chosen: Encounter, part: Any, rules: Rules, limits: Limits, reserve: float, result: Resolvability) -> None:
     """Write the verdicts of the encounters numbered ``part`` into the result: what is cheap comes first."""
     missed = rules._replace(separation=rules.separation - reserve)
-    chosen = cast(take(encounters, part), np.float64)
     ahead = look_ahead(chosen, rules, limits)
 
     def proven(numbers: Any, times: Any, method: Method) -> None:
@@ -198,10 +178,3 @@ def _decide(
 
     left = undecided()
     proven(left, split(take(ahead, left), missed, limits), Method.SPLITTING)
-
-
-def _with_axis(fields: Any) -> Any:
-    if isinstance(fields, tuple):
-        return type(fields)(*(_with_axis(field) for field in fields))
-    field = np.asarray(fields)
-    return (field if field.dtype == bool else field.astype(np.float64))[None]

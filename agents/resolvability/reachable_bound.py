@@ -18,6 +18,7 @@ import numpy as np
 from envs.angles import wrap
 from envs.kinematics import Limits
 from envs.outcome import Rules
+from envs.trees import mapped
 
 EPSILON = 1e-4
 """A proof grants the ownship limits wider by this fraction."""
@@ -61,9 +62,22 @@ def root(speed: Any, times: Any, limits: Limits) -> Funnel:
     """
     speed = np.asarray(speed)[:, None]
     turn = limits.yaw_rate_max * times + 0.0 * speed
-    slowest = np.minimum(speed, np.maximum(limits.speed_min, speed + limits.acceleration_min * times))
-    fastest = np.maximum(speed, np.minimum(limits.speed_max, speed + limits.acceleration_max * times))
-    return Funnel(-turn, turn, slowest, fastest)
+    return Funnel(-turn, turn, *speeds(speed, speed, times, limits))
+
+
+def speeds(low: Any, high: Any, seconds: Any, limits: Limits) -> tuple[Any, Any]:
+    """Return the least and the greatest speeds some time later, m/s, ``[...]``; one outside the limits may stay."""
+    slowest = np.minimum(low, np.maximum(limits.speed_min, low + limits.acceleration_min * seconds))
+    fastest = np.maximum(high, np.minimum(limits.speed_max, high + limits.acceleration_max * seconds))
+    return slowest, fastest
+
+
+def towards(funnel: Funnel, directions: Any) -> Any:
+    """Return the largest speed in directions, rad from the initial heading, that a funnel allows, m/s, ``[...]``."""
+    middle = 0.5 * (funnel.turn_low + funnel.turn_high)
+    half_width = 0.5 * (funnel.turn_high - funnel.turn_low)
+    cosine = np.cos(np.maximum(np.abs(wrap(directions - middle, np)) - half_width, 0.0))
+    return np.where(cosine >= 0.0, funnel.speed_high, funnel.speed_low) * cosine
 
 
 def narrowed(funnel: Funnel, times: Any, at: Any, turn: Any, speed: Any, limits: Limits) -> tuple[Funnel, Funnel]:
@@ -110,12 +124,7 @@ def support(
         growing: the funnel never narrows (true of :func:`root`).
         stride: cells per returned time.
     """
-    middle = 0.5 * (funnel.turn_low + funnel.turn_high)
-    half_width = 0.5 * (funnel.turn_high - funnel.turn_low)
-    beside = np.abs(wrap(directions[..., None] - middle[..., None, :], np)) - half_width[..., None, :]
-    cosine = np.cos(np.maximum(beside, 0.0))
-    speed = np.where(cosine >= 0.0, funnel.speed_high[..., None, :], funnel.speed_low[..., None, :])
-    rate = speed * cosine
+    rate = towards(mapped(lambda bound: bound[..., None, :], funnel), directions[..., None])
     change = rate[..., 1:] - rate[..., :-1]
     top_speed = np.maximum(limits.speed_max, funnel.speed_high.max(axis=-1))[..., None, None]
     steepest = top_speed * limits.yaw_rate_max + max(limits.acceleration_max, -limits.acceleration_min)

@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.resolvability.outer_polygon import beside, corners, outside
-from agents.resolvability.reachable_bound import DIRECTIONS
-from envs.angles import wrap
+from agents.resolvability.reachable_bound import DIRECTIONS, Funnel, speeds, towards
 from envs.kinematics import Limits
-from envs.trees import take
+from envs.trees import column, take
 
 
 class States(NamedTuple):
@@ -104,7 +103,7 @@ def branches(states: States, seconds: float, cells: Cells, limits: Limits) -> tu
     Returns:
         The number of the set that each comes from, ``[B]``, and their bounds then, ``[B]``, with empty supports.
     """
-    slowest, fastest = _speeds(states, seconds, limits)
+    slowest, fastest = speeds(states.speed_low, states.speed_high, seconds, limits)
     turned = limits.yaw_rate_max * seconds
     parent, turn_low, turn_high = _divided(states.turn_low - turned, states.turn_high + turned, cells.turn)
     again, speed_low, speed_high = _divided(slowest[parent], fastest[parent], cells.speed)
@@ -138,13 +137,10 @@ def moves(before: States, ended: States, tests: int, stride: float, limits: Limi
         remaining = tests * stride - time
         turn_low = np.maximum(before.turn_low - rate * time, ended.turn_low - rate * remaining)
         turn_high = np.minimum(before.turn_high + rate * time, ended.turn_high + rate * remaining)
-        slowest, fastest = _speeds(before, time, limits)
+        slowest, fastest = speeds(before.speed_low, before.speed_high, time, limits)
         fastest = np.minimum(fastest, ended.speed_high - limits.acceleration_min * remaining)
         slowest = np.maximum(slowest, ended.speed_low - limits.acceleration_max * remaining)
-        middle, half_width = 0.5 * (turn_low + turn_high), 0.5 * (turn_high - turn_low)
-        aside = np.abs(wrap(DIRECTIONS - middle[:, None], np)) - half_width[:, None]
-        cosine = np.cos(np.maximum(aside, 0.0))
-        return np.where(cosine >= 0.0, fastest[:, None], slowest[:, None]) * cosine
+        return towards(column(Funnel(turn_low, turn_high, slowest, fastest)), DIRECTIONS)
 
     now = speed_towards(0.0)
     for test in range(tests):
@@ -194,14 +190,7 @@ def _gridded(states: States, ahead: int, place: float) -> States:
 
 
 def _passes(states: States, x: Any, y: Any, radius: float, stride: float) -> bool:
-    """Return whether a straight flight from one of the sets stays clear: it would be among the survivors for ever.
-
-    Args:
-        states: ``[M]``.
-        x, y: intruders at the test times to come, ``[K, T]``, m.
-        radius: to stay out of, m.
-        stride: between test times, s.
-    """
+    """Return whether a straight flight stays clear of intruders ``[K, T]``: it would always be among the survivors."""
     # The mean of a polygon's corners lies in it.
     place_x, place_y = (np.mean(corner, axis=1) for corner in corners(states.supports))
     time = stride * np.arange(1, x.shape[1] + 1)
@@ -215,14 +204,6 @@ def _passes(states: States, x: Any, y: Any, radius: float, stride: float) -> boo
             if clear.any():
                 return True
     return False
-
-
-def _speeds(states: States, seconds: float, limits: Limits) -> tuple[Any, Any]:
-    """Return the least and the greatest speeds some time later, m/s, ``[M]``; one outside the limits may stay."""
-    lost, gained = limits.acceleration_min * seconds, limits.acceleration_max * seconds
-    slowest = np.minimum(states.speed_low, np.maximum(limits.speed_min, states.speed_low + lost))
-    fastest = np.maximum(states.speed_high, np.minimum(limits.speed_max, states.speed_high + gained))
-    return slowest, fastest
 
 
 def _divided(low: Any, high: Any, width: float) -> tuple[Any, Any, Any]:

@@ -5,18 +5,29 @@ flown; the shortest of them breed a local refinement, a differential evolution w
 an escape like any other and is replayed by :func:`agents.resolvability.replay`.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, steps, tracks
-from agents.manoeuvres.escape_search import SPREAD, STAGES, Flown, fly_out, parts, scaled, search, within_range
+from agents.manoeuvres.escape_search import (
+    SPREAD,
+    STAGES,
+    Flown,
+    Found,
+    doubled,
+    fly_out,
+    nothing,
+    parts,
+    scaled,
+    search,
+    within_range,
+)
 from envs.draws import normals, uniforms
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules
 from envs.relative import bearing
-from envs.starts import cast
 from envs.trees import scatter, take
 
 SECOND = 1e-3
@@ -35,22 +46,9 @@ _THROTTLES = (-1.0, 0.0, 1.0)
 _NEAR_DEG = (0.0, 4.0, -4.0, 9.0, -9.0, 16.0, -16.0, 30.0, -30.0)
 
 
-class Witnesses(NamedTuple):
-    """The cheapest flights known; fields ``[N]``, nan where none is known."""
-
-    manoeuvre: Manoeuvre
-    """Parameters, to be replayed."""
-    arrival: Any
-    """Time at which the goal is reached, s."""
-    separation: Any
-    """Smallest distance to any intruder until then, m."""
-    path: Any
-    """Length flown until the circle around the goal is entered, m."""
-
-
 def least_cost(
     encounters: Encounter, rules: Rules, limits: Limits, start: Manoeuvre | None = None, rounds: int = ROUNDS
-) -> Witnesses:
+) -> Found:
     """Look for the shortest flights that keep the separation until they reach the goal in time.
 
     The cost is the path's length up to the goal's circle plus :data:`SECOND` for each second until the arrival.
@@ -66,22 +64,18 @@ def least_cost(
     Raises:
         ValueError: ``encounters`` has no leading axis.
     """
-    if np.ndim(encounters.goal_x) != 1:
-        raise ValueError(f"encounters must have one leading axis [N], got shape {np.shape(encounters.goal_x)}")
-    chosen = cast(encounters, np.float64)
-    count = np.shape(chosen.goal_x)[0]
-    known = np.full((len(SPREAD), count), np.nan) if start is None else np.stack(start).astype(np.float64)
-    result = Witnesses(Manoeuvre(*np.full((len(SPREAD), count), np.nan)), *np.full((3, count), np.nan))
+    chosen, count = doubled(encounters), np.size(encounters.goal_x)
+    result = nothing(count)
+    known = np.stack(result.manoeuvre if start is None else start).astype(np.float64)
     for part in parts(np.arange(count), sum(stage.turn.size for stage in STAGES), chosen):
         scatter(result, part, _cheapest(take(chosen, part), known[:, part], rounds, rules, limits))
     return result
 
 
-def _cheapest(encounter: Encounter, known: Any, rounds: int, rules: Rules, limits: Limits) -> Witnesses:
+def _cheapest(encounter: Encounter, known: Any, rounds: int, rules: Rules, limits: Limits) -> Found:
     """Return the witnesses of a part of the encounters, ``[N]``; ``known`` is ``[8, N]``."""
     count = np.shape(encounter.goal_x)[0]
-    traffic = tracks(encounter, steps(rules), rules)
-    every = np.arange(count)
+    traffic, every = tracks(encounter, steps(rules), rules), np.arange(count)
     families = np.concatenate([np.stack(scaled(stage, rules)) for stage in STAGES], axis=-1)
     families = np.broadcast_to(families[:, None], (len(SPREAD), count, families.shape[-1]))
     pool = np.concatenate([families, _direct(encounter, rules), known[:, :, None]], axis=-1)
@@ -112,7 +106,7 @@ def _cheapest(encounter: Encounter, known: Any, rounds: int, rules: Rules, limit
     works = ~np.isnan(flown.arrival[:, 0])
     best = np.where(works, pool[:, :, 0], np.nan)
     arrival, separation, path = (np.where(works, field[:, 0], np.nan) for field in flown)
-    return Witnesses(Manoeuvre(*best), arrival, separation, path)
+    return Found(Manoeuvre(*best), arrival, separation, path)
 
 
 def _direct(encounter: Encounter, rules: Rules) -> Any:
@@ -127,14 +121,7 @@ def _direct(encounter: Encounter, rules: Rules) -> Any:
 
 
 def _offspring(pool: Any, working: Any, changes: Any, draws: Any) -> Any:
-    """Return variants of the flights that work, ``[8, N, C]``.
-
-    Args:
-        pool: flights, best first, ``[8, N, E]``.
-        working: how many of them work, ``[N]``.
-        changes: normal draws with their spreads, ``[8, C]``.
-        draws: uniform draws, ``[5, C]``.
-    """
+    """Return variants ``[8, N, C]`` of flights ``[8, N, E]``, best first, ``working`` of which work, by some draws."""
     last = np.maximum(working - 1, 0)[:, None]
 
     def some(draw: Any) -> Any:

@@ -14,10 +14,12 @@ from agents.baselines.acas_nnet import NnetError
 from agents.baselines.baselines import BASELINES
 from agents.config.load import ConfigError
 from agents.manoeuvres.escape_manoeuvre import steps, tracks
+from agents.manoeuvres.escape_search import Found
 from agents.planner.validator import Findings
 from agents.policy import file as policy_file
 from agents.policy.inference import OutsideDomainError
-from agents.resolvability.classify import Witnesses, least_cost, replay
+from agents.resolvability.classify import replay
+from agents.resolvability.witness import least_cost
 from envs.aircraft import PAPER
 from envs.edge.command import InputError
 from envs.encounters import Encounter, EncounterError, scenario
@@ -274,7 +276,7 @@ def starts() -> Encounter:
 
 
 @pytest.fixture(scope="module")
-def best(starts: Encounter) -> Witnesses:
+def best(starts: Encounter) -> Found:
     return least_cost(starts, QUICK.rules(), SURROGATE, rounds=FEW.rounds)
 
 
@@ -288,7 +290,7 @@ def comparison_of(source: Any, *names: str, search: WitnessSearch = FEW) -> Comp
     return Comparison((*entries, Entry(WITNESS, WITNESS, search)), Evaluation(None, source, None, 4, QUICK))
 
 
-def test_what_is_flown_is_the_witness(starts: Encounter, best: Witnesses, flown: Any) -> None:
+def test_what_is_flown_is_the_witness(starts: Encounter, best: Found, flown: Any) -> None:
     flights, paths = flown
     known = np.flatnonzero(np.isfinite(best.arrival))
     assert known.size >= 7
@@ -309,7 +311,7 @@ def test_what_is_flown_is_the_witness(starts: Encounter, best: Witnesses, flown:
     assert (beyond <= SURROGATE.speed_max).all()
 
 
-def test_without_a_witness_the_flight_is_that_of_none(starts: Encounter, best: Witnesses, flown: Any) -> None:
+def test_without_a_witness_the_flight_is_that_of_none(starts: Encounter, best: Found, flown: Any) -> None:
     lost = np.flatnonzero(np.isnan(best.arrival))
     assert {1, 5} <= set(lost)
     none = baseline_entry(REFERENCE, QUICK).decider
@@ -367,7 +369,7 @@ def test_a_recorded_intruder_is_known_to_its_end(starts: Encounter, flown: Any) 
     np.testing.assert_array_equal(flown[1].separation[: len(paths.separation), 6:], paths.separation)
 
 
-def test_a_manoeuvre_is_not_stopped_by_a_loss(starts: Encounter, best: Witnesses) -> None:
+def test_a_manoeuvre_is_not_stopped_by_a_loss(starts: Encounter, best: Found) -> None:
     # An escape of one encounter, flown in another, where it saves nothing.
     wrong = take(best.manoeuvre, np.full(2, np.flatnonzero(np.isfinite(best.arrival))[0]))
     paths = followed(take(starts, [1, 5]), wrong, QUICK)

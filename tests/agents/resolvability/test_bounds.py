@@ -8,7 +8,7 @@ import pytest
 
 from agents.manoeuvres.escape_manoeuvre import steps, tracks
 from agents.resolvability import reachable_set as survivors
-from agents.resolvability.causal_bound import Causal, Foresight, causal
+from agents.resolvability.causal_bound import Causal, causal
 from agents.resolvability.classify import Replay
 from agents.resolvability.outer_polygon import beside, outside
 from agents.resolvability.proof import Ahead, contained, look_ahead, split
@@ -262,9 +262,6 @@ def test_it_depends_on_neither_batch_nor_order(encounters: Encounter, flown: Cau
     np.testing.assert_array_equal(again.path, flown.path[order])
 
 
-def test_without_a_turn_in_mind_it_still_flies(encounters: Encounter):
-    nothing = Foresight(math.radians(3.0), turn=0.0, observed=False)
-    bold = causal(take(encounters, slice(0, 1)), QUICK, SURROGATE, nothing)
-    assert bold.solved.all()
+def test_it_wants_a_leading_axis(encounters: Encounter):
     with pytest.raises(ValueError, match="leading axis"):
         causal(take(encounters, 0), QUICK, SURROGATE)

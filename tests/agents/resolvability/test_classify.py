@@ -7,14 +7,14 @@ import pytest
 
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, steps
 from agents.manoeuvres.escape_search import search
-from agents.resolvability.classify import Method, Verdict, classify, least_cost, replay
+from agents.resolvability.classify import Method, Verdict, classify, replay
 from agents.resolvability.proof import contained, look_ahead, split
 from agents.resolvability.reachable_bound import (
     EPSILON,
     delta,
     relaxed,
 )
-from agents.resolvability.witness import SECOND
+from agents.resolvability.witness import SECOND, least_cost
 from envs.aircraft import PAPER
 from envs.encounters import Encounter, Scenario, scenario
 from envs.intruder import Intent
