@@ -15,8 +15,6 @@ from agents.planner.candidates import Proposals, empty
 from agents.planner.options import Options
 from envs.trees import scatter, take
 
-__all__ = ["ALONG", "IN_TIME", "WIDE", "Planner", "renewed", "tries"]
-
 WIDE, IN_TIME, ALONG = range(3)
 """Kinds of plans: to the goal with distance and time to spare; to the goal in time; along the route."""
 
@@ -56,8 +54,6 @@ def renewed(
         short: whether the plan that is flown passes over the goal, or gets there too late, ``[N]``.
         reached: whether the goal was reached, ``[N]``.
         left: time until it is missed, s.
-        make: makes the plans.
-        thresholds: of the monitor.
 
     Returns:
         The monitors, ``short`` of what they fly now, and which have asked for a plan, ``[N]``.

@@ -19,8 +19,6 @@ from envs.relative import distance
 from envs.trees import column, mapped, scatter, take
 from envs.waypoints import Knots, Legs, legs
 
-__all__ = ["STEPS", "Backup", "flown", "refreshed", "resting", "search", "straight_east"]
-
 STEPS = (5.0, 5.0, 5.0, 5.0, 10.0, 10.0, 10.0, 10.0, 20.0, 20.0, 20.0)
 """Durations of a backup's legs, in time steps; their sum is the horizon over which it is judged."""
 
@@ -75,15 +73,7 @@ def flown(own: VehicleState, course: Any, speed: Any, thresholds: Thresholds) ->
 
 
 def refreshed(previous: Backup, own: VehicleState, traffic: Traffic, time: Any, thresholds: Thresholds) -> Backup:
-    """Return the backups for the present step, ``[N]``.
-
-    Args:
-        previous: those of the step before.
-        own: present states, ``[N]``.
-        traffic: the intruders now, ``[N, K]``.
-        time: on the monitor's clock, s, ``[N]``.
-        thresholds: of the monitor.
-    """
+    """Return the backups for this step, ``[N]``, from those of the step before; time on the monitor's clock, s."""
     had = np.isfinite(previous.started)
     knots = flown(
         own, np.where(had, previous.course, own.heading), np.where(had, previous.speed, own.speed), thresholds
@@ -103,14 +93,7 @@ def refreshed(previous: Backup, own: VehicleState, traffic: Traffic, time: Any, 
 
 
 def search(own: VehicleState, traffic: Traffic, time: Any, thresholds: Thresholds) -> Backup:
-    """Return the best backup of the family, ``[N]``: a safe one, or that of greatest clearance.
-
-    Args:
-        own: present states, ``[N]``.
-        traffic: the intruders now, ``[N, K]``.
-        time: on the monitor's clock, s, ``[N]``.
-        thresholds: of the monitor.
-    """
+    """Return the best backup of the family at a time (s), ``[N]``: a safe one, or that of greatest clearance."""
     requirement, manoeuvre = thresholds.requirement, thresholds.manoeuvre
     unit = thresholds.options.aircraft.separation
     count, each = own.x.size, _FAMILY_TURN.size

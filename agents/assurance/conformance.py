@@ -43,9 +43,7 @@ def watched(monitor: Monitor) -> Any:
 def judged(
     monitor: Monitor, memory: Memory, own: VehicleState, traffic: Traffic, causes: Any, thresholds: Thresholds
 ) -> tuple[Any, Any, dict[str, Any]]:
-    """Measure the present second against the plan.
-
-    A cause begins beyond its threshold and ends below a share of it.
+    """Measure the present second against the plan; a cause begins beyond its threshold and ends below a share of it.
 
     Args:
         monitor: of the second before, ``[N]``.
@@ -53,7 +51,6 @@ def judged(
         own: present states, ``[N]``.
         traffic: the intruders now, ``[N, K]``.
         causes: that are known already, ``[N]``.
-        thresholds: of the monitor.
 
     Returns:
         The leaky sums ``[N, 3]``, all causes ``[N]``, and what was measured, by the names of a decision's fields.
@@ -105,14 +102,11 @@ def judged(
 def _outlook(
     monitor: Monitor, own: VehicleState, traffic: Traffic, since: Any, offset: Any, thresholds: Thresholds
 ) -> tuple[Any, Any, Any]:
-    """Return the rest's separations ``[N, K]``, when they are lost and whether they are too small, ``[N]``.
-
-    The present distance of the ownship from its plan may last: it is taken off. The rest may not fall below what
-    the plan was required to keep, nor, less that distance, below the separation itself.
-    """
+    """Return the rest's separations ``[N, K]``, when they are lost and whether they are too small, ``[N]``."""
     requirement = thresholds.requirement
     planned = np.where(monitor.expected.mask, kept(monitor.plan, monitor.expected, thresholds), np.inf)
     least = floor(np.minimum(planned, required(traffic, own, requirement)), thresholds)
+    # The present distance of the ownship from its plan may last: it is taken off.
     off = offset[:, None]
     had = has(monitor.causes, Cause.SEPARATION)[:, None]
     edge = np.where(had, least + thresholds.separation_band, least - thresholds.resolution)
@@ -125,10 +119,7 @@ def _outlook(
 
 
 def _unexpected(monitor: Monitor, traffic: Traffic, since: Any) -> tuple[Any, Any, tuple[Any, Any]]:
-    """Return how far the intruders are from what the plan expected, m and m/s, inf for new ones, and one sigma of both.
-
-    All ``[N, K]``.
-    """
+    """Return how far intruders are from what the plan expected, m and m/s, inf for new ones, and one sigma of both."""
     expected = monitor.expected
     there = predicted(expected, since[:, None])
     there = there._replace(speed=expected.state.speed)

@@ -16,8 +16,6 @@ from agents.policy.domain import excess
 from envs.angles import wrap
 from envs.kinematics import FASTEST, VehicleState, velocity
 
-__all__ = ["Inputs", "Memory", "blank", "inputs", "present", "updated"]
-
 _AHEAD = 0.5  # s by which a report may seem to come from the future
 _SAME = 1e-6  # s by which the time of one report differs between two steps: rounding of now less age
 _FARTHEST, _LONGEST = 1e6, 1e12  # m, s
@@ -67,11 +65,10 @@ class Memory(NamedTuple):
 
 
 def inputs(time: Any, own: VehicleState, intruders: VehicleState, mask: Any = None, **more: Any) -> Inputs:
-    """Return inputs whose ages and standard deviations are 0 where they are not given.
+    """Return inputs ``[N]``, ages and standard deviations 0 where they are not given.
 
     Args:
         time: s, ``[N]`` or a scalar.
-        own: ``[N]``.
         intruders: ``[N, K]``.
         mask: which of them exist, ``[N, K]``; None: all.
         **more: other fields of :class:`Inputs`.
@@ -102,11 +99,7 @@ def blank(count: int, intruders: int, speed: Any) -> Memory:
 
 
 def updated(memory: Memory, given: Inputs, thresholds: Thresholds) -> tuple[Memory, VehicleState, Traffic, Any]:
-    """Check what is given and update the memory with what is valid.
-
-    Returns:
-        The memory, the own states now, the intruders now (known ones, dead-reckoned), and the causes, int32 ``[N]``.
-    """
+    """Return the memory with what is valid, own states and known intruders now (dead-reckoned), and the causes."""
     clock = (np.abs(given.time) <= _LONGEST) & (given.time > memory.time)
     now = np.where(clock, given.time, np.where(np.isfinite(memory.time), memory.time, 0.0))
     causes = np.where(clock, 0, int(Cause.CLOCK)).astype(np.int32)
@@ -160,10 +153,7 @@ def present(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleS
 
 
 def _turn_rate(memory: Memory, given: Inputs, elapsed: Any, good: Any, thresholds: Thresholds) -> tuple[Any, Any]:
-    """Return the turn rates that the last two reports show, rad/s, ``[N, K]``; 0 where noise could be all of it.
-
-    Return also where they are beyond the operating domain's, beyond what noise could do.
-    """
+    """Return the turn rates (rad/s, 0 where they may be noise) of the last two reports, and which are outside."""
     shortest, longest = (steps * thresholds.options.aircraft.dt for steps in _BASELINE)
     comparable = good & (elapsed >= shortest) & (elapsed <= longest)
     seconds = np.where(comparable, elapsed, 1.0)

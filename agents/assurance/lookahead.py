@@ -16,8 +16,6 @@ from envs.relative import distance
 from envs.trees import column, take
 from envs.waypoints import ARCS, Legs
 
-__all__ = ["FINE", "Course", "Outlook", "course", "outlook"]
-
 FINE = 32
 """Parts of an arc: 0.06 s of a leg of 20 s, 4 mm of uncertainty."""
 
@@ -64,10 +62,9 @@ def course(knots: Any, legs: Legs) -> Course:
 
 
 def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: float) -> Outlook:
-    """Look ahead on the rest of plans.
+    """Look ahead on the rest of plans ``[N]``.
 
     Args:
-        course: ``[N]``.
         since: present time on the plans' clocks, s, ``[N]``.
         traffic: the intruders now, ``[N, K]``.
         level: separations of interest, m, ``[N, K]``; larger ones are bounded coarsely.

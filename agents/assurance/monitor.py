@@ -42,18 +42,16 @@ __all__ = [
 def activate(
     monitor: Monitor, rows: Any, knots: Knots, safe: Any, time: Any, traffic: Traffic, thresholds: Thresholds
 ) -> Monitor:
-    """Begin to watch plans.
+    """Begin to watch plans ``[M]`` in some rows of monitors ``[N]``.
 
     Only a safe plan is flown; a row with another plan has none and flies its backup from the next step on.
 
     Args:
-        monitor: ``[N]``.
         rows: which of them, numbers ``[M]``.
         knots: state at the request and the waypoints, ``[M, W + 1]``; nan where there is no plan.
         safe: whether the planner called them safe, ``[M]``.
         time: of the request on the monitor's clock, s, ``[M]`` or a scalar.
         traffic: the intruders that the plans were made with, ``[M, K]``.
-        thresholds: of the monitor.
     """
     usable, plan = _usable(knots, safe, thresholds)
     when = np.broadcast_to(np.asarray(time, dtype=float), np.shape(rows))
@@ -63,13 +61,7 @@ def activate(
 
 
 def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monitor, Decision]:
-    """Judge one time step.
-
-    Args:
-        monitor: ``[N]``.
-        given: ``[N]``, intruders ``[N, K]``.
-        thresholds: of the monitor.
-    """
+    """Judge one time step of monitors ``[N]`` by what they are given, ``[N]`` and of intruders ``[N, K]``."""
     memory, own, traffic, causes = updated(monitor.memory, given, thresholds)
     idle = monitor.state == State.IDLE
     blind = has(causes, BLIND)
@@ -118,19 +110,17 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
 def answer(
     monitor: Monitor, rows: Any, number: Any, knots: Knots, safe: Any, thresholds: Thresholds
 ) -> tuple[Monitor, Any]:
-    """Hand in what the planner answered.
+    """Hand in what the planner answered ``[M]`` to some rows of monitors ``[N]``.
 
     A plan is taken up only if it is SAFE, answers the last request (so that it is not older than the active one),
     and is still safe against the intruders as they are now. An answer to another request changes nothing; one that
     cannot be flown leads to BACKUP if the rest of the active plan is not safe, else to DENIED.
 
     Args:
-        monitor: ``[N]``.
         rows: which of them, numbers ``[M]``, each once.
         number: of the requests that are answered (:class:`Decision`), ``[M]``.
         knots: state at the request and the waypoints, ``[M, W + 1]``; nan where there is no plan.
         safe: whether the planner called them safe, ``[M]``.
-        thresholds: of the monitor.
 
     Returns:
         The monitors, and which of the plans are flown now, ``[M]``.
@@ -160,10 +150,9 @@ def answer(
 
 
 def references(monitor: Monitor, time: Any, dt: float, count: int) -> VehicleState:
-    """Return the states to be flown through at ``time``, ``time + dt``, ..., ``[count + 1, N]``.
+    """Return the states to be flown through at ``time``, ``time + dt``, ..., ``[count + 1, N]``; IDLE rows get any.
 
     Args:
-        monitor: ``[N]``; what IDLE rows get is of no use.
         time: on the monitor's clock, s, ``[N]`` or a scalar.
         dt: between the states, s.
         count: how many of them after the first.

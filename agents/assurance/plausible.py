@@ -11,8 +11,6 @@ from agents.assurance.thresholds import Thresholds
 from envs.kinematics import VehicleState, velocity
 from envs.trees import mapped
 
-__all__ = ["SIGMAS", "Drift", "Tolerance", "difference", "followed", "unknown"]
-
 SIGMAS = 5.5
 """Standard deviations of the declared noise that excuse a report: of thousands of noisy reports none is refused."""
 
@@ -65,7 +63,6 @@ def difference(moved: tuple[Any, Any], flown: tuple[Any, Any], noise: Any, allow
     Args:
         moved, flown: the two, east and north, m.
         noise: one sigma of their difference, m.
-        allows: what is excused.
     """
     way = np.maximum(np.hypot(*moved), np.hypot(*flown))
     off = np.hypot(moved[0] - flown[0], moved[1] - flown[1])
@@ -88,7 +85,6 @@ def followed(
         report: the new ones likewise.
         time: of the reports before and of the new ones, s; -inf where there is none before.
         good: which of the new ones are finite, in range and in order, bool.
-        thresholds: of the monitor.
     """
     old, _, old_std = before
     aircraft = thresholds.options.aircraft

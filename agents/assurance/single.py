@@ -20,8 +20,6 @@ from envs.kinematics import VehicleState
 from envs.trees import mapped, take
 from envs.waypoints import Knots, Waypoint, knots
 
-__all__ = ["Ask", "Verdict", "Watch", "Why", "activate", "answer", "begin", "reasons", "step"]
-
 _ONE = np.array([0])
 _MISSING, _NOWHERE = VehicleState(*[float("nan")] * 4), VehicleState(0.0, 0.0, 0.0, 0.0)
 
@@ -117,8 +115,6 @@ def activate(watch: Watch, plan: Plan, own: VehicleState, intruders: Mapping[str
     """Begin to watch a plan; one that is not SAFE is not flown, the backup is.
 
     Args:
-        watch: the monitor.
-        plan: of :func:`agents.planner.plan`.
         own: state at the request.
         intruders: of the request, by name.
         time: of the request on the monitor's clock, s.
@@ -143,7 +139,6 @@ def step(
     """Judge one second.
 
     Args:
-        watch: the monitor.
         time: now, s.
         own: last reported state; None: missing.
         intruders: last reports by name.

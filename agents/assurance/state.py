@@ -13,8 +13,6 @@ from agents.planner.traffic import Traffic
 from envs.kinematics import VehicleState
 from envs.waypoints import Knots, legs
 
-__all__ = ["Decision", "Flown", "Monitor", "State", "placeholder", "start"]
-
 
 class State(IntEnum):
     """Of a monitor."""

@@ -10,8 +10,6 @@ from agents.planner.traffic import Requirement
 from agents.policy.domain import traffic
 from envs.kinematics import Limits, within
 
-__all__ = ["BLIND", "DOUBTFUL", "LOST", "OUTSIDE", "WANTING", "Cause", "Thresholds"]
-
 
 class Cause(IntFlag):
     """Why the monitor wants another plan or denies the present one; several may hold at once."""
@@ -143,12 +141,7 @@ class Thresholds:
 
     @classmethod
     def for_plans(cls, options: Options, **changes: Any) -> "Thresholds":
-        """Return the usual thresholds for plans made with some options; a plan must keep half of their sigmas.
-
-        Args:
-            options: of the plans.
-            **changes: other fields.
-        """
+        """Return the usual thresholds, but for some changes, for plans with options; half of their sigmas count."""
         wanted, aircraft = options.requirement, options.aircraft
         options = replace(options, requirement=wanted._replace(sigmas=_KEPT * wanted.sigmas))
         far, step, limits = aircraft.separation, aircraft.dt, aircraft.limits

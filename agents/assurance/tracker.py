@@ -15,8 +15,6 @@ from envs.angles import atan2
 from envs.kinematics import VehicleState, velocity
 from envs.trees import mapped
 
-__all__ = ["Tracks", "begin", "follow"]
-
 _POSITION_GAIN, _VELOCITY_GAIN = 0.3, 0.15
 _DRIFT_GAIN = 0.3
 """Of the running mean of the velocity's deviations."""
@@ -54,11 +52,9 @@ def begin(report: VehicleState, position_std: Any, velocity_std: Any) -> Tracks:
 
 
 def follow(tracks: Tracks | None, report: VehicleState, position_std: Any, velocity_std: Any, dt: float) -> Tracks:
-    """Return the tracks with one more report of each intruder, ``[...]``.
+    """Return the tracks (None: there are none) with one more report of each intruder, ``[...]``.
 
     Args:
-        tracks: as of the reports before; None: there were none.
-        report: of now.
         position_std: one sigma of reported positions, per axis, m; broadcastable to ``[...]``.
         velocity_std: one sigma of reported velocities, per axis, m/s.
         dt: time since the reports before, s.

@@ -56,11 +56,7 @@ class Network:
     span: np.ndarray
 
     def __call__(self, inputs: np.ndarray) -> np.ndarray:
-        """Return the outputs ``[N, O]`` for inputs ``[N, I]`` in the units of the file.
-
-        Raises:
-            ValueError: the last axis is not the number of inputs, or an input is not finite.
-        """
+        """Return outputs ``[N, O]`` for inputs ``[N, I]`` in the file's units; ValueError: wrong shape, not finite."""
         inputs = np.asarray(inputs, np.float64)
         if inputs.ndim != 2 or inputs.shape[1] != len(self.low):
             raise ValueError(f"inputs have shape {inputs.shape}, expected [N, {len(self.low)}]")
@@ -73,11 +69,7 @@ class Network:
 
 
 def read(path: str | os.PathLike[str]) -> Network:
-    """Read a network.
-
-    Raises:
-        NnetError: the file cannot be read or is not as documented.
-    """
+    """Read a network; raise NnetError where the file cannot be read or is not as documented."""
     source = os.fspath(path)
     numbers = _numbers(source)
     layers, inputs, outputs, _ = _whole(numbers[:4], 4, source)

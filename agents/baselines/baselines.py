@@ -51,11 +51,7 @@ class Baseline(Protocol):
 
 
 def checked(sight: Sight) -> Sight:
-    """Return a sight in which every number is finite, absent intruders aside.
-
-    Raises:
-        ValueError: one is not; the message names the field and the encounter.
-    """
+    """Return a sight in which every number is finite, absent intruders aside; a ValueError names one that is not."""
     fields: dict[str, Any] = {f"own.{name}": values for name, values in sight.own._asdict().items()}
     seen = sight.intruders._asdict()
     fields |= {f"intruders.{name}": np.where(sight.mask, values, 0.0) for name, values in seen.items()}
@@ -85,13 +81,10 @@ def course_to_goal(sight: Sight, aircraft: Aircraft) -> np.ndarray:
 
 
 def may_return(sight: Sight, aircraft: Aircraft, required: float) -> np.ndarray:
-    """Return whether the ownship may go back to its route, bool ``[M]``.
+    """Return whether the ownship may go back to its route, ``required`` metres from intruders, bool ``[M]``.
 
     It may where one turn onto the goal and straight flight to it keep clear of all intruders, and, as is usual among
     published resolvers, where all of them are past their closest point of approach and far enough.
-
-    Args:
-        required: separation from the intruders, m.
     """
     own = VehicleState(*(field[:, None] for field in sight.own))
     goal = sight.goal_x[:, None], sight.goal_y[:, None]

@@ -41,14 +41,9 @@ def arc_end(state: VehicleState, arc: Any, length: Any) -> tuple[Any, Any]:
 
 
 def end_speed(length: Any, speed: Any, seconds: Any, limits: Limits, xp: Any) -> tuple[Any, Any]:
-    """Return the speed to accelerate to in order to cover a length in time, m/s, and whether that is possible.
+    """Return the speed to cover a length (m) in some seconds, m/s, and whether that is possible, ``[...]``.
 
     The present speed where it is enough; else, accelerating at once by as much as the limits allow.
-
-    Args:
-        length: m, ``[...]``.
-        speed: now, m/s, ``[...]``.
-        seconds: time left, s, ``[...]``.
     """
     gain, left = limits.acceleration_max, xp.maximum(seconds, 0.0)
     missing = length - speed * left
@@ -67,15 +62,7 @@ def clear(
 
     The turn is judged on the chords of its quarters, less what the arcs can leave them by, the straight line until the
     goal's disc. A goal inside the turning circle, behind a turn of more than half a circle, or too far for the time
-    left has no such way.
-
-    Args:
-        own: ``[...]``.
-        goal: its position, m, ``[...]`` each.
-        other: the intruder now, ``[...]``.
-        required: required separation from it, m, ``[...]``.
-        time: now, s.
-        task: limits and end.
+    left has no such way. All ``[...]``; goal and required separation in m, time in s.
     """
     sine, cosine = sincos(own.heading, xp)
     dx, dy = goal[0] - own.x, goal[1] - own.y

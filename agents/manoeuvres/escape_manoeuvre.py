@@ -61,10 +61,9 @@ def steps(rules: Rules) -> int:
 
 
 def tracks(encounter: Encounter, count: int, rules: Rules) -> VehicleState:
-    """Fly the true intruders alone (they react to nothing) for ``count`` steps.
+    """Fly the true intruders alone (they react to nothing); return their states before and after each step.
 
-    Returns:
-        Their states at the beginning and after every step, fields ``[count + 1, ..., K]``.
+    Fields ``[count + 1, ..., K]``.
     """
     flown = start(encounter.intruders, np)
     states = [flown.vehicle]
@@ -90,15 +89,12 @@ def fly(
     rules: Rules,
     limits: Limits,
 ) -> Flight:
-    """Fly one step of the escapes.
+    """Fly one step of escapes ``[M]``.
 
     Args:
-        flight: ``[M]``.
-        manoeuvre: ``[M]``.
         time: at the beginning of the step, s after the start.
         goal: its position, m, ``[M]`` each.
-        traffic: the true intruders now, ``[M, K]``.
-        mask: which of them exist, ``[M, K]``.
+        traffic: the true intruders now, ``[M, K]``, and which of them exist.
         limits: of the ownship; floats.
     """
     own = flight.own
@@ -120,18 +116,14 @@ def fly(
 def fly_away(
     flight: Flight, manoeuvre: Manoeuvre, first: int, count: int, dt: float, limits: Limits
 ) -> tuple[VehicleState, Flight]:
-    """Fly several steps of the escapes as :func:`fly` does, but for the way to the goal, which is left to the caller.
+    """Fly several steps of escapes ``[M]`` as :func:`fly` does, but for the way to the goal, which is the caller's.
 
     Until it turns back, headings and speeds of an escape follow from its manoeuvre alone, and the
     displacements of all steps are found at once.
 
     Args:
-        flight: at the beginning of the first step, ``[M]``; its heading need not be wrapped.
-        manoeuvre: ``[M]``.
-        first: number of the first step.
-        count: of steps.
-        dt: duration of a step, s.
-        limits: of the ownship; floats.
+        flight: at the beginning of step number ``first``; its heading need not be wrapped.
+        count: of steps of ``dt`` seconds.
 
     Returns:
         The states at the beginning and after every step, ``[count + 1, M]``, and the escapes at the end, their

@@ -113,15 +113,13 @@ def fly_out(
     scoring: bool = False,
     first: bool = True,
 ) -> Flown:
-    """Fly escapes to their ends, ``[M]``.
+    """Fly escapes ``[M]`` to their ends.
 
     Args:
         encounter: ``[N]``.
         traffic: its intruders' states ``[T + 1, N, K]``.
         which: number of the encounter that each escape belongs to, ``[M]``.
-        manoeuvre: the escapes, ``[M]``.
-        scoring: go on after a violation, to learn by how much it was missed. Otherwise an escape is dropped at
-            its violation.
+        scoring: go on after a violation, to learn by how much it was missed; otherwise an escape is dropped there.
         first: without scoring, drop all of an encounter's escapes as soon as one of them has reached the goal.
     """
     arrival, path = np.full((2, which.size), np.nan)
@@ -207,10 +205,7 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
 
 
 def offspring(pool: Any, index: int, task: Aircraft | Rules) -> Any:
-    """Return random variants of elites ``[8, N, ELITES]`` in a round of a refinement, ``[8, N, CHILDREN]``.
-
-    They are the same changes for every encounter, so that results do not depend on the batch.
-    """
+    """Return variants ``[8, N, CHILDREN]`` of elites ``[8, N, ELITES]``, the same random changes for all encounters."""
     changes = np.array(scaled(SPREAD, task))[:, None] * normals(0, index, 1, (len(SPREAD), CHILDREN))[0] * 0.8**index
     parents = (uniforms(0, index, 1, (CHILDREN,), stream=1)[0] * ELITES).astype(int)
     return within_range(pool[..., parents] + changes[:, None])
@@ -239,11 +234,7 @@ def _keep_best(found: Found, part: Any, which: Any, family: Manoeuvre, flown: Fl
 
 
 def doubled(encounters: Encounter) -> Encounter:
-    """Return encounters ``[N]`` in double precision.
-
-    Raises:
-        ValueError: there is no leading axis.
-    """
+    """Return encounters ``[N]`` in double precision; raise ValueError where there is no leading axis."""
     if np.ndim(encounters.goal_x) != 1:
         raise ValueError(f"encounters must have one leading axis [N], got shape {np.shape(encounters.goal_x)}")
     return cast(encounters, np.float64)

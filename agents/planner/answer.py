@@ -6,8 +6,6 @@ from enum import Enum
 
 from envs.waypoints import Waypoint
 
-__all__ = ["WAYPOINTS", "Excluded", "Kind", "Plan", "Reason", "RequestError", "Source", "Status"]
-
 WAYPOINTS = 20
 """Of a plan as the paper has it: 19, one every 20 time steps, and a point of the route."""
 

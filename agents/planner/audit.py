@@ -11,8 +11,6 @@ from collections.abc import Sequence
 from agents.planner.answer import Kind, Reason
 from envs.waypoints import RoutePoint, Waypoint
 
-__all__ = ["ON_ROUTE", "audit"]
-
 ON_ROUTE = 1e-3
 """By how much the last waypoint may stand beside its point of the route, m."""
 
@@ -20,10 +18,10 @@ ON_ROUTE = 1e-3
 def audit(
     waypoints: Sequence[Waypoint], route: Sequence[RoutePoint], *, count: int, extended: bool = False
 ) -> list[Reason]:
-    """Return what is wrong with waypoints as they are published.
+    """Return what is wrong with waypoints, in the order in which they are flown.
 
     Args:
-        waypoints: in the order in which they are flown.
+        waypoints: as they are published.
         route: of the request.
         count: how many waypoints there have to be.
         extended: whether the plan may end beyond the route, on the straight line of its last leg.

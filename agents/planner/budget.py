@@ -3,8 +3,6 @@
 import math
 import time
 
-__all__ = ["Budget"]
-
 _FINISH = 0.003  # s of the computation that are kept for writing the answer
 
 

@@ -61,13 +61,11 @@ def empty(count: int, waypoints: int) -> Proposals:
 
 
 def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) -> Proposals:
-    """Complete manoeuvres to plans and validate them.
+    """Complete manoeuvres ``[M]`` to plans and validate them.
 
     Args:
-        request: ``[M]``, of each manoeuvre.
-        rollout: the manoeuvres, ``[M]``.
+        request: of each manoeuvre, ``[M]``.
         goal: number of the route's point that each leads to, ``[M]``.
-        options: how plans are made.
     """
     count = goal.size
     route = (request.route_x, request.route_y)
@@ -92,12 +90,10 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
 
 
 def keep_best(best: Proposals, rows: Any, plans: Proposals) -> Any:
-    """Write, per request, the best of some plans into the best so far where it is better.
+    """Write the best of plans ``[M]`` into the best so far ``[N]``, in place, where it is better.
 
     Args:
-        best: ``[N]``, changed in place.
         rows: number of the request of each plan, ``[M]``.
-        plans: ``[M]``.
 
     Returns:
         The numbers of the requests that have a better plan now.

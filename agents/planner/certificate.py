@@ -22,8 +22,6 @@ from envs.kinematics import VehicleState
 from envs.trees import mapped
 from envs.waypoints import Waypoint
 
-__all__ = ["FORMAT", "certificate"]
-
 FORMAT = "RLCAS plan certificate 1"
 
 _STEP = 1e-5  # to whose multiples the bounds of distances are rounded down, m
@@ -44,8 +42,6 @@ def certificate(
         intruders: as they were reported.
         published: the plan's waypoints.
         excluded: the intruders that the plan takes no account of.
-        own_altitude: the ownship's.
-        options: how the plan had to be.
     """
     out = {one.number for one in excluded}
     reports = [one if isinstance(one, Intruder) else Intruder(one) for one in intruders]

@@ -18,8 +18,6 @@ from envs.kinematics import VehicleState
 from envs.trees import scatter, take
 from envs.waypoints import Knots
 
-__all__ = ["Completed", "complete"]
-
 _SPARE = 0.1  # least duration of the last leg, time steps
 _EXTENSION = 5.0  # distance between points beyond the end of a route, separations
 
@@ -43,14 +41,12 @@ class Completed(NamedTuple):
 
 
 def complete(rollout: Rollout, route: tuple[Any, Any], points: Any, goal: Any, options: Options) -> Completed:
-    """Complete manoeuvres to plans.
+    """Complete manoeuvres ``[N]`` to plans; turns between the points have the turn rate of :func:`task_of`.
 
     Args:
-        rollout: the manoeuvres, ``[N]``.
         route: its points, m, ``[N, R]`` each.
         points: how many of the R there are, ``[N]``.
         goal: number of the point to rejoin at, ``[N]``.
-        options: how plans are made; turns between the points have the turn rate of :func:`task_of`.
     """
     task, extend, extension = task_of(options), options.extend_route, _EXTENSION * options.aircraft.separation
     finished_by = options.last_free + _SPARE * options.aircraft.dt

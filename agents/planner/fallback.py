@@ -22,8 +22,6 @@ from agents.planner.options import Options, aggressive_limits
 from agents.planner.request import Request
 from envs.trees import take
 
-__all__ = ["refine", "search"]
-
 _BLOCK = 16_384  # manoeuvres in the air at once
 _CHEAPEST, _CLEAREST = 4, 2  # plans of a stage that are validated
 _HOPELESS = -0.04  # separations of clearance below which no smoothing helps
@@ -36,14 +34,7 @@ _PATIENCE, _PROGRESS = 3, 0.2  # rounds of the refinement, and the part of what 
 
 
 def search(request: Request, goal: Any, options: Options, budget: Budget) -> Proposals:
-    """Return the best plan that the family's stages hold, ``[N]``.
-
-    Args:
-        request: ``[N]``.
-        goal: number of the route's point to rejoin at, ``[N]``.
-        options: how plans are made.
-        budget: ends the search.
-    """
+    """Return the best plan that the family's stages hold, ``[N]``; ``goal`` is the number of the point to rejoin at."""
     best, aircraft = empty(goal.size, options.waypoints), options.aircraft
     last = replace(options, manoeuvre=aggressive_limits(options))
     stages = [(_FIRST, options, _SOON), (_SEEDS, last, _SOON)]
@@ -88,10 +79,7 @@ def refine(request: Request, goal: Any, options: Options, budget: Budget) -> Pro
 
 
 def _elites(turn: Any, scores: Any) -> Any:
-    """Return the numbers of the best manoeuvres, half of them to the left and half to the right, ``[n, ELITES]``.
-
-    Otherwise all of them soon turn to the side that looks better at first.
-    """
+    """Return the numbers of the best manoeuvres ``[n, ELITES]``, half to each side, or all would soon turn to one."""
     each = ELITES // 2
     sides = (np.where(side, scores, scores - 1e9) for side in (turn >= 0.0, turn < 0.0))
     return np.concatenate([np.argsort(-side, axis=-1, kind="stable")[:, :each] for side in sides], axis=-1)
@@ -108,10 +96,7 @@ def _tried(
     *,
     judge: bool,
 ) -> Any:
-    """Fly manoeuvres ``[8, n, M]``, complete and validate them; return how near each is to a safe plan, ``[n, M]``.
-
-    Without ``judge`` they are only flown, and ranked by the clearance on the way.
-    """
+    """Fly manoeuvres ``[8, n, M]``, perhaps judge them as plans; return how near each is to a safe one, ``[n, M]``."""
     each = tried.shape[-1]
     request, goal, which = take(request, left), goal[left], np.repeat(np.arange(left.size), each)
     family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))

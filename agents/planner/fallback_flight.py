@@ -19,8 +19,6 @@ from envs.kinematics import Limits, VehicleState
 from envs.relative import leg_separation
 from envs.trees import take
 
-__all__ = ["Effort", "Flown", "fly_out", "stride_of"]
-
 _AT_ONCE = 6  # strides flown at once at first
 _LATER = 18  # strides from turning back until uncertainty has grown to what the way back keeps
 _PAIRS = 8_192  # strides times manoeuvres times intruders at once: more do not stay in a core's cache
@@ -53,14 +51,11 @@ class Effort(NamedTuple):
 
 
 def fly_out(request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, options: Options, effort: Effort) -> Flown:
-    """Fly manoeuvres until the direct way to the goal is clear, ``[M]``.
+    """Fly manoeuvres ``[M]`` until the direct way to the goal is clear.
 
     Args:
-        request: ``[N]``.
-        goal: number of the route's point that each leads to, ``[N]``.
+        goal: number of the point that each request ``[N]`` is to be rejoined at, ``[N]``.
         which: number of the request of each manoeuvre, ``[M]``.
-        manoeuvre: ``[M]``.
-        options: how plans are made.
         effort: when manoeuvres are given up.
     """
     least, enough, longest, budget = effort
@@ -136,10 +131,10 @@ class _Scene(NamedTuple):
     """What uncertainty adds to it by the end of each stride, m, ``[S - 1, N, K]``; None: nothing."""
 
     def spare(self, flown: VehicleState, first: int, of: Any) -> Any:
-        """Return the least distance less the required one in each stride, ``[S, M]``, inf without intruders.
+        """Return the least distance less the required one in each stride, m, ``[S, M]``, inf without intruders.
 
         Args:
-            flown: states before and after them, ``[S + 1, M]``.
+            flown: states before and after the strides, ``[S + 1, M]``.
             first: number of the first.
             of: number of the request of each manoeuvre, ``[M]``.
         """
@@ -183,15 +178,13 @@ class _Landed:
         self.clearance = np.full(count, np.inf)
 
     def note(self, rows: Any, strides: Any, flown: VehicleState, over: Any, done: Any, nearest: Any) -> None:
-        """Note some strides of the manoeuvres in the air.
+        """Note strides ``[S]`` of manoeuvres ``[M]`` in the air.
 
         Args:
-            rows: their numbers, ``[M]``.
-            strides: numbers, ``[S]``.
             flown: states at the beginning of each stride, and more, ``[S + 1, M]``.
             over: the last of these strides in which each is in the air, ``[M]``.
             done: whether it turned back there, ``[M]``.
-            nearest: its clearance by then, ``[M]``.
+            nearest: its clearance by then, m, ``[M]``.
         """
         for field, value in zip(self._states, flown, strict=True):
             field[strides[0] : strides[-1] + 1, rows] = value[:-1]

@@ -8,17 +8,11 @@ import numpy as np
 from agents.planner.answer import RequestError
 from envs.kinematics import VehicleState
 
-__all__ = ["real", "sequence", "shown"]
-
 _LONGEST_TEXT = 60  # of a value in a message
 
 
 def sequence(name: str, given: Any) -> Sequence[Any]:
-    """Return a sequence that is neither a text nor a single state.
-
-    Raises:
-        RequestError: it is none.
-    """
+    """Return a sequence that is neither a text nor a single state; raise RequestError if it is none."""
     if isinstance(given, (str, bytes, VehicleState)) or not isinstance(given, Sequence):
         raise RequestError(name, f"is {type(given).__name__}, expected a sequence")
     return given
@@ -33,11 +27,7 @@ def shown(value: Any) -> str:
 
 
 def real(name: str, value: Any, low: float, high: float, unit: str) -> float:
-    """Return a number in [low, high] as a plain float.
-
-    Raises:
-        RequestError: it is none; the message names it.
-    """
+    """Return a number in [low, high] as a plain float; raise RequestError, which names it, if it is none."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise RequestError(name, f"is {shown(value)}, expected a number")
     try:

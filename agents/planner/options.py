@@ -13,18 +13,6 @@ from agents.planner.validator import LONGEST
 from envs.aircraft import Aircraft, AircraftError, new_aircraft
 from envs.kinematics import FASTEST, Limits, within
 
-__all__ = [
-    "Options",
-    "aggressive_limits",
-    "agility",
-    "check",
-    "comfort_limits",
-    "default_margin",
-    "speed_range",
-    "task_of",
-    "vehicle_limits",
-]
-
 _MARGIN = 2e-5
 """Largest distance of the follower from the curve that it flies on the true limits' kinematics, in separations, rounded
 up (measured: docs/explanation/planner.md)."""
@@ -75,12 +63,8 @@ def comfort_limits(decisions: Limits, vehicle: Limits) -> Limits:
     The gentlest curve to the same end as an acceleration (or turn) that stops inside the leg begins with up to 4/3
     of it. A twentieth of the greatest speed is always kept: what stands still cannot turn.
 
-    Args:
-        decisions: limits that decisions are made with.
-        vehicle: limits that the legs must obey.
-
     Raises:
-        ValueError: the two have no speeds in common.
+        ValueError: limits of decisions and of the legs (the vehicle's) have no speeds in common.
     """
     both = within(decisions, vehicle)
     return Limits(
@@ -139,7 +123,6 @@ class Options:
         """Return the usual options for an aircraft.
 
         Args:
-            aircraft: whose plans they are.
             vehicle: what the legs must obey; None: the aircraft's limits with the paper's reserve.
             **changes: other fields.
 
@@ -212,11 +195,7 @@ def task_of(options: Options) -> Task:
 
 
 def check(options: Options) -> None:
-    """Refuse options that could make an unsafe plan look safe, or none possible.
-
-    Raises:
-        RequestError: an option is of the wrong kind or out of range; it names it.
-    """
+    """Refuse, by a RequestError that names it, an option that could make an unsafe plan look safe, or none possible."""
     if not isinstance(options, Options):
         raise RequestError("options", f"is {type(options).__name__}, expected Options")
     for name, kind in _KINDS.items():

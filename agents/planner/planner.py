@@ -28,8 +28,6 @@ from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import RoutePoint
 
-__all__ = ["Plans", "eligible", "plan", "plan_many"]
-
 _POLICY, _FALLBACK = 1, 2  # codes of sources
 
 
@@ -48,7 +46,6 @@ def plan(
         own: state of the ownship, its speed inside the envelope.
         intruders: any number of them.
         route: what is left of it, two points at least; the next one first.
-        policy: decides.
         options: how the plan is made; None: the policy's aircraft's.
         own_altitude: for the vertical filter; None: unknown, all intruders count.
 
@@ -93,12 +90,10 @@ def _of_domain(intruders: Sequence[VehicleState | Intruder]) -> dict[str, list[f
 
 
 def plan_many(request: Request, policy: Policy, options: Options, *, floats: bool = False) -> Plans:
-    """Plan many requests, ``[N]``; each is planned as if it were alone, and without a deadline.
+    """Plan many requests ``[N]``, each as if it were alone, and without a deadline.
 
     Args:
-        request: ``[N]``; taken as it is: in range, with two points of the route at least.
-        policy: decides.
-        options: how plans are made.
+        request: taken as it is: in range, with two points of the route at least.
         floats: roll the policy in plain floats, one request after the other: ten times faster for one, and rounded
             differently.
 

@@ -21,8 +21,6 @@ from envs.trees import take
 from envs.waypoints import Knots, RoutePoint, Waypoint
 from envs.waypoints import knots as knots_of
 
-__all__ = ["JOIN", "Plans", "published", "received", "rechecked"]
-
 JOIN = 5
 """Least time to the waypoint at which a late plan is joined, in time steps: a shorter leg would make a hard turn of
 any error."""
@@ -50,16 +48,12 @@ def published(
     options: Options,
     skipped: tuple[str, ...] = (),
 ) -> Plan:
-    """Write the plan of one request.
+    """Write the plan of one request ``[1]``.
 
     Args:
-        request: ``[1]``.
-        plans: ``[1]``.
-        next_goal: number of the first point that may be rejoined at; -1: there is none.
-        route: of the request.
+        next_goal: number of the first point of the route that may be rejoined at; -1: there is none.
         excluded: intruders that were left out.
         kept: numbers of the others.
-        options: how plans are made.
         skipped: what was not searched.
     """
     best = take(plans.proposals, 0)
@@ -112,16 +106,12 @@ def rechecked(
     options: Options,
     own_altitude: Altitude | None = None,
 ) -> Plan:
-    """Return a plan as checked some time after its request: SAFE only if it still is from the present state on.
+    """Return a plan as checked ``late`` seconds after its request: SAFE only if it still is from the present state on.
 
     Args:
-        plan: as it was made.
-        late: time since its request, s.
         own: present state of the ownship.
         intruders: as reported by now.
         route: what is left of it.
-        options: how the plan is made.
-        own_altitude: for the vertical filter.
     """
     if not plan.safe or late <= 0.0:
         return plan

@@ -15,17 +15,6 @@ from agents.planner.traffic import Traffic, advanced
 from envs.kinematics import FASTEST, VehicleState
 from envs.waypoints import RoutePoint
 
-__all__ = [
-    "Altitude",
-    "Intruder",
-    "Options",
-    "Request",
-    "checked",
-    "eligible",
-    "finite",
-    "reported",
-]
-
 _FARTHEST = 1e6
 """Coordinates beyond this, m, belong to no local frame, whatever the aircraft."""
 
@@ -86,10 +75,10 @@ def checked(
     options: Options,
     own_altitude: Altitude | None = None,
 ) -> tuple[Request, tuple[Excluded, ...], list[int]]:
-    """Check one request and return it as arrays with N = 1.
+    """Check one request.
 
     Returns:
-        The request, the intruders left out, and the numbers of those that are in.
+        The request as arrays with N = 1, the intruders left out, and the numbers of those that are in.
 
     Raises:
         RequestError: something is missing, not finite, out of range or inconsistent.
@@ -134,11 +123,7 @@ def reported(reports: Sequence[Intruder]) -> tuple[Traffic, Any]:
 
 
 def finite(request: Request) -> None:
-    """Refuse requests ``[N]`` with a number that is not finite, absent intruders and points aside.
-
-    Raises:
-        RequestError: one is not; it names the field and its place.
-    """
+    """Refuse, by a RequestError, requests ``[N]`` with a number of what exists that is not finite."""
     traffic, exists = request.traffic, np.arange(request.route_x.shape[1]) < request.points[:, None]
     fields = {f"own.{name}": (values, True) for name, values in request.own._asdict().items()}
     seen = traffic.state._asdict() | dict(zip(traffic._fields[2:], traffic[2:], strict=True))

@@ -53,15 +53,11 @@ def roll(
     *,
     floats: bool = False,
 ) -> Rollout:
-    """Roll the policy ahead.
+    """Roll the policy ahead, ``[N]``.
 
     Args:
-        own: ``[N]``.
-        traffic: ``[N, K]``.
         goal: its position, m, ``[N]`` each.
         required: separation from the intruders on the direct way, m, ``[N, K]``.
-        policy: decides.
-        task: limits and end.
         budget: ends the flight in plain floats; None: nothing does.
         floats: roll one request after the other in plain floats: faster for fewer than about a hundred.
     """

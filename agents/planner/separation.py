@@ -11,8 +11,6 @@ from agents.planner.traffic import Requirement, Traffic
 from envs.trees import mapped, take
 from envs.waypoints import ARCS, Legs
 
-__all__ = ["FINE", "along", "blur", "chords", "growth", "same_flight"]
-
 FINE = 32
 """Parts into which an arc of a leg is cut where it matters: 0.06 s of a leg of 20 s, 4 mm of uncertainty."""
 
@@ -28,9 +26,9 @@ def same_flight(reports: Traffic, age: Any, traffic: Traffic) -> Any:
     through the same points are the same, two straight lines too.
 
     Args:
-        reports: as of the reports' own times, ``[N, K]``.
-        age: of the reports at the request, s, ``[N, K]``.
-        traffic: what plans are made and checked with, as of the request, ``[N, K]``.
+        reports: as of the reports' own times.
+        age: of the reports at the request, s.
+        traffic: what plans are made and checked with, as of the request.
     """
     said, used = (mapped(np.ravel, given) for given in (reports, traffic))
     turn = used.turn_time[:, None]
@@ -44,12 +42,11 @@ def same_flight(reports: Traffic, age: Any, traffic: Traffic) -> Any:
 def chords(
     begin: Any, length: Any, start: tuple[Any, Any], end: tuple[Any, Any], traffic: Traffic, pull: Any
 ) -> tuple[Any, Any]:
-    """Return a lower bound and an attained value of the distance in each part, m, ``[n, A, K]``.
+    """Return a lower bound and an attained value of the distance from intruders ``[n, K]``, m, ``[n, A, K]``.
 
     Args:
         begin, length: of the parts, s, ``[n, A]``.
         start, end: own positions there, m, ``[n, A]`` each.
-        traffic: ``[n, K]``.
         pull: largest relative acceleration, m/s^2, broadcasts against ``[n, A, K]``.
     """
     x0, y0 = _relative(start, begin, traffic)
@@ -68,10 +65,7 @@ def chords(
 
 
 def _relative(own: tuple[Any, Any], time: Any, traffic: Traffic) -> tuple[Any, Any]:
-    """Return the intruders' positions less the own ones, m, ``[n, A, K]``.
-
-    An intruder turns, then flies on.
-    """
+    """Return the intruders' positions less the own ones, m, ``[n, A, K]``: an intruder turns, then flies on."""
     heading, speed = traffic.state.heading[:, None], traffic.state.speed[:, None]
     t = time[..., None]
     x = traffic.state.x[:, None] + speed * np.cos(heading) * t

@@ -8,8 +8,6 @@ from agents.manoeuvres.direct_to_goal import arc_end
 from envs.angles import wrap
 from envs.kinematics import VehicleState
 
-__all__ = ["Requirement", "Traffic", "advanced", "predicted", "required", "uncertainty"]
-
 
 class Traffic(NamedTuple):
     """Intruders of one or many requests; fields ``[..., K]``."""
@@ -48,12 +46,7 @@ class Requirement(NamedTuple):
 
 
 def predicted(traffic: Traffic, time: Any) -> VehicleState:
-    """Return the intruders some seconds after the request, ``[..., K]``: a turn, then straight on.
-
-    Args:
-        traffic: ``[..., K]``.
-        time: s, broadcasts against ``[..., K]``.
-    """
+    """Return the intruders ``[..., K]`` some seconds (that broadcast) after the request: a turn, then straight on."""
     state = traffic.state
     turning = np.minimum(time, traffic.turn_time)
     arc = traffic.turn_rate * turning
@@ -97,13 +90,8 @@ def uncertainty(traffic: Traffic, time: Any) -> Any:
 def required(traffic: Traffic, own: VehicleState, requirement: Requirement) -> Any:
     """Return the separation required from each intruder before uncertainty grows, m, ``[..., K]``.
 
-    Where the request begins inside the margin, the present distance must not decrease; it is never less than the
-    separation.
-
-    Args:
-        traffic: ``[..., K]``.
-        own: at the request, ``[...]``; only its place counts.
-        requirement: on the separation.
+    Where the request begins inside the margin, the present distance from the ownship ``[...]`` must not decrease; it is
+    never less than the separation.
     """
     away = np.hypot(traffic.state.x - own.x[..., None], traffic.state.y - own.y[..., None])
     wanted = requirement.separation + requirement.margin + requirement.sigmas * uncertainty(traffic, 0.0)

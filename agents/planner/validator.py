@@ -16,8 +16,6 @@ from envs.kinematics import Limits, VehicleState
 from envs.trees import mapped, take
 from envs.waypoints import ARCS, CLOSED, Knots, Legs, legs
 
-__all__ = ["CHECKS", "CLOSE", "LONGEST", "ROUNDING", "TOLERANCE", "Findings", "validate"]
-
 TOLERANCE = Limits(1e-6, 1e-6, 1e-6, 1e-6, 1e-9)
 """By how much limits may be passed for rounding's sake (m/s, m/s^2, rad/s)."""
 
@@ -85,17 +83,13 @@ class Findings(NamedTuple):
 def validate(
     knots: Knots, traffic: Traffic, requirement: Requirement, limits: Limits, curves: Legs | None = None
 ) -> Findings:
-    """Check plans.
+    """Return what is wrong with plans; one whose knots are not finite or not in order is not judged further.
 
     Args:
         knots: state at the request and published waypoints, ``[N, W]``.
         traffic: the intruders at the request, ``[N, K]``.
-        requirement: on the separation.
         limits: that every leg must obey.
         curves: the legs of the knots, if they are known already.
-
-    Returns:
-        What is wrong; a plan whose knots are not finite or not in order is not judged further.
     """
     knots = Knots(*(np.asarray(field, dtype=float) for field in knots))
     count, points = knots.time.shape

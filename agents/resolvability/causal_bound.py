@@ -86,16 +86,7 @@ class _Air(NamedTuple):
 
 
 def causal(encounters: Encounter, rules: Rules, limits: Limits) -> Causal:
-    """Let the oracle fly the encounters.
-
-    Args:
-        encounters: ``[N]``, numpy.
-        rules: of the task; floats.
-        limits: of the ownship; floats.
-
-    Raises:
-        ValueError: ``encounters`` has no leading axis.
-    """
+    """Let the oracle fly encounters ``[N]`` (numpy); raise ValueError where they have no leading axis."""
     chosen, count = doubled(encounters), np.size(encounters.goal_x)
     inf, nan = np.full(count, np.inf), np.full(count, np.nan)
     record = VehicleState(*np.full((len(VehicleState._fields), steps(rules) + 1, count), np.nan))

@@ -87,12 +87,9 @@ class Replay(NamedTuple):
 def classify(
     encounters: Encounter, rules: Rules, limits: Limits, solved: Any = None, *, reserve: float = 0.0
 ) -> Resolvability:
-    """Decide which encounters are resolvable.
+    """Decide which encounters ``[N]`` (numpy) are resolvable.
 
     Args:
-        encounters: ``[N]``, numpy.
-        rules: of the task; floats.
-        limits: of the ownship; floats.
         solved: bool ``[N]``; those that any other method has solved are resolvable without a search.
         reserve: by how much more a proof needs the separation to be missed, m, as where it is not known to that how
             the intruders fly between the seconds.
@@ -119,11 +116,7 @@ def classify(
 
 
 def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limits) -> Replay:
-    """Fly a witness until the encounter ends.
-
-    Args:
-        encounter: one, fields without a leading axis (``take(encounters, 7)``).
-        witness: its escape, likewise.
+    """Fly the witness of one encounter, both without a leading axis (``take(encounters, 7)``), until that ends.
 
     Raises:
         ValueError: there is no witness (its parameters are nan).

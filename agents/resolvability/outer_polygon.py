@@ -20,16 +20,11 @@ _COSINE, _SINE = math.cos(DIRECTIONS[1]), math.sin(DIRECTIONS[1])
 
 
 def outside(supports: Any, x: float, y: float, radius: float) -> tuple[Any, Any]:
-    """Shrink polygons to the convex hull of what they have outside a disc.
+    """Shrink polygons, by their supports ``[M, D]``, to the convex hull of what they have outside a disc, all m.
 
     A point of a polygon on the disc's edge can be moved both ways along its tangent without entering the disc. So the
     hull's corners are the polygon's corners outside the disc and the points where its sides cross the disc's edge. A
     polygon inside the union of two discs is so emptied by the one after the other.
-
-    Args:
-        supports: ``[M, D]``, m.
-        x, y: the disc's centre, m.
-        radius: of the disc, m.
 
     Returns:
         Supports of the hulls, and whether anything is left, bool ``[M]`` (supports of what is empty stay).
@@ -56,12 +51,9 @@ def outside(supports: Any, x: float, y: float, radius: float) -> tuple[Any, Any]
 
 
 def beside(supports: Any, direction: Any, place: Any) -> Any:
-    """Return the supports of the parts of polygons on one side of a line, ``[M, D]``.
+    """Return the supports of the parts of polygons with n_k . x <= place, k being the direction, m, ``[M, D]``.
 
-    Args:
-        supports: ``[M, D]``, m.
-        direction: number k in the fan of the line's normal; the part with n_k . x <= place is kept.
-        place: of the line, m, ``[M]``; some of the polygon must lie on that side.
+    Some of each polygon must lie on that side.
     """
     corner_x, corner_y = corners(supports)
     beyond = corner_x * _NORMAL_X[direction] + corner_y * _NORMAL_Y[direction] - place[:, None]

@@ -110,12 +110,7 @@ def contained(ahead: Ahead, rules: Rules, limits: Limits) -> Any:
 
 
 def split(ahead: Ahead, rules: Rules, limits: Limits, nodes: int = NODES) -> Any:
-    """As :func:`contained`, for parts of the control histories, ``[N]``.
-
-    Args:
-        ahead: ``[N]``.
-        nodes: halves of halves that may be looked at where following the survivors proves nothing.
-    """
+    """As :func:`contained`, for parts of the control histories: survivors, else up to so many halves of halves."""
     proven = np.full(ahead.speed.shape, np.nan)
     for index in range(ahead.speed.size):
         one = take(ahead, slice(index, index + 1))
@@ -158,12 +153,7 @@ def _halved(ahead: Ahead, nodes: int, rules: Rules, limits: Limits) -> float:
 
 
 def _look(funnel: Funnel, ahead: Ahead, rules: Rules, limits: Limits) -> tuple[Any, Any]:
-    """Look for a time at which an intruder's disc contains funnels, ``[N]``.
-
-    Returns:
-        The first such time (nan if there is none), and the time at which the least part of the reachable width
-        would have to go for containment.
-    """
+    """Return the first time at which a disc contains funnels ``[N]`` (nan: none), and when that is nearest."""
     supports = support(funnel, DIRECTIONS, STEP * rules.dt, relaxed(limits), stride=STRIDE)
     times = _test_times(rules, limits)
     excess = np.min(farthest(supports, ahead.x, ahead.y), axis=-2) - (rules.separation - delta(rules, limits))
@@ -204,11 +194,9 @@ def _width(funnel: Funnel) -> Any:
 
 
 def _under_way(supports: Any, ahead: Ahead, rules: Rules, limits: Limits) -> Any:
-    """Return whether no history of the funnels can have ended at the goal by the test times, ``[N, T]``.
-
-    What cannot be within the goal's radius and one interval's flight of it now has not been at it since the last test.
-    """
+    """Return whether no history of the funnels can have ended at the goal by the test times, ``[N, T]``."""
     flight = np.maximum(relaxed(limits).speed_max, ahead.speed) * STRIDE * (STEP * rules.dt)
+    # What cannot be within the goal's radius and a stride's flight of it now has not been at it since the last test.
     goal = np.cos(DIRECTIONS) * ahead.goal_x[:, None] + np.sin(DIRECTIONS) * ahead.goal_y[:, None]
     short_of = goal - (rules.goal_radius + delta(rules, limits) + flight)[:, None]
     return np.logical_and.accumulate(np.any(supports < short_of[..., None], axis=-2), axis=-1)

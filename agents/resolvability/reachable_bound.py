@@ -53,12 +53,9 @@ def relaxed(limits: Limits) -> Limits:
 
 
 def root(speed: Any, times: Any, limits: Limits) -> Funnel:
-    """Return the funnel of all control histories.
+    """Return the funnel of all control histories at times ``[T]``, s, within limits as proofs grant them.
 
-    Args:
-        speed: initial, ``[N]``, m/s; one outside the limits may stay there.
-        times: ``[T]``, s.
-        limits: as proofs grant them (:func:`relaxed`).
+    The initial speed ``[N]``, m/s, may lie outside the limits and stay there.
     """
     speed = np.asarray(speed)[:, None]
     turn = limits.yaw_rate_max * times + 0.0 * speed
@@ -81,16 +78,10 @@ def towards(funnel: Funnel, directions: Any) -> Any:
 
 
 def narrowed(funnel: Funnel, times: Any, at: Any, turn: Any, speed: Any, limits: Limits) -> tuple[Funnel, Funnel]:
-    """Cut funnels in two: the histories at most, and those at least, at a given turn or speed at a given time.
+    """Cut funnels ``[N, T]`` in two: the histories at most, and those at least, at a turn or speed at a time ``[N]``.
 
-    A history that is at most at a turn at a time was, and will be, no farther from it than the limits allow.
-
-    Args:
-        funnel: ``[N, T]``.
-        times: ``[T]``, s.
-        at: time of the cut, ``[N]``, s.
-        turn: heading change that separates the halves, ``[N]``, rad; nan where the speed does.
-        speed: speed that separates the halves, ``[N]``, m/s; nan where the turn does.
+    A history that is at most at a turn at a time was, and will be, no farther from it than the limits allow. Of the
+    heading change (rad) and the speed (m/s) the one that does not divide is nan.
     """
     later = times - at[:, None]
     turned = limits.yaw_rate_max * np.abs(later)
@@ -118,11 +109,9 @@ def support(
     0.0036 m a cell at 0.05 s, or 1.8 m over 25 s. If it only grows, it exceeds it by at most |change| step / 2.
 
     Args:
-        funnel: ``[..., T]``.
+        funnel: ``[..., T]``, its times ``step`` seconds apart.
         directions: rad from the initial heading, ``[..., D]``.
-        step: between the funnel's times, s.
         growing: the funnel never narrows (true of :func:`root`).
-        stride: cells per returned time.
     """
     rate = towards(mapped(lambda bound: bound[..., None, :], funnel), directions[..., None])
     change = rate[..., 1:] - rate[..., :-1]
@@ -136,14 +125,10 @@ def support(
 
 
 def farthest(supports: Any, x: Any, y: Any) -> Any:
-    """Bound the distance of any point of the polygons from given points, m, ``[..., K, T]``.
+    """Bound the distance of any point of the polygons from points (x, y), m, ``[..., K, T]``.
 
-    A point seen from (x, y) between two neighbours of the fan obeys both their supports, so that it is no farther
-    than their vertex, or, where that lies outside the sector between them, than the end of the shorter side.
-
-    Args:
-        supports: in :data:`DIRECTIONS`, from the origin, ``[..., D, T]``.
-        x, y: the points, ``[..., K, T]``.
+    A point seen from (x, y) between two neighbours of the fan obeys both their supports ``[..., D, T]``, so that it is
+    no farther than their vertex, or, where that lies outside the sector between them, than the end of the shorter side.
     """
     along = np.cos(DIRECTIONS)[:, None] * x[..., None, :] + np.sin(DIRECTIONS)[:, None] * y[..., None, :]
     reach = supports[..., None, :, :] - along

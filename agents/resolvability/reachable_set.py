@@ -61,7 +61,6 @@ def last_time(
         goal: x, y and the distance from it, m, within which a history counts as ended; it holds for one stride's
             flight as well, because it is asked at the test times alone.
         stride: between test times, s.
-        cells: how finely to tell states apart.
     """
     x, y, radius = discs
     short_of = np.cos(DIRECTIONS) * goal[0] + np.sin(DIRECTIONS) * goal[1] - goal[2]
@@ -98,11 +97,7 @@ def start(speed: float) -> States:
 
 
 def branches(states: States, seconds: float, cells: Cells, limits: Limits) -> tuple[Any, States]:
-    """Return the cells of turn and speed in which sets ``[M]`` can end.
-
-    Returns:
-        The number of the set that each comes from, ``[B]``, and their bounds then, ``[B]``, with empty supports.
-    """
+    """Return the cells of turn and speed ``[B]`` in which sets ``[M]`` can end: the set each comes from, and bounds."""
     slowest, fastest = speeds(states.speed_low, states.speed_high, seconds, limits)
     turned = limits.yaw_rate_max * seconds
     parent, turn_low, turn_high = _divided(states.turn_low - turned, states.turn_high + turned, cells.turn)
@@ -112,7 +107,7 @@ def branches(states: States, seconds: float, cells: Cells, limits: Limits) -> tu
 
 
 def moves(before: States, ended: States, tests: int, stride: float, limits: Limits) -> Any:
-    """Bound how far histories between two sets of bounds move in each stride of a segment; yield ``[M, D]``, m.
+    """Bound how far histories between two sets of bounds move in each stride (s) of a segment; yield ``[M, D]``, m.
 
     The integrand is that of :func:`agents.resolvability.reachable_bound.support`, by the trapezium over a whole stride.
     Between kinks it is s cos(b), with s and b linear in time, or greater than such functions by a change between them:
@@ -120,12 +115,6 @@ def moves(before: States, ended: States, tests: int, stride: float, limits: Limi
     12. A bound on the turn has one kink, from w to -w, in the segment: interpolated over its stride, it misses a
     triangle of w stride^2 / 4. A bound on the speed has kinks of 2 a in all, which miss a stride^2 / 4. All of them are
     added in the first stride, for both bounds: a direction may depend on the one and later on the other.
-
-    Args:
-        before: at the segment's start, ``[M]``.
-        ended: at its end, ``[M]``; supports are not used.
-        tests: strides in the segment.
-        stride: s.
     """
     rate, strongest = limits.yaw_rate_max, max(limits.acceleration_max, -limits.acceleration_min)
     top_speed = max(limits.speed_max, float(np.max(before.speed_high)))

@@ -49,15 +49,12 @@ _NEAR_DEG = (0.0, 4.0, -4.0, 9.0, -9.0, 16.0, -16.0, 30.0, -30.0)
 def least_cost(
     encounters: Encounter, rules: Rules, limits: Limits, start: Manoeuvre | None = None, rounds: int = ROUNDS
 ) -> Found:
-    """Look for the shortest flights that keep the separation until they reach the goal in time.
+    """Look for the shortest flights that keep the separation until they reach the goal in time, for encounters ``[N]``.
 
     The cost is the path's length up to the goal's circle plus :data:`SECOND` for each second until the arrival.
     The result of one encounter depends on no other.
 
     Args:
-        encounters: ``[N]``, numpy.
-        rules: of the task; floats.
-        limits: of the ownship; floats.
         start: escapes known already, ``[N]``, such as the witnesses of ``classify``; nan where none is.
         rounds: of the refinement; fewer are faster and cost some optimality.
 
