@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.assurance.lookahead import ANY, chord
 from agents.assurance.thresholds import Thresholds
 from agents.planner.traffic import Traffic, predicted, required, uncertainty
 from agents.planner.validator import Findings, validate
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState, advance
-from envs.relative import distance
 from envs.trees import column, mapped, scatter, take
 from envs.waypoints import Knots, Legs, legs
 
@@ -51,8 +51,6 @@ class Backup(NamedTuple):
     """Smallest distance less the required one over the horizon, m."""
     safe: Any
     """Whether the validator found nothing wrong but its own resolution, bool."""
-    searched: Any
-    """Whether it is the result of a search in this step, bool."""
 
 
 def flown(own: VehicleState, course: Any, speed: Any, thresholds: Thresholds) -> Knots:
@@ -63,7 +61,7 @@ def flown(own: VehicleState, course: Any, speed: Any, thresholds: Thresholds) ->
     to_turn = wrap(course - own.heading, np)
     for duration in _durations(thresholds):
         turn, gain = _controls(to_turn, speed - state.speed, duration, limits)
-        state = advance(state, gain / duration, turn / duration, duration, _unbound(limits), np)
+        state = advance(state, gain / duration, turn / duration, duration, ANY, np)
         to_turn = to_turn - turn
         states.append(state)
     times = np.cumsum((0.0, *_durations(thresholds)))
@@ -80,9 +78,9 @@ def refreshed(previous: Backup, own: VehicleState, traffic: Traffic, time: Any, 
     )
     curves = legs(knots)
     found = validate(knots, traffic, thresholds.requirement, thresholds.limits, curves)
-    safe, no = _safe(found, thresholds) & had, np.zeros(had.size, dtype=bool)
-    result = Backup(previous.course, previous.speed, knots, curves, time, found.clearance, safe, no)
-    result = mapped(np.array, result)
+    safe = _safe(found, thresholds) & had
+    kept = Backup(previous.course, previous.speed, knots, curves, time, found.clearance, safe)
+    result = mapped(np.array, kept)
     rows = np.flatnonzero(~safe)
     for first in range(0, rows.size, _BLOCK):
         part = rows[first : first + _BLOCK]
@@ -116,7 +114,7 @@ def search(own: VehicleState, traffic: Traffic, time: Any, thresholds: Threshold
     order = np.lexsort((np.arange(pick.size), np.where(safe, 0.0, -spare), ~safe, owners))
     best = order[::_TRIED]
     course, speed, knots, curves, spare, safe = take((course[pick], speed[pick], knots, curves, spare, safe), best)
-    return Backup(course, speed, knots, curves, np.array(time), spare, safe, np.ones(count, dtype=bool))
+    return Backup(course, speed, knots, curves, np.array(time), spare, safe)
 
 
 def _safe(found: Findings, thresholds: Thresholds) -> Any:
@@ -145,13 +143,10 @@ def _estimate(own: VehicleState, course: Any, speed: Any, traffic: Traffic, base
     for duration in _durations(thresholds):
         turn, gain = _controls(to_turn, speed - state.speed, duration, limits)
         for _ in range(round(duration / stride)):
-            state = advance(state, gain / duration, turn / duration, stride, _unbound(limits), np)
+            state = advance(state, gain / duration, turn / duration, stride, ANY, np)
             step += 1
             x1, y1 = relative(state, step)
-            dx, dy = x1 - x0, y1 - y0
-            s = np.clip(-(x0 * dx + y0 * dy) / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
-            apart = distance(x0 + s * dx, y0 + s * dy, np)
-            spare = apart - least_required[:, min(step - 1, least_required.shape[1] - 1), None]
+            spare = chord(x0, y0, x1, y1) - least_required[:, min(step - 1, least_required.shape[1] - 1), None]
             least = np.minimum(least, np.min(spare, axis=-1, initial=np.inf).ravel())
             x0, y0 = x1, y1
         to_turn = to_turn - turn
@@ -162,7 +157,7 @@ def resting(count: int, thresholds: Thresholds) -> Backup:
     """Return that there has never been a backup, ``[count]``."""
     zero, no = np.zeros(count), np.zeros(count, dtype=bool)
     knots = straight_east(count, np.arange(len(STEPS) + 1) * 10.0, thresholds.options.aircraft.limits)
-    return Backup(zero, knots.speed[:, 0].copy(), knots, legs(knots), zero + np.nan, zero - np.inf, no, no.copy())
+    return Backup(zero, knots.speed[:, 0].copy(), knots, legs(knots), zero + np.nan, zero - np.inf, no)
 
 
 def straight_east(count: int, times: Any, limits: Limits) -> Knots:
@@ -182,8 +177,3 @@ def _controls(to_turn: Any, to_gain: Any, duration: float, limits: Limits) -> tu
     most = limits.yaw_rate_max * duration
     gain = np.clip(to_gain, limits.acceleration_min * duration, limits.acceleration_max * duration)
     return np.clip(to_turn, -most, most), gain
-
-
-def _unbound(limits: Limits) -> Limits:
-    """Return limits without a stop of the speed, which the legs' controls already respect."""
-    return limits._replace(speed_min=-np.inf, speed_max=np.inf)

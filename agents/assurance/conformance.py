@@ -27,7 +27,7 @@ def has(causes: Any, any_of: Cause) -> Any:
 
 def kept(plan: Course, traffic: Traffic, thresholds: Thresholds) -> Any:
     """Return the separations that plans made against some intruders were required to keep, m, ``[N, K]``."""
-    return required(traffic, VehicleState(plan.x[:, 0], plan.y[:, 0], 0.0, 0.0), thresholds.requirement)
+    return required(traffic, VehicleState(*(field[:, 0] for field in plan.knots[:4])), thresholds.requirement)
 
 
 def floor(required_separation: Any, thresholds: Thresholds) -> Any:
@@ -74,7 +74,7 @@ def judged(
         causes = causes | latched(errors[:, column], limits[column], cause)
     lasting = np.max(sums / (thresholds.sustained * thresholds.memory * limits), axis=-1)
     causes = causes | latched(lasting, 1.0, Cause.ACCUMULATED)
-    causes = causes | latched(thresholds.plan_ending - (monitor.plan.time[:, -1] - since), 0.0, Cause.PLAN_ENDING)
+    causes = causes | latched(thresholds.plan_ending - (monitor.plan.knots.time[:, -1] - since), 0.0, Cause.PLAN_ENDING)
 
     offset = np.hypot(off.cross_track, off.along_track)
     separation, loss, close = _outlook(monitor, own, traffic, since, offset, thresholds)

@@ -5,6 +5,7 @@ the last good one stays and ages.
 """
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from agents.planner.traffic import Traffic, advanced
 from agents.policy.domain import excess
 from envs.angles import wrap
 from envs.kinematics import FASTEST, VehicleState, velocity
+from envs.trees import mapped
 
 _AHEAD = 0.5  # s by which a report may seem to come from the future
 _SAME = 1e-6  # s by which the time of one report differs between two steps: rounding of now less age
@@ -109,7 +111,7 @@ def updated(memory: Memory, given: Inputs, thresholds: Thresholds) -> tuple[Memo
     ordered = (given.own_age >= -_AHEAD) & (reported >= memory.own_time - _SAME)
     causes |= _bit(~sane, Cause.OWN_MISSING) | _bit(sane & ~ordered, Cause.OWN_OUT_OF_ORDER)
     good = sane & ordered & clock
-    own = _chosen(good, given.own, memory.own)
+    own = mapped(partial(np.where, good), given.own, memory.own)
     own_time = np.where(good, np.fmax(reported, memory.own_time), memory.own_time)
     causes |= _bit(now - own_time > thresholds.own_age, Cause.OWN_STALE)
 
@@ -118,24 +120,24 @@ def updated(memory: Memory, given: Inputs, thresholds: Thresholds) -> tuple[Memo
     known = np.where(given.mask, memory.seen, -np.inf)
     ordered = (given.age >= -_AHEAD) & (reported >= known - _SAME)
     good = sane & ordered & clock[:, None] & given.mask
-    causes |= _bit((~sane & given.mask).any(axis=-1), Cause.INTRUDER_MISSING)
-    causes |= _bit((sane & ~ordered & given.mask).any(axis=-1), Cause.INTRUDER_OUT_OF_ORDER)
     turn_rate, outside = _turn_rate(memory, given, reported - known, good, thresholds)
     before = memory.intruders, memory.position_std, memory.velocity_std
     report = given.intruders, given.position_std, given.velocity_std
     drift = followed(memory.drift, before, report, (known, reported), good, thresholds)
-    causes |= _bit(((now[:, None] < drift.rate_until) & given.mask).any(axis=-1), Cause.IMPOSSIBLE_RATE)
-    causes |= _bit(((now[:, None] < drift.place_until) & given.mask).any(axis=-1), Cause.CONTRADICTION)
-    intruders = _chosen(good, given.intruders, memory.intruders)
+    intruders, position_std, velocity_std = mapped(partial(np.where, good), report, before)
     seen = np.where(good, np.fmax(reported, known), known)
-    stale = ~(now[:, None] - seen <= thresholds.intruder_age) & given.mask
-    causes |= _bit(stale.any(axis=-1), Cause.INTRUDER_STALE)
-    position_std = np.where(good, given.position_std, memory.position_std)
-    velocity_std = np.where(good, given.velocity_std, memory.velocity_std)
     outside |= excess(thresholds.traffic["intruder_speed"], intruders.speed) > SIGMAS * velocity_std
     for name, values in (("position_std", position_std), ("velocity_std", velocity_std)):
         outside |= excess(thresholds.traffic[name], values) > 0.0
-    causes |= _bit((outside & given.mask & np.isfinite(seen)).any(axis=-1), Cause.OUTSIDE_RANGE)
+    for where, cause in (
+        (~sane, Cause.INTRUDER_MISSING),
+        (sane & ~ordered, Cause.INTRUDER_OUT_OF_ORDER),
+        (~(now[:, None] - seen <= thresholds.intruder_age), Cause.INTRUDER_STALE),
+        (outside & np.isfinite(seen), Cause.OUTSIDE_RANGE),
+        (now[:, None] < drift.rate_until, Cause.IMPOSSIBLE_RATE),
+        (now[:, None] < drift.place_until, Cause.CONTRADICTION),
+    ):
+        causes |= _bit((where & given.mask).any(axis=-1), cause)
     memory = Memory(now, own, own_time, intruders, seen, turn_rate, position_std, velocity_std, drift)
     return memory, *present(memory, given.mask, thresholds), causes
 
@@ -182,10 +184,6 @@ def _sane(state: VehicleState, age: Any) -> Any:
 
 def _spread(std: Any) -> Any:
     return (std >= 0.0) & (std <= 10_000.0)
-
-
-def _chosen(good: Any, new: VehicleState, old: VehicleState) -> VehicleState:
-    return VehicleState(*(np.where(good, a, b) for a, b in zip(new, old, strict=True)))
 
 
 def _carried(state: VehicleState, seconds: Any) -> VehicleState:

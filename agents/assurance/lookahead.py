@@ -14,24 +14,22 @@ from agents.planner.traffic import Traffic, predicted, uncertainty
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import distance
 from envs.trees import column, take
-from envs.waypoints import ARCS, Legs
+from envs.waypoints import ARCS, Knots, Legs
 
 FINE = 32
 """Parts of an arc: 0.06 s of a leg of 20 s, 4 mm of uncertainty."""
 
-_ANY = Limits(-1e6, 1e6, -1e6, 1e6, 1e6)
+ANY = Limits(-np.inf, np.inf, -np.inf, np.inf, np.inf)
+"""No limits, where the controls respect them already."""
 
 
 class Course(NamedTuple):
     """What is flown, ready to be looked ahead on; fields ``[N, ...]``."""
 
+    knots: Knots
+    """``[N, L + 1]``, their times on the plan's clock."""
     legs: Legs
     """``[N, L]``."""
-    x: Any
-    """Of the knots, m, ``[N, L + 1]``."""
-    y: Any
-    time: Any
-    """Of the knots on the plan's clock, s, ``[N, L + 1]``."""
     bow: Any
     """Largest distance of each leg from uniform motion along its chord, m, ``[N, L]``; an upper bound."""
 
@@ -46,19 +44,18 @@ class Outlook(NamedTuple):
     """When the separation first falls below the level of interest, s from now; inf where it does not."""
 
 
-def course(knots: Any, legs: Legs) -> Course:
+def course(knots: Knots, legs: Legs) -> Course:
     """Return legs with what the outlook needs of them."""
-    share = (np.arange(ARCS) / ARCS)[:, None]
-    ends = [np.asarray(field) for field in (knots.x, knots.y)]
+    share = np.arange(ARCS) / ARCS
     bows = [
-        field - (end[..., :-1, None] * (1.0 - share[:, 0]) + end[..., 1:, None] * share[:, 0])
-        for field, end in zip((legs.x, legs.y), ends, strict=True)
+        field - (end[..., :-1, None] * (1.0 - share) + end[..., 1:, None] * share)
+        for field, end in ((legs.x, knots.x), (legs.y, knots.y))
     ]
     step = legs.duration[..., None] / ARCS
     pull = _pull(legs.speed, legs.acceleration, legs.yaw_rate, step)
     arc = np.max(0.125 * pull * step * step, axis=-1)
     bow = np.max(distance(bows[0], bows[1], np), axis=-1) + arc + legs.miss
-    return Course(legs, ends[0], ends[1], np.asarray(knots.time, dtype=float), bow)
+    return Course(knots, legs, bow)
 
 
 def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: float) -> Outlook:
@@ -74,14 +71,14 @@ def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: fl
     found = Outlook(np.full(shape, np.inf), np.full(shape, np.inf))
     if traffic.mask.size == 0:
         return found
-    began, ended = course.time[:, :-1] - since[:, None], course.time[:, 1:] - since[:, None]
-    wide = column(traffic)
-    ends = predicted(wide, (course.time - since[:, None])[..., None])
-    x, y = ends.x - course.x[..., None], ends.y - course.y[..., None]
+    times, wide = course.knots.time - since[:, None], column(traffic)
+    began, ended = times[:, :-1], times[:, 1:]
+    ends = predicted(wide, times[..., None])
+    x, y = ends.x - course.knots.x[..., None], ends.y - course.knots.y[..., None]
     turn = np.where(began[..., None] < wide.turn_time, wide.state.speed * np.abs(wide.turn_rate), 0.0)
     length = (ended - began)[..., None]
     bow = course.bow[..., None] + 0.125 * turn * length * length
-    near = _chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - bow
+    near = chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - bow
     near = near - _growth(traffic, wide, ended[..., None], sigmas)
     ahead = (ended > 0.0)[..., None] & wide.mask
     near = np.where(ahead, near, np.inf)
@@ -102,12 +99,12 @@ def _arcs(found: Outlook, course: Course, since: Any, which: Any, traffic: Traff
     # Of an arc begun already, all of it: what has been flown decides nothing but whether to look closer.
     times = (arcs.time - since[n])[:, None] + np.arange(ARCS + 1) * step
     there = predicted(one, times)
-    own_x = np.concatenate([arcs.x, course.x[n, leg + 1, None]], axis=1)
-    own_y = np.concatenate([arcs.y, course.y[n, leg + 1, None]], axis=1)
+    own_x = np.concatenate([arcs.x, course.knots.x[n, leg + 1, None]], axis=1)
+    own_y = np.concatenate([arcs.y, course.knots.y[n, leg + 1, None]], axis=1)
     x, y = there.x - own_x, there.y - own_y
     pull = _pull(arcs.speed, arcs.acceleration, arcs.yaw_rate, step)
     pull = pull + np.where(times[:, :-1] < one.turn_time, one.state.speed * np.abs(one.turn_rate), 0.0)
-    near = _chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - 0.125 * pull * step * step - arcs.miss[:, None]
+    near = chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - 0.125 * pull * step * step - arcs.miss[:, None]
     near = near - _growth(one, one, times[:, 1:], sigmas)
     near = np.where(times[:, 1:] > 0.0, near, np.inf)
     unclear = near < level[n, k, None]
@@ -115,16 +112,16 @@ def _arcs(found: Outlook, course: Course, since: Any, which: Any, traffic: Traff
     m, arc = np.nonzero(unclear)
     if m.size == 0:
         return
-    state = VehicleState(*(field[m, arc][:, None] for field in (arcs.x, arcs.y, arcs.heading, arcs.speed)))
+    *state, yaw_rate, acceleration = column(take(arcs[3:], (m, arc)))
     begin, fine = times[m, arc][:, None], step[m] / FINE
     # Parts already flown shrink to the present.
     parts = np.maximum(begin + np.arange(FINE + 1) * fine, np.minimum(0.0, begin + step[m]))
-    moved = advance(state, arcs.acceleration[m, arc][:, None], arcs.yaw_rate[m, arc][:, None], parts - begin, _ANY, np)
+    moved = advance(VehicleState(*state), acceleration, yaw_rate, parts - begin, ANY, np)
     one = take(one, m)
     there = predicted(one, parts)
     x, y = there.x - moved.x, there.y - moved.y
     length = np.diff(parts, axis=1)
-    near = _chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - 0.125 * pull[m, arc][:, None] * length * length
+    near = chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - 0.125 * pull[m, arc][:, None] * length * length
     near = near - arcs.miss[m, None] - _growth(one, one, parts[:, 1:], sigmas)
     pair = n[m], k[m]
     lost = np.min(np.where(near < level[pair][:, None], parts[:, :-1], np.inf), axis=1)
@@ -132,7 +129,7 @@ def _arcs(found: Outlook, course: Course, since: Any, which: Any, traffic: Traff
     np.minimum.at(found.loss, pair, np.maximum(lost, 0.0))
 
 
-def _chord(x0: Any, y0: Any, x1: Any, y1: Any) -> Any:
+def chord(x0: Any, y0: Any, x1: Any, y1: Any) -> Any:
     """Return the smallest distance from the origin to segments, m."""
     dx, dy = x1 - x0, y1 - y0
     s = np.clip(-(x0 * dx + y0 * dy) / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)

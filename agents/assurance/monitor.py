@@ -12,31 +12,15 @@ import numpy as np
 
 from agents.assurance.backup import refreshed
 from agents.assurance.conformance import floor, has, judged, kept
-from agents.assurance.inputs import Inputs, inputs, present, updated
+from agents.assurance.inputs import Inputs, present, updated
 from agents.assurance.lookahead import Course, course, outlook
-from agents.assurance.state import Decision, Flown, Monitor, State, start
+from agents.assurance.state import Decision, Flown, Monitor, State
 from agents.assurance.thresholds import BLIND, DOUBTFUL, LOST, WANTING, Cause, Thresholds
 from agents.planner.traffic import Traffic
 from agents.planner.validator import validate
 from envs.kinematics import VehicleState
 from envs.trees import mapped, scatter, take
 from envs.waypoints import Knots, at, legs
-
-__all__ = [
-    "Cause",
-    "Decision",
-    "Flown",
-    "Inputs",
-    "Monitor",
-    "State",
-    "Thresholds",
-    "activate",
-    "answer",
-    "inputs",
-    "references",
-    "start",
-    "step",
-]
 
 
 def activate(
@@ -55,9 +39,9 @@ def activate(
     """
     usable, plan = _usable(knots, safe, thresholds)
     when = np.broadcast_to(np.asarray(time, dtype=float), np.shape(rows))
-    result = _installed(monitor, rows[usable], plan, *take((when, traffic), usable), 0)
+    result = _installed(monitor, rows[usable], plan, *take((when, traffic), usable))
     rest = np.delete(rows, usable)
-    return _with(result, rest, state=int(State.DENIED), on_backup=True, causes=int(Cause.REFUSED), revision=-1)
+    return _with(result, rest, state=int(State.DENIED), on_backup=True, causes=int(Cause.REFUSED))
 
 
 def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monitor, Decision]:
@@ -138,7 +122,7 @@ def answer(
     good = (near >= least).all(axis=-1)
     usable = usable[good]
 
-    result = _installed(monitor, rows[usable], *take((plan, when, known), good), number[usable])
+    result = _installed(monitor, rows[usable], *take((plan, when, known), good))
     result = _with(result, rows[current], answered=number[current])
     accepted = np.isin(np.arange(rows.size), usable)
     refused = rows[current & ~accepted]
@@ -181,10 +165,10 @@ def _usable(knots: Knots, wanted: Any, thresholds: Thresholds) -> tuple[Any, Cou
     return rows, course(plan, legs(plan))
 
 
-def _installed(monitor: Monitor, rows: Any, plan: Course, started: Any, expected: Traffic, revision: Any) -> Monitor:
-    advisory = monitor.causes[rows] & int(Cause.BACKUP_UNSAFE)
-    what = {"plan": plan, "started": started, "expected": expected, "revision": revision, "causes": advisory}
-    return _with(monitor, rows, **what, sums=0.0, state=int(State.MONITORING), on_backup=False)
+def _installed(monitor: Monitor, rows: Any, plan: Course, started: Any, expected: Traffic) -> Monitor:
+    what = {"plan": plan, "started": started, "expected": expected, "sums": 0.0}
+    causes = monitor.causes[rows] & int(Cause.BACKUP_UNSAFE)
+    return _with(monitor, rows, **what, state=int(State.MONITORING), on_backup=False, causes=causes)
 
 
 def _with(monitor: Monitor, rows: Any, **values: Any) -> Monitor:

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agents.assurance import monitor as assurance
+from agents.assurance import monitor as monitors
 from agents.assurance.inputs import Inputs
-from agents.assurance.state import Decision, Flown, Monitor, State
-from agents.assurance.thresholds import OUTSIDE, Cause, Thresholds
+from agents.assurance.state import Decision, Flown, Monitor, State, start
+from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.planner.answer import Plan
 from agents.planner.request import Intruder, reported
 from agents.planner.traffic import advanced
@@ -22,38 +22,6 @@ from envs.waypoints import Knots, Waypoint, knots
 
 _ONE = np.array([0])
 _MISSING, _NOWHERE = VehicleState(*[float("nan")] * 4), VehicleState(0.0, 0.0, 0.0, 0.0)
-
-_SAYS = {
-    Cause.OWN_MISSING: ("own", "is missing, not finite or out of range"),
-    Cause.OWN_STALE: ("own.age", "is more than {own_age:g} s"),
-    Cause.OWN_OUT_OF_ORDER: ("own.age", "puts the state before the last one, or into the future"),
-    Cause.CLOCK: ("time", "did not increase, or is no number"),
-    Cause.INTRUDER_MISSING: ("intruders", "lack a report that is finite and in range; the last good one is used"),
-    Cause.INTRUDER_STALE: ("intruders", "have a last good report older than {intruder_age:g} s, or none"),
-    Cause.INTRUDER_OUT_OF_ORDER: ("intruders", "have a report from before the last one, or from the future"),
-    Cause.CROSS_TRACK: ("cross_track", "is {now.cross_track:.1f} m, allowed {cross_track:g} m"),
-    Cause.ALONG_TRACK: ("along_track", "is {now.along_track:.1f} m, allowed {along_track:g} m"),
-    Cause.TIME_ERROR: ("time_error", "is {now.time_error:.2f} s, allowed {time_error:g} s"),
-    Cause.ACCUMULATED: ("sums", "of small errors against the plan have lasted too long"),
-    Cause.INTRUDER_DEVIATION: (
-        "intruders",
-        "are {now.intruder_position:.0f} m and {now.intruder_velocity:.1f} m/s off their predictions",
-    ),
-    Cause.SEPARATION: ("separation", "of the rest of the plan is {now.separation:.1f} m as the intruders fly now"),
-    Cause.PLAN_ENDING: ("plan", "ends in less than {plan_ending:g} s"),
-    Cause.NO_ANSWER: ("planner", "has not answered within {answer_time:g} s"),
-    Cause.REFUSED: ("planner", "has found no plan that may be flown"),
-    Cause.BACKUP_UNSAFE: ("backup", "does not keep the required separation; it is the one of greatest clearance"),
-    Cause.OUTSIDE_RANGE: (
-        "intruders",
-        "are outside_domain: speed, turn rate or declared noise is out of range; the policy was not trained for them",
-    ),
-    Cause.IMPOSSIBLE_RATE: ("intruders", "are outside_domain: a velocity changed faster than an aircraft can"),
-    Cause.CONTRADICTION: (
-        "intruders",
-        "are outside_domain: places contradict velocities, and no plan can rely on them",
-    ),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +76,7 @@ class Watch:
 
 def begin(thresholds: Thresholds) -> Watch:
     """Return a monitor that watches nothing."""
-    return Watch(assurance.start(1, 0, thresholds), (), thresholds)
+    return Watch(start(1, 0, thresholds), (), thresholds)
 
 
 def activate(watch: Watch, plan: Plan, own: VehicleState, intruders: Mapping[str, Intruder], time: float) -> Watch:
@@ -124,7 +92,7 @@ def activate(watch: Watch, plan: Plan, own: VehicleState, intruders: Mapping[str
     traffic = advanced(given._replace(mask=np.array([[name in intruders for name in watch.names]], dtype=bool)), age)
     knots, thresholds = _knots(own, plan, watch.thresholds), watch.thresholds
     safe = np.array([plan.safe])
-    return replace(watch, monitor=assurance.activate(watch.monitor, _ONE, knots, safe, time, traffic, thresholds))
+    return replace(watch, monitor=monitors.activate(watch.monitor, _ONE, knots, safe, time, traffic, thresholds))
 
 
 def step(
@@ -151,7 +119,7 @@ def step(
     here = VehicleState(*(np.array([value], dtype=float) for value in (own or _MISSING)))
     now, late = np.array([time], dtype=float), np.array([own_age], dtype=float)
     given = Inputs(now, here, late, seen.state, age, seen.mask, seen.position_std, seen.velocity_std)
-    monitor, decision = assurance.step(watch.monitor, given, watch.thresholds)
+    monitor, decision = monitors.step(watch.monitor, given, watch.thresholds)
     asked = _ask(monitor, decision, watch.thresholds) if decision.replan[0] else None
     backup = _waypoints(monitor) if np.isfinite(monitor.backup.started[0]) else ()
     watch = replace(watch, monitor=monitor, ask=asked or watch.ask)
@@ -165,7 +133,7 @@ def answer(watch: Watch, number: int, plan: Plan) -> tuple[Watch, bool]:
         return watch, False
     given = _knots(watch.ask.own, plan, watch.thresholds)
     safe = np.array([plan.safe])
-    monitor, taken_up = assurance.answer(watch.monitor, _ONE, np.array([number]), given, safe, watch.thresholds)
+    monitor, taken_up = monitors.answer(watch.monitor, _ONE, np.array([number]), given, safe, watch.thresholds)
     return replace(watch, monitor=monitor), bool(taken_up[0])
 
 
@@ -173,7 +141,7 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
     """Return the monitor with places for these intruders; one that had a place keeps its memory."""
     if names == watch.names:
         return watch
-    old, new = watch.monitor, assurance.start(1, len(names), watch.thresholds)
+    old, new = watch.monitor, start(1, len(names), watch.thresholds)
     into = [place for place, name in enumerate(names) if name in watch.names]
     of = [watch.names.index(names[place]) for place in into]
 
@@ -212,7 +180,7 @@ def reasons(decision: Decision, thresholds: Thresholds) -> tuple[Why, ...]:
     now = take(decision, 0)
     return tuple(
         Why(cause, field, f"{field} {says.format(now=now, **vars(thresholds))}")
-        for cause, (field, says) in _SAYS.items()
+        for cause, (field, says) in SAYS.items()
         if int(decision.causes[0]) & int(cause)
     )
 

@@ -51,8 +51,6 @@ class Monitor(NamedTuple):
     """The active plan; a placeholder where there is none."""
     started: Any
     """When the active plan was requested, s."""
-    revision: Any
-    """Number of the request that the active plan answers; 0 for the one activated with, -1 without a plan."""
     expected: Traffic
     """The intruders that the active plan was made with, ``[N, K]``."""
     sums: Any
@@ -102,7 +100,7 @@ class Decision(NamedTuple):
 
 def start(count: int, intruders: int, thresholds: Thresholds) -> Monitor:
     """Return monitors that watch nothing, ``[count]`` with room for so many intruders each."""
-    no, zero, none = np.zeros(count, dtype=bool), np.zeros(count), np.full(count, -1)
+    no, zero = np.zeros(count, dtype=bool), np.zeros(count)
     absent = np.zeros((count, intruders), dtype=bool)
     no_traffic = Traffic.straight(VehicleState(*(np.zeros(absent.shape) for _ in range(4))), absent)
     straight = placeholder(count, thresholds)
@@ -113,7 +111,6 @@ def start(count: int, intruders: int, thresholds: Thresholds) -> Monitor:
         memory=blank(count, intruders, straight.speed[:, 0]),
         plan=course(straight, legs(straight)),
         started=zero.copy(),
-        revision=none,
         expected=no_traffic,
         sums=np.zeros((count, 3)),
         requested=np.zeros(count, dtype=np.int64),

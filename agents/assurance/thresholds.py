@@ -15,44 +15,59 @@ class Cause(IntFlag):
     """Why the monitor wants another plan or denies the present one; several may hold at once."""
 
     OWN_MISSING = 1 << 0
-    """The own state is not finite or out of range."""
     OWN_STALE = 1 << 1
-    """The own state is too old."""
     OWN_OUT_OF_ORDER = 1 << 2
-    """The own state is older than the one before, or from the future."""
     CLOCK = 1 << 3
-    """The monitor's time did not increase, or is no number."""
     INTRUDER_MISSING = 1 << 4
-    """An intruder's report is not finite or out of range; its last good one is dead-reckoned."""
     INTRUDER_STALE = 1 << 5
-    """An intruder's last good report is too old to plan with, or there has been none."""
     INTRUDER_OUT_OF_ORDER = 1 << 6
-    """An intruder's report is older than the one before, or from the future; the one before is dead-reckoned."""
     CROSS_TRACK = 1 << 7
     ALONG_TRACK = 1 << 8
     TIME_ERROR = 1 << 9
     ACCUMULATED = 1 << 10
-    """Small errors against the plan have lasted."""
     INTRUDER_DEVIATION = 1 << 11
-    """An intruder is not where, or does not fly as, the plan expected."""
     SEPARATION = 1 << 12
-    """The rest of the plan comes too close to an intruder as it flies now."""
     PLAN_ENDING = 1 << 13
-    """What is left of the plan is short."""
     NO_ANSWER = 1 << 14
-    """The planner has not answered in time."""
     REFUSED = 1 << 15
-    """The planner's last answer was no plan that may be flown."""
     BACKUP_UNSAFE = 1 << 16
-    """The backup does not keep the required separation; it is the one of greatest clearance."""
     OUTSIDE_RANGE = 1 << 17
-    """An intruder's speed, turn rate or declared noise is outside the operating domain: the policy was not trained for
-    it. Plans are validated all the same."""
     IMPOSSIBLE_RATE = 1 << 18
-    """An intruder's velocity has changed faster than any aircraft of the domain can."""
     CONTRADICTION = 1 << 19
-    """The places of an intruder contradict its velocities."""
 
+
+SAYS = {
+    Cause.OWN_MISSING: ("own", "is missing, not finite or out of range"),
+    Cause.OWN_STALE: ("own.age", "is more than {own_age:g} s"),
+    Cause.OWN_OUT_OF_ORDER: ("own.age", "puts the state before the last one, or into the future"),
+    Cause.CLOCK: ("time", "did not increase, or is no number"),
+    Cause.INTRUDER_MISSING: ("intruders", "lack a report that is finite and in range; the last good one is used"),
+    Cause.INTRUDER_STALE: ("intruders", "have a last good report older than {intruder_age:g} s, or none"),
+    Cause.INTRUDER_OUT_OF_ORDER: ("intruders", "have a report from before the last one, or from the future"),
+    Cause.CROSS_TRACK: ("cross_track", "is {now.cross_track:.1f} m, allowed {cross_track:g} m"),
+    Cause.ALONG_TRACK: ("along_track", "is {now.along_track:.1f} m, allowed {along_track:g} m"),
+    Cause.TIME_ERROR: ("time_error", "is {now.time_error:.2f} s, allowed {time_error:g} s"),
+    Cause.ACCUMULATED: ("sums", "of small errors against the plan have lasted too long"),
+    Cause.INTRUDER_DEVIATION: (
+        "intruders",
+        "are {now.intruder_position:.0f} m and {now.intruder_velocity:.1f} m/s off their predictions",
+    ),
+    Cause.SEPARATION: ("separation", "of the rest of the plan is {now.separation:.1f} m as the intruders fly now"),
+    Cause.PLAN_ENDING: ("plan", "ends in less than {plan_ending:g} s"),
+    Cause.NO_ANSWER: ("planner", "has not answered within {answer_time:g} s"),
+    Cause.REFUSED: ("planner", "has found no plan that may be flown"),
+    Cause.BACKUP_UNSAFE: ("backup", "does not keep the required separation; it is the one of greatest clearance"),
+    Cause.OUTSIDE_RANGE: (
+        "intruders",
+        "are outside_domain: speed, turn rate or declared noise is out of range; the policy was not trained for them",
+    ),
+    Cause.IMPOSSIBLE_RATE: ("intruders", "are outside_domain: a velocity changed faster than an aircraft can"),
+    Cause.CONTRADICTION: (
+        "intruders",
+        "are outside_domain: places contradict velocities, and no plan can rely on them",
+    ),
+}
+"""What each cause says of what: fields of a decision are ``now``'s, others those of the thresholds."""
 
 BLIND = Cause.OWN_MISSING | Cause.OWN_STALE | Cause.OWN_OUT_OF_ORDER | Cause.CLOCK
 """Nothing can be said about the ownship: DENIED."""

@@ -141,11 +141,6 @@ class Plan:
         return self.status is Status.SAFE
 
     @property
-    def searched(self) -> bool:
-        """Whether everything was searched that the options ask for."""
-        return not self.unsearched
-
-    @property
     def certificate(self) -> bytes | None:
         """What ``python -m agents.check`` proves the plan from, made when it is asked for; None unless it is SAFE."""
         return self.certify() if self.safe and self.certify is not None else None

@@ -40,11 +40,11 @@ def search(request: Request, goal: Any, options: Options, budget: Budget) -> Pro
     stages = [(_FIRST, options, _SOON), (_SEEDS, last, _SOON)]
     stages += [(STAGES[3], last, np.inf)] if options.exhaustive else []
     for stage, wanted, longest in stages:
-        left = np.flatnonzero(~best.safe)
-        for part in _parts(left, stage.turn.size):
+        effort = Effort(_HOPELESS * aircraft.separation, _ENOUGH, longest * aircraft.dt, budget)
+        for part in _parts(np.flatnonzero(~best.safe), stage.turn.size):
             if budget.ends("fallback"):
                 return best
-            _improve(best, part, request, goal, scaled(stage, aircraft), wanted, longest * aircraft.dt, budget)
+            _improve(best, part, request, goal, scaled(stage, aircraft), wanted, effort)
     return best
 
 
@@ -62,7 +62,7 @@ def refine(request: Request, goal: Any, options: Options, budget: Budget) -> Pro
                 return best
             tried = offspring(pool, index - 1, aircraft) if index else coarse
             # What begins was validated by the stages before as far as it was promising.
-            score = _tried(best, left, request, goal, tried, options, budget, judge=index > 0)
+            score = _tried(best, left, request, goal, tried, options, budget, index > 0)
             pool, scores = np.concatenate([pool, tried], axis=-1), np.concatenate([scores, score], axis=-1)
             order = _elites(pool[0], scores)
             pool = np.take_along_axis(pool, order[None], axis=-1)
@@ -86,22 +86,13 @@ def _elites(turn: Any, scores: Any) -> Any:
 
 
 def _tried(
-    best: Proposals,
-    left: Any,
-    request: Request,
-    goal: Any,
-    tried: Any,
-    options: Options,
-    budget: Budget,
-    *,
-    judge: bool,
+    best: Proposals, left: Any, request: Request, goal: Any, tried: Any, options: Options, budget: Budget, judge: bool
 ) -> Any:
     """Fly manoeuvres ``[8, n, M]``, perhaps judge them as plans; return how near each is to a safe one, ``[n, M]``."""
-    each = tried.shape[-1]
-    request, goal, which = take(request, left), goal[left], np.repeat(np.arange(left.size), each)
+    request, goal, which = take(request, left), goal[left], np.repeat(np.arange(left.size), tried.shape[-1])
     family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
-    flown = fly_out(request, goal, which, family, options, Effort(-np.inf, tried.size, budget=budget))
-    score = np.minimum(flown.clearance, 1e4) - np.where(np.isfinite(flown.rollout.time), 0.0, 1e6)
+    rollout, closest = fly_out(request, goal, which, family, options, Effort(-np.inf, tried.size, budget=budget))
+    score = np.minimum(closest, 1e4) - np.where(np.isfinite(rollout.time), 0.0, 1e6)
     # The most promising first: there may be no time for the others.
     order = np.argsort(-score, kind="stable") if judge else which[:0]
     block = tried[0].size if budget.endless else _JUDGED
@@ -109,45 +100,34 @@ def _tried(
         if budget.ends("refinement"):
             break
         rows = order[first : first + block]
-        plans = evaluate(take(request, which[rows]), take(flown.rollout, rows), goal[which[rows]], options)
+        plans = evaluate(take(request, which[rows]), take(rollout, rows), goal[which[rows]], options)
         keep_best(best, left[which[rows]], plans)
         # What misses the goal or a limit comes after all that do not.
-        fault = np.where(plans.findings.legal, 0.0, np.where(np.isfinite(plans.findings.clearance), 1e5, 1e6))
-        clearance = np.where(np.isfinite(plans.findings.clearance), plans.findings.clearance, flown.clearance[rows])
-        score[rows] = np.minimum(clearance, 1e4) - fault
-    return score.reshape(left.size, each)
+        clearance, known = plans.findings.clearance, np.isfinite(plans.findings.clearance)
+        fault = np.where(plans.findings.legal, 0.0, np.where(known, 1e5, 1e6))
+        score[rows] = np.minimum(np.where(known, clearance, closest[rows]), 1e4) - fault
+    return score.reshape(left.size, -1)
 
 
 def _improve(
-    best: Proposals,
-    part: Any,
-    request: Request,
-    goal: Any,
-    stage: Manoeuvre,
-    options: Options,
-    longest: float,
-    budget: Budget,
+    best: Proposals, part: Any, request: Request, goal: Any, stage: Manoeuvre, options: Options, effort: Effort
 ) -> None:
     """Try a stage of the family on some requests."""
-    each, hopeless = stage.turn.size, _HOPELESS * options.aircraft.separation
-    reversal = REVERSAL_WEIGHT * options.aircraft.separation
+    each, reversal = stage.turn.size, REVERSAL_WEIGHT * options.aircraft.separation
     request, goal, which = take(request, part), goal[part], np.repeat(np.arange(part.size), each)
     family = Manoeuvre(*(np.tile(field, part.size) for field in stage))
-    flown = fly_out(request, goal, which, family, options, Effort(hopeless, _ENOUGH, longest, budget))
-    rollout = flown.rollout
-    arrived = np.isfinite(rollout.time) & (flown.clearance >= hopeless)
+    rollout, clearance = fly_out(request, goal, which, family, options, effort)
+    arrived = np.isfinite(rollout.time) & (clearance >= effort.least)
     # The same cost as of plans, but for what is equal for all manoeuvres of a request.
     to_x, to_y = (field[which, goal[which]] for field in (request.route_x, request.route_y))
     to_goal = np.hypot(to_x - rollout.end.x, to_y - rollout.end.y)
     time = rollout.time + to_goal / rollout.end.speed
     cost = rollout.path + to_goal + TIME_WEIGHT * time * request.own.speed[which] + reversal * rollout.reversals
-    cost = np.where(arrived, cost + 20.0 * np.maximum(options.smoothing - flown.clearance, 0.0), np.inf).reshape(
-        -1, each
-    )
-    spare = np.where(arrived, flown.clearance, -np.inf).reshape(-1, each)
-    picked = np.zeros(cost.shape, dtype=bool)
-    np.put_along_axis(picked, np.argsort(cost, axis=-1, kind="stable")[:, :_CHEAPEST], True, axis=-1)
-    np.put_along_axis(picked, np.argsort(-spare, axis=-1, kind="stable")[:, :_CLEAREST], True, axis=-1)
+    cost = np.where(arrived, cost + 20.0 * np.maximum(options.smoothing - clearance, 0.0), np.inf)
+    picked = np.zeros((part.size, each), dtype=bool)
+    for order, most in ((cost, _CHEAPEST), (np.where(arrived, -clearance, np.inf), _CLEAREST)):
+        first = np.argsort(order.reshape(-1, each), axis=-1, kind="stable")[:, :most]
+        np.put_along_axis(picked, first, True, axis=-1)
     rows = np.flatnonzero(picked.ravel() & arrived)
     if rows.size:
         owners = which[rows]

@@ -17,7 +17,7 @@ from agents.planner.traffic import predicted, required, uncertainty
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState
 from envs.relative import leg_separation
-from envs.trees import take
+from envs.trees import column, mapped, scatter, take
 
 _AT_ONCE = 6  # strides flown at once at first
 _LATER = 18  # strides from turning back until uncertainty has grown to what the way back keeps
@@ -79,9 +79,8 @@ def fly_out(request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, optio
         hopeful = nearest >= least
         returning = hopeful & (strides[:, None] * stride >= manoeuvre.resume)
         at, asking = np.nonzero(returning)
-        own = VehicleState(*(field[at, asking][:, None] for field in flown))
         there, owner = strides[at], of[asking]
-        seen = VehicleState(*(field[there, owner] for field in scene.others))
+        own, seen = column(take(flown, (at, asking))), take(scene.others, (there, owner))
         required = scene.required[owner] + manoeuvre.slack[asking, None]
         if scene.growth is not None:
             required = required + scene.growth[np.minimum(there + _LATER, last), owner]
@@ -141,13 +140,9 @@ class _Scene(NamedTuple):
         count = len(flown.x) - 1
         # The intruders of a single request are seen by all of its manoeuvres.
         of = slice(None) if len(self.required) == 1 else of
-        own = VehicleState(*(field[..., None] for field in flown))
-        seen = VehicleState(*(field[first : first + count + 1, of] for field in self.others))
-        before, after = slice(-1), slice(1, None)
-        spare = leg_separation(
-            take(own, before), take(own, after), take(seen, before), take(seen, after), self.stride, np
-        )
-        spare = spare - self.required[of]
+        own, seen = take(flown, (..., None)), take(self.others, (slice(first, first + count + 1), of))
+        ends = (take(states, part) for states in (own, seen) for part in (slice(-1), slice(1, None)))
+        spare = leg_separation(*ends, self.stride, np) - self.required[of]
         if self.growth is not None:
             spare = spare - self.growth[first : first + count, of]
         return np.min(spare, axis=-1, initial=np.inf)
@@ -155,25 +150,19 @@ class _Scene(NamedTuple):
 
 def _scene(request: Request, options: Options, last: int) -> _Scene:
     """Return the intruders of requests ``[N]`` up to the end of a stride."""
-    traffic = request.traffic
-    stride = stride_of(options)
+    traffic, stride, growth = request.traffic, stride_of(options), None
     times = np.arange(last + 2)[:, None, None] * stride
-    growth = None
     if traffic.velocity_std.any():
         growth = options.requirement.sigmas * (uncertainty(traffic, times[1:]) - uncertainty(traffic, 0.0))
-    return _Scene(
-        predicted(traffic, times),
-        np.where(traffic.mask, required(traffic, request.own, options.requirement), -np.inf),
-        stride,
-        growth,
-    )
+    owed = np.where(traffic.mask, required(traffic, request.own, options.requirement), -np.inf)
+    return _Scene(predicted(traffic, times), owed, stride, growth)
 
 
 class _Landed:
     """Where manoeuvres have been and ended."""
 
     def __init__(self, count: int, last: int) -> None:
-        self._states = VehicleState(*(np.full((last + 1, count), np.nan) for _ in range(4)))
+        self._states = VehicleState(*np.full((4, last + 1, count), np.nan))
         self._end, self._done = np.full(count, last), np.zeros(count, dtype=bool)
         self.clearance = np.full(count, np.inf)
 
@@ -186,31 +175,22 @@ class _Landed:
             done: whether it turned back there, ``[M]``.
             nearest: its clearance by then, m, ``[M]``.
         """
-        for field, value in zip(self._states, flown, strict=True):
-            field[strides[0] : strides[-1] + 1, rows] = value[:-1]
+        scatter(self._states, (slice(strides[0], strides[-1] + 1), rows), take(flown, slice(-1)))
         self._end[rows], self._done[rows], self.clearance[rows] = strides[over], done, nearest
 
     def rollout(self, limits: Limits, stride: float, spacing: int) -> Rollout:
         """Return the manoeuvres, with knots every so many strides; all of them are direct."""
-        strides = np.arange(len(self._states.x))[:, None]
-        rows = np.flatnonzero(self._done)
-        end, none = self._end[rows], np.zeros((1, rows.size))
-        turned = wrap(np.diff(self._states.heading[:, rows], axis=0), np)
+        strides, rows, end = np.arange(len(self._states.x))[:, None], np.arange(self._end.size), self._end
+        none, speed = np.zeros((1, rows.size)), self._states.speed
+        turned = wrap(np.diff(self._states.heading, axis=0), np)
         turning = (np.abs(turned) > 0.1 * limits.yaw_rate_max * stride) & (strides[1:] <= end)
         sign = np.concatenate([none, np.where(turning, np.sign(turned), 0.0)])
         side = np.take_along_axis(sign, np.maximum.accumulate(np.where(sign != 0.0, strides, 0), axis=0), axis=0)
         reversals = np.sum(sign[1:] * side[:-1] < 0.0, axis=0)
-        speed = self._states.speed[:, rows]
         path = np.concatenate([none, np.cumsum(0.5 * stride * (speed[:-1] + speed[1:]), axis=0)])
-        path = path[end, np.arange(rows.size)]
-        ends = (field[end, rows] for field in self._states)
-        *ends, time, path, side, reversals = map(self._of_done, (*ends, end * stride, path, side[-1], reversals))
-        some, flown = slice(None, None, spacing), strides <= self._end
-        knots = VehicleState(*(np.where(flown[some], field[some], np.nan).T for field in self._states))
-        return Rollout(knots, VehicleState(*ends), time, self._done, path, side, reversals)
-
-    def _of_done(self, values: Any) -> Any:
-        """Return values of the manoeuvres that turned back among those of all, nan for the others."""
-        whole = np.full(self._done.size, np.nan)
-        whole[self._done] = values
-        return whole
+        found = take((self._states, path), (end, rows))
+        found = mapped(lambda values: np.where(self._done, values, np.nan), (*found, side[-1], reversals, end * stride))
+        ends, path, side, reversals, time = found
+        some, flown = slice(None, None, spacing), strides <= end
+        knots = mapped(lambda field: np.where(flown[some], field[some], np.nan).T, self._states)
+        return Rollout(knots, ends, time, self._done, path, side, reversals)

@@ -141,12 +141,11 @@ def _waypoints(best: Proposals, route: Sequence[RoutePoint]) -> tuple[Waypoint, 
     if best.last < 0:
         return ()
     taken = {point.index for point in route}
-    beyond = int(best.last) - len(route)
     rows = np.stack(best.knots, axis=-1)[1:].tolist()
     free = (index for index in range(len(route) + len(rows)) if index not in taken)
-    fresh = [next(free) for _ in rows]
-    last = route[int(best.last)].index if beyond < 0 else fresh[-1]
-    indices = [*fresh[:-1], last]
+    indices = [next(free) for _ in rows]
+    if best.last < len(route):
+        indices[-1] = route[int(best.last)].index
     return tuple(Waypoint(index, *row) for index, row in zip(indices, rows, strict=True))
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.planner.traffic import Requirement, Traffic
-from envs.trees import mapped, take
+from envs.trees import column, mapped
 from envs.waypoints import ARCS, Legs
 
 FINE = 32
@@ -33,7 +33,7 @@ def same_flight(reports: Traffic, age: Any, traffic: Traffic) -> Any:
     said, used = (mapped(np.ravel, given) for given in (reports, traffic))
     turn = used.turn_time[:, None]
     times = np.concatenate([turn * np.array([0.0, 0.5, 1.0]), turn + 500.0], axis=1)
-    there, here = _flown(said, times + np.ravel(age)[:, None]), _flown(used, times)
+    there, here = _flown(column(said), times + np.ravel(age)[:, None]), _flown(column(used), times)
     near = np.hypot(there[0] - here[0], there[1] - here[1]).max(axis=1) <= _SAME_PLACE
     alike = (used.turn_time == 0.0) | (said.turn_rate == used.turn_rate)
     return (near & alike & (said.mask == used.mask)).reshape(np.shape(age))
@@ -66,29 +66,23 @@ def chords(
 
 def _relative(own: tuple[Any, Any], time: Any, traffic: Traffic) -> tuple[Any, Any]:
     """Return the intruders' positions less the own ones, m, ``[n, A, K]``: an intruder turns, then flies on."""
-    heading, speed = traffic.state.heading[:, None], traffic.state.speed[:, None]
-    t = time[..., None]
-    x = traffic.state.x[:, None] + speed * np.cos(heading) * t
-    y = traffic.state.y[:, None] + speed * np.sin(heading) * t
-    # Only turning ones are treated apart, so that the rounding of one does not depend on the others.
-    n, k = np.nonzero((np.abs(traffic.turn_rate) > _STRAIGHT) & (traffic.turn_time > 0.0))
-    if n.size:
-        x[n, :, k], y[n, :, k] = _turning(take(traffic, (n, k)), time[n])
+    x, y = _flown(mapped(lambda field: field[:, None], traffic), time[..., None])
     return x - own[0][..., None], y - own[1][..., None]
 
 
 def _flown(traffic: Traffic, time: Any) -> tuple[Any, Any]:
-    """Return the positions of intruders ``[m]`` at times ``[m, A]``, m."""
-    state = mapped(lambda field: field[:, None], traffic.state)
+    """Return the positions of intruders ``[...]`` at times that broadcast, m: they turn, then fly straight."""
+    state = traffic.state
     x, y = (start + state.speed * part(state.heading) * time for start, part in ((state.x, np.cos), (state.y, np.sin)))
-    turns = np.flatnonzero((np.abs(traffic.turn_rate) > _STRAIGHT) & (traffic.turn_time > 0.0))
-    x[turns], y[turns] = _turning(take(traffic, turns), time[turns])
+    # Only turning ones are treated apart, so that the rounding of one does not depend on the others.
+    turns = np.nonzero(np.broadcast_to((np.abs(traffic.turn_rate) > _STRAIGHT) & (traffic.turn_time > 0.0), x.shape))
+    if turns[0].size:
+        one = mapped(lambda field: np.broadcast_to(field, x.shape)[turns], traffic)
+        x[turns], y[turns] = _turning(one, np.broadcast_to(time, x.shape)[turns])
     return x, y
 
 
-def _turning(traffic: Traffic, time: Any) -> tuple[Any, Any]:
-    """The same of intruders that turn and then fly straight."""
-    one = mapped(lambda field: field[:, None], traffic)
+def _turning(one: Traffic, time: Any) -> tuple[Any, Any]:
     turning = np.minimum(time, one.turn_time)
     # A turn's chord points half-way through it. Differences of sines would lose 0.1 mm in turns of 1e-9 rad/s.
     half = 0.5 * one.turn_rate * turning

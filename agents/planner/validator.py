@@ -177,7 +177,8 @@ def _separation(
     # What could be too close, or the closest of all, is looked at more closely.
     nearest = np.min(upper, axis=(1, 2), keepdims=True)
     unclear = ~(bound >= need) | (bound <= nearest)
-    _note_clear(found, rows, bound, need, unclear)
+    spare = np.where(unclear, np.inf, bound - need)
+    found.clearance[rows] = np.minimum(found.clearance[rows], spare.min(axis=(1, 2)))
     n, a, k = np.nonzero(unclear & present[:, None])
     if n.size == 0:
         return
@@ -194,12 +195,6 @@ def _separation(
     # The tolerance is for the margin; the separation itself is kept but for rounding.
     needed = np.maximum(needed - CLOSE, requirement.separation - ROUNDING)
     _note_fine(found, rows, (n, a, k), began, begins, close, needed)
-
-
-def _note_clear(found: Findings, rows: Any, bound: Any, need: Any, unclear: Any) -> None:
-    """Take the clearance of what is clear from its bound."""
-    spare = np.where(unclear, np.inf, bound - need)
-    found.clearance[rows] = np.minimum(found.clearance[rows], spare.min(axis=(1, 2)))
 
 
 def _note_fine(found: Findings, rows: Any, which: Any, began: Any, begins: Any, close: Any, needed: Any) -> None:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.assurance import monitor as assurance
+from agents import assurance
 from agents.assurance.asking import ALONG, Planner, renewed
 from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.tracker import Tracks, follow

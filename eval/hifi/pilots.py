@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.assurance import monitor as assurance
+from agents import assurance
 from agents.assurance.asking import ALONG, Planner, renewed
 from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.tracker import Tracks, follow
@@ -144,7 +144,7 @@ class Assured:
         monitor = self._monitor
         backup = bool(monitor.on_backup[0])
         began = float((monitor.backup.started if backup else monitor.started)[0])
-        flies = (backup, began, float(monitor.backup.course[0]) if backup else int(monitor.revision[0]))
+        flies = (backup, began, float(monitor.backup.course[0]) if backup else 0.0)
         if flies != self._flies:
             curves = take(monitor.backup.legs if backup else monitor.plan.legs, 0)
             self._guide = Guide(Path(curves, self._frame, began), self._gains)

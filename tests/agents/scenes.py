@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.assurance import monitor as assurance
+from agents import assurance
 from agents.assurance.monitor import Cause, Decision, Monitor, State, Thresholds
 from agents.planner.options import Options
 from agents.planner.traffic import Traffic

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.assurance import monitor as assurance
+from agents import assurance
 from agents.assurance.inputs import blank, updated
 from agents.assurance.monitor import Cause, Flown, Inputs, State
 from agents.assurance.thresholds import BLIND

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agents.assurance import monitor as assurance
+from agents import assurance
 from agents.assurance.monitor import Cause, Flown, State
 from agents.planner.traffic import Traffic
 from envs.waypoints import Knots
@@ -228,7 +228,7 @@ def test_only_the_answer_to_the_last_request_counts() -> None:
         same, accepted = assurance.answer(monitor, row, number, straight(4.0), safe, THRESHOLDS)
         assert not accepted.any() and same.state[0] == monitor.state[0] and same.answered[0] == monitor.answered[0]
     monitor, accepted = assurance.answer(monitor, row, numbers[1], straight(4.0), safe, THRESHOLDS)
-    assert accepted.all() and monitor.revision[0] == numbers[1]
+    assert accepted.all() and monitor.answered[0] == numbers[1]
     _, accepted = assurance.answer(monitor, row, numbers[1], straight(4.0), safe, THRESHOLDS)
     assert not accepted.any(), "an answer counts once"
 
