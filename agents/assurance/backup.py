@@ -55,9 +55,7 @@ class Backup(NamedTuple):
 
 def flown(own: VehicleState, course: Any, speed: Any, thresholds: Thresholds) -> Knots:
     """Return backups from the present states as knots, ``[M, B]``; every leg has constant controls."""
-    limits = thresholds.manoeuvre
-    state = own
-    states = [own]
+    limits, state, states = thresholds.manoeuvre, own, [own]
     to_turn = wrap(course - own.heading, np)
     for duration in _durations(thresholds):
         turn, gain = _controls(to_turn, speed - state.speed, duration, limits)
@@ -73,9 +71,8 @@ def flown(own: VehicleState, course: Any, speed: Any, thresholds: Thresholds) ->
 def refreshed(previous: Backup, own: VehicleState, traffic: Traffic, time: Any, thresholds: Thresholds) -> Backup:
     """Return the backups for this step, ``[N]``, from those of the step before; time on the monitor's clock, s."""
     had = np.isfinite(previous.started)
-    knots = flown(
-        own, np.where(had, previous.course, own.heading), np.where(had, previous.speed, own.speed), thresholds
-    )
+    course, speed = np.where(had, previous.course, own.heading), np.where(had, previous.speed, own.speed)
+    knots = flown(own, course, speed, thresholds)
     curves = legs(knots)
     found = validate(knots, traffic, thresholds.requirement, thresholds.limits, curves)
     safe = _safe(found, thresholds) & had
@@ -101,7 +98,7 @@ def search(own: VehicleState, traffic: Traffic, time: Any, thresholds: Threshold
     extreme = np.where(np.tile(_FAMILY_SPEED, count) > 0.0, manoeuvre.speed_max, manoeuvre.speed_min)
     held = np.clip(own.speed, manoeuvre.speed_min, manoeuvre.speed_max)[which]
     speed = np.where(np.tile(_FAMILY_SPEED, count) == 0.0, held, extreme)
-    base = required(traffic, own, requirement)
+    base = np.where(traffic.mask, required(traffic, own, requirement), -np.inf)
     clearance = _estimate(take(own, which), course, speed, traffic, base, thresholds)
     merit = (np.minimum(clearance, _ENOUGH * unit) - _TURN_COST * unit * np.abs(turn)).reshape(count, each)
     pick = np.argsort(-merit, axis=-1, kind="stable")[:, :_TRIED] + np.arange(count)[:, None] * each
@@ -124,14 +121,11 @@ def _safe(found: Findings, thresholds: Thresholds) -> Any:
 
 def _estimate(own: VehicleState, course: Any, speed: Any, traffic: Traffic, base: Any, thresholds: Thresholds) -> Any:
     """Return the smallest distance less the required one of backups of a family, m, ``[N * F]``; an estimate."""
-    count = base.shape[0]
-    limits, sigmas = thresholds.manoeuvre, thresholds.requirement.sigmas
+    count, limits, sigmas = base.shape[0], thresholds.manoeuvre, thresholds.requirement.sigmas
     stride, steps = _STEP * thresholds.options.aircraft.dt, round(sum(STEPS) / _STEP)
-    tracks = predicted(column(traffic), (np.arange(steps + 1) * stride)[:, None])
-    least_required = np.where(traffic.mask, base, -np.inf)[:, None]
-    if sigmas and traffic.velocity_std.any():
-        spread = uncertainty(column(traffic), (np.arange(1, steps + 1) * stride)[:, None])
-        least_required = least_required + sigmas * (spread - uncertainty(traffic, 0.0)[:, None])
+    times, wide = (np.arange(steps + 1) * stride)[:, None], column(traffic)
+    tracks = predicted(wide, times)
+    owed = base[:, None] + sigmas * (uncertainty(wide, times) - uncertainty(wide, 0.0))
     least = np.full(own.x.size, np.inf)
     state, to_turn, step = own, wrap(course - own.heading, np), 0
 
@@ -146,7 +140,7 @@ def _estimate(own: VehicleState, course: Any, speed: Any, traffic: Traffic, base
             state = advance(state, gain / duration, turn / duration, stride, ANY, np)
             step += 1
             x1, y1 = relative(state, step)
-            spare = chord(x0, y0, x1, y1) - least_required[:, min(step - 1, least_required.shape[1] - 1), None]
+            spare = chord(x0, y0, x1, y1) - owed[:, step, None]
             least = np.minimum(least, np.min(spare, axis=-1, initial=np.inf).ravel())
             x0, y0 = x1, y1
         to_turn = to_turn - turn

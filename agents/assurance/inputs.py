@@ -151,7 +151,9 @@ def present(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleS
     reports = Traffic(
         memory.intruders, mask & known, memory.turn_rate, turn_time, memory.position_std, memory.velocity_std, 0.0 * age
     )
-    return _carried(memory.own, own_age), advanced(reports, age)
+    vx, vy = velocity(memory.own, np)
+    x, y = memory.own.x + vx * own_age, memory.own.y + vy * own_age
+    return VehicleState(x, y, wrap(memory.own.heading, np), memory.own.speed), advanced(reports, age)
 
 
 def _turn_rate(memory: Memory, given: Inputs, elapsed: Any, good: Any, thresholds: Thresholds) -> tuple[Any, Any]:
@@ -184,11 +186,6 @@ def _sane(state: VehicleState, age: Any) -> Any:
 
 def _spread(std: Any) -> Any:
     return (std >= 0.0) & (std <= 10_000.0)
-
-
-def _carried(state: VehicleState, seconds: Any) -> VehicleState:
-    vx, vy = velocity(state, np)
-    return state._replace(x=state.x + vx * seconds, y=state.y + vy * seconds, heading=wrap(state.heading, np))
 
 
 def _bit(where: Any, cause: Cause) -> Any:

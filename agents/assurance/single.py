@@ -160,18 +160,11 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
 
 def _ask(monitor: Monitor, decision: Decision, thresholds: Thresholds) -> Ask:
     """Return the request of one second: the last good reports with their ages, as the planner takes them."""
-    memory, own = take(monitor.memory, 0), VehicleState(*(float(field[0]) for field in decision.own))
-    known = tuple(
-        Intruder(
-            VehicleState(*(float(field[k]) for field in memory.intruders)),
-            age=float(memory.time - memory.seen[k]),
-            turn_rate=float(memory.turn_rate[k]),
-            turn_time=thresholds.turn_time if memory.turn_rate[k] else 0.0,
-            position_std=float(memory.position_std[k]),
-            velocity_std=float(memory.velocity_std[k]),
-        )
-        for k in np.flatnonzero(decision.traffic.mask[0])
-    )
+    memory, own = monitor.memory, VehicleState(*(float(field[0]) for field in decision.own))
+    turns = memory.turn_rate, np.where(memory.turn_rate == 0.0, 0.0, thresholds.turn_time)
+    fields = (*memory.intruders, memory.time - memory.seen, *turns, memory.position_std, memory.velocity_std)
+    rows = np.stack(fields, axis=-1)[decision.traffic.mask].tolist()
+    known = tuple(Intruder(VehicleState(*row[:4]), *row[4:]) for row in rows)
     return Ask(int(decision.number[0]), own, known)
 
 

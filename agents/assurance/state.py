@@ -11,7 +11,7 @@ from agents.assurance.lookahead import Course, course
 from agents.assurance.thresholds import Thresholds
 from agents.planner.traffic import Traffic
 from envs.kinematics import VehicleState
-from envs.waypoints import Knots, legs
+from envs.waypoints import legs
 
 
 class State(IntEnum):
@@ -102,8 +102,10 @@ def start(count: int, intruders: int, thresholds: Thresholds) -> Monitor:
     """Return monitors that watch nothing, ``[count]`` with room for so many intruders each."""
     no, zero = np.zeros(count, dtype=bool), np.zeros(count)
     absent = np.zeros((count, intruders), dtype=bool)
-    no_traffic = Traffic.straight(VehicleState(*(np.zeros(absent.shape) for _ in range(4))), absent)
-    straight = placeholder(count, thresholds)
+    no_traffic = Traffic.straight(VehicleState(*np.zeros((4, count, intruders))), absent)
+    options = thresholds.options
+    # Keeps arrays whole where there is no plan.
+    straight = straight_east(count, np.arange(options.waypoints + 1) * options.interval, options.aircraft.limits)
     return Monitor(
         state=np.zeros(count, dtype=np.int8),
         on_backup=no.copy(),
@@ -119,9 +121,3 @@ def start(count: int, intruders: int, thresholds: Thresholds) -> Monitor:
         request_traffic=no_traffic,
         backup=resting(count, thresholds),
     )
-
-
-def placeholder(count: int, thresholds: Thresholds) -> Knots:
-    """Return knots that keep arrays whole where there is no plan: straight east, ``[count, W + 1]``."""
-    options, limits = thresholds.options, thresholds.options.aircraft.limits
-    return straight_east(count, np.arange(options.waypoints + 1) * options.interval, limits)

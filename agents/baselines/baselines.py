@@ -16,6 +16,7 @@ from agents.manoeuvres.direct_to_goal import Task, clear
 from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.kinematics import VehicleState, velocity
+from envs.trees import column
 
 _GAIN = 0.5  # of the error of the heading that is turned in a time step
 _EVER, _PAST = 1e5, 1.05
@@ -86,8 +87,7 @@ def may_return(sight: Sight, aircraft: Aircraft, required: float) -> np.ndarray:
     It may where one turn onto the goal and straight flight to it keep clear of all intruders, and, as is usual among
     published resolvers, where all of them are past their closest point of approach and far enough.
     """
-    own = VehicleState(*(field[:, None] for field in sight.own))
-    goal = sight.goal_x[:, None], sight.goal_y[:, None]
+    own, goal = column((sight.own, (sight.goal_x, sight.goal_y)))
     # Late or not: whether there is time is no question of being clear.
     limits = aircraft.limits
     task = Task(limits, aircraft.goal_radius, _EVER, 0.95 * limits.yaw_rate_max, True, aircraft.dt, 1)
@@ -116,24 +116,19 @@ class Direct:
 
 
 class _Conflict(NamedTuple):
-    """A prediction on straight courses; fields ``[M, K]``."""
+    """On straight courses, ``[M, K]``: is the zone lost soon; place (m), time (s) of the CPA; distance now, then, m."""
 
     there: np.ndarray
-    """Whether the protected distance is lost within the look-ahead."""
     x: np.ndarray
-    """Intruder from the ownship at the closest point of approach, m."""
     y: np.ndarray
     time: np.ndarray
-    """Until then, s."""
     distance: np.ndarray
-    """At present, m."""
     miss: np.ndarray
-    """At the closest point of approach, m."""
 
 
 def _conflicts(sight: Sight, course: np.ndarray, protected: float, lookahead: float) -> _Conflict:
     """Predict the conflicts of flying on at the present speed on a course, ``[M]``."""
-    own = VehicleState(*(field[:, None] for field in sight.own._replace(heading=course)))
+    own = column(sight.own._replace(heading=course))
     x, y = sight.intruders.x - own.x, sight.intruders.y - own.y
     (own_vx, own_vy), (vx, vy) = velocity(own, np), velocity(sight.intruders, np)
     vx, vy = vx - own_vx, vy - own_vy
@@ -245,7 +240,7 @@ BASELINES: dict[str, Callable[[Aircraft], Baseline]] = {
 
 def _bearing(sight: Sight) -> np.ndarray:
     """Return the intruders' bearings from the own heading, rad, left positive, ``[M, K]``."""
-    own = VehicleState(*(field[:, None] for field in sight.own))
+    own = column(sight.own)
     return wrap(np.arctan2(sight.intruders.y - own.y, sight.intruders.x - own.x) - own.heading, np)
 
 

@@ -72,11 +72,6 @@ def concatenated(*parts: Manoeuvre) -> Manoeuvre:
     return Manoeuvre(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
 
-def _both_sides(turns_deg: Any) -> Any:
-    return np.concatenate([np.asarray(turns_deg), -np.asarray(turns_deg)])
-
-
-_PLAIN = _grid([0.0], slacks=[REGARDLESS])
 _THROTTLES = (-1.0, 0.0, 1.0)
 COARSE = _grid(np.arange(-180.0, 180.1, 15.0), _THROTTLES)
 
@@ -93,7 +88,7 @@ def _staying_away(turns_deg: Any, resumes: Any) -> Manoeuvre:
 
 
 STAGES: tuple[Manoeuvre, ...] = (
-    concatenated(_PLAIN, _grid(_both_sides([20.0, 45.0, 75.0, 110.0]))),
+    concatenated(_grid([0.0], slacks=[REGARDLESS]), _grid([20.0, 45.0, 75.0, 110.0, -20.0, -45.0, -75.0, -110.0])),
     COARSE,
     _grid(np.arange(-172.5, 172.6, 15.0), _THROTTLES),
     _grid(np.arange(-150.0, 150.1, 15.0), _THROTTLES, delays=[5.0, 10.0, 20.0, 40.0], slacks=[0.0, 0.2]),
@@ -150,9 +145,8 @@ def fly_out(
             solved[which[judged.reached]] = True
             going_on &= ~solved[which]
         if not going_on.all():
-            rows, which, goal, mask = rows[going_on], which[going_on], take(goal, going_on), mask[going_on]
-            flight, now, manoeuvre = take(flight, going_on), take(now, going_on), take(manoeuvre, going_on)
-            length, was_off = length[going_on], was_off[going_on]
+            rows, which, goal, mask, manoeuvre = take((rows, which, goal, mask, manoeuvre), going_on)
+            flight, now, length, was_off = take((flight, now, length, was_off), going_on)
             if rows.size == 0:
                 break
     return Flown(arrival, closest, path)

@@ -24,18 +24,13 @@ class Budget:
         self.skipped: list[str] = []
         """What was not searched, or not to its end."""
 
-    def over(self) -> bool:
-        """Return whether the deadline is past, or would be after as long a block as the longest so far."""
+    def ends(self, what: str) -> bool:
+        """Return whether another block, as long as the longest so far, would end too late; note what it leaves out."""
         if self.endless:
             return False
         now = time.thread_time()
         self._longest, self._asked = max(self._longest, now - self._asked), now
-        return now + self._longest > self._until
-
-    def ends(self, what: str) -> bool:
-        """Return the same, and note what is left out where it is."""
-        if not self.over():
-            return False
-        if what not in self.skipped:
+        late = now + self._longest > self._until
+        if late and what not in self.skipped:
             self.skipped.append(what)
-        return True
+        return late

@@ -71,8 +71,9 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     route = (request.route_x, request.route_y)
     whole = complete(rollout, route, request.points, goal, options)
     rows = np.flatnonzero(whole.last >= 0)
+    proposals = empty(count, options.waypoints)._replace(too_short=whole.too_short)
     if rows.size == 0:
-        return empty(count, options.waypoints)._replace(too_short=whole.too_short)
+        return proposals
     knots = take(whole.knots, rows)
     findings = validate(knots, take(request.traffic, rows), options.requirement, options.limits)
     goal_x, goal_y = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
@@ -82,9 +83,6 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     late = np.maximum(time * request.own.speed[rows] - np.maximum(straight, 0.0), 0.0)
     cost = excess + TIME_WEIGHT * late + REVERSAL_WEIGHT * options.aircraft.separation * whole.reversals[rows]
     made = Proposals(knots, goal[rows], whole.last[rows], findings, whole.too_short[rows], time, path, cost)
-    if rows.size == count:
-        return made
-    proposals = empty(count, options.waypoints)._replace(too_short=whole.too_short)
     scatter(proposals, rows, made)
     return proposals
 

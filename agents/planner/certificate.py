@@ -48,30 +48,22 @@ def certificate(
     kept = [report for number, report in enumerate(reports) if number not in out]
     knots = waypoints.knots(own, published)
     curves = waypoints.legs(knots)
-    requirement, limits = options.requirement, options.limits
     data = {
         "format": FORMAT,
         "own": list(own),
         "waypoints": [[point.x, point.y, point.heading, point.speed, point.time] for point in published],
         "controls": np.concatenate([curves.yaw_rate, curves.acceleration], axis=-1).tolist(),
-        "intruders": [_row(report) for report in kept],
+        "intruders": [
+            list(map(float, (*one.state, one.age, one.turn_rate, one.turn_time, one.position_std, one.velocity_std)))
+            for one in kept
+        ],
         "excluded": [_heights(own_altitude, reports[number]) for number in sorted(out)],
-        "requirement": {
-            "separation": requirement.separation,
-            "margin": requirement.margin,
-            "sigmas": requirement.sigmas,
-            "vertical": options.vertical_filter,
-        },
-        "limits": dict(zip(limits._fields, map(float, limits), strict=True)),
+        "requirement": {**options.requirement._asdict(), "vertical": options.vertical_filter},
+        "limits": {name: float(limit) for name, limit in options.limits._asdict().items()},
         "parts": FINE,
         "bounds": _bounds(knots, kept, options),
     }
     return json.dumps(data, separators=(",", ":"), allow_nan=False, default=float).encode()
-
-
-def _row(report: Intruder) -> list[float]:
-    turn = (report.age, report.turn_rate, report.turn_time)
-    return [float(value) for value in (*report.state, *turn, report.position_std, report.velocity_std)]
 
 
 def _heights(own: Altitude | None, report: Intruder) -> list[float]:

@@ -13,7 +13,7 @@ import numpy as np
 from agents.planner.separation import FINE, along, blur, chords, growth
 from agents.planner.traffic import Requirement, Traffic, required
 from envs.kinematics import Limits, VehicleState
-from envs.trees import mapped, take
+from envs.trees import column, take
 from envs.waypoints import ARCS, CLOSED, Knots, Legs, legs
 
 TOLERANCE = Limits(1e-6, 1e-6, 1e-6, 1e-6, 1e-9)
@@ -99,17 +99,12 @@ def validate(
     if curves is None or not sound.all():
         # Placeholders make the arrays whole; their rows are judged by what is wrong with them only.
         straight = np.arange(points) * 1.0
-        usable = Knots(
-            *(
-                np.where(sound[:, None], field, filler)
-                for field, filler in zip(knots, (straight, 0.0, 0.0, 1.0, straight), strict=True)
-            )
-        )
-        curves = legs(usable)
+        filled = zip(knots, (straight, 0.0, 0.0, 1.0, straight), strict=True)
+        curves = legs(Knots(*(np.where(sound[:, None], *pair) for pair in filled)))
     # Comparisons ask for what is right, so that not-a-number is wrong. A plan beyond a speed limit may stay there, but
     # not go further, nor come back to it: the bounds follow the most moderate speed so far, not that of the arc before,
     # or else the tolerance would add up from arc to arc.
-    speed, after = curves.speed, curves.speed + _gain(curves)
+    speed, after = curves.speed, curves.speed + curves.acceleration * (curves.duration[..., None] / ARCS)
     so_far = speed.reshape(count, (points - 1) * ARCS)
     lowest = np.minimum(limits.speed_min, np.maximum.accumulate(so_far, axis=-1)).reshape(speed.shape)
     highest = np.maximum(limits.speed_max, np.minimum.accumulate(so_far, axis=-1)).reshape(speed.shape)
@@ -132,10 +127,6 @@ def validate(
     return found
 
 
-def _gain(curves: Legs) -> Any:
-    return curves.acceleration * (curves.duration[..., None] / ARCS)
-
-
 def _place(found: Findings, check: int, rows: Any, leg: Any, *place: Any) -> None:
     """Note where some plans first fail a check: the leg, the time (s) and the position (m), ``[m]`` each."""
     found.wrong[rows, check], found.leg[rows, check] = True, leg
@@ -147,8 +138,7 @@ def _separation(
 ) -> None:
     """Judge the separation from all intruders over the whole plan."""
     rows = np.flatnonzero(sound)
-    found.min_separation[~sound] = np.nan
-    found.clearance[~sound] = -np.inf
+    found.min_separation[~sound], found.clearance[~sound] = np.nan, -np.inf
     if rows.size == 0 or traffic.mask.shape[-1] == 0:
         return
     own, seen = (curves, traffic) if sound.all() else take((curves, traffic), rows)
@@ -184,9 +174,9 @@ def _separation(
         return
     fine = length[n, a] / FINE
     began = begin[n, a, None] + np.arange(FINE) * fine[:, None]
-    px, py, psi, v, omega, accel = (field.reshape(rows.size, -1)[n, a][:, None] for field in own[3:])
-    at_x, at_y = along(px, py, psi, v, omega, accel, fine[:, None])
-    one = mapped(lambda field: field[n, k][:, None], seen)
+    arcs = (field.reshape(rows.size, -1)[n, a][:, None] for field in own[3:])
+    at_x, at_y = along(*arcs, fine[:, None])
+    one = column(take(seen, (n, k)))
     finer = np.broadcast_to(fine[:, None], began.shape)
     begins, ends = (at_x[:, :-1], at_y[:, :-1]), (at_x[:, 1:], at_y[:, 1:])
     close, _ = chords(began, finer, begins, ends, one, pull[n, a, k][:, None, None])
@@ -206,17 +196,20 @@ def _note_fine(found: Findings, rows: Any, which: Any, began: Any, begins: Any, 
     np.minimum.at(found.clearance, rows[n], spare.min(axis=1))
     value = np.take_along_axis(close, least[:, None], 1)[:, 0]
     when = np.take_along_axis(began, least[:, None], 1)[:, 0]
-    order = np.lexsort((when, value, n))
-    owner, first = np.unique(n[order], return_index=True)
-    best = order[first]
+    owner, best = _leading(n, when, value)
     found.min_separation[rows[owner]], found.time_of_min_separation[rows[owner]] = value[best], when[best]
 
     bad = np.flatnonzero(~(spare >= 0.0).all(axis=1))
     if bad.size:
         part = np.argmax(~(spare[bad] >= 0.0), axis=1)
         when, x, y = (field[bad, part] for field in (began, *begins))
-        order = np.lexsort((when, n[bad]))
-        owner, first = np.unique(n[bad][order], return_index=True)
-        first = order[first]
+        owner, first = _leading(n[bad], when)
         _place(found, CHECKS.index("separation"), rows[owner], a[bad][first] // ARCS, when[first], x[first], y[first])
         found.intruder[rows[owner]] = k[bad][first]
+
+
+def _leading(owners: Any, *keys: Any) -> tuple[Any, Any]:
+    """Return the owners that there are, and the place of the first of each by some keys, the last of them first."""
+    order = np.lexsort((*keys, owners))
+    owner, first = np.unique(owners[order], return_index=True)
+    return owner, order[first]

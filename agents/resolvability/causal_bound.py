@@ -42,9 +42,6 @@ _STRIDE = 2.0
 _LOST = -10.0
 """Worth of a plan, in separations, below which it fails."""
 
-_TOGETHER = 1_024
-"""Encounters flown together."""
-
 _TURN = np.radians(90.0)
 """Heading change of an intruder that might begin to turn now, or goes on turning, rad."""
 
@@ -91,7 +88,7 @@ def causal(encounters: Encounter, rules: Rules, limits: Limits) -> Causal:
     inf, nan = np.full(count, np.inf), np.full(count, np.nan)
     record = VehicleState(*np.full((len(VehicleState._fields), steps(rules) + 1, count), np.nan))
     result = Causal(np.full(count, 2, np.int8), inf, nan, np.zeros(count), record)
-    for part in np.split(np.arange(count), range(_TOGETHER, count, _TOGETHER)):
+    for part in parts(np.arange(count), 1, chosen):
         _fly(take(chosen, part), part, rules, limits, result)
     return result
 

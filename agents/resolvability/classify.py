@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly, steps, takeoff, tracks
-from agents.manoeuvres.escape_search import doubled, search
+from agents.manoeuvres.escape_search import doubled, parts, search
 from agents.resolvability.proof import contained, look_ahead, split
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
@@ -23,9 +23,6 @@ from envs.outcome import Rules, judge
 from envs.relative import distance, leg_separation
 from envs.starts import cast
 from envs.trees import column, mapped, scatter, take
-
-_CHUNK = 1_024
-"""Encounters with up to 8 intruders classified together (fewer with more), to bound memory."""
 
 
 class Verdict(IntEnum):
@@ -107,10 +104,7 @@ def classify(
         Manoeuvre(*np.full((len(Manoeuvre._fields), count), np.nan)),
         *np.full((3, count), np.nan),
     )
-    asked = np.flatnonzero(~known)
-    size = max(_CHUNK * 8 // max(np.shape(encounters.mask)[1], 8), 1)
-    for first in range(0, asked.size, size):
-        part = asked[first : first + size]
+    for part in parts(np.flatnonzero(~known), 1, chosen):
         _decide(take(chosen, part), part, rules, limits, reserve, result)
     return result
 

@@ -65,7 +65,8 @@ def last_time(
     x, y, radius = discs
     short_of = np.cos(DIRECTIONS) * goal[0] + np.sin(DIRECTIONS) * goal[1] - goal[2]
     short_of = short_of - max(limits.speed_max, speed) * stride
-    states = start(speed)
+    zero = np.zeros(1)
+    states = States(zero, zero, zero + speed, zero + speed, np.zeros((1, DIRECTIONS.size)))
     for first in range(0, x.shape[1], cells.tests):
         tests = min(cells.tests, x.shape[1] - first)
         parent, ended = branches(states, tests * stride, cells, limits)
@@ -88,12 +89,6 @@ def last_time(
         if _passes(states, x[:, first + tests :], y[:, first + tests :], radius, stride):
             break
     return np.nan
-
-
-def start(speed: float) -> States:
-    """Return the one state at the start, ``[1]``."""
-    zero = np.zeros(1)
-    return States(zero, zero, zero + speed, zero + speed, np.zeros((1, DIRECTIONS.size)))
 
 
 def branches(states: States, seconds: float, cells: Cells, limits: Limits) -> tuple[Any, States]:
