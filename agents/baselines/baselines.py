@@ -90,7 +90,7 @@ def may_return(sight: Sight, aircraft: Aircraft, required: float) -> np.ndarray:
     own, goal = column((sight.own, (sight.goal_x, sight.goal_y)))
     # Late or not: whether there is time is no question of being clear.
     limits = aircraft.limits
-    task = Task(limits, aircraft.goal_radius, _EVER, 0.95 * limits.yaw_rate_max, True, aircraft.dt, 1)
+    task = Task(limits, aircraft.goal_radius, _EVER, 0.95 * limits.yaw_rate_max)
     free = np.all(clear(own, goal, sight.intruders, required, 0.0, task, np) | ~sight.mask, axis=-1)
     past = _conflicts(sight, sight.own.heading, required, math.inf)
     opening = (past.time == 0.0) & (past.distance > _PAST * required)

@@ -25,12 +25,6 @@ class Task(NamedTuple):
     """Latest time at the goal, s."""
     turn_rate: float
     """Of turns on the way back, rad/s."""
-    direct: bool
-    """Whether the manoeuvre ends as soon as the direct way is clear; otherwise only at the goal."""
-    dt: float
-    """Between decisions, s."""
-    spacing: int
-    """Decisions from waypoint to waypoint."""
 
 
 def arc_end(state: VehicleState, arc: Any, length: Any) -> tuple[Any, Any]:

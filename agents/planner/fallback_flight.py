@@ -104,7 +104,7 @@ def fly_out(request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, optio
         if not on.all():
             rows, of, manoeuvre, flight, closest = take((rows, of, manoeuvre, flight, closest), on)
         first += count
-    return Flown(landed.rollout(task.limits, stride, task.spacing // EVERY), landed.clearance)
+    return Flown(landed.rollout(task.limits, stride, options.spacing // EVERY), landed.clearance)
 
 
 def _at_once(pairs: int, first: int) -> int:

@@ -189,9 +189,7 @@ def task_of(options: Options) -> Task:
     """Return what manoeuvres are flown for."""
     radius = options.aircraft.goal_radius - options.rejoin_reserve
     rate = _TURN_SHARE * options.manoeuvre.yaw_rate_max
-    return Task(
-        options.manoeuvre, radius, options.rejoin_by, rate, options.direct, options.aircraft.dt, options.spacing
-    )
+    return Task(options.manoeuvre, radius, options.rejoin_by, rate)
 
 
 def check(options: Options) -> None:

@@ -17,11 +17,10 @@ from agents.planner.answer import Plan, RequestError
 from agents.planner.budget import Budget
 from agents.planner.candidates import empty, evaluate, keep_best
 from agents.planner.certificate import certificate
-from agents.planner.options import Options, task_of
+from agents.planner.options import Options
 from agents.planner.publish import Plans, published
 from agents.planner.request import Altitude, Intruder, Request, checked, eligible, finite
 from agents.planner.rollout import roll
-from agents.planner.traffic import required
 from agents.policy.domain import departures
 from agents.policy.inference import OutsideDomainError, Policy
 from envs.kinematics import VehicleState
@@ -114,9 +113,7 @@ def _planned(request: Request, goals: Any, policy: Policy, options: Options, bud
         if rows.size == 0 or budget.ends(f"goal {choice + 1}"):
             break
         part, goal = request if rows.size == count else take(request, rows), goals[rows, choice]
-        to = part.route_x[np.arange(rows.size), goal], part.route_y[np.arange(rows.size), goal]
-        owed = required(part.traffic, part.own, options.requirement) + options.slack
-        flown = roll(part.own, part.traffic, to, owed, policy, task_of(options), budget, floats=floats)
+        flown = roll(part, goal, policy, options, budget, floats=floats)
         plans = evaluate(part, flown, goal, options)
         wanting = ~plans.safe | (plans.cost > options.fallback_cost_threshold)
         if count == 1 and choice == 0 and not wanting[0]:

@@ -13,7 +13,9 @@ import numpy as np
 
 from agents.manoeuvres.direct_to_goal import EVERY, Task, clear
 from agents.planner.budget import Budget
-from agents.planner.traffic import Traffic, predicted
+from agents.planner.options import Options, task_of
+from agents.planner.request import Request
+from agents.planner.traffic import Traffic, predicted, required
 from agents.policy.inference import Policy
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState, advance, commands
@@ -43,56 +45,48 @@ class Rollout(NamedTuple):
 
 
 def roll(
-    own: VehicleState,
-    traffic: Traffic,
-    goal: tuple[Any, Any],
-    required: Any,
-    policy: Policy,
-    task: Task,
-    budget: Budget | None = None,
-    *,
-    floats: bool = False,
+    request: Request, goal: Any, policy: Policy, options: Options, budget: Budget | None = None, *, floats: bool = False
 ) -> Rollout:
     """Roll the policy ahead, ``[N]``.
 
     Args:
-        goal: its position, m, ``[N]`` each.
-        required: separation from the intruders on the direct way, m, ``[N, K]``.
+        goal: number of the route's point that each request leads to, ``[N]``.
         budget: ends the flight in plain floats; None: nothing does.
         floats: roll one request after the other in plain floats: faster for fewer than about a hundred.
     """
+    rows, traffic, count = np.arange(goal.size), request.traffic, goal.size
+    goal_x, goal_y = request.route_x[rows, goal], request.route_y[rows, goal]
+    owed = required(traffic, request.own, options.requirement) + options.slack
     if floats:
-        requests = (take((own, traffic, goal, required), row) for row in range(np.size(own.x)))
-        each = [_roll_one(*request, policy, task, budget or Budget()) for request in requests]
+        given = (take((request.own, traffic, (goal_x, goal_y), owed), row) for row in rows)
+        each = [_roll_one(*one, policy, options, budget or Budget()) for one in given]
         return mapped(lambda *fields: np.concatenate(fields), *each)
-    limits = task.limits
-    count = np.size(own.x)
-    steps = steps_of(task)
-    result = _empty(count, steps // task.spacing + 1)
-    state = VehicleState(*(np.array(field, dtype=float) for field in own))
-    rows, goal_x, goal_y = np.arange(count), np.asarray(goal[0], float), np.asarray(goal[1], float)
+    task, limits, dt, spacing = task_of(options), options.manoeuvre, options.aircraft.dt, options.spacing
+    steps = int(task.until / dt + 1e-9)
+    result = _empty(count, steps // spacing + 1)
+    state = VehicleState(*(np.array(field, dtype=float) for field in request.own))
     path, turn_sign, reversals = np.zeros(count), np.zeros(count), np.zeros(count)
     for step in range(steps + 1):
-        time = step * task.dt
-        if step % task.spacing == 0:
-            scatter(result.knots, (rows, step // task.spacing), state)
+        time = step * dt
+        if step % spacing == 0:
+            scatter(result.knots, (rows, step // spacing), state)
         seen = predicted(traffic, time)
         arrived = distance(goal_x - state.x, goal_y - state.y, np) <= task.radius
         ended = arrived
-        if task.direct and step % EVERY == 0:
-            ended = ended | _all_clear(state, (goal_x, goal_y), seen, traffic.mask, required, time, task)
+        if options.direct and step % EVERY == 0:
+            ended = ended | _all_clear(state, (goal_x, goal_y), seen, traffic.mask, owed, time, task)
         if ended.any():
             landed = take((state, np.full(rows.size, time), ~arrived, path, turn_sign, reversals), ended)
             scatter(result[1:], rows[ended], landed)
-            rows, goal_x, goal_y, traffic, seen, required, state, path, turn_sign, reversals = take(
-                (rows, goal_x, goal_y, traffic, seen, required, state, path, turn_sign, reversals), ~ended
+            rows, goal_x, goal_y, traffic, seen, owed, state, path, turn_sign, reversals = take(
+                (rows, goal_x, goal_y, traffic, seen, owed, state, path, turn_sign, reversals), ~ended
             )
         if rows.size == 0 or step == steps:
             break
         action = policy.command(state, seen, traffic.mask, goal_x, goal_y)
         acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
-        moved = advance(state, acceleration, yaw_rate, task.dt, limits, np)
-        path += 0.5 * task.dt * (state.speed + moved.speed)
+        moved = advance(state, acceleration, yaw_rate, dt, limits, np)
+        path += 0.5 * dt * (state.speed + moved.speed)
         turning = np.where(np.abs(yaw_rate) >= 0.1 * limits.yaw_rate_max, np.sign(yaw_rate), turn_sign)
         reversals += turning * turn_sign < 0.0
         turn_sign, state = turning, moved
@@ -100,18 +94,13 @@ def roll(
 
 
 def _roll_one(
-    own: VehicleState,
-    traffic: Traffic,
-    goal: tuple[Any, Any],
-    required: Any,
-    policy: Policy,
-    task: Task,
-    budget: Budget,
+    own: VehicleState, traffic: Traffic, goal: Any, owed: Any, policy: Policy, options: Options, budget: Budget
 ) -> Rollout:
     """Roll one request in plain floats, against intruders ``[K]``; fields ``[1]`` and ``[1, S]``."""
-    limits, steps, dt = task.limits, steps_of(task), task.dt
-    result = _empty(1, steps // task.spacing + 1)
-    traffic, required = take(traffic, traffic.mask), required[traffic.mask].tolist()
+    task, limits, dt, spacing = task_of(options), options.manoeuvre, options.aircraft.dt, options.spacing
+    steps = int(task.until / dt + 1e-9)
+    result = _empty(1, steps // spacing + 1)
+    traffic, owed = take(traffic, traffic.mask), owed[traffic.mask].tolist()
     flown: list[list[VehicleState]] = []
     state, (goal_x, goal_y) = VehicleState(*map(float, own)), map(float, goal)
     path, turn_sign, reversals = 0.0, 0.0, 0
@@ -122,14 +111,14 @@ def _roll_one(
         if step % _AHEAD == 0:
             flown = _tracks(traffic, step, dt)
         seen = [track[step % _AHEAD] for track in flown]
-        if step % task.spacing == 0:
+        if step % spacing == 0:
             knots.append(state)
         dx, dy = goal_x - state.x, goal_y - state.y
         arrived = dx * dx + dy * dy <= square
         # Without intruders nothing is in the way, but the goal may be inside the turning circle.
-        way = zip(seen or [state], required or [-math.inf], strict=True)
+        way = zip(seen or [state], owed or [-math.inf], strict=True)
         if arrived or (
-            task.direct
+            options.direct
             and step % EVERY == 0
             and all(clear(state, (goal_x, goal_y), other, far, step * dt, task, FLOATS) for other, far in way)
         ):
@@ -157,18 +146,13 @@ def _tracks(traffic: Traffic, first: int, dt: float) -> list[list[VehicleState]]
 
 
 def _all_clear(
-    state: VehicleState, goal: tuple[Any, Any], seen: VehicleState, mask: Any, required: Any, time: float, task: Task
+    state: VehicleState, goal: tuple[Any, Any], seen: VehicleState, mask: Any, owed: Any, time: float, task: Task
 ) -> Any:
     """Return whether the direct way is clear of all intruders, ``[N]``."""
     if mask.shape[-1] == 0:
         return clear(state, goal, state, -np.inf, time, task, np)
-    required = np.where(mask, required, -np.inf)
-    return np.all(clear(*column((state, goal)), seen, required, time, task, np), axis=-1)
-
-
-def steps_of(task: Task) -> int:
-    """Return the number of decisions until the latest time at the goal."""
-    return int(task.until / task.dt + 1e-9)
+    owed = np.where(mask, owed, -np.inf)
+    return np.all(clear(*column((state, goal)), seen, owed, time, task, np), axis=-1)
 
 
 def _empty(count: int, points: int) -> Rollout:

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.options import Options, task_of
+from agents.planner.options import Options
 from agents.planner.request import Request
 from agents.planner.rollout import roll
-from agents.planner.traffic import predicted, required
+from agents.planner.traffic import predicted
 from agents.policy.inference import Policy
 from envs.backend import FLOATS
 from envs.c208.air_mass import Wind, over_ground
@@ -83,17 +83,16 @@ def rolled(request: Request, goal: int, policy: Policy, options: Options) -> Veh
 
     It leads to the route's point ``goal`` and ends where the planner took over: the way back was clear, or it is there.
     """
-    task, owed = task_of(options), required(request.traffic, request.own, options.requirement) + options.slack
     state = VehicleState(*(float(field[0]) for field in request.own))
     to = float(request.route_x[0, goal]), float(request.route_y[0, goal])
-    there = request.route_x[:, goal], request.route_y[:, goal]
-    until = float(roll(request.own, request.traffic, there, owed, policy, task, floats=True).time[0])
+    until = float(roll(request, np.array([goal]), policy, options, floats=True).time[0])
+    limits, dt = options.manoeuvre, options.aircraft.dt
     states = [state]
-    for step in range(0 if math.isnan(until) else round(until / task.dt)):
-        seen = predicted(request.traffic, step * task.dt)
+    for step in range(0 if math.isnan(until) else round(until / dt)):
+        seen = predicted(request.traffic, step * dt)
         others = [VehicleState(*(float(f[0, k]) for f in seen)) for k in np.flatnonzero(request.traffic.mask[0])]
         action = policy.command_one(state, others, *to)
-        state = advance(state, *commands(action, task.limits, FLOATS), task.dt, task.limits, FLOATS)
+        state = advance(state, *commands(action, limits, FLOATS), dt, limits, FLOATS)
         states.append(state)
     return VehicleState(*(np.array(field) for field in zip(*states, strict=True)))
 
