@@ -67,11 +67,9 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
         request: of each manoeuvre, ``[M]``.
         goal: number of the route's point that each leads to, ``[M]``.
     """
-    count = goal.size
-    route = (request.route_x, request.route_y)
-    whole = complete(rollout, route, request.points, goal, options)
+    whole = complete(request, rollout, goal, options)
     rows = np.flatnonzero(whole.last >= 0)
-    proposals = empty(count, options.waypoints)._replace(too_short=whole.too_short)
+    proposals = empty(goal.size, options.waypoints)._replace(too_short=whole.too_short)
     if rows.size == 0:
         return proposals
     knots = take(whole.knots, rows)

@@ -12,6 +12,7 @@ import numpy as np
 
 from agents.manoeuvres.direct_to_goal import Task, arc_end, end_speed
 from agents.planner.options import Options, task_of
+from agents.planner.request import Request
 from agents.planner.rollout import Rollout
 from envs.angles import wrap
 from envs.kinematics import VehicleState
@@ -40,17 +41,14 @@ class Completed(NamedTuple):
     """Changes of the turn's side until then."""
 
 
-def complete(rollout: Rollout, route: tuple[Any, Any], points: Any, goal: Any, options: Options) -> Completed:
-    """Complete manoeuvres ``[N]`` to plans; turns between the points have the turn rate of :func:`task_of`.
+def complete(request: Request, rollout: Rollout, goal: Any, options: Options) -> Completed:
+    """Complete manoeuvres ``[N]`` to plans that rejoin at points number ``goal``, ``[N]``.
 
-    Args:
-        route: its points, m, ``[N, R]`` each.
-        points: how many of the R there are, ``[N]``.
-        goal: number of the point to rejoin at, ``[N]``.
+    Turns between the points have the turn rate of :func:`task_of`.
     """
     task, extend, extension = task_of(options), options.extend_route, _EXTENSION * options.aircraft.separation
     finished_by = options.last_free + _SPARE * options.aircraft.dt
-    count, most = np.shape(route[0])
+    count, most = request.route_x.shape
     rows = np.flatnonzero(np.isfinite(rollout.time))
     now = take(rollout.end, rows)
     time, ahead = rollout.time[rows], rollout.direct[rows]
@@ -67,14 +65,14 @@ def complete(rollout: Rollout, route: tuple[Any, Any], points: Any, goal: Any, o
     pieces = []
     steps = most + 1 + (math.ceil(options.last_free * 1.5 * options.limits.speed_max / extension) if extend else 0)
     for step in range(steps):
-        number, have = target[left], points[rows[left]]
+        number, have = target[left], request.points[rows[left]]
         if not extend:
             ended = number >= have
             whole.too_short[rows[left[ended]]] = True
             left, number, have = left[~ended], number[~ended], have[~ended]
         if left.size == 0:
             break
-        x, y = _point(route, rows[left], number, have, extension)
+        x, y = _point(request, rows[left], number, have, extension)
         state, at = take(now, left), time[left]
         arc, length, course, reached = _onto(state, x, y, task.turn_rate)
         turned, speed = at + np.abs(arc) / task.turn_rate, state.speed
@@ -121,15 +119,15 @@ def complete(rollout: Rollout, route: tuple[Any, Any], points: Any, goal: Any, o
     return whole
 
 
-def _point(route: tuple[Any, Any], rows: Any, number: Any, have: Any, extension: float) -> tuple[Any, Any]:
+def _point(request: Request, rows: Any, number: Any, have: Any, extension: float) -> tuple[Any, Any]:
     """Return a point of the route, or one beyond its end in its last direction, m, ``[M]`` each."""
     inside = np.minimum(number, have - 1)
-    x, y = route[0][rows, inside], route[1][rows, inside]
+    x, y = request.route_x[rows, inside], request.route_y[rows, inside]
     over = number - inside
     if not over.any():
         return x, y
     before = np.maximum(have - 2, 0)
-    dx, dy = x - route[0][rows, before], y - route[1][rows, before]
+    dx, dy = x - request.route_x[rows, before], y - request.route_y[rows, before]
     step = over * extension / np.maximum(np.hypot(dx, dy), 1e-9)
     return x + np.where(over > 0, dx * step, 0.0), y + np.where(over > 0, dy * step, 0.0)
 

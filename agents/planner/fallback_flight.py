@@ -118,25 +118,15 @@ def _first(happens: Any) -> tuple[Any, Any]:
 
 
 class _Scene(NamedTuple):
-    """The intruders of requests at each stride."""
+    """Intruders at each stride (s), ``[S, N, K]``; the separation required at first (-inf: absent), its growth, m."""
 
     others: VehicleState
-    """``[S, N, K]``."""
     required: Any
-    """Separation required from each at first, m, ``[N, K]``; -inf of absent ones."""
     stride: float
-    """s."""
     growth: Any
-    """What uncertainty adds to it by the end of each stride, m, ``[S - 1, N, K]``; None: nothing."""
 
     def spare(self, flown: VehicleState, first: int, of: Any) -> Any:
-        """Return the least distance less the required one in each stride, m, ``[S, M]``, inf without intruders.
-
-        Args:
-            flown: states before and after the strides, ``[S + 1, M]``.
-            first: number of the first.
-            of: number of the request of each manoeuvre, ``[M]``.
-        """
+        """Return the least distance less the required one in each stride of flights, m, ``[S, M]``."""
         count = len(flown.x) - 1
         # The intruders of a single request are seen by all of its manoeuvres.
         of = slice(None) if len(self.required) == 1 else of
@@ -167,14 +157,7 @@ class _Landed:
         self.clearance = np.full(count, np.inf)
 
     def note(self, rows: Any, strides: Any, flown: VehicleState, over: Any, done: Any, nearest: Any) -> None:
-        """Note strides ``[S]`` of manoeuvres ``[M]`` in the air.
-
-        Args:
-            flown: states at the beginning of each stride, and more, ``[S + 1, M]``.
-            over: the last of these strides in which each is in the air, ``[M]``.
-            done: whether it turned back there, ``[M]``.
-            nearest: its clearance by then, m, ``[M]``.
-        """
+        """Note strides, the last of them in which each is in the air, whether it turned back there, its clearance."""
         scatter(self._states, (slice(strides[0], strides[-1] + 1), rows), take(flown, slice(-1)))
         self._end[rows], self._done[rows], self.clearance[rows] = strides[over], done, nearest
 

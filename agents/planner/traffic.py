@@ -70,15 +70,8 @@ def advanced(reports: Traffic, age: Any) -> Traffic:
         return reports._replace(state=reports.state._replace(heading=wrap(reports.state.heading, np)))
     turn_rate = np.where(reports.turn_time > 0.0, reports.turn_rate, 0.0)
     turn_time = np.where(turn_rate == 0.0, 0.0, np.maximum(reports.turn_time - age, 0.0))
-    return Traffic(
-        predicted(reports._replace(turn_rate=turn_rate), age),
-        reports.mask,
-        turn_rate,
-        turn_time,
-        reports.position_std,
-        reports.velocity_std,
-        np.abs(age),
-    )
+    turning = reports._replace(turn_rate=turn_rate)
+    return turning._replace(state=predicted(turning, age), turn_time=turn_time, age=np.abs(age))
 
 
 def uncertainty(traffic: Traffic, time: Any) -> Any:

@@ -69,17 +69,14 @@ class Causal(NamedTuple):
 
 
 class _Air(NamedTuple):
-    """Encounters in progress, ``[M]``."""
+    """Encounters (whose intents the oracle does not see) and states now, ``[M]``; turn rates of the second before."""
 
     number: Any
     encounter: Encounter
-    """As it began: goal, mask and the intents, which move the intruders and are hidden from the oracle."""
     own: VehicleState
     intruders: IntruderState
     rate: Any
-    """Turn rate of the intruders in the second before, rad/s, ``[M, K]``."""
     plan: Manoeuvre
-    """As from now."""
 
 
 def causal(encounters: Encounter, rules: Rules, limits: Limits) -> Causal:
