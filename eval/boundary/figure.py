@@ -16,11 +16,14 @@ from eval.plots.style import BLUE, ORANGE, VERMILION, arrow, legend, sample
 _KM = 1e-3
 _LEVELS = (0.4, 0.6, 0.8, 1.0, 1.2)  # separations
 _SHADES = ("#C9C9C9", "#D6D6D6", "#E2E2E2", "#EDEDED", "#F6F6F6", "#FFFFFF")
-_DOTS: dict[str, Any] = {"linestyle": "", "markersize": 2.6, "markeredgewidth": 0.0}
+_DOTS: dict[str, Any] = {"linestyle": "", "markersize": 2.6, "markeredgecolor": "black", "markeredgewidth": 0.0}
 _STYLES: dict[Verdict, tuple[str, dict[str, Any]]] = {
     Verdict.RESOLVABLE: ("resolvable: a witness flies it", _DOTS | {"marker": "o", "color": BLUE}),
     Verdict.UNRESOLVABLE: ("proven unresolvable", _DOTS | {"marker": "s", "color": VERMILION}),
-    Verdict.UNDECIDED: ("undecided", _DOTS | {"marker": "D", "color": ORANGE, "markersize": 4.1}),
+    Verdict.UNDECIDED: (
+        "undecided",
+        _DOTS | {"marker": "D", "color": ORANGE, "markersize": 4.1, "markeredgewidth": 0.6},
+    ),
 }
 
 
