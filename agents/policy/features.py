@@ -3,29 +3,20 @@
 They say in the ownship's frame what a conflict is about: whether, when and on which side the aircraft will pass.
 """
 
-import math
 from typing import Any
 
-from agents.policy.escape_features import advice, pressed, separations
 from agents.policy.set_features import passing, soft
 from envs.aircraft import PAPER
-from envs.kinematics import SURROGATE
-from envs.observation import Decoded, decode
+from envs.observation import decode
 
-FEATURE_SETS = ("none", "cpa", "mirror", "foresight", "advised", "pressed")
+FEATURE_SETS = ("none", "cpa", "mirror")
 """``none``: the bare observation (the paper's set-up); ``cpa``: geometry and closest point of approach; ``mirror``: the
-same with every scene seen so that the intruder is left of the line to the goal: an exactly symmetric policy;
-``foresight``: that, and what simple manoeuvres would lead to; ``advised``: and which of them leads best;
-``pressed``: and which one alone, where metres decide. Each of the last three begins with the one before."""
+same with every scene seen so that the intruder is left of the line to the goal: an exactly symmetric policy."""
 
-MIRRORED = FEATURE_SETS[2:]
-"""The sets that see a scene and its mirror image alike, each beginning with the one before."""
-
+_SIZES = {"none": 8, "cpa": 22, "mirror": 22}
 _FAR = 10.0 * PAPER.separation
-_KEPT_UNIT = 30.0  # of what manoeuvres keep beyond 1000 m, before it is squashed, m
 _UNITS = 25.0, 300.0, 1.0 / 60.0, 1.0 / 1_000.0, 1.0 / 5_000.0, 1.0  # of :func:`passing`, for m and m/s
 
-_SIZES = {"none": 8, "cpa": 22, "mirror": 22, "foresight": 36, "advised": 39, "pressed": 42}
 _INTRUDER, _GOAL = 4, 6  # bearings in the observation, left positive
 
 
@@ -42,7 +33,7 @@ def mirror_sign(observation: list[Any], feature_set: str, xp: Any) -> Any:
     The scene is mirrored where the intruder is to the right of the line to the goal. That line moves with the positions
     alone; by the intruder's bearing, which a turn changes at once, a policy came to flutter behind an intruder.
     """
-    if feature_set not in MIRRORED:
+    if feature_set != "mirror":
         return 1.0
     # The sine of the angle from the goal to the intruder has the sign of the angle within half a turn, and the other
     # one beyond. Not a choice between constants, which numpy would widen to float64; -0.0 counts as left.
@@ -92,21 +83,4 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
         vx * 0.01,
         (x * vx + y * vy) / (intruder_range * 100.0),
         *(value for time, miss, far, depth in (ahead, to_goal) for value in (time, miss * sign, far * sign, depth)),
-        *(_foreseen(geometry, observation[_GOAL], sign, feature_set, xp) if feature_set in MIRRORED[1:] else ()),
-    ]
-
-
-def _foreseen(geometry: Decoded, goal_bearing: Any, sign: Any, feature_set: str, xp: Any) -> list[Any]:
-    """Describe what simple manoeuvres keep, how far the goal is from the turning circles, and the best manoeuvre."""
-    seen = geometry._replace(intruder_y=geometry.intruder_y * sign, intruder_vy=geometry.intruder_vy * sign)
-    to_goal = goal_bearing * (math.pi * sign)
-    kept = [soft((separation - 1_000.0) * (1.0 / _KEPT_UNIT), xp) for separation in separations(seen, to_goal, xp)]
-    radius = geometry.own_speed * (1.0 / SURROGATE.yaw_rate_max)
-    goal_x, goal_y = geometry.goal_x, geometry.goal_y * sign
-    circles = [xp.sqrt(goal_x * goal_x + y * y + 1.0) - radius for y in (goal_y - radius, goal_y + radius)]
-    return [
-        *kept,
-        *(soft(outside * (1.0 / 500.0), xp) for outside in circles),
-        *(advice(kept, to_goal, xp) if feature_set != "foresight" else ()),
-        *(pressed(kept, to_goal, xp) if feature_set == "pressed" else ()),
     ]

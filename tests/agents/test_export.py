@@ -49,9 +49,6 @@ def description(**changes):
         (HIDDEN, "cpa"),
         ((12,), "none"),
         ((4, 4, 4), "mirror"),
-        pytest.param((5, 4), "foresight", marks=pytest.mark.slow),
-        ((5, 4), "advised"),
-        ((5, 4), "pressed"),
     ],
 )
 def test_written_policy_decides_as_flax(tmp_path, hidden, feature_set):

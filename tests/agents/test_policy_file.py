@@ -58,9 +58,6 @@ HEADER_END = 8 + struct.unpack("<Q", DATA[:8])[0]
         ((6, 5), "cpa"),
         ((4,), "none"),
         ((3, 3, 3), "mirror"),
-        ((4, 3), "foresight"),
-        ((4, 3), "advised"),
-        ((4, 3), "pressed"),
     ],
 )
 def test_round_trip(tmp_path, hidden, feature_set):
@@ -240,7 +237,7 @@ def at(path, value):
         (
             "architecture.feature_set",
             "magic",
-            "feature_set is 'magic', expected one of none, cpa, mirror, foresight, advised, pressed",
+            "feature_set is 'magic', expected one of none, cpa, mirror",
         ),
         ("architecture.feature_set", "none", r"shape \[22, 6\], expected \[8, 6\]"),
         ("training.steps", -1, "steps is -1"),
