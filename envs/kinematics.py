@@ -58,8 +58,8 @@ def within(first: Limits, second: Limits) -> Limits:
     narrower = max, min, max, min, min
     both = Limits(*(pick(pair) for pick, pair in zip(narrower, zip(first, second, strict=True), strict=True)))
     if both.speed_min >= both.speed_max - 1.0:
-        range_, other = (f"{limits.speed_min:g} to {limits.speed_max:g} m/s" for limits in (second, first))
-        raise ValueError(f"allows {range_}; expected a range that overlaps {other} by more than 1 m/s")
+        speeds, others = (f"{limits.speed_min:g} to {limits.speed_max:g} m/s" for limits in (second, first))
+        raise ValueError(f"allows {speeds}; expected a range that overlaps {others} by more than 1 m/s")
     return both
 
 
