@@ -1,8 +1,9 @@
 """A pilot of BlueSky-Gym's ``HorizontalCREnv-v0``: its observations to its actions, by the shipped policy.
 
-The environment commands a heading every 50 s and no speed, which is slower than the policy decides. So a few headings
-are each flown ahead for that time and then on by the policy, the traffic on straight courses, until it is past; taken
-is the heading with the least drift off the waypoint among those that keep the separation best.
+The environment commands a heading every 50 s and no speed, which is slower than the policy decides. So headings are
+flown ahead for that time and then on, once straight and once by the policy, the traffic on straight courses, until the
+course to the waypoint is clear of all; taken is the heading with the least drift off the waypoint among those that
+keep the separation best.
 """
 
 import math
@@ -15,8 +16,8 @@ import numpy as np
 
 from agents.inference import Policy
 from envs.aircraft import new_aircraft
-from envs.kinematics import Limits, VehicleState, advance, commands, velocity
-from envs.relative import bearing
+from envs.kinematics import Limits, VehicleState, advance, commands
+from envs.relative import bearing, leg_separation
 
 __all__ = ["ENVIRONMENT", "Pilot", "seen"]
 
@@ -28,7 +29,7 @@ _NM, _KM, _STEP_OF_BLUESKY = 1852, 1000, 5.0  # m, m, s
 MARGIN = 1.02
 """Separation that is kept where it can be, in that of the environment."""
 
-_TURNS = np.radians([0.0, -15.0, 15.0, -30.0, 30.0, -45.0, 45.0])
+_TURNS = np.radians(np.arange(-45.0, 46.0, 7.5))
 _STEP = 25.0  # s, of the flight ahead
 _STEPS = 60
 
@@ -75,39 +76,50 @@ class Pilot:
         first = np.append(np.clip(math.atan2(goal[1], goal[0]), -_units().heading, _units().heading), _TURNS)
         nearest, drift = self._ahead(first, speed, traffic, goal)
         lack = np.maximum(MARGIN - nearest / _units().separation, 0.0)
-        best = np.lexsort((drift, lack))[0]
+        best = np.lexsort((drift, lack))[0] % len(first)
         return np.array([-first[best] / _units().heading])
 
     def _ahead(
         self, heading: np.ndarray, speed: float, traffic: list[VehicleState], goal: tuple[float, float]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return least distance from the traffic, m, and drift, rad s, of flights that begin with headings ``[N]``."""
+        """Return least distance from the traffic, m, and drift, rad s, of flights that begin with headings ``[N]``.
+
+        ``[2 N]`` each: of those that go on straight, then of those that the policy flies on.
+        """
         separation = MARGIN * _units().separation
         # No speed is commanded, and BlueSky turns more tightly: a narrow and agile aircraft of the policy's family.
         change, yaw_rate = 0.1 * speed * speed / separation, speed / (0.3 * separation)
         limits = Limits(0.7 * speed, speed, -change, change, yaw_rate)
         policy = self._policy.for_aircraft(new_aircraft(limits, separation))
-        zeros, shape = np.zeros(len(heading)), (len(heading), len(traffic))
-        own = VehicleState(zeros, zeros, heading, zeros + speed)
+        by_policy = np.repeat([False, True], len(heading))
+        zeros, shape = np.zeros(len(by_policy)), (len(by_policy), len(traffic))
+        own = VehicleState(zeros, zeros, np.tile(heading, 2), zeros + speed)
         others = VehicleState(*(np.broadcast_to(field, shape) for field in np.transpose(traffic)))
         goal_x, goal_y = zeros + goal[0], zeros + goal[1]
-        nearest, drift, past = zeros + np.inf, zeros, zeros > 0.0
+        nearest, drift, flies = zeros + np.inf, zeros, zeros == 0.0
         for step in range(_STEPS):
+            off, to_goal = bearing(own, goal_x, goal_y, np), np.hypot(goal_x - own.x, goal_y - own.y)
+            direct = VehicleState(*(field[:, None] for field in own._replace(heading=own.heading + off)))
+            until = to_goal[:, None] / speed
+            here, there = (advance(each, 0.0, 0.0, until, limits, np) for each in (direct, others))
+            clear = (leg_separation(direct, here, others, there, until, np) >= separation).all(axis=1)
+            flies = flies & (to_goal >= _units().reached) & ~(clear & (np.abs(off) < 0.1))
+            flies &= drift < drift.min(initial=np.inf, where=~flies & (nearest >= separation))  # others are beaten
+            if not flies.any():
+                break
             turn = zeros
             if step * _STEP >= _units().period:
-                turn = commands(policy.command(own, others, np.ones(shape, bool), goal_x, goal_y).T, limits, np)[1]
+                turn = np.where(clear, np.clip(off / _STEP, -yaw_rate, yaw_rate), 0.0)
+                asked = flies & by_policy & ~clear
+                if asked.any():
+                    mine, theirs = (VehicleState(*(field[asked] for field in each)) for each in (own, others))
+                    action = policy.command(mine, theirs, np.ones_like(theirs.x, bool), goal_x[asked], goal_y[asked])
+                    turn[asked] = commands(action.T, limits, np)[1]
             own = advance(own, zeros, turn, _STEP, limits, np)
             others = advance(others, np.zeros(shape), 0.0, _STEP, limits, np)
-            x, y = others.x - own.x[:, None], others.y - own.y[:, None]
-            off = np.abs(bearing(own, goal_x, goal_y, np))
-            nearest = np.where(past, nearest, np.minimum(nearest, np.hypot(x, y).min(axis=1)))
-            drift = drift + np.where(past, 0.0, off * _STEP)
-            (east, north), (own_east, own_north) = velocity(others, np), velocity(own, np)
-            parting = x * (east - own_east[:, None]) + y * (north - own_north[:, None]) > 0.0
-            past |= np.hypot(goal_x - own.x, goal_y - own.y) < _units().reached
-            past |= parting.all(axis=1) & (off < 0.1)
-            if past.all():
-                break
+            apart = np.hypot(others.x - own.x[:, None], others.y - own.y[:, None]).min(axis=1)
+            nearest = np.where(flies, np.minimum(nearest, apart), nearest)
+            drift = drift + np.where(flies, np.abs(bearing(own, goal_x, goal_y, np)) * _STEP, 0.0)
         return nearest, drift
 
 

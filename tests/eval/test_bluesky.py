@@ -75,7 +75,7 @@ import numpy as np
 from eval.bluesky.gym import ENVIRONMENT, Pilot, seen
 
 bluesky_gym.register_envs()
-environment, pilot, free, wrong = gymnasium.make(ENVIRONMENT), Pilot(), [], 0.0
+environment, pilot, free, drift, wrong = gymnasium.make(ENVIRONMENT), Pilot(), [], [], 0.0
 for seed in range(4):
     np.random.seed(seed)
     random.seed(seed)
@@ -96,7 +96,8 @@ for seed in range(4):
         observation, _, reached, late, info = environment.step(action)
         over = reached or late
     free.append(info["total_intrusions"] == 0 and bool(reached))
-print(json.dumps({"free": free, "wrong": float(wrong)}))
+    drift.append(info["average_drift"])
+print(json.dumps({"free": free, "drift": float(np.mean(drift)), "wrong": float(wrong)}))
 """
 
 
@@ -147,3 +148,4 @@ def test_the_pilot_flies_the_environment_of_bluesky_gym(tmp_path: Path):
     found = run(GYM, tmp_path)
     assert found["wrong"] < 0.02, "what is read from an observation is the state of the simulator"
     assert sum(found["free"]) >= 3
+    assert found["drift"] < 0.36, "less than in the environment's authors' log of their DDPG, rad"
