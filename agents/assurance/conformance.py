@@ -16,8 +16,7 @@ from envs.relative import distance
 _NOISE = 3.0
 """Standard deviations of what the plan expected and of what is believed now by which an intruder may also be off."""
 
-_REPORTS = Cause.INTRUDER_MISSING | Cause.INTRUDER_OUT_OF_ORDER
-"""Causes that do not lie in the plan."""
+_REPORTS = Cause.INTRUDER_MISSING | Cause.INTRUDER_OUT_OF_ORDER  # causes that do not lie in the plan
 
 
 def has(causes: Any, any_of: Cause) -> Any:

@@ -16,8 +16,7 @@ SIGMAS = 5.5
 
 _GAP = 5.0  # time steps between two reports, beyond which they say nothing of each other
 _WINDOW = 20.0  # time steps over which places are compared with velocities, and for which reports then must agree
-_PLACE, _SHARE = 0.06, 0.05
-"""Differences that are always allowed: in separations, and as a share of the way flown."""
+_PLACE, _SHARE = 0.06, 0.05  # differences that are always allowed: in separations, and as a share of the way flown
 _SPEED = 0.02  # change of velocity that is always allowed, in the ownship's greatest speed
 
 

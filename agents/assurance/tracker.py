@@ -16,8 +16,7 @@ from envs.kinematics import VehicleState, velocity
 from envs.trees import mapped
 
 _POSITION_GAIN, _VELOCITY_GAIN = 0.3, 0.15
-_DRIFT_GAIN = 0.3
-"""Of the running mean of the velocity's deviations."""
+_DRIFT_GAIN = 0.3  # of the running mean of the velocity's deviations
 _JUMP_POSITION, _JUMP_VELOCITY, _DRIFT = 4.8, 4.2, 1.9
 """Standard deviations of a report beyond which one deviation, or their running mean, is no noise: about one report in
 a thousand is taken for a manoeuvre wrongly."""

@@ -20,8 +20,7 @@ from envs.trees import column
 
 _GAIN = 0.5  # of the error of the heading that is turned in a time step
 _EVER, _PAST = 1e5, 1.05
-_MARGIN = 1.1
-"""Separations that the resolvers aim at: they decide at every time step, for straight flight."""
+_MARGIN = 1.1  # separations that the resolvers aim at: they decide at every time step, for straight flight
 _LOOKAHEAD, _PATIENCE = 120.0, 60.0  # time steps
 
 

@@ -68,8 +68,9 @@ def fly_out(request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, optio
     rows, of, arrivals, first = np.arange(which.size), which, np.zeros(goal.size, dtype=int), 0
     flight, closest = takeoff(take(request.own, of), manoeuvre), np.full(which.size, np.inf)
     while rows.size and first <= last and not budget.ends("fallback"):
-        count = min(_at_once(rows.size * scene.required.shape[-1], first), last + 1 - first)
-
+        # As many strides as before, because the direct way is mostly clear soon.
+        most = _PAIRS // max(rows.size * scene.required.shape[-1], 1)
+        count = min(max(min(max(first, _AT_ONCE), most), 1), last + 1 - first)
         strides = np.arange(first, first + count)
         flown, flight = fly_away(flight, manoeuvre, first, count, stride, task.limits)
         spare = scene.spare(flown, first, of)
@@ -107,11 +108,6 @@ def fly_out(request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, optio
     return Flown(landed.rollout(task.limits, stride, options.spacing // EVERY), landed.clearance)
 
 
-def _at_once(pairs: int, first: int) -> int:
-    """Return how many strides to fly at once: as many as before, because the direct way is mostly clear soon."""
-    return max(min(max(first, _AT_ONCE), _PAIRS // max(pairs, 1)), 1)
-
-
 def _first(happens: Any) -> tuple[Any, Any]:
     """Return in which row something ``[S, M]`` happens first, 0 where it does not, and whether it does, ``[M]``."""
     return np.argmax(happens, axis=0), happens.any(axis=0)
@@ -131,8 +127,8 @@ class _Scene(NamedTuple):
         # The intruders of a single request are seen by all of its manoeuvres.
         of = slice(None) if len(self.required) == 1 else of
         own, seen = take(flown, (..., None)), take(self.others, (slice(first, first + count + 1), of))
-        ends = (take(states, part) for states in (own, seen) for part in (slice(-1), slice(1, None)))
-        spare = leg_separation(*ends, self.stride, np) - self.required[of]
+        before, after = take((own, seen), slice(-1)), take((own, seen), slice(1, None))
+        spare = leg_separation(before[0], after[0], before[1], after[1], self.stride, np) - self.required[of]
         if self.growth is not None:
             spare = spare - self.growth[first : first + count, of]
         return np.min(spare, axis=-1, initial=np.inf)

@@ -15,8 +15,7 @@ from agents.planner.traffic import Traffic, advanced
 from envs.kinematics import FASTEST, VehicleState
 from envs.waypoints import RoutePoint
 
-_FARTHEST = 1e6
-"""Coordinates beyond this, m, belong to no local frame, whatever the aircraft."""
+_FARTHEST = 1e6  # coordinates beyond this, m, belong to no local frame, whatever the aircraft
 
 _MOST_TURN = 32.0
 """Of an intruder's declared turn, rad: so far the rounding of positions is bounded (proofs/Rounding.g)."""

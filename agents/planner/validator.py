@@ -174,8 +174,8 @@ def _separation(
         return
     fine = length[n, a] / FINE
     began = begin[n, a, None] + np.arange(FINE) * fine[:, None]
-    arcs = (field.reshape(rows.size, -1)[n, a][:, None] for field in own[3:])
-    at_x, at_y = along(*arcs, fine[:, None])
+    px, py, psi, v, omega, accel = (field.reshape(rows.size, -1)[n, a][:, None] for field in own[3:])
+    at_x, at_y = along(px, py, psi, v, omega, accel, fine[:, None])
     one = column(take(seen, (n, k)))
     finer = np.broadcast_to(fine[:, None], began.shape)
     begins, ends = (at_x[:, :-1], at_y[:, :-1]), (at_x[:, 1:], at_y[:, 1:])

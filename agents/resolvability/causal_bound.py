@@ -27,23 +27,15 @@ OUTCOMES = ("violation", "reached", "timeout")
 ENOUGH = 1.5
 """A distance, in separations, beyond which more is not worth a detour."""
 
-_EVERY = 10
-"""Time steps between searches for a better plan while the intruders fly as expected."""
-
-_DEAR = 0.001
-"""Separations that a time step of flight must be worth."""
+_EVERY = 10  # time steps between searches for a better plan while the intruders fly as expected
+_DEAR = 0.001  # separations that a time step of flight must be worth
 
 _WEIGHTS, _STEEP = (0.5, 0.25, 0.25), 4.0
 """Of the futures, the straight courses first; what a metre below the separation costs more than one above it."""
 
-_STRIDE = 2.0
-"""Time step of simulated escapes, in time steps of the task."""
-
-_LOST = -10.0
-"""Worth of a plan, in separations, below which it fails."""
-
-_TURN = np.radians(90.0)
-"""Heading change of an intruder that might begin to turn now, or goes on turning, rad."""
+_STRIDE = 2.0  # time step of simulated escapes, in time steps of the task
+_LOST = -10.0  # worth of a plan, in separations, below which it fails
+_TURN = np.radians(90.0)  # heading change of an intruder that might begin to turn now, or goes on turning, rad
 
 _FAMILY = concatenated(STAGES[0], COARSE)
 

@@ -33,8 +33,7 @@ from envs.trees import scatter, take
 SECOND = 1e-3
 """Cost of a second of flight, m: of flights of the same length the earlier arrival is the better, for any aircraft."""
 
-_MARGIN = 1e-6
-"""Required beyond the separation, m, so that a replay whose sums round otherwise keeps it too."""
+_MARGIN = 1e-6  # required beyond the separation, m, so that a replay whose sums round otherwise keeps it too
 
 ROUNDS = 40
 """Of the refinement."""
