@@ -27,7 +27,7 @@ class Proposals(NamedTuple):
     goal: Any
     """Number of the route's point at which it is rejoined; -1 without a plan."""
     last: Any
-    """Number of the route's point that ends the plan; -1 without one."""
+    """Number of the route's point that ends the plan; -1 without one; beyond the route's own where it was extended."""
     findings: Findings
     """Of the validator; everything is wrong with what is no plan, clearance -inf."""
     too_short: Any

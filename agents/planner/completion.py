@@ -24,21 +24,15 @@ _EXTENSION = 5.0  # distance between points beyond the end of a route, separatio
 
 
 class Completed(NamedTuple):
-    """Whole plans; fields ``[N]``."""
+    """Whole plans, as in :class:`agents.planner.candidates.Proposals`; fields ``[N]``."""
 
     knots: Knots
-    """The request, the waypoints in between and the last point, ``[N, W + 1]``; nan where there is no whole plan."""
     last: Any
-    """Number of the route's point that ends the plan; -1 where there is none; beyond the route's own points where
-    it was extended."""
     too_short: Any
-    """Whether the route ends before the plan does, bool."""
     rejoin_time: Any
-    """When the goal's disc is entered, s; nan without a plan."""
     path: Any
-    """Length until then, m."""
     reversals: Any
-    """Changes of the turn's side until then."""
+    """Changes of the turn's side until the rejoining."""
 
 
 def complete(request: Request, rollout: Rollout, goal: Any, options: Options) -> Completed:
