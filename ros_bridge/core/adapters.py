@@ -6,24 +6,14 @@ is a setting.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 from agents.planner.request import Altitude
-from ros_bridge.core.conversions import report
-from ros_bridge.core.fields import (
-    SECOND,
-    FieldError,
-    identifier,
-    integer,
-    latitude,
-    longitude,
-    number,
-    readable,
-    stamp,
-)
-from ros_bridge.core.reports import FASTEST, Report, Sighting
+from ros_bridge.core.conversions import report, velocity
+from ros_bridge.core.fields import SECOND, FieldError, identifier, integer, number, place, stamp
+from ros_bridge.core.reports import FASTEST, Report
 
 # MAVLink message 246: ADSB_FLAGS, and of ADSB_EMITTER_TYPE what moves on the ground or not at all.
 _COORDINATES, _ALTITUDE, _HEADING, _VELOCITY = 1, 2, 4, 8
@@ -33,7 +23,7 @@ _SILENCE = 255  # s; the largest value that time since last communication can ha
 _INS_GOOD = 3  # INS_SOLUTION_GOOD (NovAtel OEM7, inertial solution status)
 
 
-def nav_sat_fix(message: Any, twist: Any, identity: str, reference: str = "wgs84", name: str = "fix") -> Report:
+def nav_sat_fix(message: Any, beside: Callable[[], Any], identity: str, reference: str, name: str = "fix") -> Report:
     """Return a report from a NavSatFix and the velocity beside it.
 
     By the definition an altitude of NaN means that there is none; a covariance that is not finite is as good as
@@ -41,43 +31,39 @@ def nav_sat_fix(message: Any, twist: Any, identity: str, reference: str = "wgs84
 
     Args:
         message: sensor_msgs/NavSatFix.
-        twist: geometry_msgs/Twist with the velocity in ENU over the ground, m/s.
+        beside: returns a geometry_msgs/Twist with the velocity in ENU over the ground, m/s.
         reference: of the altitude that the driver really publishes.
         name: in messages.
 
     Raises:
-        FieldError: there is no fix, or a field is not finite or out of range.
+        FieldError: there is no fix or no velocity, or a field is not finite or out of range; with a sighting.
     """
-    status = integer(f"{name}.status.status", message.status.status, -128, 127)
-    if status < 0:
-        raise FieldError(f"{name}.status.status", f"is {status}, expected 0 or more: there is no fix")
-    spread, variances = 0.0, (float(message.position_covariance[0]), float(message.position_covariance[4]))
-    if message.position_covariance_type != 0 and all(map(math.isfinite, variances)):
-        east, north = (
-            number(f"{name}.position_covariance[{n}]", value, 0.0, 1e8, "m^2")
-            for n, value in zip((0, 4), variances, strict=True)
-        )
-        spread = math.sqrt(max(east, north))
-    height = None
-    if not math.isnan(message.altitude):
-        climb = number(f"{name}.twist.linear.z", twist.linear.z, -100.0, 100.0, "m/s")
-        height = _altitude(f"{name}.altitude", message.altitude, reference, climb)
-    return report(
-        name,
-        identifier(f"{name}.id", identity),
-        stamp(f"{name}.header.stamp", message.header.stamp),
-        (message.latitude, message.longitude),
-        (twist.linear.x, twist.linear.y),
-        altitude=height,
-        position_std=spread,
-    )
 
+    def at() -> tuple[float, float]:
+        status = integer(f"{name}.status.status", message.status.status, -128, 127)
+        if status < 0:
+            raise FieldError(f"{name}.status.status", f"is {status}, expected 0 or more: there is no fix")
+        return place(name, message)
 
-def fix_sighting(message: Any, identity: str) -> Sighting:
-    """Return what a NavSatFix holds of an aircraft whose velocity is not known."""
-    name, status = identifier("id", identity), readable(lambda: integer("", message.status.status, -128, 127))
-    place = _place(message) if status is not None and status >= 0 else None
-    return Sighting(name, readable(lambda: stamp("", message.header.stamp)), place)
+    def over_ground() -> tuple[float, float]:
+        twist = beside()
+        return velocity(name, twist.linear.x, twist.linear.y)
+
+    def height() -> Altitude | None:
+        if math.isnan(message.altitude):
+            return None
+        climb = number(f"{name}.twist.linear.z", beside().linear.z, -100.0, 100.0, "m/s")
+        return _altitude(f"{name}.altitude", message.altitude, reference, climb)
+
+    def spread() -> float:
+        variances = {n: float(message.position_covariance[n]) for n in (0, 4)}
+        if message.position_covariance_type == 0 or not all(map(math.isfinite, variances.values())):
+            return 0.0
+        each = (number(f"{name}.position_covariance[{n}]", one, 0.0, 1e8, "m^2") for n, one in variances.items())
+        return math.sqrt(max(each))
+
+    when = _stamped(message, name)
+    return report(identifier(f"{name}.id", identity), when, at, over_ground, height, position_std=spread)
 
 
 def odometry_velocity(message: Any, name: str = "odometry") -> Any:
@@ -110,23 +96,24 @@ def inspva(message: Any, identity: str, name: str = "inspva") -> Report:
         FieldError: the inertial solution is not good, or a field is not finite or out of range.
     """
     extended = hasattr(message, "undulation")
-    field = "ins_status" if extended else "status"
-    status = integer(f"{name}.{field}.status", getattr(message, field).status, 0, 2**32 - 1)
-    if status != _INS_GOOD:
-        raise FieldError(f"{name}.{field}.status", f"is {status}, expected {_INS_GOOD} (INS_SOLUTION_GOOD)")
-    climb = number(f"{name}.up_velocity", message.up_velocity, -100.0, 100.0, "m/s")
-    height = _altitude(f"{name}.height", message.height, "msl" if extended else "wgs84", climb)
-    if extended:
-        undulation = number(f"{name}.undulation", message.undulation, -120.0, 100.0, "m")
-        height = Altitude(height.value + undulation, "wgs84", climb)
-    return report(
-        name,
-        identifier(f"{name}.id", identity),
-        stamp(f"{name}.header.stamp", message.header.stamp),
-        (message.latitude, message.longitude),
-        (message.east_velocity, message.north_velocity),
-        altitude=height,
-    )
+
+    def at() -> tuple[float, float]:
+        field = f"{name}.{'ins_status' if extended else 'status'}.status"
+        status = integer(field, (message.ins_status if extended else message.status).status, 0, 2**32 - 1)
+        if status != _INS_GOOD:
+            raise FieldError(field, f"is {status}, expected {_INS_GOOD} (INS_SOLUTION_GOOD)")
+        return place(name, message)
+
+    def height() -> Altitude:
+        climb = number(f"{name}.up_velocity", message.up_velocity, -100.0, 100.0, "m/s")
+        undulation = number(f"{name}.undulation", message.undulation, -120.0, 100.0, "m") if extended else 0.0
+        above = _altitude(f"{name}.height", message.height, "wgs84", climb)
+        return Altitude(above.value + undulation, "wgs84", climb)
+
+    def over_ground() -> tuple[float, float]:
+        return velocity(name, message.east_velocity, message.north_velocity)
+
+    return report(identifier(f"{name}.id", identity), _stamped(message, name), at, over_ground, height)
 
 
 def adsb_vehicle(
@@ -150,57 +137,47 @@ def adsb_vehicle(
     """
     if integer(f"{name}.emitter_type", message.emitter_type, 0, 255) in _ON_THE_GROUND:
         return None
-    try:
-        return _adsb_report(message, references, name)
-    except FieldError as error:
-        error.sighting = _adsb_sighting(message, references)
-        raise
+
+    def has(bit: int) -> bool:
+        return bool(integer(f"{name}.flags", message.flags, 0, 2**16 - 1) & bit)
+
+    def needed(bit: int, what: str) -> None:
+        if not has(bit):
+            raise FieldError(f"{name}.flags", f"is {message.flags:#x}, expected the bit of valid {what}")
+
+    def when() -> int:
+        silent = integer(f"{name}.tslc.sec", message.tslc.sec, 0, _SILENCE - 1)
+        return stamp(f"{name}.header.stamp", message.header.stamp) - silent * SECOND
+
+    def at() -> tuple[float, float]:
+        needed(_COORDINATES, "coordinates")
+        return place(name, message)
+
+    def speed() -> float:
+        needed(_VELOCITY, "velocity")
+        return number(f"{name}.hor_velocity", message.hor_velocity, 0.0, FASTEST, "m/s")
+
+    def over_ground() -> tuple[float, float]:
+        needed(_HEADING, "heading")
+        integer(f"{name}.icao_address", message.icao_address, 1, 2**24 - 1)
+        heading = math.radians(number(f"{name}.heading", message.heading, 0.0, 360.0, "degrees"))
+        return speed() * math.sin(heading), speed() * math.cos(heading)
+
+    def height() -> Altitude | None:
+        climb = 0.0
+        if has(_VERTICAL_VELOCITY):
+            climb = number(f"{name}.ver_velocity", message.ver_velocity, -100.0, 100.0, "m/s")
+        if not has(_ALTITUDE):
+            return None
+        reference = references.get(integer(f"{name}.altitude_type", message.altitude_type, 0, 1))
+        return None if reference is None else _altitude(f"{name}.altitude", message.altitude, reference, climb)
+
+    spread = {"position_std": lambda: speed() / math.sqrt(3.0)}
+    return report(f"{message.icao_address:06x}", when, at, over_ground, height, **spread)
 
 
-def _adsb_report(message: Any, references: Mapping[int, str], name: str) -> Report:
-    flags = integer(f"{name}.flags", message.flags, 0, 2**16 - 1)
-    for bit, what in ((_COORDINATES, "coordinates"), (_HEADING, "heading"), (_VELOCITY, "velocity")):
-        if not flags & bit:
-            raise FieldError(f"{name}.flags", f"is {flags:#x}, expected the bit of valid {what}")
-    address = integer(f"{name}.icao_address", message.icao_address, 1, 2**24 - 1)
-    speed = number(f"{name}.hor_velocity", message.hor_velocity, 0.0, FASTEST, "m/s")
-    heading = math.radians(number(f"{name}.heading", message.heading, 0.0, 360.0, "degrees"))
-    climb = 0.0
-    if flags & _VERTICAL_VELOCITY:
-        climb = number(f"{name}.ver_velocity", message.ver_velocity, -100.0, 100.0, "m/s")
-    return report(
-        name,
-        f"{address:06x}",
-        _adsb_time(message, name),
-        (message.latitude, message.longitude),
-        (speed * math.sin(heading), speed * math.cos(heading)),
-        altitude=_adsb_altitude(message, references, climb, name),
-        position_std=speed / math.sqrt(3.0),
-    )
-
-
-def _adsb_sighting(message: Any, references: Mapping[int, str]) -> Sighting:
-    """Return name and place, if known, of an ADS-B vehicle that cannot be used."""
-    flags = readable(lambda: integer("", message.flags, 0, 2**16 - 1)) or 0
-    place = _place(message) if flags & _COORDINATES else None
-    height = readable(lambda: _adsb_altitude(message, references, 0.0, ""))
-    return Sighting(f"{message.icao_address:06x}", readable(lambda: _adsb_time(message, "")), place, height)
-
-
-def _adsb_time(message: Any, name: str) -> int:
-    silent = integer(f"{name}.tslc.sec", message.tslc.sec, 0, _SILENCE - 1)
-    return stamp(f"{name}.header.stamp", message.header.stamp) - silent * SECOND
-
-
-def _adsb_altitude(message: Any, references: Mapping[int, str], climb: float, name: str) -> Altitude | None:
-    if not message.flags & _ALTITUDE:
-        return None
-    kind = integer(f"{name}.altitude_type", message.altitude_type, 0, 1)
-    return _altitude(f"{name}.altitude", message.altitude, references[kind], climb) if kind in references else None
-
-
-def _place(message: Any) -> tuple[float, float] | None:
-    return readable(lambda: (latitude("", message.latitude), longitude("", message.longitude)))
+def _stamped(message: Any, name: str) -> Callable[[], int]:
+    return lambda: stamp(f"{name}.header.stamp", message.header.stamp)
 
 
 def _altitude(name: str, value: Any, reference: str, climb: float) -> Altitude:

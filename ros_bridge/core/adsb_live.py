@@ -13,11 +13,10 @@ from datetime import UTC, datetime
 from typing import Any
 
 from agents.planner.request import Altitude
-from envs.formats.local_frame import carried, distance
 from envs.traffic.track_units import FOOT, KNOT
 from ros_bridge.core.conversions import report
-from ros_bridge.core.fields import SECOND, FieldError, latitude, longitude, number, readable
-from ros_bridge.core.reports import FASTEST, Report, Sighting
+from ros_bridge.core.fields import SECOND, FieldError, latitude, longitude, number
+from ros_bridge.core.reports import FASTEST, Report
 
 __all__ = ["LATEST", "AircraftJson", "BaseStation", "Traffic"]
 
@@ -69,12 +68,16 @@ class Traffic:
         if any(reasons.values()):
             self.counts[next(reason for reason, holds in reasons.items() if holds)] += 1
             return None
-        try:
-            found = self._report(f"adsb {address}", address, time, row)
-        except FieldError as error:
-            place = readable(lambda: (latitude("", row["lat"]), longitude("", row["lon"])))
-            error.sighting = Sighting(address, time, place, readable(lambda: self._altitude("", row)))
-            raise
+        name = f"adsb {address}"
+        found = report(
+            address,
+            lambda: time,
+            lambda: (latitude(f"{name}.latitude", row["lat"]), longitude(f"{name}.longitude", row["lon"])),
+            lambda: _velocity(name, row),
+            lambda: self._altitude(f"{name}.altitude", row),
+            position_std=lambda: _sigma(_EPU, row.get("nac_p")),
+            velocity_std=lambda: _sigma(_EPV, row.get("nac_v")),
+        )
         by_radar = str(row.get("type")).startswith("tisb") or "lat" in str(row.get("tisb"))
         if by_radar and self._copied(found):
             self.counts["copy of the ownship"] += 1
@@ -83,19 +86,6 @@ class Traffic:
             self._reported.clear()
         self._reported[address] = time
         return found
-
-    def _report(self, name: str, address: str, time: int, row: Mapping[str, Any]) -> Report:
-        speed, track = _known(row, "gs", "speed"), _known(row, "track")
-        for what, value in (("speed", speed), ("track", track)):
-            if value is None:
-                raise FieldError(f"{name}.{what}", "has not been received, expected one beside the position")
-        number(f"{name}.velocity_age", row.get("velocity_age", 0.0), -_APART, _APART, "s")
-        speed = number(f"{name}.speed", speed, 0.0, FASTEST / KNOT, "kt") * KNOT
-        track = math.radians(number(f"{name}.track", track, -360.0, 360.0, "degrees"))
-        velocity = (speed * math.sin(track), speed * math.cos(track))
-        spread = {"position_std": _sigma(_EPU, row.get("nac_p")), "velocity_std": _sigma(_EPV, row.get("nac_v"))}
-        altitude = self._altitude(f"{name}.altitude", row)
-        return report(name, address, time, (row["lat"], row["lon"]), velocity, altitude=altitude, **spread)
 
     def _altitude(self, name: str, row: Mapping[str, Any]) -> Altitude | None:
         """Return the altitude that can be compared with the ownship's, or else what there is."""
@@ -113,10 +103,9 @@ class Traffic:
         own = self.own
         if own is None or abs(found.time - own.time) > 2 * _APART * SECOND:
             return False
-        at = carried(own.latitude, own.longitude, own.east, own.north, (found.time - own.time) / SECOND)
         a, b = own.altitude, found.altitude
         apart = (
-            distance(*at, found.latitude, found.longitude),
+            own.off(found.place, found.time),
             math.hypot(found.east - own.east, found.north - own.north),
             abs(a.value - b.value) if a and b and a.reference == b.reference else 0.0,
         )
@@ -149,9 +138,9 @@ class _Stream:
         try:
             found = self._traffic.report(address, time, row)
         except FieldError as error:
-            yield error
-        else:
-            yield from () if found is None else (found,)
+            found = error
+        if found is not None:
+            yield found
 
 
 class BaseStation(_Stream):
@@ -231,6 +220,17 @@ class AircraftJson(_Stream):
 def _known(row: Mapping[str, Any], *names: str) -> Any:
     """Return the first of some fields that is there; dump1090-mutability has other names than readsb for some."""
     return next((row[name] for name in names if row.get(name) not in (None, "")), None)
+
+
+def _velocity(name: str, row: Mapping[str, Any]) -> tuple[float, float]:
+    speed, track = _known(row, "gs", "speed"), _known(row, "track")
+    for what, value in (("speed", speed), ("track", track)):
+        if value is None:
+            raise FieldError(f"{name}.{what}", "has not been received, expected one beside the position")
+    number(f"{name}.velocity_age", row.get("velocity_age", 0.0), -_APART, _APART, "s")
+    speed = number(f"{name}.speed", speed, 0.0, FASTEST / KNOT, "kt") * KNOT
+    track = math.radians(number(f"{name}.track", track, -360.0, 360.0, "degrees"))
+    return speed * math.sin(track), speed * math.cos(track)
 
 
 def _sigma(radii: tuple[float, ...], code: Any) -> float:

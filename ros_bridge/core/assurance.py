@@ -18,12 +18,12 @@ from agents.assurance.state import Flown, State
 from agents.assurance.thresholds import Thresholds
 from agents.planner.publish import received
 from agents.planner.request import Altitude, Intruder
-from envs.formats.local_frame import LocalFrame, carried, distance
+from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
 from ros_bridge.core.conversions import STATUS_SAFE, PlanPoint, trajectory
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.reach import Reach, level, out_of_reach
+from ros_bridge.core.reach import Reach, apart, level, out_of_reach
 from ros_bridge.core.replies import flown, geodetic_points
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import ACCURATE, Situation, placed
@@ -145,16 +145,11 @@ def stepped(supervision: Supervision, situation: Situation, now: int) -> tuple[S
         own, own_age = placed(frame, track.last), _age(supervision.zero, track.last.time, now)
     intruders: dict[str, Intruder] = {}
     reported: dict[str, Report] = {}
-    undulation = None if situation.origin is None else situation.origin.undulation
-    height = None if track.last is None else level(track.last.altitude, 0, undulation)
     limits = supervision.watch.thresholds
-    reach = None if track.last is None else _reach(track.last, now, limits, undulation)
+    reach = None if track.last is None else _reach(track.last, now, limits, situation)
     left_out = frozenset() if reach is None else _left_out(situation, reach, limits)
     for name, other in situation.traffic.items():
-        if name in left_out:
-            continue
-        theirs = None if other.last is None else level(other.last.altitude, 0, undulation)
-        if reach is not None and apart(height, theirs, reach.vertical, reach.horizon):
+        if name in left_out or (reach is not None and _vertically_apart(other, reach)):
             continue
         report = _due(supervision.reported.get(name), other, limits)
         if report is not None:
@@ -207,25 +202,19 @@ def backup(supervision: Supervision, altitude: Altitude | None) -> tuple[int, tu
     return began, geodetic_points(frame, [Waypoint(n, *row) for n, row in enumerate(rows)], began, altitude)
 
 
-def apart(own: Altitude | None, other: Altitude | None, least: float, horizon: float) -> bool:
-    """Return whether two aircraft stay vertically apart by more than ``least`` (m) for ``horizon`` (s).
-
-    Altitudes that are unknown or of different references count as the same level.
-    """
-    if own is None or other is None or own.reference != other.reference:
-        return False
-    now = other.value - own.value
-    later = now + (other.vertical_speed - own.vertical_speed) * horizon
-    return now * later > 0.0 and min(abs(now), abs(later)) > least
-
-
-def _reach(own: Report, now: int, limits: Thresholds, undulation: float | None) -> Reach:
+def _reach(own: Report, now: int, limits: Thresholds, situation: Situation) -> Reach:
     """Return what matters to the ownship while a plan lasts."""
-    options = limits.options
+    options, origin = limits.options, situation.origin.value
     separation = limits.requirement.separation + limits.requirement.margin
     horizon, fast = _HORIZON * options.waypoints * options.interval, options.aircraft.traffic_speed_max
-    speed = limits.limits.speed_max
-    return Reach(own, now, horizon, separation, options.vertical_filter, speed, fast, undulation)
+    undulation = None if origin is None else origin.undulation
+    return Reach(own, now, horizon, separation, options.vertical_filter, limits.limits.speed_max, fast, undulation)
+
+
+def _vertically_apart(other: Track, reach: Reach) -> bool:
+    """Return whether an aircraft stays above or below the ownship by its last good report."""
+    theirs = None if other.last is None else level(other.last.altitude, 0, reach.undulation)
+    return abs(apart(level(reach.own.altitude, 0, reach.undulation), theirs, reach.horizon)) > reach.vertical
 
 
 def _left_out(situation: Situation, reach: Reach, limits: Thresholds) -> frozenset[str]:
@@ -267,8 +256,7 @@ def _due(before: Report | None, track: Track, limits: Thresholds) -> Report | No
     seconds = 0.0 if before is None else (newest.time - before.time) / SECOND
     if before is None or not 0.0 <= seconds < _SPACING * limits.options.aircraft.dt:
         return newest
-    expected = carried(before.latitude, before.longitude, before.east, before.north, seconds)
-    off = distance(*expected, newest.latitude, newest.longitude)
+    off = before.off(newest.place, newest.time)
     faster = math.hypot(newest.east - before.east, newest.north - before.north)
     news = off > _NEWS * limits.intruder_position or faster > _NEWS * limits.intruder_velocity
     return newest if news else before

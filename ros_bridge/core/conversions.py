@@ -4,23 +4,13 @@ Messages are read by their fields (:mod:`ros_bridge.core.fields`), so nothing he
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from agents.planner.request import Altitude
 from envs.formats.local_frame import LocalFrame
-from ros_bridge.core.fields import (
-    FieldError,
-    flags,
-    identifier,
-    integer,
-    latitude,
-    longitude,
-    number,
-    readable,
-    stamp,
-    std,
-)
+from ros_bridge.core.fields import FieldError, flags, identifier, integer, number, place, readable, stamp
 from ros_bridge.core.reports import FASTEST, Report, Sighting
 
 POSITION, ALTITUDE, VELOCITY, VERTICAL_SPEED, TRUE_AIRSPEED, WIND, POSITION_STD, VELOCITY_STD = (
@@ -37,12 +27,12 @@ ALTITUDE_CODES = {1: "wgs84", 2: "msl", 3: "pressure"}
 STATUS_SAFE, STATUS_ROUTE, STATUS_BACKUP = 1, 4, 5
 ROUTE_POINT, PLAN_POINT = 0, 1
 _LAST_INDEX = 2**31 - 1
+_CLIMB = (-100.0, 100.0, "m/s")
 _WIND = 100.0  # m/s
 _AIRSPEED_AGREES = 10.0  # m/s
 
 
-@dataclass(frozen=True, slots=True)
-class Origin:
+class Origin(NamedTuple):
     """A geo-reference."""
 
     frame: LocalFrame
@@ -70,11 +60,8 @@ class Station:
     altitude: Altitude | None
 
 
-@dataclass(frozen=True, slots=True)
-class Route:
-    """A filed route."""
-
-    points: tuple[Station, ...]
+Route = tuple[Station, ...]
+"""A filed route."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,33 +82,40 @@ class PlanPoint:
 
 
 def report(
-    name: str, identity: str, time: int, position: tuple[Any, Any], velocity: tuple[Any, Any], **more: Any
+    identity: str,
+    time: Callable[[], int],
+    place: Callable[[], tuple[float, float]],
+    velocity: Callable[[], tuple[float, float]],
+    altitude: Callable[[], Altitude | None],
+    **more: Callable[[], Any],
 ) -> Report:
-    """Return a checked report from plain values, whatever message they come from.
+    """Return the report of a message, whatever its kind, from functions that read its parts.
 
     Args:
         time: ns.
-        position: latitude and longitude, degrees.
+        place: latitude and longitude, degrees.
         velocity: true east and north, m/s.
-        **more: other fields of :class:`ros_bridge.core.reports.Report`, checked before.
+        **more: other fields of :class:`ros_bridge.core.reports.Report`.
 
     Raises:
-        FieldError: something is not finite or out of range.
+        FieldError: a part cannot be used; with a sighting of the parts that can.
     """
-    east = number(f"{name}.velocity.x", velocity[0], -FASTEST, FASTEST, "m/s")
-    north = number(f"{name}.velocity.y", velocity[1], -FASTEST, FASTEST, "m/s")
+    try:
+        rest = {name: read() for name, read in more.items()}
+        return Report(identity, time(), *place(), *velocity(), altitude(), **rest)
+    except FieldError as error:
+        error.sighting = Sighting(identity, readable(time), readable(place), readable(altitude))
+        raise
+
+
+def velocity(name: str, east: Any, north: Any) -> tuple[float, float]:
+    """Return a velocity over the ground, true east and north, m/s, or raise :class:`FieldError`."""
+    axes = (("x", east), ("y", north))
+    east, north = (number(f"{name}.velocity.{axis}", one, -FASTEST, FASTEST, "m/s") for axis, one in axes)
     speed = math.hypot(east, north)
     if speed > FASTEST:
         raise FieldError(f"{name}.velocity", f"is {speed:g} m/s, expected {FASTEST:g} m/s at most")
-    return Report(
-        identity,
-        time,
-        latitude(f"{name}.latitude", position[0]),
-        longitude(f"{name}.longitude", position[1]),
-        east,
-        north,
-        **more,
-    )
+    return east, north
 
 
 def altitude(name: str, value: Any, code: Any, vertical_speed: float = 0.0) -> Altitude:
@@ -138,74 +132,64 @@ def aircraft(message: Any, name: str) -> Report:
     Raises:
         FieldError: a field is missing, not finite, out of range or inconsistent with another; with a sighting.
     """
-    identity = identifier(f"{name}.id", message.id)
-    try:
-        return _aircraft(message, name, identity)
-    except FieldError as error:
-        error.sighting = sighting(message, identity)
-        raise
 
+    def has(bit: int) -> bool:
+        return bool(flags(f"{name}.valid", message.valid, 0xFF) & bit)
 
-def sighting(message: Any, identity: str) -> Sighting:
-    """Return what an AircraftState holds of an aircraft's place, whether or not it can be used otherwise."""
-    valid = readable(lambda: flags("", message.valid, 0xFF)) or 0
-    place = height = None
-    if valid & POSITION:
-        place = readable(lambda: (latitude("", message.latitude), longitude("", message.longitude)))
-    if valid & ALTITUDE:
-        climb = message.velocity.z if valid & VERTICAL_SPEED else 0.0
-        climb = readable(lambda: number("", climb, -100.0, 100.0, "m/s")) or 0.0
-        height = readable(lambda: altitude("", message.altitude, message.altitude_reference, climb))
-    return Sighting(identity, readable(lambda: stamp("", message.header.stamp)), place, height)
+    def needed(bit: int, what: str) -> None:
+        if not has(bit):
+            raise FieldError(f"{name}.valid", f"is {message.valid:#x}, expected the bit of the {what}")
 
+    def at() -> tuple[float, float]:
+        needed(POSITION, "position")
+        return place(name, message)
 
-def _aircraft(message: Any, name: str, identity: str) -> Report:
-    time = stamp(f"{name}.header.stamp", message.header.stamp)
-    valid = flags(f"{name}.valid", message.valid, 0xFF)
-    for bit, what in ((POSITION, "position"), (VELOCITY, "velocity")):
-        if not valid & bit:
-            raise FieldError(f"{name}.valid", f"is {valid:#x}, expected the bit of the {what}")
-    climb = 0.0
-    if valid & VERTICAL_SPEED:
-        climb = number(f"{name}.velocity.z", message.velocity.z, -100.0, 100.0, "m/s")
-    height = None
-    if valid & ALTITUDE:
-        height = altitude(f"{name}.altitude", message.altitude, message.altitude_reference, climb)
-    wind = None
-    if valid & WIND:
-        axes = (("x", message.wind.x), ("y", message.wind.y))
-        x, y = (number(f"{name}.wind.{axis}", value, -_WIND, _WIND, "m/s") for axis, value in axes)
-        wind = (x, y)
-    airspeed = None
-    if valid & TRUE_AIRSPEED:
-        airspeed = number(f"{name}.true_airspeed", message.true_airspeed, 0.0, FASTEST, "m/s")
-    result = report(
-        name,
-        identity,
-        time,
-        (message.latitude, message.longitude),
-        (message.velocity.x, message.velocity.y),
-        altitude=height,
-        position_std=std(f"{name}.position_std", message.position_std, 1e4, "m") if valid & POSITION_STD else 0.0,
-        velocity_std=std(f"{name}.velocity_std", message.velocity_std, 100.0, "m/s") if valid & VELOCITY_STD else 0.0,
-        true_airspeed=airspeed,
+    def over_ground() -> tuple[float, float]:
+        needed(VELOCITY, "velocity")
+        return velocity(name, message.velocity.x, message.velocity.y)
+
+    def height() -> Altitude | None:
+        climb = number(f"{name}.velocity.z", message.velocity.z, *_CLIMB) if has(VERTICAL_SPEED) else 0.0
+        if not has(ALTITUDE):
+            return None
+        return altitude(f"{name}.altitude", message.altitude, message.altitude_reference, climb)
+
+    def wind() -> tuple[float, float] | None:
+        if not has(WIND):
+            return None
+        x, y = (number(f"{name}.wind.{axis}", getattr(message.wind, axis), -_WIND, _WIND, "m/s") for axis in "xy")
+        return x, y
+
+    def airspeed() -> float | None:
+        if not has(TRUE_AIRSPEED):
+            return None
+        speed = number(f"{name}.true_airspeed", message.true_airspeed, 0.0, FASTEST, "m/s")
+        (east, north), air = over_ground(), wind()
+        through_air = speed if air is None else math.hypot(east - air[0], north - air[1])
+        if abs(through_air - speed) > _AIRSPEED_AGREES:
+            what = f"is {speed:g} m/s, expected it within {_AIRSPEED_AGREES:g} m/s of what velocity and wind make"
+            raise FieldError(f"{name}.true_airspeed", f"{what}, {through_air:g} m/s")
+        return speed
+
+    def std(bit: int, field: str, most: float, unit: str) -> float:
+        return number(f"{name}.{field}", getattr(message, field), 0.0, most, unit) if has(bit) else 0.0
+
+    return report(
+        identifier(f"{name}.id", message.id),
+        lambda: stamp(f"{name}.header.stamp", message.header.stamp),
+        at,
+        over_ground,
+        height,
+        position_std=lambda: std(POSITION_STD, "position_std", 1e4, "m"),
+        velocity_std=lambda: std(VELOCITY_STD, "velocity_std", 100.0, "m/s"),
         wind=wind,
+        true_airspeed=airspeed,
     )
-    if wind is not None and airspeed is not None:
-        through_air = math.hypot(result.east - wind[0], result.north - wind[1])
-        if abs(through_air - airspeed) > _AIRSPEED_AGREES:
-            problem = f"is {airspeed:g} m/s, but velocity and wind make {through_air:g} m/s"
-            raise FieldError(
-                f"{name}.true_airspeed", f"{problem}, expected them to agree within {_AIRSPEED_AGREES:g} m/s"
-            )
-    return result
 
 
 def geo_reference(message: Any, name: str = "geo_reference") -> Origin:
     """Return the origin that a GeoReference holds, or raise :class:`FieldError`."""
-    frame = LocalFrame(
-        latitude(f"{name}.latitude", message.latitude), longitude(f"{name}.longitude", message.longitude)
-    )
+    frame = LocalFrame(*place(name, message))
     undulation = None
     if message.geoid_undulation_valid:
         undulation = number(f"{name}.geoid_undulation", message.geoid_undulation, -120.0, 100.0, "m")
@@ -237,23 +221,16 @@ def route(waypoints: Any, name: str = "route") -> Route:
         raise FieldError(f"{name}.waypoints", f"has {len(waypoints)} points, expected 2 or more")
     seen: set[int] = set()
     points = []
-    for place, point in enumerate(waypoints):
-        at = f"{name}.waypoints[{place}]"
+    for number_, point in enumerate(waypoints):
+        at = f"{name}.waypoints[{number_}]"
         index = integer(f"{at}.index", point.index, 0, _LAST_INDEX)
         if index in seen:
             raise FieldError(f"{at}.index", f"is {index} again, expected one of its own")
         seen.add(index)
         if integer(f"{at}.origin", point.origin, 0, 255) != ROUTE_POINT:
             raise FieldError(f"{at}.origin", f"is {point.origin}, expected {ROUTE_POINT} (ROUTE)")
-        points.append(
-            Station(
-                index,
-                latitude(f"{at}.latitude", point.latitude),
-                longitude(f"{at}.longitude", point.longitude),
-                _height(at, point),
-            )
-        )
-    return Route(tuple(points))
+        points.append(Station(index, *place(at, point), _height(at, point)))
+    return tuple(points)
 
 
 def published_route(message: Any, name: str = "route") -> Route:
@@ -272,8 +249,7 @@ def plan_point(message: Any, name: str) -> PlanPoint:
     return PlanPoint(
         integer(f"{name}.index", message.index, 0, _LAST_INDEX),
         integer(f"{name}.origin", message.origin, ROUTE_POINT, PLAN_POINT) == ROUTE_POINT,
-        latitude(f"{name}.latitude", message.latitude),
-        longitude(f"{name}.longitude", message.longitude),
+        *place(name, message),
         _height(name, message),
         number(f"{name}.track_deg", message.track_deg, 0.0, 360.0, "degrees"),
         number(f"{name}.ground_speed", message.ground_speed, 0.0, FASTEST, "m/s"),
@@ -290,15 +266,13 @@ def trajectory(message: Any, name: str = "trajectory") -> tuple[int, PlanPoint, 
     began = stamp(f"{name}.header.stamp", message.header.stamp)
     start = plan_point(message.start, f"{name}.start")
     points = tuple(plan_point(point, f"{name}.waypoints[{n}]") for n, point in enumerate(message.waypoints))
-    seen: set[int] = set()
-    last = began
-    for place, point in enumerate(points):
+    seen, last = set(), began
+    for number_, point in enumerate(points):
+        at = f"{name}.waypoints[{number_}]"
         if point.index in seen:
-            raise FieldError(f"{name}.waypoints[{place}].index", f"is {point.index} again, expected one of its own")
+            raise FieldError(f"{at}.index", f"is {point.index} again, expected one of its own")
         if point.time <= last:
-            raise FieldError(
-                f"{name}.waypoints[{place}].time_of_arrival", "is not after the one before, expected later"
-            )
+            raise FieldError(f"{at}.time_of_arrival", "is not after the one before, expected later")
         seen.add(point.index)
         last = point.time
     return began, start, points

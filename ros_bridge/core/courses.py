@@ -86,7 +86,7 @@ def extended(course: Course, report: Report) -> Course:
 def _compared(window: _Window, report: Report, seconds: float) -> tuple[str, bool]:
     """Return how displacement and velocities contradict each other, or "", and whether they clearly agree."""
     start = window.start
-    east, north = displacement(start.latitude, start.longitude, report.latitude, report.longitude)
+    east, north = displacement(*start.place, *report.place)
     moved, flown = math.hypot(east, north), math.hypot(window.east, window.north)
     noise = math.hypot(start.position_std, report.position_std) + report.velocity_std * seconds
     off, allowed = difference((east, north), (window.east, window.north), noise, _ALLOWED)

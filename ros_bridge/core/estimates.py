@@ -34,7 +34,7 @@ def improved(estimate: Estimate, report: Report) -> Estimate:
     if report.position_std == 0.0 and report.velocity_std == 0.0:
         return first(report)
     before = estimate.report
-    x, y = displacement(before.latitude, before.longitude, report.latitude, report.longitude)
+    x, y = displacement(*before.place, *report.place)
     tracks = follow(
         estimate.tracks,
         _moving(x, y, report),
@@ -45,7 +45,7 @@ def improved(estimate: Estimate, report: Report) -> Estimate:
     if tracks.count == 1.0:
         return first(report)
     x, y, heading, speed = map(float, tracks.state)
-    latitude, longitude = carried(before.latitude, before.longitude, x, y, 1.0)
+    latitude, longitude = carried(*before.place, x, y, 1.0)
     believed = replace(
         report,
         latitude=latitude,

@@ -5,9 +5,10 @@ fields, or a plain object in a test, serves as well.
 """
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from ros_bridge.core.reports import Sighting
+if TYPE_CHECKING:
+    from ros_bridge.core.reports import Sighting
 
 SECOND = 1_000_000_000
 """Nanoseconds in a second: times of messages are whole nanoseconds."""
@@ -21,15 +22,15 @@ class FieldError(ValueError):
 
     Attributes:
         field: its name, such as ``ownship.velocity.x``.
+        problem: the rest of the sentence.
         sighting: what the message still holds of the aircraft; None: nothing.
     """
 
-    field: str
-    sighting: Sighting | None
+    sighting: "Sighting | None" = None
 
-    def __init__(self, field: str, problem: str, sighting: Sighting | None = None) -> None:
+    def __init__(self, field: str, problem: str) -> None:
         super().__init__(f"{field} {problem}")
-        self.field, self.sighting = field, sighting
+        self.field, self.problem = field, problem
 
 
 def readable(read: Callable[[], _T]) -> _T | None:
@@ -73,9 +74,9 @@ def longitude(name: str, value: Any) -> float:
     return number(name, value, -180.0, 180.0, "degrees")
 
 
-def std(name: str, value: Any, high: float, unit: str) -> float:
-    """Return a standard deviation, or raise :class:`FieldError`."""
-    return number(name, value, 0.0, high, unit)
+def place(name: str, message: Any) -> tuple[float, float]:
+    """Return latitude and longitude of a message in degrees, or raise :class:`FieldError`."""
+    return latitude(f"{name}.latitude", message.latitude), longitude(f"{name}.longitude", message.longitude)
 
 
 def stamp(name: str, value: Any) -> int:
@@ -90,6 +91,13 @@ def stamp(name: str, value: Any) -> int:
     if total <= 0:
         raise FieldError(name, f"is {total / SECOND:g} s, expected a time after zero")
     return total
+
+
+def not_ahead(name: str, time: int, now: int, most: float) -> None:
+    """Raise :class:`FieldError` for a time that is more than ``most`` seconds ahead of the clock; times in ns."""
+    ahead = (time - now) / SECOND
+    if ahead > most:
+        raise FieldError(name, f"is {ahead:.3f} s ahead of the clock, expected {most:g} s at most")
 
 
 def nanoseconds(value: Any) -> int:

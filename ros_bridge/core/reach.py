@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from agents.planner.request import Altitude
 from envs.formats.local_frame import distance
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.reports import FASTEST, Report
+from ros_bridge.core.reports import FASTEST, Report, Sighting
 from ros_bridge.core.tracks import Track, Verdict
 
 _CLIMB = 30.0
@@ -42,15 +42,6 @@ class Reach:
     """Distance from the ownship, m, beyond which aircraft with good reports are left out, too."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Place:
-    time: int
-    latitude: float
-    longitude: float
-    speed: float
-    altitude: Altitude | None
-
-
 def level(altitude: Altitude | None, age: int, undulation: float | None) -> Altitude | None:
     """Return an altitude carried over an age (ns), above the ellipsoid where the undulation is known."""
     if altitude is None:
@@ -62,43 +53,50 @@ def level(altitude: Altitude | None, age: int, undulation: float | None) -> Alti
     return Altitude(value, reference, altitude.vertical_speed)
 
 
+def apart(own: Altitude | None, other: Altitude | None, horizon: float) -> float:
+    """Return by how much two aircraft stay vertically apart for a time (s), m, negative where the other is below.
+
+    It is 0 where their altitudes are unknown or of different references, or they may pass each other.
+    """
+    if own is None or other is None or own.reference != other.reference:
+        return 0.0
+    now = other.value - own.value
+    later = now + (other.vertical_speed - own.vertical_speed) * horizon
+    return min(now, later, key=abs) if now * later > 0.0 else 0.0
+
+
 def out_of_reach(track: Track, reach: Reach) -> str | None:
     """Return why an aircraft cannot come near by any of its last places, or None."""
     if track.last is None and any(one.sighting.place is None for one in track.sightings):
         return None  # a second aircraft without a place may bear the name
-    reasons = [_beyond(place, reach) for place in _places(track, reach.traffic)]
+    reasons = [_beyond(place, speed, reach) for place, speed in _places(track, reach.traffic)]
     return reasons[0] if reasons and all(reasons) else None
 
 
-def _places(track: Track, least: float) -> Iterator[_Place]:
-    """Yield where the aircraft may have been: by unusable messages, by its last good report, and by a rival's."""
-    fault = track.fault
+def _places(track: Track, least: float) -> Iterator[tuple[Sighting, float]]:
+    """Yield where and how fast the aircraft may have been: unusable messages, its last good report, a rival's."""
     for one in track.sightings:
         if one.sighting.place is not None:
-            yield _Place(one.time, *one.sighting.place, FASTEST, one.sighting.altitude)
-    rival = () if track.rival is None else (track.rival.newest,)
-    for report in (track.last, *rival):
+            yield one.sighting._replace(time=one.time), FASTEST
+    rival = None if track.rival is None else track.rival.newest
+    for report in (track.last, rival):
         if report is not None:
             # Where places and velocities contradict each other, neither is believed.
-            doubtful = fault is not None and fault.verdict is Verdict.CONTRADICTION
-            speed = FASTEST if doubtful else max(math.hypot(report.east, report.north), least)
-            yield _Place(report.time, report.latitude, report.longitude, speed, report.altitude)
+            doubtful = track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
+            yield report.sighting, FASTEST if doubtful else max(math.hypot(report.east, report.north), least)
 
 
-def _beyond(place: _Place, reach: Reach) -> str | None:
-    """Return why an aircraft that was at a place cannot come near until the horizon, or None."""
-    own, age = reach.own, max((reach.now - place.time) / SECOND, 0.0)
-    away = distance(own.latitude, own.longitude, place.latitude, place.longitude)
+def _beyond(seen: Sighting, speed: float, reach: Reach) -> str | None:
+    """Return why an aircraft that was seen at a place cannot come near until the horizon, or None."""
+    assert seen.place is not None and seen.time is not None
+    own, age = reach.own, max((reach.now - seen.time) / SECOND, 0.0)
+    away = distance(*own.place, *seen.place)
     since = f"{age:.1f} s ago, and cannot come near within {reach.horizon:.0f} s"
-    both = place.speed * (age + reach.horizon) + reach.speed * (reach.horizon + abs(reach.now - own.time) / SECOND)
-    if away - both > reach.separation or away - place.speed * age > reach.limit:
+    both = speed * (age + reach.horizon) + reach.speed * (reach.horizon + abs(reach.now - own.time) / SECOND)
+    if away - both > reach.separation or away - speed * age > reach.limit:
         return f"was {away / 1e3:.0f} km away {since}"
     mine = level(own.altitude, reach.now - own.time, reach.undulation)
-    other = level(place.altitude, reach.now - place.time, reach.undulation)
-    if mine is None or other is None or mine.reference != other.reference:
-        return None
-    gap = other.value - mine.value
-    later = gap + (other.vertical_speed - mine.vertical_speed) * reach.horizon
-    if gap * later > 0.0 and min(abs(gap), abs(later)) - _CLIMB * age > reach.vertical:
+    gap = apart(mine, level(seen.altitude, reach.now - seen.time, reach.undulation), reach.horizon)
+    if abs(gap) - _CLIMB * age > reach.vertical:
         return f"was {abs(gap):.0f} m {'above' if gap > 0.0 else 'below'} {since}"
     return None

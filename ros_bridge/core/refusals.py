@@ -2,6 +2,8 @@
 
 from enum import IntEnum
 
+from ros_bridge.core.fields import FieldError
+
 
 class Code(IntEnum):
     """Status codes of GenerateTrajectory."""
@@ -32,15 +34,9 @@ class Code(IntEnum):
     INTERNAL_ERROR = 255
 
 
-class Refusal(Exception):  # noqa: N818 - an answer, not a failure
-    """Why there is no plan.
+class Refusal(FieldError):  # noqa: N818 - an answer, not a failure
+    """Why there is no plan: the status of the answer, which input is meant, and a sentence."""
 
-    Attributes:
-        code: the status of the answer.
-        field: which input is meant.
-        message: a sentence.
-    """
-
-    def __init__(self, code: Code, field: str, message: str) -> None:
-        super().__init__(message)
-        self.code, self.field, self.message = code, field, message
+    def __init__(self, code: Code, field: str, problem: str) -> None:
+        super().__init__(field, problem)
+        self.code = code

@@ -19,7 +19,7 @@ from ros_bridge.core.situation import Task
 
 def plan_points(plan: Plan, task: Task) -> tuple[PlanPoint, ...]:
     """Return the waypoints of a plan on the ellipsoid; those of the route keep the route's altitude."""
-    filed = {point.index: point.altitude for point in task.route.points}
+    filed = {point.index: point.altitude for point in task.route}
     return geodetic_points(task.frame, plan.waypoints, task.time, task.own_altitude, filed)
 
 

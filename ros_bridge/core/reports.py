@@ -4,9 +4,22 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from agents.planner.request import Altitude
+from envs.formats.local_frame import carried, distance
+from ros_bridge.core.fields import SECOND
 
 FASTEST = 400.0
 """Ground speed that no aircraft exceeds, m/s."""
+
+
+class Sighting(NamedTuple):
+    """Which aircraft a message that cannot be used is about, and where it was, as far as that is known."""
+
+    identifier: str
+    time: int | None = None
+    """ns."""
+    place: tuple[float, float] | None = None
+    """Latitude and longitude, degrees."""
+    altitude: Altitude | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +46,17 @@ class Report:
     wind: tuple[float, float] | None = None
     """Velocity of the air, true east and north, m/s; None: unknown."""
 
+    @property
+    def place(self) -> tuple[float, float]:
+        """Latitude and longitude, degrees."""
+        return self.latitude, self.longitude
 
-class Sighting(NamedTuple):
-    """Which aircraft a message that cannot be used is about, and where it was, as far as that is known."""
+    @property
+    def sighting(self) -> Sighting:
+        """What is left of it where it cannot be used."""
+        return Sighting(self.identifier, self.time, self.place, self.altitude)
 
-    identifier: str
-    time: int | None = None
-    """ns."""
-    place: tuple[float, float] | None = None
-    """Latitude and longitude, degrees."""
-    altitude: Altitude | None = None
+    def off(self, place: tuple[float, float], time: int) -> float:
+        """Return how far a place is from where the aircraft is to be expected at a time (ns), straight ahead, m."""
+        seconds = (time - self.time) / SECOND
+        return distance(*carried(*self.place, self.east, self.north, seconds), *place)

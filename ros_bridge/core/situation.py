@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -26,9 +27,9 @@ from ros_bridge.core.refusals import Code, Refusal
 from ros_bridge.core.reports import FASTEST, Report
 from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict
 
-__all__ = ["Code", "Excluded", "Refusal", "Settings", "Situation", "Task", "placed", "refusal_of", "task", "turn_of"]
+__all__ = ["Code", "Held", "Refusal", "Settings", "Situation", "Task", "placed", "refusal_of", "task", "turn_of"]
 
-
+_T = TypeVar("_T")
 ACCURATE = 100_000.0
 """Distance from the origin, m, up to which ownship and route are accepted; it follows from the map's errors."""
 
@@ -60,26 +61,26 @@ class Settings:
     """Strongest wind that is planned in, m/s."""
 
 
+class Held(NamedTuple, Generic[_T]):
+    """The last good message of an input, and what is wrong with a newer one."""
+
+    value: _T | None = None
+    fault: Fault | None = None
+
+
+NOTHING: Held[Any] = Held()
+"""Of an input without any message."""
+
+
 @dataclass(frozen=True)
 class Situation:
-    """Everything that was received; the faults are of newer messages that could not be used."""
+    """Everything that was received."""
 
-    origin: Origin | None = None
-    origin_fault: Fault | None = None
+    origin: Held[Origin] = NOTHING
     own: Track = UNKNOWN
     traffic: Mapping[str, Track] = field(default_factory=lambda: MappingProxyType({}))
-    alert: Alert | None = None
-    alert_fault: Fault | None = None
-    route: Route | None = None
-    route_fault: Fault | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Excluded:
-    """An aircraft that the plan takes no account of."""
-
-    identifier: str
-    reason: str
+    alert: Held[Alert] = NOTHING
+    route: Held[Route] = NOTHING
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,8 @@ class Task:
     identifiers: tuple[str, ...]
     """Of the intruders, in their order."""
     intruders: tuple[Intruder, ...]
-    excluded: tuple[Excluded, ...]
+    excluded: tuple[tuple[str, str], ...]
+    """Names of the aircraft that the plan takes no account of, and why."""
     route: Route
     points: tuple[RoutePoint, ...]
     options: Options
@@ -113,22 +115,18 @@ def task(situation: Situation, now: int, settings: Settings, asked_route: Route 
         Refusal: something is missing, stale, from the future, invalid or inconsistent.
     """
     if now <= 0:
-        raise Refusal(Code.NO_CLOCK, "clock", "clock stands at zero, expected a running clock (is /clock published?)")
-    if situation.origin_fault is not None:
-        raise Refusal(Code.INVALID_GEO_REFERENCE, situation.origin_fault.field, situation.origin_fault.message)
-    if situation.origin is None:
-        raise Refusal(Code.NO_GEO_REFERENCE, "geo_reference", "geo_reference has not been received")
-    frame = situation.origin.frame
+        raise Refusal(Code.NO_CLOCK, "clock", "stands at zero, expected a running clock (is /clock published?)")
+    frame, undulation = _wanted(situation.origin, "geo_reference", "has not been received")
     report = _usable(situation.own, "ownship", now, settings.ownship_age, settings.future)
     own = _now(placed(frame, report), turn_of(situation.own, settings), (now - report.time) / SECOND)
     far = math.hypot(own.x, own.y)
     if far > ACCURATE:
-        raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", f"ownship.position {_too_far(far)}")
+        raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", _too_far(far))
     options, notes = _in_wind(report, settings)
     alerted = _alerted(situation, now, settings)
     route, points = _route(situation, frame, asked_route)
     separation = options.requirement.separation + options.requirement.margin
-    speed, undulation = options.limits.speed_max, situation.origin.undulation
+    speed = options.limits.speed_max
     horizon, fast = _latest_end(points, options), options.aircraft.traffic_speed_max
     # From further away no aircraft comes near before the plan's last leg, however long that is.
     beyond = (FASTEST + speed) * options.waypoints * options.interval
@@ -143,39 +141,44 @@ def task(situation: Situation, now: int, settings: Settings, asked_route: Route 
 
 def refusal_of(error: RequestError, task: Task) -> Refusal:
     """Return the planner's refusal of a task in terms of the messages that it came from."""
-    text, field_ = str(error), error.field
+    field_, problem = error.field, str(error).removeprefix(f"{error.field} ")
     match = re.match(r"intruders\[(\d+)\]", field_)
     if match:
         name = f"intruder {task.identifiers[int(match[1])]}"
-        return Refusal(Code.INVALID_INTRUDER, field_.replace(match[0], name), text.replace(match[0], name))
+        return Refusal(Code.INVALID_INTRUDER, field_.replace(match[0], name), problem.replace(match[0], name))
     for start, code in (("own", Code.INVALID_OWNSHIP), ("route", Code.INVALID_ROUTE)):
         if field_.startswith(start):
-            return Refusal(code, field_, text)
-    return Refusal(Code.INVALID_TASK, field_, text)
+            return Refusal(code, field_, problem)
+    return Refusal(Code.INVALID_TASK, field_, problem)
+
+
+def check_age(kind: str, name: str, age: float, oldest: float, future: float) -> None:
+    """Refuse a kind of input (OWNSHIP, INTRUDER, REQUEST) whose stamp, called ``name``, is too old or ahead; s."""
+    if age > oldest:
+        raise Refusal(Code[f"STALE_{kind}"], name, f"is {age:.2f} s old, expected {oldest:g} s at most")
+    if -age > future:
+        what = f"is {-age:.2f} s ahead of the clock, expected {future:g} s at most"
+        raise Refusal(Code[f"FUTURE_{kind}"], name, what)
+
+
+def _wanted(held: Held[_T], name: str, missing: str) -> _T:
+    """Return an input that there must be, whose newest message can be used."""
+    if held.fault is not None:
+        raise Refusal(Code[f"INVALID_{name.upper()}"], held.fault.field, held.fault.problem)
+    if held.value is None:
+        raise Refusal(Code[f"NO_{name.upper()}"], name, missing)
+    return held.value
 
 
 def _usable(track: Track, name: str, now: int, oldest: float, future: float) -> Report:
     """Return the last good report of an aircraft if nothing newer spoils it and it is fresh."""
-    own = name == "ownship"
+    kind = "OWNSHIP" if name == "ownship" else "INTRUDER"
     if track.fault is not None:
-        ahead = track.fault.verdict is Verdict.FUTURE
-        if own:
-            code = Code.FUTURE_OWNSHIP if ahead else Code.INVALID_OWNSHIP
-        else:
-            code = Code.FUTURE_INTRUDER if ahead else Code.INVALID_INTRUDER
-        raise Refusal(code, track.fault.field, track.fault.message)
+        what = "FUTURE" if track.fault.verdict is Verdict.FUTURE else "INVALID"
+        raise Refusal(Code[f"{what}_{kind}"], track.fault.field, track.fault.problem)
     if track.last is None:
-        raise Refusal(Code.NO_OWNSHIP if own else Code.NO_INTRUDER, name, f"{name} has not been received")
-    age = track.age(now)
-    if age > oldest:
-        code = Code.STALE_OWNSHIP if own else Code.STALE_INTRUDER
-        raise Refusal(
-            code, f"{name}.header.stamp", f"{name}.header.stamp is {age:.2f} s old, expected {oldest:g} s at most"
-        )
-    if -age > future:
-        code = Code.FUTURE_OWNSHIP if own else Code.FUTURE_INTRUDER
-        what = f"is {-age:.2f} s ahead of the clock, expected {future:g} s at most"
-        raise Refusal(code, f"{name}.header.stamp", f"{name}.header.stamp {what}")
+        raise Refusal(Code[f"NO_{kind}"], name, "has not been received")
+    check_age(kind, f"{name}.header.stamp", track.age(now), oldest, future)
     return track.last
 
 
@@ -203,15 +206,15 @@ def _now(state: VehicleState, rate: float, seconds: float) -> VehicleState:
 
 def _alerted(situation: Situation, now: int, settings: Settings) -> frozenset[str]:
     """Return the aircraft that an alert that holds is about."""
-    if situation.alert_fault is not None:
-        raise Refusal(Code.INVALID_ALERT, situation.alert_fault.field, situation.alert_fault.message)
-    alert = situation.alert
+    alert, fault = situation.alert
+    if fault is not None:
+        raise Refusal(Code.INVALID_ALERT, fault.field, fault.problem)
     if alert is None or (now - alert.time) / SECOND > settings.alert_age:
         return frozenset()
     unknown = [name for name in alert.identifiers if name not in situation.traffic]
     if unknown:
         what = f"is the subject of an alert of level {alert.level}, and no state of it has been received"
-        raise Refusal(Code.NO_INTRUDER, f"intruder {unknown[0]}", f"intruder {unknown[0]} {what}")
+        raise Refusal(Code.NO_INTRUDER, f"intruder {unknown[0]}", what)
     return frozenset(alert.identifiers)
 
 
@@ -231,7 +234,7 @@ def _like(own: VehicleState, other: VehicleState) -> bool:
 
 def _intruders(
     situation: Situation, frame: LocalFrame, now: int, settings: Settings, alerted: frozenset[str], reach: Reach
-) -> tuple[tuple[str, ...], tuple[Intruder, ...], tuple[Excluded, ...]]:
+) -> tuple[tuple[str, ...], tuple[Intruder, ...], tuple[tuple[str, str], ...]]:
     names, intruders, excluded = [], [], []
     for name, track in sorted(situation.traffic.items()):
         try:
@@ -240,14 +243,13 @@ def _intruders(
             why = None if name in alerted else out_of_reach(track, reach)
             if why is None:
                 raise
-            excluded.append(Excluded(name, why))
+            excluded.append((name, why))
             continue
         report = track.estimate
         assert report is not None, "there is one beside every usable report"
-        own = reach.own
-        away = distance(own.latitude, own.longitude, report.latitude, report.longitude)
+        away = distance(*reach.own.place, *report.place)
         if away > reach.limit and name not in alerted:
-            excluded.append(Excluded(name, f"is {away / 1e3:.0f} km away, out of reach"))
+            excluded.append((name, f"is {away / 1e3:.0f} km away, out of reach"))
             continue
         state = placed(frame, report)
         # The planner advances the report over its age; only the altitude's reference is settled here.
@@ -261,17 +263,12 @@ def _intruders(
 
 
 def _route(situation: Situation, frame: LocalFrame, asked: Route | None) -> tuple[Route, tuple[RoutePoint, ...]]:
-    if asked is None and situation.route_fault is not None:
-        raise Refusal(Code.INVALID_ROUTE, situation.route_fault.field, situation.route_fault.message)
-    route = asked or situation.route
-    if route is None:
-        raise Refusal(Code.NO_ROUTE, "route", "route has not been received, and the request holds none")
-    at = frame.place([point.latitude for point in route.points], [point.longitude for point in route.points])
+    route = asked or _wanted(situation.route, "route", "has not been received, and the request holds none")
+    at = frame.place([point.latitude for point in route], [point.longitude for point in route])
     for number, far in enumerate(np.hypot(at.x, at.y).tolist()):
         if far > ACCURATE:
-            name = f"route.waypoints[{number}]"
-            raise Refusal(Code.INVALID_ROUTE, name, f"{name} {_too_far(far)}")
-    places = zip(route.points, at.x.tolist(), at.y.tolist(), strict=True)
+            raise Refusal(Code.INVALID_ROUTE, f"route.waypoints[{number}]", _too_far(far))
+    places = zip(route, at.x.tolist(), at.y.tolist(), strict=True)
     return route, tuple(RoutePoint(point.index, x, y) for point, x, y in places)
 
 
@@ -290,7 +287,7 @@ def _in_wind(report: Report, settings: Settings) -> tuple[Options, tuple[str, ..
     wind = math.hypot(*report.wind)
     if wind > settings.wind_max:
         what = f"is {wind:.1f} m/s, expected {settings.wind_max:g} m/s at most"
-        raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", f"ownship.wind {what}")
+        raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", what)
     legs, flown = options.limits, options.manoeuvre
     legs = legs._replace(speed_min=legs.speed_min + wind, speed_max=legs.speed_max - wind)
     flown = flown._replace(
@@ -298,5 +295,5 @@ def _in_wind(report: Report, settings: Settings) -> tuple[Options, tuple[str, ..
     )
     if flown.speed_min >= flown.speed_max:
         what = f"is {wind:.1f} m/s, which leaves no ground speed between {legs.speed_min:g} and {flown.speed_max:g} m/s"
-        raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", f"ownship.wind {what}")
+        raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", what)
     return replace(options, limits=legs, manoeuvre=flown), ()

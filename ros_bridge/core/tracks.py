@@ -12,9 +12,9 @@ from enum import Enum
 from types import MappingProxyType
 from typing import NamedTuple
 
-from envs.formats.local_frame import carried, distance
+from envs.formats.local_frame import distance
 from ros_bridge.core.courses import Course, begun, extended
-from ros_bridge.core.fields import SECOND
+from ros_bridge.core.fields import SECOND, FieldError, not_ahead
 from ros_bridge.core.reports import FASTEST, Report, Sighting
 
 
@@ -51,14 +51,19 @@ FAULTS = frozenset(Verdict) - {Verdict.TAKEN, Verdict.DUPLICATE, Verdict.REORDER
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Why the newest report of an aircraft cannot be used."""
+    """Why the newest message of an aircraft, or of another input, cannot be used."""
 
     verdict: Verdict
     field: str
-    message: str
-    """A sentence that begins with the field."""
+    problem: str
+    """A sentence without its subject, the field."""
     arrived: int
     """When, ns."""
+
+    @property
+    def message(self) -> str:
+        """The whole sentence."""
+        return f"{self.field} {self.problem}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +80,10 @@ class Rules:
     """Two reports of the same time agree within this, m and m/s."""
     fresh_start: float = 30.0
     """After so long without a report, s, any place is accepted."""
+
+    def allowed(self, time: int) -> float:
+        """Return how far from where it is expected an aircraft may be after or before a time, ns, m."""
+        return self.jump_distance + self.jump_speed * abs(time / SECOND)
 
 
 class Sighted(NamedTuple):
@@ -114,6 +123,8 @@ class Track:
     """Whether the rival was confirmed after that: two aircraft."""
     sightings: tuple[Sighted, ...] = ()
     """Of the reports that cannot be used and that no good report explains; the newest last."""
+    verdict: Verdict = Verdict.TAKEN
+    """What became of the newest report."""
     counts: Mapping[Verdict, int] = field(default_factory=lambda: MappingProxyType({}))
     """Of all reports."""
 
@@ -131,7 +142,7 @@ UNKNOWN = Track()
 """Of an aircraft without any report."""
 
 
-def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> tuple[Track, Verdict]:
+def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> Track:
     """Take in a report.
 
     Args:
@@ -139,11 +150,11 @@ def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> tu
         name: of the aircraft in messages, such as ``ownship`` or ``intruder 4b1a2c``.
         now: on the node's clock, ns.
     """
-    ahead = (report.time - now) / SECOND
-    if ahead > rules.future:
-        problem = f"is {ahead:.3f} s ahead of the clock, expected {rules.future:g} s at most"
-        track = _sighted(track, _seen(report)._replace(time=None), now, rules)
-        return _faulty(track, Verdict.FUTURE, f"{name}.header.stamp", problem, now), Verdict.FUTURE
+    try:
+        not_ahead(f"{name}.header.stamp", report.time, now, rules.future)
+    except FieldError as error:
+        track = _sighted(track, report.sighting._replace(time=None), now, rules)
+        return _faulty(track, Verdict.FUTURE, error.field, error.problem, now)
     if track.rival is not None and (report.time - track.rival.newest.time) / SECOND > rules.fresh_start:
         track = replace(track, rival=None, since=0, shared=False)
     if track.course is None:
@@ -151,18 +162,17 @@ def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> tu
     verdict, field_, problem = _compared(track.course.newest, report, rules)
     if verdict is Verdict.TAKEN:
         return _good(replace(track, since=track.since + 1), _next(track.course, report, rules), name, now, rules)
-    if verdict in FAULTS and field_ == "position":
-        return _elsewhere(track, report, name, now, rules, verdict, problem)
-    if verdict in FAULTS:
-        return _faulty(track, verdict, f"{name}.{field_}", problem, now), verdict
-    return replace(track, counts=_counted(track, verdict)), verdict
+    if verdict not in FAULTS:
+        return _counted(track, verdict)
+    if field_ == "position":
+        return _elsewhere(track, track.course, report, name, now, rules, verdict, problem)
+    return _faulty(track, verdict, f"{name}.{field_}", problem, now)
 
 
-def refused(track: Track, field: str, message: str, now: int, rules: Rules, sighting: Sighting | None = None) -> Track:
-    """Note that a report could not be used; ``message`` begins with ``field``."""
-    fault = Fault(Verdict.INVALID, field, message, now)
-    track = track if sighting is None else _sighted(track, sighting, now, rules)
-    return replace(track, fault=fault, counts=_counted(track, Verdict.INVALID))
+def refused(track: Track, error: FieldError, now: int, rules: Rules) -> Track:
+    """Note that a report could not be used."""
+    track = track if error.sighting is None else _sighted(track, error.sighting, now, rules)
+    return _faulty(track, Verdict.INVALID, error.field, error.problem, now)
 
 
 def forgotten(tracks: Mapping[str, Track], now: int, after: float) -> tuple[dict[str, Track], tuple[str, ...]]:
@@ -173,10 +183,6 @@ def forgotten(tracks: Mapping[str, Track], now: int, after: float) -> tuple[dict
         if track.age(now) > after and (track.fault is None or (now - track.fault.arrived) / SECOND > after)
     )
     return {name: track for name, track in tracks.items() if name not in silent}, silent
-
-
-def _seen(report: Report) -> Sighting:
-    return Sighting(report.identifier, report.time, (report.latitude, report.longitude), report.altitude)
 
 
 def _sighted(track: Track, sighting: Sighting, now: int, rules: Rules) -> Track:
@@ -202,64 +208,57 @@ def _unexplained(track: Track, report: Report, now: int, rules: Rules) -> tuple[
     """Return the sightings that were elsewhere than a good report says."""
     found = []
     for one in track.sightings:
-        place, seconds = one.sighting.place, (one.time - report.time) / SECOND
+        place = one.sighting.place
         if place is None or (now - one.arrived) / SECOND > rules.fresh_start:
             continue
-        expected = carried(report.latitude, report.longitude, report.east, report.north, seconds)
-        if distance(*expected, *place) > rules.jump_distance + rules.jump_speed * abs(seconds):
+        if report.off(place, one.time) > rules.allowed(one.time - report.time):
             found.append(one._replace(since=one.since + 1))
     return tuple(found)
 
 
-def _good(track: Track, course: Course, name: str, now: int, rules: Rules) -> tuple[Track, Verdict]:
+def _good(track: Track, course: Course, name: str, now: int, rules: Rules) -> Track:
     """Return the track with a report that follows from those before it."""
     track = replace(track, course=course, sightings=_unexplained(track, course.newest, now, rules))
     if course.contradiction:
-        field_ = f"{name}.position"
-        return _faulty(track, Verdict.CONTRADICTION, field_, course.contradiction, now), Verdict.CONTRADICTION
+        return _faulty(track, Verdict.CONTRADICTION, f"{name}.position", course.contradiction, now)
     track = replace(track, last=course.newest, estimate=course.estimate.report)
     if track.shared and track.rival is not None:
-        other = track.rival.newest
-        apart = distance(course.newest.latitude, course.newest.longitude, other.latitude, other.longitude)
+        apart = distance(*course.newest.place, *track.rival.newest.place)
         problem = f"is the name of two aircraft {apart / 1e3:.1f} km apart, expected one"
-        return _faulty(track, Verdict.SHARED, f"{name}.id", problem, now), Verdict.SHARED
+        return _faulty(track, Verdict.SHARED, f"{name}.id", problem, now)
     # One good report after a doubtful one may be the first of two aircraft, in turns.
     doubtful = track.rival is not None and track.since < _OUTLIER
     # So may one after a report that cannot be used and comes from elsewhere; several of those are a second aircraft.
     doubtful |= any(one.again or one.since < _OUTLIER for one in track.sightings)
-    fault = track.fault if doubtful else None
-    return replace(track, fault=fault, counts=_counted(track, Verdict.TAKEN)), Verdict.TAKEN
+    return _counted(replace(track, fault=track.fault if doubtful else None), Verdict.TAKEN)
 
 
 def _elsewhere(
-    track: Track, report: Report, name: str, now: int, rules: Rules, verdict: Verdict, problem: str
-) -> tuple[Track, Verdict]:
+    track: Track, course: Course, report: Report, name: str, now: int, rules: Rules, verdict: Verdict, problem: str
+) -> Track:
     """Return the track with a report of another place than the course's."""
-    assert track.course is not None
     rival, again = track.rival, Verdict.JUMP
     if rival is not None:
         again, _, _ = _compared(rival.newest, report, rules)
     if rival is None or again in FAULTS:
         if rival is not None:
-            track = _sighted(track, _seen(rival.newest), now, rules)
+            track = _sighted(track, rival.newest.sighting, now, rules)
         track = replace(track, rival=begun(report), since=0, shared=False)
-        return _faulty(track, verdict, f"{name}.position", problem, now), verdict
+        return _faulty(track, verdict, f"{name}.position", problem, now)
     if again is not Verdict.TAKEN:
-        return replace(track, counts=_counted(track, again)), again
+        return _counted(track, again)
     rival = _next(rival, report, rules)
     if track.since or track.shared or verdict is Verdict.CONFLICT:
-        return _good(replace(track, rival=rival, since=0, shared=True), track.course, name, now, rules)
+        return _good(replace(track, rival=rival, since=0, shared=True), course, name, now, rules)
     # Nothing came from the old place since: the aircraft is here. If the old place is reported again, there are two.
-    return _good(replace(track, rival=track.course, since=_OUTLIER), rival, name, now, rules)
+    return _good(replace(track, rival=course, since=_OUTLIER), rival, name, now, rules)
 
 
 def _compared(before: Report, report: Report, rules: Rules) -> tuple[Verdict, str, str]:
     """Return what a report is beside an earlier one, and for a fault its field and the rest of the sentence."""
     first, second = (before, report) if report.time >= before.time else (report, before)
-    seconds = (second.time - first.time) / SECOND
-    expected = carried(first.latitude, first.longitude, first.east, first.north, seconds)
-    off = distance(*expected, second.latitude, second.longitude)
-    allowed = rules.jump_distance + rules.jump_speed * seconds
+    off, seconds = first.off(second.place, second.time), (second.time - first.time) / SECOND
+    allowed = rules.allowed(second.time - first.time)
     if off > allowed and seconds <= rules.fresh_start:
         what = f"is {off:.0f} m from where another report lets it be expected, allowed {allowed:.0f} m"
         return Verdict.JUMP if seconds > 0.0 else Verdict.CONFLICT, "position", what
@@ -281,9 +280,9 @@ def _next(course: Course, report: Report, rules: Rules) -> Course:
 
 
 def _faulty(track: Track, verdict: Verdict, field: str, problem: str, now: int) -> Track:
-    fault = Fault(verdict, field, f"{field} {problem}", now)
-    return replace(track, fault=fault, counts=_counted(track, verdict))
+    return _counted(replace(track, fault=Fault(verdict, field, problem, now)), verdict)
 
 
-def _counted(track: Track, verdict: Verdict) -> Mapping[Verdict, int]:
-    return MappingProxyType({**track.counts, verdict: track.counts.get(verdict, 0) + 1})
+def _counted(track: Track, verdict: Verdict) -> Track:
+    counts = {**track.counts, verdict: track.counts.get(verdict, 0) + 1}
+    return replace(track, verdict=verdict, counts=MappingProxyType(counts))

@@ -2,14 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
-from envs.formats.local_frame import carried, distance
 from ros_bridge.core import conversions
-from ros_bridge.core.fields import SECOND, FieldError, identifier, readable
-from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import Situation
+from ros_bridge.core.fields import FieldError, identifier, not_ahead, readable
+from ros_bridge.core.reports import Report, Sighting
+from ros_bridge.core.situation import Held, Situation
 from ros_bridge.core.tracks import UNKNOWN, Fault, Rules, Track, Verdict, refused, taken
+
+_T = TypeVar("_T")
 
 
 def ownship(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
@@ -17,14 +18,12 @@ def ownship(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
 
     With the first one of an id, its transmission, received as traffic before, goes.
     """
-    own = _track(situation.own, lambda: conversions.aircraft(message, "ownship"), "ownship", now, rules)
-    traffic, before = situation.traffic, situation.own.last
-    new = own.last is not None and (before is None or before.identifier != own.last.identifier)
-    echo = traffic.get(own.last.identifier) if own.last is not None and new else None
-    if own.last is not None and echo is not None:
-        last = echo.last
-        if last is None or _near(own.last, (last.latitude, last.longitude), last.time, rules):
-            traffic = {name: track for name, track in traffic.items() if name != own.last.identifier}
+    own = _followed(situation.own, _read(message, "ownship"), "ownship", now, rules)
+    traffic, before, last = situation.traffic, situation.own.last, own.last
+    if last is not None and (before is None or before.identifier != last.identifier):
+        echo = traffic.get(last.identifier, UNKNOWN).last
+        if echo is None or _near(last, echo.sighting, rules):
+            traffic = {name: track for name, track in traffic.items() if name != last.identifier}
     return replace(situation, own=own, traffic=traffic)
 
 
@@ -36,67 +35,64 @@ def traffic(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
     and the task has a note of it.
     """
     name = readable(lambda: identifier("", message.id)) or message.id
-    own = situation.own.last
-    if own is not None and own.identifier == name:
-        _, time, place, _ = conversions.sighting(message, name)
-        if time is None or place is None or _near(own, place, time, rules):
-            return situation
     called = f"intruder {name}"
-    before = situation.traffic.get(name, UNKNOWN)
-    track = _track(before, lambda: conversions.aircraft(message, called), called, now, rules)
+    found, own = _read(message, called), situation.own.last
+    if own is not None and own.identifier == name and _near(own, found.sighting, rules):
+        return situation
+    track = _followed(situation.traffic.get(name, UNKNOWN), found, called, now, rules)
     return replace(situation, traffic={**situation.traffic, name: track})
 
 
 def alert(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
     """Take in a TrafficAlert; one that is older than the last is passed over."""
-    try:
+
+    def read() -> conversions.Alert:
         new = conversions.alert(message)
-        ahead = (new.time - now) / SECOND
-        if ahead > rules.future:
-            field = "alert.header.stamp"
-            raise FieldError(field, f"is {ahead:.3f} s ahead of the clock, expected {rules.future:g} s at most")
-    except FieldError as error:
-        return replace(situation, alert_fault=_fault(error, now))
-    if situation.alert is not None and new.time < situation.alert.time:
-        return situation
-    return replace(situation, alert=new, alert_fault=None)
+        not_ahead("alert.header.stamp", new.time, now, rules.future)
+        return new
+
+    held, before = _held(situation.alert, read, now), situation.alert.value
+    late = held.value is not None and before is not None and held.value.time < before.time
+    return situation if late else replace(situation, alert=held)
 
 
-def route(situation: Situation, message: Any, now: int) -> Situation:
+def route(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
     """Take in a Trajectory of status ROUTE."""
-    try:
-        return replace(situation, route=conversions.published_route(message), route_fault=None)
-    except FieldError as error:
-        return replace(situation, route_fault=_fault(error, now))
+    return replace(situation, route=_held(situation.route, lambda: conversions.published_route(message), now))
 
 
-def geo_reference(situation: Situation, message: Any, now: int) -> Situation:
+def geo_reference(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
     """Take in a GeoReference."""
-    try:
-        return replace(situation, origin=conversions.geo_reference(message), origin_fault=None)
-    except FieldError as error:
-        return replace(situation, origin_fault=_fault(error, now))
+    return replace(situation, origin=_held(situation.origin, lambda: conversions.geo_reference(message), now))
 
 
 def reset(situation: Situation) -> Situation:
     """Return what holds after the clock has stepped back: route and geo-reference, for they have no age."""
-    return replace(situation, own=UNKNOWN, traffic={}, alert=None, alert_fault=None)
+    return Situation(origin=situation.origin, route=situation.route)
 
 
-def _near(own: Report, place: tuple[float, float], time: int, rules: Rules) -> bool:
-    """Return whether a place is where the ownship is to be expected at a time, ns."""
-    seconds = (time - own.time) / SECOND
-    expected = carried(own.latitude, own.longitude, own.east, own.north, seconds)
-    return distance(*expected, *place) <= rules.jump_distance + rules.jump_speed * abs(seconds)
+def _near(own: Report, seen: Sighting | None, rules: Rules) -> bool:
+    """Return whether an aircraft of the ownship's id may be the ownship: where it is expected, or at no known place."""
+    if seen is None or seen.time is None or seen.place is None:
+        return True
+    return own.off(seen.place, seen.time) <= rules.allowed(seen.time - own.time)
 
 
-def _track(before: Track, read: Callable[[], Report], name: str, now: int, rules: Rules) -> Track:
+def _held(before: Held[_T], read: Callable[[], _T], now: int) -> Held[_T]:
     try:
-        report = read()
+        return Held(read())
     except FieldError as error:
-        return refused(before, error.field, str(error), now, rules, error.sighting)
-    return taken(before, report, name, now, rules)[0]
+        return before._replace(fault=Fault(Verdict.INVALID, error.field, error.problem, now))
 
 
-def _fault(error: FieldError, now: int) -> Fault:
-    return Fault(Verdict.INVALID, error.field, str(error), now)
+def _read(message: Any, name: str) -> Report | FieldError:
+    try:
+        return conversions.aircraft(message, name)
+    except FieldError as error:
+        return error
+
+
+def _followed(before: Track, found: Report | FieldError, name: str, now: int, rules: Rules) -> Track:
+    if isinstance(found, FieldError):
+        return refused(before, found, now, rules)
+    return taken(before, found, name, now, rules)

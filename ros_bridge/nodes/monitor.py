@@ -19,7 +19,7 @@ What is to be flown is AssuranceStatus.fly. Parameters:
 """
 
 import math
-from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import rclpy
@@ -44,11 +44,10 @@ from ros_bridge.core.assurance import (
     withdrawn,
 )
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.situation import Situation
-from ros_bridge.transport import process, qos, views
+from ros_bridge.transport import process, qos
 from ros_bridge.transport.messages import header, point_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode
-from ros_bridge.transport.settings import monitor_thresholds
+from ros_bridge.transport.settings import aircraft_text, monitor_thresholds
 
 _BACKUP_AGAIN = SECOND  # between two publications of the backup that is flown
 _RUNNER = "rlcas_runner"
@@ -59,13 +58,11 @@ class Monitor(ListeningNode):
 
     def __init__(self, **more: Any) -> None:
         super().__init__("monitor", **more)
-        self._start()
 
     def _start(self) -> None:
-        self._situation = Situation()
+        super()._start()
         self._supervision = initial(monitor_thresholds(self._value, self._aircraft))
         self._verdict: Verdict | None = None
-        self._latest = 0
         self._heard_runner = 0
         self._pending: tuple[int, Any, int] | None = None
         self._waiting: Published | None = None
@@ -77,39 +74,18 @@ class Monitor(ListeningNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to listen."""
         self._start()
-        self.get_logger().info(f"aircraft {self._flown}")
+        self.get_logger().info(f"aircraft {aircraft_text(self._supervision.watch.thresholds.options)}")
         self._listen(_RUNNER)
         self._subscribe(Trajectory, f"{_RUNNER}/output/trajectory", self._on_trajectory, qos.LATCHED)
         self._subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.EVENTS)
         self._statuses = self._advertise(AssuranceStatus, "~/output/status", qos.LATCHED)
         self._backup = self._advertise(Trajectory, "~/output/backup", qos.LATCHED)
-        self._health = self._advertise(DiagnosticArray, "/diagnostics", qos.EVENTS)
         self._client = self.create_client(GenerateTrajectory, f"{_RUNNER}/generate_trajectory")
         self._entities.append(lambda: self.destroy_client(self._client))
         self._call_every(self._value("period"), self._on_timer)
-        self._call_every(self._value("diagnostics_period"), self._on_health)
         return TransitionCallbackReturn.SUCCESS
-
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop monitoring."""
-        self._active = False
-        return super().on_deactivate(state)
-
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget everything."""
-        self._destroy()
-        self._start()
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget everything."""
-        self._active = False
-        return self.on_cleanup(state)
 
     # Inputs.
-
-    def _stepped_back(self) -> None:
-        self._start()
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         name = self.resolve_topic_name(_RUNNER)
@@ -259,32 +235,14 @@ class Monitor(ListeningNode):
         return -1.0 if self._heard_runner == 0 else (now - self._heard_runner) / SECOND
 
     def _on_health(self) -> None:
-        now = self._now()
-        if not rclpy.ok(context=self.context):
-            return
-        level, message = DiagnosticStatus.OK, "ready"
         state = State(int(self._supervision.watch.monitor.state[0]))
-        if state in (State.DENIED, State.BACKUP):
-            level, message = DiagnosticStatus.WARN, state.name
-        silence = self._silence(now)
+        problem = (DiagnosticStatus.WARN, state.name if state in (State.DENIED, State.BACKUP) else "")
+        silence = self._silence(self._now())
         if not 0.0 <= silence <= self._value("runner_silence"):
-            level, message = DiagnosticStatus.ERROR, "the runner is silent"
-        if not self._active:
-            level, message = DiagnosticStatus.WARN, "not active"
-        if self._qos_problems:
-            level, message = DiagnosticStatus.ERROR, "; ".join(self._qos_problems.values())
-        outside = [] if self._verdict is None else self._verdict.outside
-        if outside and level == DiagnosticStatus.OK:
-            level, message = DiagnosticStatus.WARN, "; ".join(outside)
-        values = {"aircraft": self._flown, "outside domain": "; ".join(outside)}
-        values |= {
-            "state": state.name,
-            "flown": to_fly(self._supervision).name,
-            "silence of the runner, s": f"{silence:.2f}",
-        }
-        self._health.publish(views.diagnostics(now, self.get_fully_qualified_name(), level, message, values))
+            problem = (DiagnosticStatus.ERROR, "the runner is silent")
+        values = {"state": state.name, "flown": to_fly(self._supervision).name}
+        values |= {"silence of the runner, s": f"{silence:.2f}"}
+        self._publish_health(problem, [] if self._verdict is None else self._verdict.outside, values)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node."""
-    return process.main(Monitor, "monitor", __doc__, arguments)
+main = partial(process.main, Monitor, "monitor", __doc__)

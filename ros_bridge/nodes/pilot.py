@@ -15,7 +15,7 @@ no autopilot: an aircraft that rolls needs to look ahead (envs.c208.guidance). P
 """
 
 import math
-from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -102,6 +102,4 @@ class Pilot(Node):
         self._commands.publish(command)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node."""
-    return process.main(Pilot, "pilot", __doc__, arguments)
+main = partial(process.main, Pilot, "pilot", __doc__)

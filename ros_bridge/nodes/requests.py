@@ -14,7 +14,7 @@ from agents.policy.inference import Policy
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from ros_bridge.core.fields import SECOND, FieldError, stamp
-from ros_bridge.core.situation import Code, Refusal, Settings, Task
+from ros_bridge.core.situation import Code, Refusal, Settings, Task, check_age
 from ros_bridge.transport.messages import uuid_of
 
 NO_PLAN = uuid.UUID(int=0)
@@ -33,24 +33,18 @@ def check(request: GenerateTrajectory.Request, now: int, settings: Settings, hol
     """
     known = (request.REASON_ALERT, request.REASON_REPLAN, request.REASON_MANUAL)
     if request.reason not in known:
-        what = f"is {request.reason}, expected one of {list(known)}"
-        raise Refusal(Code.INVALID_REQUEST, "request.reason", f"request.reason {what}")
+        raise Refusal(Code.INVALID_REQUEST, "request.reason", f"is {request.reason}, expected one of {list(known)}")
     field, sent = "request.header.stamp", request.header.stamp
     if now > 0 and (sent.sec or sent.nanosec):
         try:
             age = (now - stamp(field, sent)) / SECOND
         except FieldError as error:
-            raise Refusal(Code.INVALID_REQUEST, error.field, str(error)) from error
-        if age > settings.request_age:
-            what = f"is {age:.2f} s old, expected {settings.request_age:g} s at most"
-            raise Refusal(Code.STALE_REQUEST, field, f"{field} {what}")
-        if -age > settings.future:
-            what = f"is {-age:.2f} s ahead of the clock, expected {settings.future:g} s at most"
-            raise Refusal(Code.FUTURE_REQUEST, field, f"{field} {what}")
+            raise Refusal(Code.INVALID_REQUEST, error.field, error.problem) from error
+        check_age("REQUEST", field, age, settings.request_age, settings.future)
     previous = uuid_of(request.previous_id)
     if previous not in (NO_PLAN, holding):
         what = f"is {previous}, but the plan that holds is {holding if holding.int else 'none'}"
-        raise Refusal(Code.SUPERSEDED, "request.previous_id", f"request.previous_id {what}")
+        raise Refusal(Code.SUPERSEDED, "request.previous_id", what)
 
 
 def pinned(policy: Policy, file: str, digest: str) -> Policy:

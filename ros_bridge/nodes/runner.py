@@ -1,12 +1,31 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""The node of the runner; :mod:`ros_bridge.runner` lists its topics, and runs it."""
+"""The runner: takes in ownship, traffic, alerts, route and geo-reference, and answers with plans.
+
+    python -m ros_bridge.runner [--ros-args -r __ns:=/n123 --params-file FILE -p intruder_max_age:=3.0 ...]
+
+A lifecycle node that configures and activates itself (``--manual`` leaves that to others). It subscribes from the
+configuration on, and answers and publishes while it is active:
+
+    in    ~/input/ownship, ~/input/traffic    rlcas_msgs/AircraftState   best effort
+          ~/input/alerts                      rlcas_msgs/TrafficAlert    reliable
+          ~/input/route                       rlcas_msgs/Trajectory      latched (parameter route_durability)
+          ~/input/geo_reference               rlcas_msgs/GeoReference    latched
+    out   ~/output/trajectory                 rlcas_msgs/Trajectory      latched; SAFE plans and withdrawals only
+          ~/output/advisory                   rlcas_msgs/Trajectory      reliable; plans that are not safe
+          ~/output/path, ~/output/markers     nav_msgs/Path, visualization_msgs/MarkerArray   latched
+          /diagnostics                        diagnostic_msgs/DiagnosticArray
+    srv   ~/generate_trajectory               rlcas_msgs/GenerateTrajectory
+
+Parameters:
+"""
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Path
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
@@ -23,13 +42,13 @@ from agents.policy.inference import Policy
 from ros_bridge.core import conversions, updates
 from ros_bridge.core.aircraft import loaded
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.situation import Code, Refusal, Situation, Task, refusal_of, task
+from ros_bridge.core.situation import Code, Refusal, Task, refusal_of, task
 from ros_bridge.core.tracks import Verdict
 from ros_bridge.nodes.requests import NO_PLAN, check, pinned, planned, rehearsed
-from ros_bridge.transport import qos, views
+from ros_bridge.transport import process, qos, views
 from ros_bridge.transport.messages import plan_message, trajectory_message, uuid_of
 from ros_bridge.transport.node_base import ListeningNode
-from ros_bridge.transport.settings import planning_settings, report_rules
+from ros_bridge.transport.settings import aircraft_text, planning_settings
 
 _VIEWS_EVERY = 0.1  # s at most from a plan to its situation
 
@@ -39,7 +58,6 @@ class Runner(ListeningNode):
 
     def __init__(self, **more: Any) -> None:
         super().__init__("runner", **more)
-        self._policy: Policy | None = None
         self._revision = 0
         self._unique = NO_PLAN
         self._views: tuple[Plan, Task] | None = None
@@ -48,6 +66,10 @@ class Runner(ListeningNode):
         self._thread = ThreadPoolExecutor(1, "search")
         self._searching = False
         self._era = 0
+
+    def _start(self) -> None:
+        super()._start()
+        self._policy: Policy | None = None
 
     # Life cycle.
 
@@ -61,21 +83,20 @@ class Runner(ListeningNode):
         except ValueError as error:
             self.get_logger().error(f"cannot be configured: {error}")
             return TransitionCallbackReturn.FAILURE
-        self.get_logger().info(f"policy {policy.sha256}; aircraft {self._flown}")
+        options = planning_settings(self._value, self._aircraft).options
+        self.get_logger().info(f"policy {policy.sha256}; aircraft {aircraft_text(options)}")
         self._listen("~")
-        self._subscribe(TrafficAlert, "~/input/alerts", self._on_alert, qos.EVENTS)
-        self._subscribe(Trajectory, "~/input/route", self._on_route, route_quality)
+        self._subscribe(TrafficAlert, "~/input/alerts", self._into(updates.alert), qos.EVENTS)
+        self._subscribe(Trajectory, "~/input/route", self._into(updates.route), route_quality)
         self._trajectories = self._advertise(Trajectory, "~/output/trajectory", qos.LATCHED)
         self._advice = self._advertise(Trajectory, "~/output/advisory", qos.EVENTS)
         self._paths = self._advertise(Path, "~/output/path", qos.LATCHED)
         self._markers = self._advertise(MarkerArray, "~/output/markers", qos.LATCHED)
-        self._health = self._advertise(DiagnosticArray, "/diagnostics", qos.EVENTS)
         answering: Any = self._on_request  # a coroutine, which rclpy's types do not know of
         # A group of its own, and reentrant: while one answer is waited for, all else goes on.
         group = ReentrantCallbackGroup()
         service = self.create_service(GenerateTrajectory, "~/generate_trajectory", answering, callback_group=group)
         self._entities.append(lambda: self.destroy_service(service))
-        self._call_every(self._value("diagnostics_period"), self._on_timer)
         self._call_every(_VIEWS_EVERY, self._on_views)
         # Not before: while it plans, this node and the others come to know each other.
         self._warm_up_timer = self.create_timer(0.0, self._warm_up, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -91,7 +112,6 @@ class Runner(ListeningNode):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Withdraw the plan, because it would not be replaced, and stop answering."""
         self._withdraw()
-        self._active = False
         self._era += 1
         return super().on_deactivate(state)
 
@@ -100,43 +120,17 @@ class Runner(ListeningNode):
         if self._searching:
             self.get_logger().error("the answer of a slow search is not given yet: try again in some seconds")
             return TransitionCallbackReturn.FAILURE
-        self._end()
-        return TransitionCallbackReturn.SUCCESS
+        return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Withdraw the plan and forget everything."""
-        if self._active:
-            self._withdraw()
-        self._active = False
-        self._end()
-        return TransitionCallbackReturn.SUCCESS
-
-    def _end(self) -> None:
-        self._destroy()
-        self._situation, self._policy = Situation(), None
-
-    # Inputs.
+        self._withdraw()
+        return super().on_shutdown(state)
 
     def _stepped_back(self) -> None:
         self._situation = updates.reset(self._situation)
         self._era += 1
         self._withdraw()
-
-    def _on_alert(self, message: TrafficAlert) -> None:
-        now = self._now()  # may reset the situation
-        self._situation = updates.alert(self._situation, message, now, report_rules(self._value))
-
-    def _on_route(self, message: Trajectory) -> None:
-        now = self._now()
-        self._situation = updates.route(self._situation, message, now)
-        if self._situation.route_fault is not None:
-            self.get_logger().error(self._situation.route_fault.message)
-
-    def _on_timer(self) -> None:
-        now = self._now()
-        self._forget(now)
-        if rclpy.ok(context=self.context):
-            self._health.publish(self._diagnosis(now))
 
     def _on_views(self) -> None:
         if self._views is None or not self._active:
@@ -155,7 +149,7 @@ class Runner(ListeningNode):
         try:
             await self._answer(request, response)
         except Refusal as refusal:
-            response.status, response.field, response.message = int(refusal.code), refusal.field, refusal.message
+            response.status, response.field, response.message = int(refusal.code), refusal.field, str(refusal)
         except Exception as error:  # The node goes on, and the caller gets an answer in any case.
             if rclpy.ok(context=self.context):  # else it is being stopped, and nothing can be published any more
                 self.get_logger().fatal(f"a request failed for an error of the runner: {error!r}")
@@ -169,14 +163,14 @@ class Runner(ListeningNode):
     async def _answer(self, request: GenerateTrajectory.Request, response: GenerateTrajectory.Response) -> None:
         now = self._now()
         if not self._active or self._policy is None:
-            raise Refusal(Code.NOT_ACTIVE, "node", "node is not active, expected it to be activated first")
+            raise Refusal(Code.NOT_ACTIVE, "node", "is not active, expected it to be activated first")
         self._forget(now)
         settings = planning_settings(self._value, self._aircraft)
         check(request, now, settings, self._unique)
         try:
             asked = conversions.route(request.route, "request.route") if request.route else None
         except FieldError as error:
-            raise Refusal(Code.INVALID_ROUTE, error.field, str(error)) from error
+            raise Refusal(Code.INVALID_ROUTE, error.field, error.problem) from error
         wanted = task(self._situation, now, settings, asked)
         try:
             result = planned(wanted, self._policy, exhaustive=False)
@@ -202,9 +196,9 @@ class Runner(ListeningNode):
         now = self._now()
         if era != self._era or not self._active:
             what = "was answered after the node had been deactivated or the clock had stepped back"
-            raise Refusal(Code.NOT_ACTIVE, "request", f"request {what}, expected another request")
+            raise Refusal(Code.NOT_ACTIVE, "request", f"{what}, expected another request")
         if unique != self._unique:
-            raise Refusal(Code.SUPERSEDED, "plan", "plan was overtaken by another while it was sought")
+            raise Refusal(Code.SUPERSEDED, "plan", "was overtaken by another while it was sought")
         found = job.result()
         if not found.safe:
             return found
@@ -230,8 +224,7 @@ class Runner(ListeningNode):
         response.field = result.reasons[0].field if result.reasons else ""
         response.advisory = "; ".join([*([result.advisory] if result.advisory else []), *wanted.notes])
         self._advisory = response.advisory
-        left_out = [(wanted.identifiers[one.number], one.reason) for one in result.excluded]
-        left_out += [(one.identifier, one.reason) for one in wanted.excluded]
+        left_out = [*((wanted.identifiers[one.number], one.reason) for one in result.excluded), *wanted.excluded]
         response.excluded_ids = [name for name, _ in left_out]
         response.excluded_reasons = [why for _, why in left_out]
         if not result.safe:
@@ -256,35 +249,33 @@ class Runner(ListeningNode):
         if self._active and rclpy.ok(context=self.context):
             self._trajectories.publish(withdrawal)
 
-    def _diagnosis(self, now: int) -> DiagnosticArray:
-        """Return whether a request would be answered now, and what is known."""
-        situation = self._situation
+    def _on_health(self) -> None:
+        """Publish whether a request would be answered now, and what is known."""
+        now = self._now()
+        self._forget(now)
+        situation, problem = self._situation, ""
         try:
             task(situation, now, planning_settings(self._value, self._aircraft))
-            level, message = DiagnosticStatus.OK, "ready"
         except Refusal as refusal:
-            level, message = DiagnosticStatus.WARN, refusal.message
-        if not self._active:
-            level, message = DiagnosticStatus.WARN, "not active"
-        if self._qos_problems:
-            level, message = DiagnosticStatus.ERROR, "; ".join(self._qos_problems.values())
+            problem = str(refusal)
         # Of the last plan, and of reports that contradict themselves, with which there is none.
         outside = [part for part in self._advisory.split("; ") if part.startswith("outside_domain")]
-        faults = (track.fault.message for track in (situation.own, *situation.traffic.values()) if track.fault)
+        traffic = sorted(situation.traffic.items())
+        named = [("ownship", situation.own), *traffic]
+        faults = (track.fault.message for _, track in named if track.fault)
         outside += [text for text in faults if "outside_domain" in text]
-        if outside and level == DiagnosticStatus.OK:
-            level, message = DiagnosticStatus.WARN, "; ".join(outside)
         values = {"policy sha256": "" if self._policy is None else self._policy.sha256}
-        values |= {"outside domain": "; ".join(outside)}
-        values |= {"aircraft": self._flown}
         values |= {"own age, s": f"{situation.own.age(now):.3f}", "intruders": str(len(situation.traffic))}
-        values |= {f"age of {name}, s": f"{track.age(now):.3f}" for name, track in sorted(situation.traffic.items())}
+        values |= {f"age of {name}, s": f"{track.age(now):.3f}" for name, track in traffic}
         values |= {f"answers {name}": str(count) for name, count in sorted(self._answers.items())}
         values |= {"last answer": self._last_answer, "revision": str(self._revision)}
-        for name, track in (("ownship", situation.own), *sorted(situation.traffic.items())):
+        for name, track in named:
             values |= {
                 f"reports of {name}: {kind.value}": str(count)
                 for kind, count in track.counts.items()
                 if kind is not Verdict.TAKEN
             }
-        return views.diagnostics(now, self.get_fully_qualified_name(), level, message, values)
+        self._publish_health((DiagnosticStatus.WARN, problem), outside, values)
+
+
+main = partial(process.main, Runner, "runner", __doc__)

@@ -1,6 +1,6 @@
 """A series of encounters in the simulator, as the parameters name them; the node that ``ros_bridge.simulator`` runs."""
 
-from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from envs.encounters import EncounterError, scenario
@@ -46,6 +46,4 @@ class Series(Simulator):
         self._next()
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node."""
-    return process.main(Series, "simulator", simulator.__doc__, arguments)
+main = partial(process.main, Series, "simulator", simulator.__doc__)

@@ -22,7 +22,7 @@ reach. ADS-B vehicles on the ground and obstacles (emitter types 17 to 19) are l
 
 import importlib
 import queue
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection
 from functools import partial
 from typing import Any
 
@@ -43,15 +43,14 @@ from ros_bridge.transport.messages import aircraft_message, sighting_message
 from ros_bridge.transport.settings import declare
 
 _RUNNER = "rlcas_runner"
-_OWN = {
-    "none": None,
-    "nav_sat_fix": None,
+_OWN, _TRAFFIC = ("none", "nav_sat_fix", "inspva", "inspvax"), ("none", "nav_sat_fix", "adsb")
+_MESSAGES = {
     "inspva": ("novatel_oem7_msgs", "INSPVA"),
     "inspvax": ("novatel_oem7_msgs", "INSPVAX"),
+    "adsb": ("mavros_msgs", "ADSBVehicle"),
 }
 _SILENCE = 10.0  # s after which a receiver that sends nothing is said to
 _DRAINED = 0.1  # s between two looks at what a receiver has sent
-_TRAFFIC = {"none": None, "nav_sat_fix": None, "adsb": ("mavros_msgs", "ADSBVehicle")}
 
 
 def paired(fix: Any, twist: Any, identity: str, reference: str, apart: float) -> Report:
@@ -65,18 +64,17 @@ def paired(fix: Any, twist: Any, identity: str, reference: str, apart: float) ->
     Raises:
         FieldError: there is no velocity of about the same time, or a field cannot be used; with a sighting.
     """
-    try:
+
+    def beside() -> Any:
         if twist is None:
             raise FieldError("velocity", "has not been received, expected one beside the fix")
         times = stamp("fix.header.stamp", fix.header.stamp), stamp("velocity.header.stamp", twist.header.stamp)
         off = abs(times[0] - times[1]) / SECOND
         if off > apart:
             raise FieldError("velocity.header.stamp", f"is {off:.2f} s from the fix's, expected {apart:g} s at most")
-        velocity = adapters.odometry_velocity(twist) if hasattr(twist, "pose") else twist.twist
-        return adapters.nav_sat_fix(fix, velocity, identity, reference)
-    except FieldError as error:
-        error.sighting = adapters.fix_sighting(fix, identity)
-        raise
+        return adapters.odometry_velocity(twist) if hasattr(twist, "pose") else twist.twist
+
+    return adapters.nav_sat_fix(fix, beside, identity, reference)
 
 
 class Translator(Node):
@@ -88,9 +86,9 @@ class Translator(Node):
         super().__init__("rlcas_translator", **more)
         declare(self, "translator")
         own, traffic = self._choice("own_source", _OWN), self._choice("traffic_source", _TRAFFIC)
-        self._reference = self._choice("own_altitude_reference", dict.fromkeys(ALTITUDE_CODES.values()))
+        self._reference = self._choice("own_altitude_reference", ALTITUDE_CODES.values())
         self._references = {
-            kind: self._choice(name, dict.fromkeys(ALTITUDE_CODES.values()))
+            kind: self._choice(name, ALTITUDE_CODES.values())
             for kind, name in ((0, "adsb_barometric_reference"), (1, "adsb_geometric_reference"))
             if self._value(name)
         }
@@ -114,10 +112,10 @@ class Translator(Node):
             self.create_subscription(TwistStamped, "~/input/velocity", self._on_velocity, qos.SENSOR)
             self.create_subscription(Odometry, "~/input/odometry", self._on_velocity, qos.SENSOR)
             self.create_subscription(NavSatFix, "~/input/fix", partial(self._on_fix, into, name), qos.SENSOR)
-        if own in ("inspva", "inspvax"):
-            self.create_subscription(_kind(own, _OWN), "~/input/inspva", self._on_inspva, qos.SENSOR)
-        if traffic == "adsb":
-            self.create_subscription(_kind(traffic, _TRAFFIC), "~/input/adsb", self._on_adsb, qos.TRAFFIC)
+        if own in _MESSAGES:
+            self.create_subscription(_kind(own), "~/input/inspva", self._on_inspva, qos.SENSOR)
+        if traffic in _MESSAGES:
+            self.create_subscription(_kind(traffic), "~/input/adsb", self._on_adsb, qos.TRAFFIC)
         if live:
             self._receiver = Receiver(live, lambda: self.get_clock().now().nanoseconds)
             self._live = adsb_live.Traffic(self._value("own_id"))
@@ -138,7 +136,7 @@ class Translator(Node):
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value
 
-    def _choice(self, name: str, known: dict[str, Any]) -> str:
+    def _choice(self, name: str, known: Collection[str]) -> str:
         value = self._value(name)
         if value not in known:
             raise ValueError(f"{name} is {value!r}, expected one of {', '.join(known)}")
@@ -213,8 +211,7 @@ class Translator(Node):
         values = {name: str(count) for name, count in sorted((self._counts | self._left_out()).items())}
         level, message = (DiagnosticStatus.WARN, self._wrong) if self._wrong else (DiagnosticStatus.OK, "ready")
         self._wrong = ""
-        now = self.get_clock().now().nanoseconds
-        self._health.publish(views.diagnostics(now, self.get_fully_qualified_name(), level, message, values))
+        self._health.publish(views.diagnostics(self, level, message, values))
 
 
 def _raised(found: Report | FieldError) -> Report:
@@ -223,15 +220,13 @@ def _raised(found: Report | FieldError) -> Report:
     return found
 
 
-def _kind(source: str, known: dict[str, Any]) -> Any:
+def _kind(source: str) -> Any:
     """Return the type of a source's messages."""
-    package, name = known[source]
+    package, name = _MESSAGES[source]
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)
     except (ModuleNotFoundError, AttributeError) as error:
         raise ValueError(f"{source} needs the package {package} with {name}, which is not installed") from error
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node."""
-    return process.main(Translator, "translator", __doc__, arguments)
+main = partial(process.main, Translator, "translator", __doc__)

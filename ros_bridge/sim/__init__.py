@@ -3,12 +3,11 @@
 from ros_bridge.sim.flight_log import FlightLog
 from ros_bridge.sim.guidance import Guidance
 from ros_bridge.sim.receivers import Quality, Received, Receiver
-from ros_bridge.sim.world import EncounterFlight, FlightPath, SimulationError
+from ros_bridge.sim.world import EncounterFlight, SimulationError
 
 __all__ = [
     "EncounterFlight",
     "FlightLog",
-    "FlightPath",
     "Guidance",
     "Quality",
     "Received",

@@ -8,21 +8,6 @@ import numpy as np
 NEVER_ASKED = "no alert"
 """The first answer where no plan was requested."""
 
-_HEAD = (
-    "encounter",
-    "first answer",
-    "source",
-    "closest, m",
-    "at, s",
-    "error, m",
-    "answers",
-    "re-plans",
-    "backup, s",
-    "answer med/max, ms",
-    "flown, s",
-    "wall, s",
-)
-
 
 @dataclass
 class FlightLog:
@@ -73,57 +58,52 @@ def kept(logs: Iterable[FlightLog]) -> bool:
 
 def table(logs: Sequence[FlightLog]) -> str:
     """Return one line an encounter and one for all."""
-    rows = [_HEAD, *(_row(log) for log in logs)]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(_HEAD))]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-    safe = [log for log in logs if log.safe_at is not None]
-    below = [log.name for log in safe if not log.kept]
-    failed = [f"{log.name}: {log.failure}" for log in logs if log.failure]
+    cells = [_cells(log) for log in logs]
+    rows = [tuple(cells[0]), *(tuple(row.values()) for row in cells)] if cells else []
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
     lines.append("")
+    safe = [log for log in logs if log.safe_at is not None]
     if safe:
-        least = min(safe, key=lambda log: log.separation)
+        least, below = min(safe, key=lambda log: log.separation), [log.name for log in safe if not log.kept]
         lines.append(
             f"{len(safe)} of {len(logs)} encounters had a plan called SAFE; the closest of them: "
             f"{least.separation:.1f} m ({least.name}); below {least.required:g} m: {', '.join(below) or 'none'}"
         )
     else:
         lines.append(f"none of {len(logs)} encounters had a plan called SAFE")
-    possible = [log for log in logs if log.resolvable]
+    possible = [log.safe_at is not None for log in logs if log.resolvable]
     if possible:
-        called = sum(log.safe_at is not None for log in possible)
         lines.append(
-            f"called SAFE of those that can be resolved at the separation planned with: {called} of {len(possible)} "
-            f"({100.0 * called / len(possible):.1f} %)"
+            "called SAFE of those that can be resolved at the separation planned with: "
+            f"{sum(possible)} of {len(possible)} ({100.0 * np.mean(possible):.1f} %)"
         )
     every = [value for log in logs for value in log.latency]
     if every:
         marks = np.percentile(every, (50.0, 90.0, 99.0, 100.0)) * 1e3
-        lines.append(
-            "answers, end to end, ms: median {:.1f}, 90 % {:.1f}, 99 % {:.1f}, max {:.1f}".format(*marks)
-            + f" ({len(every)} requests)"
+        shown = ", ".join(
+            f"{name} {mark:.1f}" for name, mark in zip(("median", "90 %", "99 %", "max"), marks, strict=True)
         )
+        lines.append(f"answers, end to end, ms: {shown} ({len(every)} requests)")
     flown, wall = sum(log.duration for log in logs), sum(log.wall for log in logs)
     if wall > 0.0:
         lines.append(f"{flown:.0f} s flown in {wall:.0f} s: {flown / wall:.1f} times real time")
-    return "\n".join(lines + failed)
+    return "\n".join([*lines, *(f"{log.name}: {log.failure}" for log in logs if log.failure)])
 
 
-def _row(log: FlightLog) -> tuple[str, ...]:
-    latency = "-"
-    if log.latency:
-        latency = f"{1e3 * float(np.median(log.latency)):.0f} / {1e3 * max(log.latency):.0f}"
-    closest = f"{log.separation:.1f}{'' if log.kept else ' !'}"
-    return (
-        log.name,
-        log.first,
-        log.source or "-",
-        closest,
-        f"{log.when:.0f}",
-        f"{log.error:.2f}" if log.safe_at is not None else "-",
-        str(sum(log.answers.values())),
-        str(max(log.plans - 1, 0)),
-        f"{log.backup:.1f}",
-        latency,
-        f"{log.duration:.0f}",
-        f"{log.wall:.1f}",
-    )
+def _cells(log: FlightLog) -> dict[str, str]:
+    slowest = [1e3 * float(of(log.latency)) for of in (np.median, max)] if log.latency else []
+    return {
+        "encounter": log.name,
+        "first answer": log.first,
+        "source": log.source or "-",
+        "closest, m": f"{log.separation:.1f}{'' if log.kept else ' !'}",
+        "at, s": f"{log.when:.0f}",
+        "error, m": f"{log.error:.2f}" if log.safe_at is not None else "-",
+        "answers": str(sum(log.answers.values())),
+        "re-plans": str(max(log.plans - 1, 0)),
+        "backup, s": f"{log.backup:.1f}",
+        "answer med/max, ms": " / ".join(f"{value:.0f}" for value in slowest) or "-",
+        "flown, s": f"{log.duration:.0f}",
+        "wall, s": f"{log.wall:.1f}",
+    }

@@ -45,35 +45,6 @@ class Truth(NamedTuple):
     """Largest distance from where the line was at the time, m, plans only."""
 
 
-class FlightPath:
-    """A curve to be flown, and where it is at a time.
-
-    Args:
-        curves: its legs, ``[L]``.
-        began: when its clock was 0, s.
-        lags: whether the vehicle has an aircraft's lags.
-    """
-
-    def __init__(self, curves: Legs, began: float, lags: bool) -> None:
-        self._curves, self._began = curves, began
-        self._guide: Any = None
-        if lags:
-            from envs.c208.guidance import Guide, Path
-
-            self._guide = Guide(Path(curves, began=began))
-
-    def place(self, time: float) -> VehicleState:
-        """Return where it is at a time, s."""
-        return VehicleState(*(float(field) for field in at(self._curves, np.float64(time - self._began))))
-
-    def commands(self, state: VehicleState, time: float) -> tuple[float, float]:
-        """Return acceleration (m/s^2) and yaw rate (rad/s) for the coming period."""
-        if self._guide is not None:
-            return self._guide.commands(state, time)
-        acceleration, yaw_rate = guidance(self._curves, state, np.float64(time - self._began))
-        return float(acceleration), float(yaw_rate)
-
-
 def vehicle(name: str, state: VehicleState, limits: Limits, viewer: Any = None) -> Vehicle:
     """Return an ownship of these limits; JSBSim is loaded for those that need it alone.
 
@@ -105,14 +76,6 @@ def vehicle(name: str, state: VehicleState, limits: Limits, viewer: Any = None) 
         raise SimulationError(f"vehicle {name!r}: {error}") from error
 
 
-def straight_on(state: VehicleState, began: float, lags: bool) -> FlightPath:
-    """Return the line straight ahead from a state."""
-    reach = state.speed * _LONGEST
-    x, y = state.x + reach * math.cos(state.heading), state.y + reach * math.sin(state.heading)
-    end = Waypoint(0, x, y, state.heading, state.speed, _LONGEST)
-    return FlightPath(legs(knots(state, [end])), began, lags)
-
-
 class EncounterFlight:
     """One encounter in flight.
 
@@ -132,17 +95,16 @@ class EncounterFlight:
     ) -> None:
         start = VehicleState(*(float(field[0]) for field in encounter.own))
         self.vehicle: Any = vehicle(kind, start, limits, viewer)
-        self._viewer = viewer
+        self._viewer, self._lags = viewer, kind != "kinematic"
         self._goal_radius, self._response = aircraft.goal_radius, aircraft.dt
-        self.lags = kind != "kinematic"
         self.time = 0.0
         """s since the beginning."""
         self.goal = float(encounter.goal_x[0]), float(encounter.goal_y[0])
-        self.course = start.heading
-        self.line = straight_on(start, 0.0, self.lags)
-        """What is flown."""
-        self.on_plan = False
-        """Whether that is a plan, so that errors count."""
+        self._ahead = math.cos(start.heading), math.sin(start.heading)
+        reach = start.speed * _LONGEST
+        x, y = start.x + reach * self._ahead[0], start.y + reach * self._ahead[1]
+        end = Waypoint(0, x, y, start.heading, start.speed, _LONGEST)
+        self.fly(legs(knots(start, [end])), 0.0, plan=False)
         self.truth = Truth()
         """Since the beginning, or since a new one was put here."""
         self.reached: float | None = None
@@ -165,8 +127,13 @@ class EncounterFlight:
         return {name: VehicleState(*row) for name, row in zip(self.names, rows, strict=True)}
 
     def fly(self, curves: Legs, began: float, *, plan: bool) -> None:
-        """Fly other legs ``[L]`` from now on, whose clock was 0 at ``began`` (s)."""
-        self.line, self.on_plan = FlightPath(curves, began, self.lags), plan
+        """Fly other legs ``[L]`` from now on, whose clock was 0 at ``began`` (s); errors from a plan count."""
+        self._curves, self._began, self._on_plan = curves, began, plan
+        self._guide: Any = None
+        if self._lags:
+            from envs.c208.guidance import Guide, Path
+
+            self._guide = Guide(Path(curves, began=began))
 
     def step(self) -> None:
         """Fly on by one period.
@@ -175,8 +142,10 @@ class EncounterFlight:
             envs.c208.vehicle.FlightError: of the vehicle.
         """
         before, others = self.own, self._intruders.vehicle
-        acceleration, yaw_rate = self.line.commands(before, self.time)
-        self.vehicle.step(acceleration, yaw_rate, PERIOD)
+        if self._guide is not None:
+            self.vehicle.step(*self._guide.commands(before, self.time), PERIOD)
+        else:
+            self.vehicle.step(*guidance(self._curves, before, np.float64(self.time - self._began)), PERIOD)
         after = self.own
         self._intruders = intruder.step(self._intruders, self._intent, self.time, PERIOD, np, response=self._response)
         self.time = round(self.time + PERIOD, 6)
@@ -186,13 +155,13 @@ class EncounterFlight:
         least = float(np.min(apart, initial=math.inf))
         if least < self.truth.separation:
             self.truth = self.truth._replace(separation=least, when=self.time)
-        if self.on_plan:
-            place = self.line.place(self.time)
-            error = math.hypot(place.x - after.x, place.y - after.y)
+        if self._on_plan:
+            place = at(self._curves, np.float64(self.time - self._began))
+            error = math.hypot(float(place.x) - after.x, float(place.y) - after.y)
             self.truth = self.truth._replace(error=max(self.truth.error, error))
         if self.reached is None:
             east, north = after.x - self.goal[0], after.y - self.goal[1]
-            beyond = east * math.cos(self.course) + north * math.sin(self.course) > 0.0
+            beyond = east * self._ahead[0] + north * self._ahead[1] > 0.0
             if beyond or math.hypot(east, north) <= self._goal_radius:
                 self.reached = self.time
 

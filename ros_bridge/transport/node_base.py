@@ -1,10 +1,12 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """What runner and monitor share: their inputs, releasing what was made, and a clock that may step back."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rlcas_msgs.msg import AircraftState, GeoReference
@@ -13,7 +15,7 @@ from ros_bridge.core import updates
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import forgotten
-from ros_bridge.transport import qos
+from ros_bridge.transport import qos, views
 from ros_bridge.transport.settings import aircraft_text, declare, planning_options, report_rules
 
 _BACKWARD = SECOND // 2  # by how much the clock may step back before everything received is forgotten
@@ -29,8 +31,6 @@ class ListeningNode(LifecycleNode):
         self._qos_problems: dict[str, str] = {}
         """Sentences on qualities of service that do not fit, by topic; kept until the node is configured anew."""
         self._active = False
-        self._latest = 0
-        self._situation = Situation()
         aircraft = declare(self, kind)
         assert aircraft is not None, "runner and monitor have an aircraft"
         self._aircraft = aircraft
@@ -40,6 +40,12 @@ class ListeningNode(LifecycleNode):
             self.destroy_node()
             raise
         self.add_on_set_parameters_callback(self._fitting)
+        self._start()
+
+    def _start(self) -> None:
+        """Forget everything that was received."""
+        self._situation = Situation()
+        self._latest = 0
 
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value if self.has_parameter(name) else None
@@ -52,10 +58,6 @@ class ListeningNode(LifecycleNode):
             return SetParametersResult(successful=False, reason=str(problem))
         return SetParametersResult(successful=True)
 
-    @property
-    def _flown(self) -> str:
-        return aircraft_text(planning_options(self._value, self._aircraft))
-
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to work."""
         self._active = True
@@ -63,11 +65,24 @@ class ListeningNode(LifecycleNode):
         self.get_logger().info("active")
         return done
 
-    def _destroy(self) -> None:
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop working."""
+        self._active = False
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget everything."""
         for destroy in self._entities:
             destroy()
         self._entities.clear()
         self._qos_problems.clear()
+        self._start()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop working and forget everything."""
+        self._active = False
+        return ListeningNode.on_cleanup(self, state)
 
     def _subscribe(self, kind: type, topic: str, callback: Callable[[Any], None], quality: Any) -> None:
         events = qos.subscription_events(topic, self._on_qos_problem)
@@ -87,24 +102,43 @@ class ListeningNode(LifecycleNode):
         self._entities.append(lambda: self.destroy_timer(timer))
 
     def _listen(self, name: str) -> None:
-        """Subscribe to ownship, traffic and geo-reference under the runner's name."""
-        self._subscribe(AircraftState, f"{name}/input/ownship", self._on_ownship, qos.SENSOR)
-        self._subscribe(AircraftState, f"{name}/input/traffic", self._on_traffic, qos.TRAFFIC)
-        self._subscribe(GeoReference, f"{name}/input/geo_reference", self._on_geo_reference, qos.LATCHED)
+        """Subscribe to ownship, traffic and geo-reference under the runner's name, and publish the state of health."""
+        self._subscribe(AircraftState, f"{name}/input/ownship", self._into(updates.ownship), qos.SENSOR)
+        self._subscribe(AircraftState, f"{name}/input/traffic", self._into(updates.traffic), qos.TRAFFIC)
+        self._subscribe(GeoReference, f"{name}/input/geo_reference", self._into(updates.geo_reference), qos.LATCHED)
+        self._health = self._advertise(DiagnosticArray, "/diagnostics", qos.EVENTS)
+        self._call_every(self._value("diagnostics_period"), self._on_health)
 
-    def _on_ownship(self, message: AircraftState) -> None:
-        now = self._now()  # may reset the situation
-        self._situation = updates.ownship(self._situation, message, now, report_rules(self._value))
+    def _into(self, update: Callable[..., Situation]) -> Callable[[Any], None]:
+        """Return what takes a message into the situation, and logs an origin or a route that cannot be used."""
 
-    def _on_traffic(self, message: AircraftState) -> None:
-        now = self._now()
-        self._situation = updates.traffic(self._situation, message, now, report_rules(self._value))
+        def take(message: Any) -> None:
+            now = self._now()  # may reset the situation
+            before = self._situation
+            self._situation = after = update(before, message, now, report_rules(self._value))
+            for held, new in ((before.origin, after.origin), (before.route, after.route)):
+                if new is not held and new.fault is not None:
+                    self.get_logger().error(new.fault.message)
 
-    def _on_geo_reference(self, message: GeoReference) -> None:
-        now = self._now()
-        self._situation = updates.geo_reference(self._situation, message, now)
-        if self._situation.origin_fault is not None:
-            self.get_logger().error(self._situation.origin_fault.message)
+        return take
+
+    def _on_health(self) -> None:
+        """Publish the state of health."""
+        raise NotImplementedError
+
+    def _publish_health(self, problem: tuple[bytes, str], outside: Sequence[str], values: dict[str, str]) -> None:
+        """Publish a level and what is wrong ("": nothing), or what is worse; ``outside`` its domain is a warning."""
+        level, message = problem if problem[1] else (DiagnosticStatus.OK, "ready")
+        if not self._active:
+            level, message = DiagnosticStatus.WARN, "not active"
+        if self._qos_problems:
+            level, message = DiagnosticStatus.ERROR, "; ".join(self._qos_problems.values())
+        if outside and level == DiagnosticStatus.OK:
+            level, message = DiagnosticStatus.WARN, "; ".join(outside)
+        flown = aircraft_text(planning_options(self._value, self._aircraft))
+        values = {"aircraft": flown, "outside domain": "; ".join(outside)} | values
+        if rclpy.ok(context=self.context):
+            self._health.publish(views.diagnostics(self, level, message, values))
 
     def _forget(self, now: int) -> None:
         """Forget the aircraft that have fallen silent."""
@@ -130,4 +164,4 @@ class ListeningNode(LifecycleNode):
 
     def _stepped_back(self) -> None:
         """Forget what belongs to another time."""
-        raise NotImplementedError
+        self._start()

@@ -72,16 +72,11 @@ def markers(plan: Plan, task: Task, frame: str) -> MarkerArray:
     return MarkerArray(markers=result)
 
 
-def diagnostics(time: int, name: str, level: bytes, message: str, values: Mapping[str, str]) -> DiagnosticArray:
-    """Return one state of health."""
-    status = DiagnosticStatus(
-        level=level,
-        name=name,
-        message=message,
-        hardware_id="rlcas",
-        values=[KeyValue(key=key, value=value) for key, value in values.items()],
-    )
-    return DiagnosticArray(header=header(time, ""), status=[status])
+def diagnostics(node: Any, level: bytes, message: str, values: Mapping[str, str]) -> DiagnosticArray:
+    """Return a node's state of health."""
+    status = DiagnosticStatus(level=level, name=node.get_fully_qualified_name(), message=message, hardware_id="rlcas")
+    status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
+    return DiagnosticArray(header=header(node.get_clock().now().nanoseconds, ""), status=[status])
 
 
 def _line(plan: Plan, task: Task) -> list[tuple[float, float]]:

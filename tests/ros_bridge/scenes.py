@@ -129,8 +129,8 @@ def heard(
     *intruders, own=None, reference=None, points=None, alerts=(), frame: LocalFrame = FRAME, now: int = NOW
 ) -> Situation:
     """Return what is known after messages of these intruders, a route, and an ownship that flies along it."""
-    situation = updates.geo_reference(Situation(), reference or geo_reference(frame), now)
-    situation = updates.route(situation, published(points or route_points(frame=frame)), now)
+    situation = updates.geo_reference(Situation(), reference or geo_reference(frame), now, RULES)
+    situation = updates.route(situation, published(points or route_points(frame=frame)), now, RULES)
     situation = updates.ownship(situation, own or aircraft(0.0, 0.0, 0.0, 75.0, id="own", frame=frame), now, RULES)
     for message in intruders:
         situation = updates.traffic(situation, message, now, RULES)
@@ -143,7 +143,6 @@ def refusal(situation: Situation, now: int = NOW, settings: Settings | None = No
     """Return the code and the field with which a request is refused."""
     with pytest.raises(Refusal) as caught:
         task(situation, now, settings or SETTINGS)
-    assert caught.value.message.startswith(caught.value.field)
     return caught.value.code, caught.value.field
 
 

@@ -16,7 +16,7 @@ import pyproj
 from agents.planner.request import Altitude
 from envs.formats.local_frame import LocalFrame, carried, distance
 from ros_bridge.core import conversions
-from ros_bridge.core.adapters import adsb_vehicle, fix_sighting, inspva, nav_sat_fix
+from ros_bridge.core.adapters import adsb_vehicle, inspva, nav_sat_fix
 from ros_bridge.core.fields import FieldError
 from tests.ros_bridge.scenes import (
     NOW,
@@ -310,18 +310,18 @@ def twist(x: float = 30.0, y: float = 40.0, z: float = 1.0) -> Any:
 
 
 def test_fix_and_velocity_make_a_report():
-    report = nav_sat_fix(fix(), twist(), "own")
+    report = nav_sat_fix(fix(), twist, "own", "wgs84")
     assert (report.latitude, report.longitude, report.east, report.north) == (47.0, 8.0, 30.0, 40.0)
     assert report.altitude == Altitude(500.0, "wgs84", 1.0)
     assert report.position_std == 3.0
-    assert nav_sat_fix(fix(), twist(), "own", "msl").altitude == Altitude(500.0, "msl", 1.0)
+    assert nav_sat_fix(fix(), twist, "own", "msl").altitude == Altitude(500.0, "msl", 1.0)
 
 
 def test_fix_without_altitude_or_covariance_is_taken_with_both_unknown():
-    report = nav_sat_fix(fix(altitude=math.nan, position_covariance=[math.nan] * 9), twist(), "own")
+    report = nav_sat_fix(fix(altitude=math.nan, position_covariance=[math.nan] * 9), twist, "own", "wgs84")
     assert (report.altitude, report.position_std) == (None, 0.0)
     assert (report.latitude, report.east) == (47.0, 30.0)
-    assert nav_sat_fix(fix(position_covariance_type=0), twist(), "own").position_std == 0.0
+    assert nav_sat_fix(fix(position_covariance_type=0), twist, "own", "wgs84").position_std == 0.0
 
 
 @pytest.mark.parametrize(
@@ -337,13 +337,15 @@ def test_fix_without_altitude_or_covariance_is_taken_with_both_unknown():
 )
 def test_bad_fix_is_refused_by_name(change: dict, velocity: Any, field: str):
     with pytest.raises(FieldError) as caught:
-        nav_sat_fix(fix(**change), velocity, "own")
+        nav_sat_fix(fix(**change), lambda: velocity, "own", "wgs84")
     assert caught.value.field == field
 
 
 def test_fix_without_velocity_still_says_where_the_aircraft_is():
-    assert fix_sighting(fix(), " N1 ") == ("n1", NOW, (47.0, 8.0), None)
-    assert fix_sighting(fix(status=-1), "n1").place is None
+    for status, place in ((0, (47.0, 8.0)), (-1, None)):
+        with pytest.raises(FieldError) as caught:
+            nav_sat_fix(fix(status=status), lambda: twist(math.nan, math.nan, math.nan), " N1 ", "wgs84")
+        assert caught.value.sighting == ("n1", NOW, place, None)
 
 
 def inertial(name: str, **more: Any) -> Any:

@@ -18,7 +18,7 @@ from agents.policy.inference import Policy
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.replies import flown, plan_points, start_point
-from ros_bridge.core.situation import Code, Situation, Task, task
+from ros_bridge.core.situation import NOTHING, Code, Situation, Task, task
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import (
     NOW,
@@ -94,9 +94,9 @@ def test_a_turning_ownship_is_advanced_along_its_arc():
 def test_missing_input_is_named():
     whole = heard(crossing())
     assert refusal(whole, 0) == (Code.NO_CLOCK, "clock")
-    assert refusal(replace(whole, origin=None)) == (Code.NO_GEO_REFERENCE, "geo_reference")
+    assert refusal(replace(whole, origin=NOTHING)) == (Code.NO_GEO_REFERENCE, "geo_reference")
     assert refusal(replace(whole, own=Situation().own)) == (Code.NO_OWNSHIP, "ownship")
-    assert refusal(replace(whole, route=None)) == (Code.NO_ROUTE, "route")
+    assert refusal(replace(whole, route=NOTHING)) == (Code.NO_ROUTE, "route")
     assert refusal(heard(crossing(), alerts=[alert("4b1a2c", "beef01")])) == (Code.NO_INTRUDER, "intruder beef01")
 
 
@@ -144,7 +144,7 @@ def test_places_far_from_the_geo_reference_are_refused_or_left_out():
     assert refusal(heard(points=route_points(spacing=11_000.0))) == (Code.INVALID_ROUTE, "route.waypoints[9]")
     far = aircraft(301_000.0, 0.0, 0.0, 75.0)
     wanted = task(heard(far), NOW, SETTINGS)
-    assert wanted.identifiers == () and wanted.excluded[0].identifier == "4b1a2c"
+    assert wanted.identifiers == () and wanted.excluded[0][0] == "4b1a2c"
     # An aircraft that an alert names is never left out for its distance.
     assert task(heard(far, alerts=[alert("4b1a2c")]), NOW, SETTINGS).identifiers == ("4b1a2c",)
 
@@ -245,8 +245,8 @@ def at(seconds: float, intruder: tuple[float, float, float], own: tuple[float, f
     """Return the task some seconds after NOW, the ownship having flown straight on where nothing else is said."""
     now = NOW + round(seconds * SECOND)
     rules = Rules(jump_distance=1e5)
-    situation = updates.geo_reference(Situation(), geo_reference(), now)
-    situation = updates.route(situation, published(route_points()), now)
+    situation = updates.geo_reference(Situation(), geo_reference(), now, rules)
+    situation = updates.route(situation, published(route_points()), now, rules)
     place = own or (75.0 * seconds, 0.0, 0.0)
     situation = updates.ownship(situation, aircraft(*place, 75.0, time=now, id="own"), now, rules)
     situation = updates.traffic(situation, aircraft(*intruder, 75.0, time=now), now, rules)
