@@ -44,13 +44,12 @@ from ros_bridge.core.assurance import (
     withdrawn,
 )
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.transport import process, qos
+from ros_bridge.transport import process, topics
 from ros_bridge.transport.messages import header, point_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode
 from ros_bridge.transport.settings import aircraft_text, monitor_thresholds
 
 _BACKUP_AGAIN = SECOND  # between two publications of the backup that is flown
-_RUNNER = "rlcas_runner"
 
 
 class Monitor(ListeningNode):
@@ -75,12 +74,12 @@ class Monitor(ListeningNode):
         """Begin to listen."""
         self._start()
         self.get_logger().info(f"aircraft {aircraft_text(self._supervision.watch.thresholds.options)}")
-        self._listen(_RUNNER)
-        self._subscribe(Trajectory, f"{_RUNNER}/output/trajectory", self._on_trajectory, qos.LATCHED)
-        self._subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.EVENTS)
-        self._statuses = self._advertise(AssuranceStatus, "~/output/status", qos.LATCHED)
-        self._backup = self._advertise(Trajectory, "~/output/backup", qos.LATCHED)
-        self._client = self.create_client(GenerateTrajectory, f"{_RUNNER}/generate_trajectory")
+        self._listen(private=False)
+        self._subscribe(topics.PLAN, self._on_trajectory)
+        self._subscribe(topics.DIAGNOSTICS, self._on_diagnostics)
+        self._statuses = self._advertise(topics.STATUS.private)
+        self._backup = self._advertise(topics.BACKUP.private)
+        self._client = self.create_client(GenerateTrajectory, topics.SERVICE)
         self._entities.append(lambda: self.destroy_client(self._client))
         self._call_every(self._value("period"), self._on_timer)
         return TransitionCallbackReturn.SUCCESS
@@ -88,7 +87,7 @@ class Monitor(ListeningNode):
     # Inputs.
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        name = self.resolve_topic_name(_RUNNER)
+        name = self.resolve_topic_name(topics.RUNNER)
         if any(status.name == name for status in message.status):
             self._heard_runner = self._now()
 

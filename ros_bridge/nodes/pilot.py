@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import Twist
 from rclpy.node import Node
-from rlcas_msgs.msg import AircraftState, AssuranceStatus, Trajectory
+from rlcas_msgs.msg import AircraftState
 
 from envs.follower import PERIOD, guidance
 from envs.formats.local_frame import LocalFrame
@@ -31,11 +31,10 @@ from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.situation import Situation, placed
 from ros_bridge.core.tracks import Rules
 from ros_bridge.sim.guidance import Guidance, curve
-from ros_bridge.transport import process, qos
+from ros_bridge.transport import process, qos, topics
 from ros_bridge.transport.messages import uuid_of
 from ros_bridge.transport.settings import declare, limits_of
 
-_RUNNER, _MONITOR = "rlcas_runner", "rlcas_monitor"
 _SILENCE = 0.5  # s of the monitor, after which an error is logged
 
 
@@ -49,14 +48,11 @@ class Pilot(Node):
         self._situation = Situation()
         self._line: tuple[int, LocalFrame, Legs, int] | None = None
         self._commands = self.create_publisher(Twist, "~/output/command", qos.EVENTS)
-        self.create_subscription(AircraftState, f"{_RUNNER}/input/ownship", self._on_ownship, qos.SENSOR)
-        self.create_subscription(Trajectory, f"{_RUNNER}/output/trajectory", self._on_trajectory, qos.LATCHED)
-        self.create_subscription(AssuranceStatus, f"{_MONITOR}/output/status", self._guidance.set_status, qos.LATCHED)
-        self.create_subscription(Trajectory, f"{_MONITOR}/output/backup", self._guidance.set_backup, qos.LATCHED)
+        topics.OWNSHIP.heard(self, self._on_ownship)
+        topics.PLAN.heard(self, self._guidance.add_plan)
+        topics.STATUS.heard(self, self._guidance.set_status)
+        topics.BACKUP.heard(self, self._guidance.set_backup)
         self.create_timer(PERIOD, self._on_timer)
-
-    def _on_trajectory(self, message: Trajectory) -> None:
-        self._guidance.add_plan(message)
 
     def _on_ownship(self, message: AircraftState) -> None:
         now = self.get_clock().now().nanoseconds

@@ -26,15 +26,13 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
-from nav_msgs.msg import Path
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.task import Future
-from rlcas_msgs.msg import TrafficAlert, Trajectory
+from rlcas_msgs.msg import Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
-from visualization_msgs.msg import MarkerArray
 
 from agents.planner.answer import Plan, RequestError
 from agents.planner.publish import rechecked
@@ -45,7 +43,7 @@ from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.situation import Code, Refusal, Task, refusal_of, task
 from ros_bridge.core.tracks import Verdict
 from ros_bridge.nodes.requests import NO_PLAN, check, pinned, planned, rehearsed
-from ros_bridge.transport import process, qos, views
+from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.messages import plan_message, trajectory_message, uuid_of
 from ros_bridge.transport.node_base import ListeningNode
 from ros_bridge.transport.settings import aircraft_text, planning_settings
@@ -77,7 +75,9 @@ class Runner(ListeningNode):
         """Load the policy and begin to listen."""
         file = self._value("policy_file")
         try:
-            route_quality = qos.route_input(self._value("route_durability"))
+            durability = self._value("route_durability")
+            if durability not in qos.ROUTE:
+                raise ValueError(f"route_durability is {durability!r}, expected {' or '.join(qos.ROUTE)}")
             policy = pinned(loaded(file), file, self._value("policy_sha256"))
             self._policy = policy = policy.for_aircraft(self._aircraft, outside=self._value("outside_domain"))
         except ValueError as error:
@@ -85,13 +85,13 @@ class Runner(ListeningNode):
             return TransitionCallbackReturn.FAILURE
         options = planning_settings(self._value, self._aircraft).options
         self.get_logger().info(f"policy {policy.sha256}; aircraft {aircraft_text(options)}")
-        self._listen("~")
-        self._subscribe(TrafficAlert, "~/input/alerts", self._into(updates.alert), qos.EVENTS)
-        self._subscribe(Trajectory, "~/input/route", self._into(updates.route), route_quality)
-        self._trajectories = self._advertise(Trajectory, "~/output/trajectory", qos.LATCHED)
-        self._advice = self._advertise(Trajectory, "~/output/advisory", qos.EVENTS)
-        self._paths = self._advertise(Path, "~/output/path", qos.LATCHED)
-        self._markers = self._advertise(MarkerArray, "~/output/markers", qos.LATCHED)
+        self._listen(private=True)
+        self._subscribe(topics.ALERTS.private, self._into(updates.alert))
+        self._subscribe(topics.ROUTE.private._replace(quality=qos.ROUTE[durability]), self._into(updates.route))
+        self._trajectories = self._advertise(topics.PLAN.private)
+        self._advice = self._advertise(topics.ADVISORY.private)
+        self._paths = self._advertise(topics.PATH.private)
+        self._markers = self._advertise(topics.MARKERS.private)
         answering: Any = self._on_request  # a coroutine, which rclpy's types do not know of
         # A group of its own, and reentrant: while one answer is waited for, all else goes on.
         group = ReentrantCallbackGroup()

@@ -30,7 +30,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rlcas_msgs.msg import AircraftState, AssuranceStatus, GeoReference, TrafficAlert, Trajectory
+from rlcas_msgs.msg import AssuranceStatus, GeoReference, TrafficAlert, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 from rosgraph_msgs.msg import Clock as ClockMessage
 
@@ -44,11 +44,10 @@ from ros_bridge.sim.flight_log import FlightLog
 from ros_bridge.sim.guidance import Guidance, curve
 from ros_bridge.sim.receivers import Quality, Receiver
 from ros_bridge.sim.world import OWN, VEHICLES, EncounterFlight, SimulationError, Truth
-from ros_bridge.transport import qos
+from ros_bridge.transport import topics
 from ros_bridge.transport.messages import header, uuid_of
 from ros_bridge.transport.settings import declare, limits_of
 
-_RUNNER, _MONITOR = "rlcas_runner", "rlcas_monitor"
 _START = 1_000 * SECOND  # at which every clock begins
 _TICK = round(PERIOD * SECOND)
 _AHEAD = 2 * _TICK  # by which the clock may run ahead of the monitor
@@ -95,17 +94,14 @@ class Simulator(Node):
         self._since = self._last = time.perf_counter()
         self._forget()
 
-        self._clocks = self.create_publisher(ClockMessage, "/clock", qos.CLOCK)
-        self._own = self.create_publisher(AircraftState, f"{_RUNNER}/input/ownship", qos.SENSOR)
-        self._traffic = self.create_publisher(AircraftState, f"{_RUNNER}/input/traffic", qos.TRAFFIC)
-        self._alerts = self.create_publisher(TrafficAlert, f"{_RUNNER}/input/alerts", qos.EVENTS)
-        self._routes = self.create_publisher(Trajectory, f"{_RUNNER}/input/route", qos.LATCHED)
-        self._origins = self.create_publisher(GeoReference, f"{_RUNNER}/input/geo_reference", qos.LATCHED)
-        self._client = self.create_client(GenerateTrajectory, f"{_RUNNER}/generate_trajectory")
-        self.create_subscription(Trajectory, f"{_RUNNER}/output/trajectory", self._on_trajectory, qos.LATCHED)
-        self.create_subscription(AssuranceStatus, f"{_MONITOR}/output/status", self._on_status, qos.LATCHED)
-        self.create_subscription(Trajectory, f"{_MONITOR}/output/backup", self._on_backup, qos.LATCHED)
-        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.EVENTS)
+        self._clocks = self.create_publisher(*topics.CLOCK)
+        inputs = (self.create_publisher(*topic) for topic in topics.INPUTS)
+        self._own, self._traffic, self._alerts, self._routes, self._origins = inputs
+        self._client = self.create_client(GenerateTrajectory, topics.SERVICE)
+        topics.PLAN.heard(self, self._on_trajectory)
+        topics.STATUS.heard(self, self._on_status)
+        topics.BACKUP.heard(self, self._on_backup)
+        topics.DIAGNOSTICS.heard(self, self._on_diagnostics)
         # The wall's clock: the simulated one does not go on by itself.
         self.create_timer(
             PERIOD / max(self._value("rate"), self._value("deciding_rate")),
@@ -323,7 +319,7 @@ class Simulator(Node):
             self._guidance.set_status(message)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        name = self.resolve_topic_name(_RUNNER)
+        name = self.resolve_topic_name(topics.RUNNER)
         stamp = nanoseconds(message.header.stamp)
         if any(status.name == name for status in message.status) and _START < stamp <= self._clock:
             self._runner_heard = stamp

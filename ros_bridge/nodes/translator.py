@@ -26,7 +26,7 @@ from collections.abc import Callable, Collection
 from functools import partial
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
@@ -37,12 +37,11 @@ from ros_bridge.core import adapters, adsb_live
 from ros_bridge.core.conversions import ALTITUDE_CODES, aircraft
 from ros_bridge.core.fields import SECOND, FieldError, stamp
 from ros_bridge.core.reports import Report
-from ros_bridge.transport import process, qos, views
+from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.adsb_receiver import Receiver, checked_source
 from ros_bridge.transport.messages import aircraft_message, sighting_message
 from ros_bridge.transport.settings import declare
 
-_RUNNER = "rlcas_runner"
 _OWN, _TRAFFIC = ("none", "nav_sat_fix", "inspva", "inspvax"), ("none", "nav_sat_fix", "adsb")
 _MESSAGES = {
     "inspva": ("novatel_oem7_msgs", "INSPVA"),
@@ -103,9 +102,9 @@ class Translator(Node):
         self._twist: Any = None
         self._counts: dict[str, int] = {}
         self._wrong = ""
-        self._own = self.create_publisher(AircraftState, f"{_RUNNER}/input/ownship", qos.SENSOR)
-        self._traffic = self.create_publisher(AircraftState, f"{_RUNNER}/input/traffic", qos.TRAFFIC)
-        self._health = self.create_publisher(DiagnosticArray, "/diagnostics", qos.EVENTS)
+        self._own, self._traffic, self._health = (
+            self.create_publisher(*topic) for topic in (topics.OWNSHIP, topics.TRAFFIC, topics.DIAGNOSTICS)
+        )
         if "nav_sat_fix" in (own, traffic):
             into = self._own if own == "nav_sat_fix" else self._traffic
             name = self._value("own_id" if own == "nav_sat_fix" else "traffic_id")
@@ -121,7 +120,7 @@ class Translator(Node):
             self._live = adsb_live.Traffic(self._value("own_id"))
             self._reader = (adsb_live.BaseStation if self._receiver.lines else adsb_live.AircraftJson)(self._live)
             self._heard = self.get_clock().now().nanoseconds
-            self.create_subscription(AircraftState, f"{_RUNNER}/input/ownship", self._on_ownship, qos.SENSOR)
+            topics.OWNSHIP.heard(self, self._on_ownship)
             self.create_timer(_DRAINED, self._on_live)
             self._receiver.start()
         self.create_timer(self._value("diagnostics_period"), self._on_timer)

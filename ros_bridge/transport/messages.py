@@ -7,39 +7,19 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Vector3
 from rlcas_msgs.msg import AircraftState, Trajectory, Waypoint
 from std_msgs.msg import Header
 from unique_identifier_msgs.msg import UUID
 
-from agents.planner.answer import Plan, Source
-from ros_bridge.core.conversions import (
-    ALTITUDE,
-    ALTITUDE_CODES,
-    POINT_ALTITUDE,
-    POINT_SPEED,
-    POINT_TIME,
-    POINT_TRACK,
-    POSITION,
-    POSITION_STD,
-    TRUE_AIRSPEED,
-    VELOCITY,
-    VELOCITY_STD,
-    VERTICAL_SPEED,
-    WIND,
-    PlanPoint,
-)
+from agents.planner.answer import Plan
+from agents.planner.request import Altitude
+from ros_bridge.core.conversions import ALTITUDE_CODES, PlanPoint
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.replies import plan_points, start_point
 from ros_bridge.core.reports import Report, Sighting
 from ros_bridge.core.situation import Task
 
 _CODES = {name: code for code, name in ALTITUDE_CODES.items()}
-_SOURCES = {
-    Source.NONE: Trajectory.SOURCE_NONE,
-    Source.POLICY: Trajectory.SOURCE_POLICY,
-    Source.FALLBACK: Trajectory.SOURCE_FALLBACK,
-}
 
 
 def time_message(time: int) -> Time:
@@ -67,17 +47,14 @@ def point_message(point: PlanPoint) -> Waypoint:
     message = Waypoint(
         index=point.index,
         origin=Waypoint.ORIGIN_ROUTE if point.of_route else Waypoint.ORIGIN_POLICY,
-        valid=POINT_TRACK | POINT_SPEED | POINT_TIME,
+        valid=Waypoint.VALID_TRACK | Waypoint.VALID_GROUND_SPEED | Waypoint.VALID_TIME_OF_ARRIVAL,
         latitude=point.latitude,
         longitude=point.longitude,
         track_deg=point.track_deg,
         ground_speed=point.speed,
         time_of_arrival=time_message(point.time),
     )
-    if point.altitude is not None:
-        message.valid |= POINT_ALTITUDE
-        message.altitude = point.altitude.value
-        message.altitude_reference = _CODES[point.altitude.reference]
+    _set_altitude(message, point.altitude)
     return message
 
 
@@ -113,7 +90,7 @@ def plan_message(plan: Plan, task: Task, frame: str, revision: int, *, certified
         task.time,
         frame,
         revision,
-        source=_SOURCES[plan.source],
+        source=getattr(Trajectory, f"SOURCE_{plan.source.name}"),
         intruder_ids=[name for number, name in enumerate(task.identifiers) if number not in out],
         start=point_message(start_point(task.frame, task.own, task.time, task.own_altitude)),
         waypoints=[point_message(point) for point in plan_points(plan, task)],
@@ -125,31 +102,21 @@ def plan_message(plan: Plan, task: Task, frame: str, revision: int, *, certified
 
 def aircraft_message(report: Report, frame: str = "") -> AircraftState:
     """Return a report as an AircraftState; the inverse of :func:`ros_bridge.core.conversions.aircraft`."""
-    message = AircraftState(
-        header=header(report.time, frame),
-        id=report.identifier,
-        valid=POSITION | VELOCITY,
-        latitude=report.latitude,
-        longitude=report.longitude,
-        velocity=Vector3(x=report.east, y=report.north),
-    )
-    if report.altitude is not None:
-        message.valid |= ALTITUDE | VERTICAL_SPEED
-        message.altitude = report.altitude.value
-        message.altitude_reference = _CODES[report.altitude.reference]
-        message.velocity.z = report.altitude.vertical_speed
+    message = sighting_message(report.sighting, frame)
+    message.valid |= AircraftState.VALID_VELOCITY
+    message.velocity.x, message.velocity.y = report.east, report.north
     if report.position_std > 0.0:
-        message.valid |= POSITION_STD
+        message.valid |= AircraftState.VALID_POSITION_STD
         message.position_std = report.position_std
     if report.velocity_std > 0.0:
-        message.valid |= VELOCITY_STD
+        message.valid |= AircraftState.VALID_VELOCITY_STD
         message.velocity_std = report.velocity_std
     if report.true_airspeed is not None:
-        message.valid |= TRUE_AIRSPEED
+        message.valid |= AircraftState.VALID_TRUE_AIRSPEED
         message.true_airspeed = report.true_airspeed
     if report.wind is not None:
-        message.valid |= WIND
-        message.wind = Vector3(x=report.wind[0], y=report.wind[1])
+        message.valid |= AircraftState.VALID_WIND
+        message.wind.x, message.wind.y = report.wind
     return message
 
 
@@ -160,9 +127,16 @@ def sighting_message(sighting: Sighting, frame: str = "") -> AircraftState:
     """
     message = AircraftState(header=header(sighting.time or 0, frame), id=sighting.identifier)
     if sighting.place is not None:
-        message.valid |= POSITION
+        message.valid |= AircraftState.VALID_POSITION
         message.latitude, message.longitude = sighting.place
+    _set_altitude(message, sighting.altitude)
     if sighting.altitude is not None:
-        message.valid |= ALTITUDE
-        message.altitude, message.altitude_reference = sighting.altitude.value, _CODES[sighting.altitude.reference]
+        message.valid |= AircraftState.VALID_VERTICAL_SPEED
+        message.velocity.z = sighting.altitude.vertical_speed
     return message
+
+
+def _set_altitude(message: AircraftState | Waypoint, altitude: Altitude | None) -> None:
+    if altitude is not None:
+        message.valid |= message.VALID_ALTITUDE
+        message.altitude, message.altitude_reference = altitude.value, _CODES[altitude.reference]

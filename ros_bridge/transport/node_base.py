@@ -6,17 +6,18 @@ from dataclasses import replace
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rlcas_msgs.msg import AircraftState, GeoReference
 
 from ros_bridge.core import updates
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import forgotten
-from ros_bridge.transport import qos, views
+from ros_bridge.transport import qos, topics, views
 from ros_bridge.transport.settings import aircraft_text, declare, planning_options, report_rules
+from ros_bridge.transport.topics import Topic
 
 _BACKWARD = SECOND // 2  # by how much the clock may step back before everything received is forgotten
 
@@ -84,29 +85,38 @@ class ListeningNode(LifecycleNode):
         self._active = False
         return ListeningNode.on_cleanup(self, state)
 
-    def _subscribe(self, kind: type, topic: str, callback: Callable[[Any], None], quality: Any) -> None:
-        events = qos.subscription_events(topic, self._on_qos_problem)
-        made = self.create_subscription(kind, topic, callback, quality, event_callbacks=events)
+    def _subscribe(self, topic: Topic, callback: Callable[[Any], None]) -> None:
+        says = "a publisher offers less {} than asked for; nothing of it is received"
+        events = SubscriptionEventCallbacks(incompatible_qos=self._misfit(topic.name, says))
+        made = topic.heard(self, callback, event_callbacks=events)
         self._entities.append(lambda: self.destroy_subscription(made))
 
-    def _advertise(self, kind: type, topic: str, quality: Any) -> Any:
-        events = qos.publisher_events(topic, self._on_qos_problem)
+    def _advertise(self, topic: Topic) -> Any:
+        says = "a subscriber asks for more {} than offered; it receives nothing"
+        events = PublisherEventCallbacks(incompatible_qos=self._misfit(topic.name, says))
         # Diagnostics are published by the inactive node too.
-        make = self.create_publisher if topic == "/diagnostics" else self.create_lifecycle_publisher
-        made = make(kind, topic, quality, event_callbacks=events)
+        make = self.create_publisher if topic is topics.DIAGNOSTICS else self.create_lifecycle_publisher
+        made = make(*topic, event_callbacks=events)
         self._entities.append(lambda: self.destroy_publisher(made))
         return made
+
+    def _misfit(self, topic: str, says: str) -> Callable[[Any], None]:
+        def note(event: Any) -> None:
+            self._qos_problems[topic] = f"{topic}: {says.format(qos.misfit(event))}"
+            self.get_logger().error(self._qos_problems[topic])
+
+        return note
 
     def _call_every(self, period: float, callback: Callable[[], None]) -> None:
         timer = self.create_timer(period, callback)
         self._entities.append(lambda: self.destroy_timer(timer))
 
-    def _listen(self, name: str) -> None:
-        """Subscribe to ownship, traffic and geo-reference under the runner's name, and publish the state of health."""
-        self._subscribe(AircraftState, f"{name}/input/ownship", self._into(updates.ownship), qos.SENSOR)
-        self._subscribe(AircraftState, f"{name}/input/traffic", self._into(updates.traffic), qos.TRAFFIC)
-        self._subscribe(GeoReference, f"{name}/input/geo_reference", self._into(updates.geo_reference), qos.LATCHED)
-        self._health = self._advertise(DiagnosticArray, "/diagnostics", qos.EVENTS)
+    def _listen(self, *, private: bool) -> None:
+        """Subscribe to ownship, traffic and geo-reference, and publish the state of health; the runner privately."""
+        inputs = (topics.OWNSHIP, updates.ownship), (topics.TRAFFIC, updates.traffic)
+        for topic, update in (*inputs, (topics.GEO_REFERENCE, updates.geo_reference)):
+            self._subscribe(topic.private if private else topic, self._into(update))
+        self._health = self._advertise(topics.DIAGNOSTICS)
         self._call_every(self._value("diagnostics_period"), self._on_health)
 
     def _into(self, update: Callable[..., Situation]) -> Callable[[Any], None]:
@@ -146,10 +156,6 @@ class ListeningNode(LifecycleNode):
         if silent:
             self._situation = replace(self._situation, traffic=traffic)
             self.get_logger().info(f"silent, and forgotten: {', '.join(silent)}")
-
-    def _on_qos_problem(self, topic: str, sentence: str) -> None:
-        self._qos_problems[topic] = sentence
-        self.get_logger().error(sentence)
 
     def _now(self) -> int:
         """Return the node's time, ns; when it has stepped back, everything received belongs to another time."""

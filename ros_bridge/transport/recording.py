@@ -11,39 +11,18 @@ import os
 import struct
 import sys
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import Path as PathMessage
+from mcap.writer import Writer
 from rclpy.node import Node
-from rlcas_msgs.msg import AircraftState, AssuranceStatus, GeoReference, TrafficAlert, Trajectory
-from rosgraph_msgs.msg import Clock
-from visualization_msgs.msg import MarkerArray
+from rosidl_adapter.parser import parse_message_file
 
-from ros_bridge.transport import qos
+from ros_bridge.transport import topics
 
-__all__ = ["TOPICS", "GrowingFile", "Recorder", "RecordingError", "definition"]
-
-_RUNNER, _MONITOR = "rlcas_runner", "rlcas_monitor"
-TOPICS = (
-    (Clock, "/clock", qos.CLOCK),
-    (AircraftState, f"{_RUNNER}/input/ownship", qos.SENSOR),
-    (AircraftState, f"{_RUNNER}/input/traffic", qos.TRAFFIC),
-    (TrafficAlert, f"{_RUNNER}/input/alerts", qos.EVENTS),
-    (Trajectory, f"{_RUNNER}/input/route", qos.LATCHED),
-    (GeoReference, f"{_RUNNER}/input/geo_reference", qos.LATCHED),
-    (Trajectory, f"{_RUNNER}/output/trajectory", qos.LATCHED),
-    (Trajectory, f"{_RUNNER}/output/advisory", qos.EVENTS),
-    (PathMessage, f"{_RUNNER}/output/path", qos.LATCHED),
-    (MarkerArray, f"{_RUNNER}/output/markers", qos.LATCHED),
-    (AssuranceStatus, f"{_MONITOR}/output/status", qos.LATCHED),
-    (Trajectory, f"{_MONITOR}/output/backup", qos.LATCHED),
-    (DiagnosticArray, "/diagnostics", qos.EVENTS),
-)
-"""What is recorded: type, name and quality of service."""
+__all__ = ["GrowingFile", "Recorder", "RecordingError", "definition"]
 
 _SETTLE = 1.0  # s of real time at most until a message is in the file
 _END = struct.pack("<BQI", 0x0F, 4, 0) + struct.pack("<BQQQI", 0x02, 20, 0, 0, 0) + b"\x89MCAP0\r\n"
@@ -125,15 +104,11 @@ class Recorder:
         now: the time to be written beside each message, ns; where it steps back the recording goes on a second later.
 
     Raises:
-        RecordingError: the file cannot be made, or what writes it is not installed.
+        RecordingError: the file cannot be made.
         OSError: the file cannot be written.
     """
 
     def __init__(self, node: Node, path: Path, now: Callable[[], int]) -> None:
-        try:
-            from mcap.writer import Writer
-        except ModuleNotFoundError as error:
-            raise RecordingError(f"recording needs {error.name}, which is not installed (make ros)") from error
         try:
             self._file = GrowingFile(path)
         except OSError as error:
@@ -141,26 +116,22 @@ class Recorder:
             raise RecordingError(f"{path} {what}") from error
         self.path = path
         """Of the file; another one once the recording has failed."""
-        self._writer: Any = Writer(self._file)  # pyright: ignore[reportArgumentType] - it writes, tells and flushes
+        self._writer: Writer | None = Writer(self._file)  # pyright: ignore[reportArgumentType] - it writes, tells and flushes
         self._now, self._latest, self._shift = now, 0, 0
         self._settled = time.monotonic()
         self._counts: dict[int, int] = {}
         schemas: dict[str, int] = {}
-        channels = []
-        with self._guarded():
-            self._writer.start(profile="ros2", library="rlcas-toolkit")
-            for kind, topic, quality in TOPICS:
-                name = _name(kind)
+        channels = {}
+        with self._guarded() as writer:
+            writer.start(profile="ros2", library="rlcas-toolkit")
+            for topic in topics.EVERY:
+                name = f"{topic.kind.__module__.split('.')[0]}/msg/{topic.kind.__name__}"
                 if name not in schemas:
-                    schemas[name] = self._writer.register_schema(name, "ros2msg", definition(name).encode())
-                channel = self._writer.register_channel(node.resolve_topic_name(topic), "cdr", schemas[name])
-                channels.append((kind, topic, quality, channel))
-            self._writer.flush()
-        for kind, topic, quality, channel in channels:
-            node.create_subscription(kind, topic, self._writing(channel), quality, raw=True)
-
-    def _writing(self, channel: int) -> Callable[[Any], None]:
-        return lambda data: self._write(channel, data)
+                    schemas[name] = writer.register_schema(name, "ros2msg", definition(name).encode())
+                channels[topic] = writer.register_channel(node.resolve_topic_name(topic.name), "cdr", schemas[name])
+            writer.flush()
+        for topic, channel in channels.items():
+            topic.heard(node, partial(self._write, channel), raw=True)
 
     def _write(self, channel: int, data: bytes) -> None:
         if self._writer is None:
@@ -175,8 +146,8 @@ class Recorder:
         self._writer.add_message(channel, log_time=now, publish_time=now, sequence=number, data=bytes(data))
         if time.monotonic() - self._settled > _SETTLE:
             self._settled = time.monotonic()
-            with self._guarded():
-                self._writer.flush()
+            with self._guarded() as writer:
+                writer.flush()
 
     def close(self) -> None:
         """Finish the file.
@@ -185,16 +156,17 @@ class Recorder:
             OSError: it cannot be written.
         """
         if self._writer is not None:
-            with self._guarded():
-                self._writer.finish()
+            with self._guarded() as writer:
+                writer.finish()
                 self._file.close(finished=True)
             self._writer = None
 
     @contextmanager
-    def _guarded(self) -> Generator[None]:
+    def _guarded(self) -> Generator[Writer]:
         """End the recording where it cannot be written: it keeps what it holds, under a name that says so."""
+        assert self._writer is not None
         try:
-            yield
+            yield self._writer
         except OSError:
             self._writer = None
             self._file.close(finished=False)
@@ -212,37 +184,25 @@ def definition(name: str) -> str:
     Raises:
         RecordingError: it is not installed.
     """
-    order = list(dict.fromkeys([name, *_parts(name)]))
-    texts = [_text(name), *(f"MSG: {_short(one)}\n{_text(one)}" for one in order[1:])]
-    return f"\n{'=' * 80}\n".join(texts)
+    texts: dict[str, str] = {}
+    waiting = [name]
+    while waiting:
+        one = waiting.pop(0)
+        package, folder, kind = one.split("/")
+        if one in texts:
+            continue
+        file = _file(package, folder, kind)
+        texts[one] = file.read_text(encoding="utf-8")
+        types = [field.type for field in parse_message_file(package, str(file)).fields]
+        waiting += [f"{part.pkg_name}/msg/{part.type}" for part in types if part.pkg_name]
+    rest = (f"MSG: {one.replace('/msg/', '/')}\n{text}" for one, text in texts.items() if one != name)
+    return f"\n{'=' * 80}\n".join([texts[name], *rest])
 
 
-def _parts(name: str) -> Iterator[str]:
-    """Yield the messages that a message consists of, at all depths."""
-    from rosidl_adapter.parser import parse_message_string
-
-    package, _, kind = name.split("/")
-    for field in parse_message_string(package, kind, _text(name)).fields:
-        if field.type.pkg_name:
-            part = f"{field.type.pkg_name}/msg/{field.type.type}"
-            yield part
-            yield from _parts(part)
-
-
-def _text(name: str) -> str:
-    package, folder, kind = name.split("/")
-    prefixes = [sys.prefix, *os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)]
-    for prefix in filter(None, prefixes):
+def _file(package: str, folder: str, kind: str) -> Path:
+    prefixes = [sys.prefix, *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))]
+    for prefix in prefixes:
         file = Path(prefix) / "share" / package / folder / f"{kind}.msg"
         if file.is_file():
-            return file.read_text(encoding="utf-8")
-    raise RecordingError(f"the definition of {name} is in none of {prefixes}")
-
-
-def _short(name: str) -> str:
-    package, _, kind = name.split("/")
-    return f"{package}/{kind}"
-
-
-def _name(kind: Any) -> str:
-    return f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
+            return file
+    raise RecordingError(f"the definition of {package}/{folder}/{kind} is in none of {prefixes}")

@@ -23,7 +23,7 @@ pytest.importorskip("rclpy", reason=MISSING)
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from rclpy.exceptions import ParameterException
-from rlcas_msgs.msg import AircraftState, Trajectory
+from rlcas_msgs.msg import AircraftState, Trajectory, Waypoint
 from rlcas_msgs.srv import GenerateTrajectory
 from sensor_msgs.msg import NavSatFix
 
@@ -33,10 +33,9 @@ from ros_bridge.core.situation import Code
 from ros_bridge.nodes.monitor import Monitor
 from ros_bridge.nodes.runner import Runner
 from ros_bridge.nodes.translator import Translator, main, paired
-from ros_bridge.transport import parameters, qos
+from ros_bridge.transport import parameters, qos, topics
 from ros_bridge.transport.messages import time_message
 from ros_bridge.transport.overrides import refuse_unknown_nodes
-from ros_bridge.transport.recording import TOPICS
 from tests.ros_bridge.scenes import NOW, SECOND, definitions, stamp
 
 TRANSLATOR = "/rlcas_translator"
@@ -240,7 +239,7 @@ def test_the_docs_are_current():
 
 def test_the_layout_for_viewers_names_what_is_recorded():
     layout = json.loads((DOCS.parents[1] / "assets" / "foxglove-layout.json").read_text(encoding="utf-8"))
-    recorded = {f"/{name.removeprefix('/')}": kind for kind, name, _ in TOPICS}
+    recorded = {f"/{name.removeprefix('/')}": kind for kind, name, _ in topics.EVERY}
     panels = layout["configById"]
     shown = [*panels["3D!plan"]["topics"], panels["DiagnosticSummary!health"]["topicToRender"]]
     assert set(shown) <= set(recorded)
@@ -363,7 +362,10 @@ def test_messages_hold_what_the_conversions_expect():
 
     bits = [name for name in dir(AircraftState) if name.startswith("VALID_")]
     assert sorted(getattr(AircraftState, name) for name in bits) == [1 << n for n in range(8)]
-    assert AircraftState.VALID_WIND == read.WIND and AircraftState.VALID_POSITION_STD == read.POSITION_STD
+    assert all(getattr(AircraftState, name) == getattr(read, name.removeprefix("VALID_")) for name in bits)
+    for name, bit in (("ALTITUDE", read.POINT_ALTITUDE), ("TRACK", read.POINT_TRACK)):
+        assert getattr(Waypoint, f"VALID_{name}") == bit
+    assert (Waypoint.VALID_GROUND_SPEED, Waypoint.VALID_TIME_OF_ARRIVAL) == (read.POINT_SPEED, read.POINT_TIME)
     for name in ("SAFE", "ROUTE", "BACKUP"):
         assert getattr(Trajectory, f"STATUS_{name}") == getattr(read, f"STATUS_{name}")
     codes = {

@@ -1,0 +1,52 @@
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+"""The topics between the nodes: what they carry, their names, and their qualities of service."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Path
+from rclpy.qos import QoSProfile
+from rlcas_msgs.msg import AircraftState, AssuranceStatus, GeoReference, TrafficAlert, Trajectory
+from rosgraph_msgs.msg import Clock
+from visualization_msgs.msg import MarkerArray
+
+from ros_bridge.transport import qos
+
+RUNNER, MONITOR = "rlcas_runner", "rlcas_monitor"
+SERVICE = f"{RUNNER}/generate_trajectory"
+
+
+class Topic(NamedTuple):
+    """A topic; ``node.create_publisher(*topic)`` publishes it."""
+
+    kind: Any
+    name: str
+    quality: QoSProfile
+
+    @property
+    def private(self) -> "Topic":
+        """The topic as the node calls it that it belongs to, whatever that node's name is."""
+        return self._replace(name=f"~/{self.name.partition('/')[2]}")
+
+    def heard(self, node: Any, callback: Callable[[Any], Any], **more: Any) -> Any:
+        """Return a node's subscription."""
+        return node.create_subscription(self.kind, self.name, callback, self.quality, **more)
+
+
+CLOCK = Topic(Clock, "/clock", qos.CLOCK)
+OWNSHIP = Topic(AircraftState, f"{RUNNER}/input/ownship", qos.SENSOR)
+TRAFFIC = Topic(AircraftState, f"{RUNNER}/input/traffic", qos.TRAFFIC)
+ALERTS = Topic(TrafficAlert, f"{RUNNER}/input/alerts", qos.EVENTS)
+ROUTE = Topic(Trajectory, f"{RUNNER}/input/route", qos.LATCHED)
+GEO_REFERENCE = Topic(GeoReference, f"{RUNNER}/input/geo_reference", qos.LATCHED)
+PLAN = Topic(Trajectory, f"{RUNNER}/output/trajectory", qos.LATCHED)
+ADVISORY = Topic(Trajectory, f"{RUNNER}/output/advisory", qos.EVENTS)
+PATH = Topic(Path, f"{RUNNER}/output/path", qos.LATCHED)
+MARKERS = Topic(MarkerArray, f"{RUNNER}/output/markers", qos.LATCHED)
+STATUS = Topic(AssuranceStatus, f"{MONITOR}/output/status", qos.LATCHED)
+BACKUP = Topic(Trajectory, f"{MONITOR}/output/backup", qos.LATCHED)
+DIAGNOSTICS = Topic(DiagnosticArray, "/diagnostics", qos.EVENTS)
+
+INPUTS = (OWNSHIP, TRAFFIC, ALERTS, ROUTE, GEO_REFERENCE)
+EVERY = (CLOCK, *INPUTS, PLAN, ADVISORY, PATH, MARKERS, STATUS, BACKUP, DIAGNOSTICS)
