@@ -23,7 +23,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--source", type=Path, default=_SOURCE, help="folder of the package (default rlcas_msgs)")
     parser.add_argument("--prefix", type=Path, default=Path(sys.prefix), help="where to install (default: here)")
     parser.add_argument("--build", type=Path, help="folder to build in (default build/ and the package's name)")
-    parser.add_argument("--jobs", type=int, default=2, help="compilers at a time (default 2)")
     options = parser.parse_args(arguments)
     problem = _missing()
     if problem:
@@ -48,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             *("cmake", "-S", str(options.source), "-B", build, "-G", "Ninja", "-DBUILD_TESTING=OFF", "-Wno-dev"),
             *(f"-DCMAKE_INSTALL_PREFIX={options.prefix.resolve()}", f"-DPython3_EXECUTABLE={sys.executable}"),
         ],
-        ["cmake", "--build", build, "--parallel", str(options.jobs)],
+        ["cmake", "--build", build, "--parallel", "2"],
         ["cmake", "--install", build],
     )
     for step in steps:

@@ -43,7 +43,7 @@ def nav_sat_fix(message: Any, beside: Callable[[], Any], identity: str, referenc
         status = integer(f"{name}.status.status", message.status.status, -128, 127)
         if status < 0:
             raise FieldError(f"{name}.status.status", f"is {status}, expected 0 or more: there is no fix")
-        return place(name, message)
+        return place(name, message.latitude, message.longitude)
 
     def over_ground() -> tuple[float, float]:
         twist = beside()
@@ -67,12 +67,9 @@ def nav_sat_fix(message: Any, beside: Callable[[], Any], identity: str, referenc
 
 
 def odometry_velocity(message: Any, name: str = "odometry") -> Any:
-    """Return the velocity of a nav_msgs/Odometry in ENU as something with the fields of a Twist.
+    """Return the velocity of a nav_msgs/Odometry in ENU like a Twist, or raise :class:`FieldError`.
 
     Its twist is given in the frame of the body (REP 105's child frame), whose attitude in ENU is the pose's.
-
-    Raises:
-        FieldError: the attitude is no rotation, or a field is not finite.
     """
     twist, attitude = message.twist.twist.linear, message.pose.pose.orientation
     x, y, z, w = (number(f"{name}.orientation.{axis}", getattr(attitude, axis), -1.01, 1.01, "") for axis in "xyzw")
@@ -88,12 +85,9 @@ def odometry_velocity(message: Any, name: str = "odometry") -> Any:
 
 
 def inspva(message: Any, identity: str, name: str = "inspva") -> Report:
-    """Return a report from NovAtel's INSPVA or INSPVAX; velocities are north, east, up.
+    """Return a report from NovAtel's INSPVA or INSPVAX, or raise :class:`FieldError`; velocities are north, east, up.
 
     INSPVA's height is above the ellipsoid. INSPVAX's is above mean sea level, with the geoid's undulation beside it.
-
-    Raises:
-        FieldError: the inertial solution is not good, or a field is not finite or out of range.
     """
     extended = hasattr(message, "undulation")
 
@@ -102,7 +96,7 @@ def inspva(message: Any, identity: str, name: str = "inspva") -> Report:
         status = integer(field, (message.ins_status if extended else message.status).status, 0, 2**32 - 1)
         if status != _INS_GOOD:
             raise FieldError(field, f"is {status}, expected {_INS_GOOD} (INS_SOLUTION_GOOD)")
-        return place(name, message)
+        return place(name, message.latitude, message.longitude)
 
     def height() -> Altitude:
         climb = number(f"{name}.up_velocity", message.up_velocity, -100.0, 100.0, "m/s")
@@ -151,7 +145,7 @@ def adsb_vehicle(
 
     def at() -> tuple[float, float]:
         needed(_COORDINATES, "coordinates")
-        return place(name, message)
+        return place(name, message.latitude, message.longitude)
 
     def speed() -> float:
         needed(_VELOCITY, "velocity")

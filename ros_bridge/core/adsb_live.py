@@ -15,7 +15,7 @@ from typing import Any
 from agents.planner.request import Altitude
 from envs.traffic.track_units import FOOT, KNOT
 from ros_bridge.core.conversions import report
-from ros_bridge.core.fields import SECOND, FieldError, latitude, longitude, number
+from ros_bridge.core.fields import SECOND, FieldError, number, place, tried
 from ros_bridge.core.reports import FASTEST, Report
 
 __all__ = ["LATEST", "AircraftJson", "BaseStation", "Traffic"]
@@ -34,11 +34,7 @@ _EPV = (0, 10, 3, 1, 0.3)  # m/s, by NACv
 
 
 class Traffic:
-    """Decides which of the aircraft received are traffic, and makes their reports.
-
-    Args:
-        own_id: the ownship's address; "": unknown.
-    """
+    """Decides which of the aircraft received are traffic, and makes their reports; the ownship's address may be ""."""
 
     def __init__(self, own_id: str) -> None:
         self.own: Report | None = None
@@ -72,7 +68,7 @@ class Traffic:
         found = report(
             address,
             lambda: time,
-            lambda: (latitude(f"{name}.latitude", row["lat"]), longitude(f"{name}.longitude", row["lon"])),
+            lambda: place(name, row["lat"], row["lon"]),
             lambda: _velocity(name, row),
             lambda: self._altitude(f"{name}.altitude", row),
             position_std=lambda: _sigma(_EPU, row.get("nac_p")),
@@ -135,10 +131,7 @@ class _Stream:
         return arrived - int(late)
 
     def _reports(self, address: str, time: int, row: Mapping[str, Any]) -> Iterator[Report | FieldError]:
-        try:
-            found = self._traffic.report(address, time, row)
-        except FieldError as error:
-            found = error
+        found = tried(lambda: self._traffic.report(address, time, row))
         if found is not None:
             yield found
 
@@ -151,11 +144,7 @@ class BaseStation(_Stream):
         self._heard: dict[str, dict[str, Any]] = {}
 
     def taken(self, text: str, arrived: int) -> Iterator[Report | FieldError]:
-        """Yield the report that a line completes, or why it cannot be used.
-
-        Raises:
-            TimeoutError: the stream is late by more than :data:`LATEST`, and has to be begun anew.
-        """
+        """Yield the report that a line completes, or why it cannot be used, or raise TimeoutError (:data:`LATEST`)."""
         parts = [part.strip() for part in text.split(",")]
         if not text.strip() or parts[0] in ("STA", "AIR", "ID", "SEL", "CLK"):
             return
@@ -188,12 +177,9 @@ class AircraftJson(_Stream):
     _now = math.nan
 
     def taken(self, text: str, arrived: int) -> Iterator[Report | FieldError]:
-        """Yield the reports of a document, and why aircraft cannot be used.
+        """Yield the reports of a document and why aircraft cannot be used; raise TimeoutError as :data:`LATEST` says.
 
         The first document may have been left there long ago, so reports begin with one that is later.
-
-        Raises:
-            TimeoutError: as above.
         """
         try:
             document = json.loads(text)

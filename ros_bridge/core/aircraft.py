@@ -10,11 +10,7 @@ from envs.aircraft import Aircraft
 
 @cache
 def loaded(policy_file: str) -> Policy:
-    """Return the policy of a file; the one that ships for "".
-
-    Raises:
-        ValueError: there is none.
-    """
+    """Return the policy of a file, for "" the one that ships, or raise ValueError."""
     try:
         return Policy.load(policy_file or None)
     except (PolicyFileError, OSError) as error:
@@ -22,11 +18,7 @@ def loaded(policy_file: str) -> Policy:
 
 
 def aircraft_of(file: str, policy_file: str) -> Aircraft:
-    """Return the aircraft of a file, or of one that ships under this name (``uas``); the policy's for "".
-
-    Raises:
-        ValueError: there is none, or it cannot be.
-    """
+    """Return the aircraft of a file or of a name that ships (``uas``), for "" the policy's, or raise ValueError."""
     if not file:
         return loaded(policy_file).aircraft
     # Not before it is asked for: these take a third of a node's start.

@@ -21,7 +21,7 @@ from agents.planner.request import Altitude, Intruder
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
-from ros_bridge.core.conversions import STATUS_SAFE, PlanPoint, trajectory
+from ros_bridge.core.conversions import STATUS_SAFE, PlanPoint, Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reach import Reach, apart, level, out_of_reach
 from ros_bridge.core.replies import flown, geodetic_points
@@ -45,50 +45,27 @@ _HORIZON = 1.25  # how long a plan lasts at most, in the times of its waypoints
 _UNKNOWN = VehicleState(math.nan, math.nan, math.nan, math.nan)
 
 
-@dataclass(frozen=True, slots=True)
-class Published:
-    """A plan as it was published."""
-
-    unique: bytes
-    revision: int
-    began: int
-    """ns."""
-    start: PlanPoint
-    points: tuple[PlanPoint, ...]
-    identifiers: tuple[str, ...]
-    """Of the intruders that it takes account of."""
-
-
 @dataclass(frozen=True)
 class Supervision:
     """The state of the monitor; never changed in place."""
 
     watch: Watch
     frame: LocalFrame | None = None
-    zero: int = 0
-    """Of the monitor's clock, ns."""
-    held: Published | None = None
-    """The plan that is monitored; None: none, or it was withdrawn."""
-    revision: int = 0
-    """The greatest that was received."""
-    asked: int = 0
-    """When the last request went out, ns."""
+    zero: int = 0  # of the monitor's clock, ns
+    held: Published | None = None  # the plan that is monitored; None: none, or it was withdrawn
+    revision: int = 0  # the greatest that was received
+    asked: int = 0  # when the last request went out, ns
     reported: Mapping[str, Report] = field(default_factory=lambda: MappingProxyType({}))
     """The reports that the monitor got last."""
 
 
 def published(message: Any, count: int, name: str = "trajectory") -> Published:
-    """Return a SAFE plan of so many waypoints.
-
-    Raises:
-        FieldError: it is not called SAFE, or a field is not finite, out of range or inconsistent.
-    """
+    """Return a plan called SAFE, of so many waypoints, or raise :class:`FieldError`."""
     if message.status != STATUS_SAFE:
         raise FieldError(f"{name}.status", f"is {message.status}, expected {STATUS_SAFE} (SAFE)")
     if len(message.waypoints) != count:
         raise FieldError(f"{name}.waypoints", f"has {len(message.waypoints)} points, expected {count}")
-    unique = bytes(bytearray(message.id.uuid))
-    return Published(unique, message.revision, *trajectory(message, name), tuple(message.intruder_ids))
+    return trajectory(message, name)
 
 
 def initial(thresholds: Thresholds) -> Supervision:
@@ -106,7 +83,7 @@ def activated(supervision: Supervision, situation: Situation, published: Publish
         frame, zero = LocalFrame(published.start.latitude, published.start.longitude), published.began
         fresh = watch.begin(supervision.watch.thresholds)
         supervision = replace(supervision, watch=fresh, frame=frame, zero=zero, reported=MappingProxyType({}))
-    own, waypoints = flown(frame, published.began, published.start, published.points)
+    own, waypoints = flown(frame, published)
     tracks = ((name, situation.traffic.get(name)) for name in published.identifiers)
     intruders = {
         name: _intruder(frame, track.estimate, zero, published.began)
@@ -128,14 +105,7 @@ def withdrawn(supervision: Supervision, revision: int) -> Supervision:
 
 
 def stepped(supervision: Supervision, situation: Situation, now: int) -> tuple[Supervision, Verdict | None]:
-    """Judge the present moment.
-
-    Args:
-        now: ns.
-
-    Returns:
-        The monitor, and its verdict; None before the first plan.
-    """
+    """Return the monitor after the present moment, ``now`` in ns, and its verdict; None before the first plan."""
     frame = supervision.frame
     if frame is None:
         return supervision, None
@@ -176,7 +146,7 @@ def answered(supervision: Supervision, number: int, published: Published | None)
     if published is None:
         after, _ = watch.answer(supervision.watch, number, received(()))
         return replace(supervision, watch=after), False
-    _, waypoints = flown(frame, published.began, published.start, published.points)
+    _, waypoints = flown(frame, published)
     # The runner began when the request arrived; the monitor counts from when it asked.
     late = (published.began - supervision.asked) / SECOND
     shifted = tuple(replace(point, time=point.time + late) for point in waypoints)
@@ -245,11 +215,7 @@ def _intruder(frame: LocalFrame, report: Report, zero: int, now: int) -> Intrude
 
 
 def _due(before: Report | None, track: Track, limits: Thresholds) -> Report | None:
-    """Return the report to hand over: the newest, unless it follows the one before closely and says nothing new.
-
-    Returns:
-        None where there is no good report.
-    """
+    """Return the report to hand over, if any: the newest, unless it follows closely and says nothing new."""
     newest = track.estimate
     if newest is None or track.fault is not None:
         return None

@@ -3,9 +3,9 @@
 Messages are read by their fields (:mod:`ros_bridge.core.fields`), so nothing here imports ROS.
 """
 
+import itertools
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from agents.planner.request import Altitude
@@ -36,22 +36,18 @@ class Origin(NamedTuple):
     """A geo-reference."""
 
     frame: LocalFrame
-    undulation: float | None
-    """Height of the geoid above the ellipsoid, m; None: unknown."""
+    undulation: float | None  # height of the geoid above the ellipsoid, m; None: unknown
 
 
-@dataclass(frozen=True, slots=True)
-class Alert:
+class Alert(NamedTuple):
     """A traffic alert."""
 
-    time: int
-    """ns."""
+    time: int  # ns
     level: int
     identifiers: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Station:
+class Station(NamedTuple):
     """A point of the route on the ellipsoid."""
 
     index: int
@@ -64,8 +60,7 @@ Route = tuple[Station, ...]
 """A filed route."""
 
 
-@dataclass(frozen=True, slots=True)
-class PlanPoint:
+class PlanPoint(NamedTuple):
     """A waypoint of a plan on the ellipsoid."""
 
     index: int
@@ -73,12 +68,20 @@ class PlanPoint:
     latitude: float
     longitude: float
     altitude: Altitude | None
-    track_deg: float
-    """Clockwise from true north, [0, 360)."""
-    speed: float
-    """Over the ground, m/s."""
-    time: int
-    """Of arrival, ns."""
+    track_deg: float  # clockwise from true north, [0, 360)
+    speed: float  # over the ground, m/s
+    time: int  # of arrival, ns
+
+
+class Published(NamedTuple):
+    """A plan as it was published."""
+
+    unique: bytes
+    revision: int
+    began: int  # ns
+    start: PlanPoint
+    points: tuple[PlanPoint, ...]
+    identifiers: tuple[str, ...]  # of the intruders that it takes account of
 
 
 def report(
@@ -127,11 +130,7 @@ def altitude(name: str, value: Any, code: Any, vertical_speed: float = 0.0) -> A
 
 
 def aircraft(message: Any, name: str) -> Report:
-    """Return the report that an AircraftState holds.
-
-    Raises:
-        FieldError: a field is missing, not finite, out of range or inconsistent with another; with a sighting.
-    """
+    """Return the report that an AircraftState holds, or raise :class:`FieldError` with a sighting."""
 
     def has(bit: int) -> bool:
         return bool(flags(f"{name}.valid", message.valid, 0xFF) & bit)
@@ -142,7 +141,7 @@ def aircraft(message: Any, name: str) -> Report:
 
     def at() -> tuple[float, float]:
         needed(POSITION, "position")
-        return place(name, message)
+        return place(name, message.latitude, message.longitude)
 
     def over_ground() -> tuple[float, float]:
         needed(VELOCITY, "velocity")
@@ -189,7 +188,7 @@ def aircraft(message: Any, name: str) -> Report:
 
 def geo_reference(message: Any, name: str = "geo_reference") -> Origin:
     """Return the origin that a GeoReference holds, or raise :class:`FieldError`."""
-    frame = LocalFrame(*place(name, message))
+    frame = LocalFrame(*place(name, message.latitude, message.longitude))
     undulation = None
     if message.geoid_undulation_valid:
         undulation = number(f"{name}.geoid_undulation", message.geoid_undulation, -120.0, 100.0, "m")
@@ -201,9 +200,7 @@ def alert(message: Any, name: str = "alert") -> Alert:
     time = stamp(f"{name}.header.stamp", message.header.stamp)
     level = integer(f"{name}.level", message.level, 0, 3)
     ids = tuple(identifier(f"{name}.intruder_ids[{n}]", one) for n, one in enumerate(message.intruder_ids))
-    for number_, one in enumerate(ids):
-        if one in ids[:number_]:
-            raise FieldError(f"{name}.intruder_ids[{number_}]", f"is {one!r} again, expected each aircraft once")
+    _once(ids, f"{name}.intruder_ids[{{}}]")
     if (level == 0) != (not ids):
         raise FieldError(
             f"{name}.intruder_ids", f"has {len(ids)} names at level {level}, expected names above level 0 only"
@@ -212,24 +209,17 @@ def alert(message: Any, name: str = "alert") -> Alert:
 
 
 def route(waypoints: Any, name: str = "route") -> Route:
-    """Return the route that waypoints of origin ROUTE make.
-
-    Raises:
-        FieldError: there are fewer than two, an index comes twice, or a field is not finite or out of range.
-    """
+    """Return the route that waypoints of origin ROUTE make, two or more, or raise :class:`FieldError`."""
     if len(waypoints) < 2:
         raise FieldError(f"{name}.waypoints", f"has {len(waypoints)} points, expected 2 or more")
-    seen: set[int] = set()
     points = []
     for number_, point in enumerate(waypoints):
         at = f"{name}.waypoints[{number_}]"
-        index = integer(f"{at}.index", point.index, 0, _LAST_INDEX)
-        if index in seen:
-            raise FieldError(f"{at}.index", f"is {index} again, expected one of its own")
-        seen.add(index)
         if integer(f"{at}.origin", point.origin, 0, 255) != ROUTE_POINT:
             raise FieldError(f"{at}.origin", f"is {point.origin}, expected {ROUTE_POINT} (ROUTE)")
-        points.append(Station(index, *place(at, point), _height(at, point)))
+        index = integer(f"{at}.index", point.index, 0, _LAST_INDEX)
+        points.append(Station(index, *place(at, point.latitude, point.longitude), _height(at, point)))
+    _once([point.index for point in points], f"{name}.waypoints[{{}}].index")
     return tuple(points)
 
 
@@ -249,7 +239,7 @@ def plan_point(message: Any, name: str) -> PlanPoint:
     return PlanPoint(
         integer(f"{name}.index", message.index, 0, _LAST_INDEX),
         integer(f"{name}.origin", message.origin, ROUTE_POINT, PLAN_POINT) == ROUTE_POINT,
-        *place(name, message),
+        *place(name, message.latitude, message.longitude),
         _height(name, message),
         number(f"{name}.track_deg", message.track_deg, 0.0, 360.0, "degrees"),
         number(f"{name}.ground_speed", message.ground_speed, 0.0, FASTEST, "m/s"),
@@ -257,25 +247,26 @@ def plan_point(message: Any, name: str) -> PlanPoint:
     )
 
 
-def trajectory(message: Any, name: str = "trajectory") -> tuple[int, PlanPoint, tuple[PlanPoint, ...]]:
-    """Return the start time (ns), the start and the waypoints of a plan.
-
-    Raises:
-        FieldError: a field is not finite or out of range, an index comes twice, or times do not increase.
-    """
+def trajectory(message: Any, name: str = "trajectory") -> Published:
+    """Return a plan or a backup, whose times increase and whose indices differ, or raise :class:`FieldError`."""
     began = stamp(f"{name}.header.stamp", message.header.stamp)
     start = plan_point(message.start, f"{name}.start")
     points = tuple(plan_point(point, f"{name}.waypoints[{n}]") for n, point in enumerate(message.waypoints))
-    seen, last = set(), began
-    for number_, point in enumerate(points):
-        at = f"{name}.waypoints[{number_}]"
-        if point.index in seen:
-            raise FieldError(f"{at}.index", f"is {point.index} again, expected one of its own")
-        if point.time <= last:
-            raise FieldError(f"{at}.time_of_arrival", "is not after the one before, expected later")
-        seen.add(point.index)
-        last = point.time
-    return began, start, points
+    _once([point.index for point in points], f"{name}.waypoints[{{}}].index")
+    for number_, (before, point) in enumerate(itertools.pairwise([start._replace(time=began), *points])):
+        if point.time <= before.time:
+            at = f"{name}.waypoints[{number_}].time_of_arrival"
+            raise FieldError(at, "is not after the one before, expected later")
+    return Published(bytes(message.id.uuid), message.revision, began, start, points, tuple(message.intruder_ids))
+
+
+def _once(values: Sequence[Any], field: str) -> None:
+    """Refuse a value that stands twice; ``field`` has a place for its number."""
+    seen = set()
+    for number_, one in enumerate(values):
+        if one in seen:
+            raise FieldError(field.format(number_), f"is {one!r} again, expected it once")
+        seen.add(one)
 
 
 def _height(name: str, point: Any) -> Altitude | None:

@@ -3,15 +3,21 @@
 A receiver that repeats an old position under fresh stamps, or names a velocity that is not the aircraft's, is not
 seen from one report to the next: the allowance for a jump is much larger than the way flown in between. Over some
 seconds it is: the displacement is compared with the integral of the reported velocities.
+
+The estimate after each report is :mod:`agents.assurance.tracker` on the ellipsoid: a report itself, with standard
+deviations of its own. Where reports declare no noise, or begin anew, it is the report, to the bit.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from agents.assurance.plausible import Tolerance, difference
-from envs.formats.local_frame import displacement
-from ros_bridge.core.estimates import Estimate, first, improved
+from agents.assurance.tracker import Tracks, begin, follow
+from envs.formats.local_frame import carried, displacement
+from envs.kinematics import VehicleState
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report
 
@@ -39,6 +45,13 @@ class _Window(NamedTuple):
     north: float = 0.0
 
 
+class Estimate(NamedTuple):
+    """An estimate, and what the tracker remembers; its place is the origin of the tracker's map, east and north."""
+
+    report: Report
+    tracks: Tracks
+
+
 @dataclass(frozen=True, slots=True)
 class Course:
     """Reports of one aircraft up to the newest."""
@@ -46,17 +59,15 @@ class Course:
     newest: Report
     windows: tuple[_Window, ...]
     estimate: Estimate
-    contradiction: str = ""
-    """How the places contradict the velocities; empty: they do not."""
-    reference: Report | None = None
-    """An earlier estimate, far enough back to read a turn from."""
+    contradiction: str = ""  # how the places contradict the velocities; empty: they do not
+    reference: Report | None = None  # an earlier estimate, far enough back to read a turn from
     turn_rate: float = 0.0
     """That the newest and an earlier estimate show, rad/s, positive to the left; 0 where noise could be all of it."""
 
 
 def begun(report: Report) -> Course:
     """Return a course of one report."""
-    return Course(report, (_Window(report),) * len(_WINDOWS), first(report), reference=report)
+    return Course(report, (_Window(report),) * len(_WINDOWS), _first(report), reference=report)
 
 
 def extended(course: Course, report: Report) -> Course:
@@ -78,7 +89,7 @@ def extended(course: Course, report: Report) -> Course:
             contradiction = ""
         if length >= longest:
             windows[number] = _Window(report)
-    estimate = improved(course.estimate, report)
+    estimate = _improved(course.estimate, report)
     reference, rate = _turning(course, estimate.report)
     return Course(report, tuple(windows), estimate, contradiction, reference, rate)
 
@@ -112,3 +123,42 @@ def _turning(course: Course, report: Report) -> tuple[Report, float]:
     speed = max(math.hypot(report.east, report.north), 1.0)
     noise = math.hypot(report.velocity_std, before.velocity_std) / (speed * seconds)
     return report, rate if abs(rate) >= _SIGMAS * noise else 0.0
+
+
+def _first(report: Report) -> Estimate:
+    return Estimate(report, begin(_moving(0.0, 0.0, report), report.position_std, report.velocity_std))
+
+
+def _improved(estimate: Estimate, report: Report) -> Estimate:
+    """Return the estimate after one more report, later than those before."""
+    if report.position_std == 0.0 and report.velocity_std == 0.0:
+        return _first(report)
+    before = estimate.report
+    x, y = displacement(*before.place, *report.place)
+    tracks = follow(
+        estimate.tracks,
+        _moving(x, y, report),
+        report.position_std,
+        report.velocity_std,
+        (report.time - before.time) / SECOND,
+    )
+    if tracks.count == 1.0:
+        return _first(report)
+    x, y, heading, speed = map(float, tracks.state)
+    latitude, longitude = carried(*before.place, x, y, 1.0)
+    believed = replace(
+        report,
+        latitude=latitude,
+        longitude=longitude,
+        east=speed * math.cos(heading),
+        north=speed * math.sin(heading),
+        position_std=float(np.sqrt(tracks.position_variance)),
+        velocity_std=float(np.sqrt(tracks.velocity_variance)),
+    )
+    here = tracks.state._replace(x=0.0, y=0.0)
+    return Estimate(believed, tracks._replace(state=here))
+
+
+def _moving(x: float, y: float, report: Report) -> VehicleState:
+    heading = math.atan2(report.north, report.east)
+    return VehicleState(x, y, heading, math.hypot(report.east, report.north))

@@ -33,20 +33,22 @@ class FieldError(ValueError):
         self.field, self.problem = field, problem
 
 
-def readable(read: Callable[[], _T]) -> _T | None:
-    """Return what ``read`` returns, or None where it raises :class:`FieldError`."""
+def tried(read: Callable[[], _T]) -> _T | FieldError:
+    """Return what ``read`` returns, or the :class:`FieldError` that it raises."""
     try:
         return read()
-    except FieldError:
-        return None
+    except FieldError as error:
+        return error
+
+
+def readable(read: Callable[[], _T]) -> _T | None:
+    """Return what ``read`` returns, or None where it raises :class:`FieldError`."""
+    found = tried(read)
+    return None if isinstance(found, FieldError) else found
 
 
 def number(name: str, value: Any, low: float, high: float, unit: str) -> float:
-    """Return a number as a plain float.
-
-    Raises:
-        FieldError: it is not a number, not finite or out of range.
-    """
+    """Return a finite number in a range as a plain float, or raise :class:`FieldError`."""
     try:
         result = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -64,27 +66,14 @@ def integer(name: str, value: Any, low: int, high: int) -> int:
     return value
 
 
-def latitude(name: str, value: Any) -> float:
-    """Return a latitude in degrees, or raise :class:`FieldError`."""
-    return number(name, value, -90.0, 90.0, "degrees")
-
-
-def longitude(name: str, value: Any) -> float:
-    """Return a longitude in degrees, or raise :class:`FieldError`."""
-    return number(name, value, -180.0, 180.0, "degrees")
-
-
-def place(name: str, message: Any) -> tuple[float, float]:
-    """Return latitude and longitude of a message in degrees, or raise :class:`FieldError`."""
-    return latitude(f"{name}.latitude", message.latitude), longitude(f"{name}.longitude", message.longitude)
+def place(name: str, latitude: Any, longitude: Any) -> tuple[float, float]:
+    """Return latitude and longitude in degrees, or raise :class:`FieldError`."""
+    latitude = number(f"{name}.latitude", latitude, -90.0, 90.0, "degrees")
+    return latitude, number(f"{name}.longitude", longitude, -180.0, 180.0, "degrees")
 
 
 def stamp(name: str, value: Any) -> int:
-    """Return a time of ROS (``sec``, ``nanosec``) as nanoseconds, greater than 0.
-
-    Raises:
-        FieldError: it is no time, or zero, which means that it was not set.
-    """
+    """Return a time of ROS that was set (not 0) in nanoseconds, or raise :class:`FieldError`."""
     seconds = integer(f"{name}.sec", value.sec, -(2**31), 2**31 - 1)
     rest = integer(f"{name}.nanosec", value.nanosec, 0, SECOND - 1)
     total = seconds * SECOND + rest

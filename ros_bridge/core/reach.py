@@ -24,20 +24,13 @@ class Reach:
     """What matters to an ownship."""
 
     own: Report
-    now: int
-    """ns."""
-    horizon: float
-    """For how long a plan lasts at most, s."""
-    separation: float
-    """To be kept horizontally, m."""
-    vertical: float
-    """Vertical separation beyond which an aircraft is left out, m."""
-    speed: float
-    """Highest of the ownship, m/s."""
-    traffic: float
-    """An aircraft may fly as fast as this whatever it last reported, m/s."""
-    undulation: float | None = None
-    """Height of the geoid above the ellipsoid, m; None: unknown."""
+    now: int  # ns
+    horizon: float  # for how long a plan lasts at most, s
+    separation: float  # to be kept horizontally, m
+    vertical: float  # vertical separation beyond which an aircraft is left out, m
+    speed: float  # highest of the ownship, m/s
+    traffic: float  # an aircraft may fly as fast as this whatever it last reported, m/s
+    undulation: float | None = None  # height of the geoid above the ellipsoid, m; None: unknown
     limit: float = math.inf
     """Distance from the ownship, m, beyond which aircraft with good reports are left out, too."""
 

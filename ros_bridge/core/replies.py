@@ -12,7 +12,7 @@ from envs.angles import wrap
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
-from ros_bridge.core.conversions import PlanPoint
+from ros_bridge.core.conversions import PlanPoint, Published
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.situation import Task
 
@@ -28,22 +28,14 @@ def start_point(frame: LocalFrame, own: VehicleState, time: int, altitude: Altit
     return geodetic_points(frame, [Waypoint(0, own.x, own.y, own.heading, own.speed, 0.0)], time, altitude)[0]
 
 
-def flown(
-    frame: LocalFrame, began: int, start: PlanPoint, points: Sequence[PlanPoint]
-) -> tuple[VehicleState, tuple[Waypoint, ...]]:
-    """Return a published plan in a local frame: the state that it starts from, and its waypoints with times in s.
-
-    Args:
-        frame: of the reader; it need not be the writer's.
-        began: time of the start, ns.
-        points: its waypoints.
-    """
-    every = [start, *points]
+def flown(frame: LocalFrame, plan: Published) -> tuple[VehicleState, tuple[Waypoint, ...]]:
+    """Return a published plan in a frame, not only its writer's: the first state, and the waypoints, times in s."""
+    every = [plan.start, *plan.points]
     at = frame.place([point.latitude for point in every], [point.longitude for point in every])
     track = np.radians([point.track_deg for point in every])
     heading = wrap(0.5 * math.pi - track + at.convergence, np)
     waypoints = [
-        Waypoint(point.index, float(x), float(y), float(psi), point.speed, (point.time - began) / SECOND)
+        Waypoint(point.index, float(x), float(y), float(psi), point.speed, (point.time - plan.began) / SECOND)
         for point, x, y, psi in zip(every, at.x, at.y, heading, strict=True)
     ]
     first = waypoints[0]

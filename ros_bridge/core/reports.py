@@ -15,10 +15,8 @@ class Sighting(NamedTuple):
     """Which aircraft a message that cannot be used is about, and where it was, as far as that is known."""
 
     identifier: str
-    time: int | None = None
-    """ns."""
-    place: tuple[float, float] | None = None
-    """Latitude and longitude, degrees."""
+    time: int | None = None  # ns
+    place: tuple[float, float] | None = None  # latitude and longitude, degrees
     altitude: Altitude | None = None
 
 
@@ -27,24 +25,16 @@ class Report:
     """A state of an aircraft as reported, checked by :mod:`ros_bridge.core.conversions`."""
 
     identifier: str
-    time: int
-    """At which it held, ns."""
-    latitude: float
-    """Degrees, WGS-84."""
+    time: int  # at which it held, ns
+    latitude: float  # degrees, WGS-84
     longitude: float
-    east: float
-    """Velocity over the ground, true east, m/s."""
+    east: float  # velocity over the ground, true east, m/s
     north: float
-    altitude: Altitude | None = None
-    """None: unknown."""
-    position_std: float = 0.0
-    """One sigma per axis, m."""
-    velocity_std: float = 0.0
-    """m/s."""
-    true_airspeed: float | None = None
-    """m/s; None: unknown."""
-    wind: tuple[float, float] | None = None
-    """Velocity of the air, true east and north, m/s; None: unknown."""
+    altitude: Altitude | None = None  # None: unknown
+    position_std: float = 0.0  # one sigma per axis, m
+    velocity_std: float = 0.0  # m/s
+    true_airspeed: float | None = None  # m/s; None: unknown
+    wind: tuple[float, float] | None = None  # velocity of the air, true east and north, m/s; None: unknown
 
     @property
     def place(self) -> tuple[float, float]:

@@ -45,20 +45,13 @@ class Settings:
     options: Options
     turn_time: float
     """For how long after its report an intruder is expected to go on with the turn that its reports show, s."""
-    turn_rates: tuple[float, float]
-    """Least and greatest turn rates that count as a turn, rad/s."""
-    ownship_age: float = 1.5
-    """Oldest own state, s."""
-    intruder_age: float = 5.0
-    """Oldest state of an intruder, s."""
-    alert_age: float = 10.0
-    """For how long an alert holds, s."""
-    request_age: float = 1.0
-    """Oldest request, s."""
-    future: float = 0.5
-    """By how much a stamp may lie ahead of the clock, s."""
-    wind_max: float = 20.0
-    """Strongest wind that is planned in, m/s."""
+    turn_rates: tuple[float, float]  # least and greatest turn rates that count as a turn, rad/s
+    ownship_max_age: float = 1.5  # oldest own state, s
+    intruder_max_age: float = 5.0  # oldest state of an intruder, s
+    alert_max_age: float = 10.0  # for how long an alert holds, s
+    request_max_age: float = 1.0  # oldest request, s
+    future_tolerance: float = 0.5  # by how much a stamp may lie ahead of the clock, s
+    wind_max: float = 20.0  # strongest wind that is planned in, m/s
 
 
 class Held(NamedTuple, Generic[_T]):
@@ -88,20 +81,16 @@ class Task:
     """What is handed to the planner."""
 
     frame: LocalFrame
-    time: int
-    """Of the request, ns."""
+    time: int  # of the request, ns
     own: VehicleState
     own_altitude: Altitude | None
-    identifiers: tuple[str, ...]
-    """Of the intruders, in their order."""
+    identifiers: tuple[str, ...]  # of the intruders, in their order
     intruders: tuple[Intruder, ...]
-    excluded: tuple[tuple[str, str], ...]
-    """Names of the aircraft that the plan takes no account of, and why."""
+    excluded: tuple[tuple[str, str], ...]  # names of the aircraft that the plan takes no account of, and why
     route: Route
     points: tuple[RoutePoint, ...]
     options: Options
-    notes: tuple[str, ...]
-    """What was assumed."""
+    notes: tuple[str, ...]  # what was assumed
 
 
 def task(situation: Situation, now: int, settings: Settings, asked_route: Route | None = None) -> Task:
@@ -117,7 +106,7 @@ def task(situation: Situation, now: int, settings: Settings, asked_route: Route 
     if now <= 0:
         raise Refusal(Code.NO_CLOCK, "clock", "stands at zero, expected a running clock (is /clock published?)")
     frame, undulation = _wanted(situation.origin, "geo_reference", "has not been received")
-    report = _usable(situation.own, "ownship", now, settings.ownship_age, settings.future)
+    report = _usable(situation.own, "ownship", now, settings.ownship_max_age, settings.future_tolerance)
     own = _now(placed(frame, report), turn_of(situation.own, settings), (now - report.time) / SECOND)
     far = math.hypot(own.x, own.y)
     if far > ACCURATE:
@@ -209,7 +198,7 @@ def _alerted(situation: Situation, now: int, settings: Settings) -> frozenset[st
     alert, fault = situation.alert
     if fault is not None:
         raise Refusal(Code.INVALID_ALERT, fault.field, fault.problem)
-    if alert is None or (now - alert.time) / SECOND > settings.alert_age:
+    if alert is None or (now - alert.time) / SECOND > settings.alert_max_age:
         return frozenset()
     unknown = [name for name in alert.identifiers if name not in situation.traffic]
     if unknown:
@@ -238,7 +227,7 @@ def _intruders(
     names, intruders, excluded = [], [], []
     for name, track in sorted(situation.traffic.items()):
         try:
-            _usable(track, f"intruder {name}", now, settings.intruder_age, settings.future)
+            _usable(track, f"intruder {name}", now, settings.intruder_max_age, settings.future_tolerance)
         except Refusal:
             why = None if name in alerted else out_of_reach(track, reach)
             if why is None:

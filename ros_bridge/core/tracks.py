@@ -22,30 +22,18 @@ class Verdict(Enum):
     """What became of a report."""
 
     TAKEN = "taken"
-    DUPLICATE = "duplicate"
-    """The last one again; passed over."""
-    REORDERED = "reordered"
-    """Older than the last one; passed over."""
-    FUTURE = "future"
-    """From further ahead of the clock than allowed; a fault."""
-    CONFLICT = "conflict"
-    """Another place or velocity at the time of the last one; a fault."""
-    JUMP = "jump"
-    """Not where the last one let it be expected; a fault unless the next report agrees with it."""
-    SHARED = "shared"
-    """The name is used at two places in turns; a fault as long as both are reported."""
-    CONTRADICTION = "contradiction"
-    """Over some seconds the places do not agree with the velocities, as where a position is frozen; a fault."""
-    INVALID = "invalid"
-    """Not finite, out of range or inconsistent; a fault."""
+    DUPLICATE = "duplicate"  # the last one again; passed over
+    REORDERED = "reordered"  # older than the last one; passed over
+    FUTURE = "future"  # from further ahead of the clock than allowed; a fault
+    CONFLICT = "conflict"  # another place or velocity at the time of the last one; a fault
+    JUMP = "jump"  # not where the last one let it be expected; a fault unless the next report agrees with it
+    SHARED = "shared"  # the name is used at two places in turns; a fault as long as both are reported
+    CONTRADICTION = "contradiction"  # places do not agree with velocities, as where one is frozen; a fault
+    INVALID = "invalid"  # not finite, out of range or inconsistent; a fault
 
 
-_OUTLIER = 2
-"""Good reports in a row that show that a doubtful one was an outlier."""
-
-_MOST_SIGHTED = 8
-"""Places of unusable reports that are remembered of one name."""
-
+_OUTLIER = 2  # good reports in a row that show that a doubtful one was an outlier
+_MOST_SIGHTED = 8  # places of unusable reports that are remembered of one name
 FAULTS = frozenset(Verdict) - {Verdict.TAKEN, Verdict.DUPLICATE, Verdict.REORDERED}
 
 
@@ -55,10 +43,8 @@ class Fault:
 
     verdict: Verdict
     field: str
-    problem: str
-    """A sentence without its subject, the field."""
-    arrived: int
-    """When, ns."""
+    problem: str  # a sentence without its subject, the field
+    arrived: int  # when, ns
 
     @property
     def message(self) -> str:
@@ -70,16 +56,11 @@ class Fault:
 class Rules:
     """What reports must keep to; see :mod:`ros_bridge.transport.parameters`."""
 
-    future: float = 0.5
-    """By how much a stamp may lie ahead of the clock, s."""
-    jump_distance: float = 500.0
-    """Largest distance from where the aircraft was expected, m, ..."""
-    jump_speed: float = 50.0
-    """... which grows with the time between the reports, m/s."""
-    same: float = 1.0
-    """Two reports of the same time agree within this, m and m/s."""
-    fresh_start: float = 30.0
-    """After so long without a report, s, any place is accepted."""
+    future: float = 0.5  # by how much a stamp may lie ahead of the clock, s
+    jump_distance: float = 500.0  # largest distance from where the aircraft was expected, m, ...
+    jump_speed: float = 50.0  # ... which grows with the time between the reports, m/s
+    same: float = 1.0  # two reports of the same time agree within this, m and m/s
+    fresh_start: float = 30.0  # after so long without a report, s, any place is accepted
 
     def allowed(self, time: int) -> float:
         """Return how far from where it is expected an aircraft may be after or before a time, ns, m."""
@@ -90,12 +71,9 @@ class Sighted(NamedTuple):
     """Where a name was reported by a message that cannot be used."""
 
     sighting: Sighting
-    arrived: int
-    """When, ns."""
-    again: bool = False
-    """Whether another such report agreed with it."""
-    since: int = 0
-    """Good reports of another place since."""
+    arrived: int  # when, ns
+    again: bool = False  # whether another such report agreed with it
+    since: int = 0  # good reports of another place since
 
     @property
     def time(self) -> int:
@@ -107,26 +85,18 @@ class Sighted(NamedTuple):
 class Track:
     """One aircraft."""
 
-    last: Report | None = None
-    """The last good report."""
-    estimate: Report | None = None
-    """The estimate after it (:mod:`ros_bridge.core.estimates`)."""
-    fault: Fault | None = None
-    """None: the newest report was good."""
+    last: Report | None = None  # the last good report
+    estimate: Report | None = None  # the estimate after it (:mod:`ros_bridge.core.courses`)
+    fault: Fault | None = None  # None: the newest report was good
     course: Course | None = None
     """The reports that the last good one follows from, those that contradict themselves included."""
-    rival: Course | None = None
-    """Reports of another place under the same name."""
-    since: int = 0
-    """Reports of the course since the rival's newest."""
-    shared: bool = False
-    """Whether the rival was confirmed after that: two aircraft."""
+    rival: Course | None = None  # reports of another place under the same name
+    since: int = 0  # reports of the course since the rival's newest
+    shared: bool = False  # whether the rival was confirmed after that: two aircraft
     sightings: tuple[Sighted, ...] = ()
     """Of the reports that cannot be used and that no good report explains; the newest last."""
-    verdict: Verdict = Verdict.TAKEN
-    """What became of the newest report."""
-    counts: Mapping[Verdict, int] = field(default_factory=lambda: MappingProxyType({}))
-    """Of all reports."""
+    verdict: Verdict = Verdict.TAKEN  # what became of the newest report
+    counts: Mapping[Verdict, int] = field(default_factory=lambda: MappingProxyType({}))  # of all reports
 
     @property
     def turn_rate(self) -> float:

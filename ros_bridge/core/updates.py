@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from ros_bridge.core import conversions
-from ros_bridge.core.fields import FieldError, identifier, not_ahead, readable
+from ros_bridge.core.fields import FieldError, identifier, not_ahead, readable, tried
 from ros_bridge.core.reports import Report, Sighting
 from ros_bridge.core.situation import Held, Situation
 from ros_bridge.core.tracks import UNKNOWN, Fault, Rules, Track, Verdict, refused, taken
@@ -18,7 +18,7 @@ def ownship(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
 
     With the first one of an id, its transmission, received as traffic before, goes.
     """
-    own = _followed(situation.own, _read(message, "ownship"), "ownship", now, rules)
+    own = _followed(situation.own, tried(lambda: conversions.aircraft(message, "ownship")), "ownship", now, rules)
     traffic, before, last = situation.traffic, situation.own.last, own.last
     if last is not None and (before is None or before.identifier != last.identifier):
         echo = traffic.get(last.identifier, UNKNOWN).last
@@ -36,7 +36,7 @@ def traffic(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
     """
     name = readable(lambda: identifier("", message.id)) or message.id
     called = f"intruder {name}"
-    found, own = _read(message, called), situation.own.last
+    found, own = tried(lambda: conversions.aircraft(message, called)), situation.own.last
     if own is not None and own.identifier == name and _near(own, found.sighting, rules):
         return situation
     track = _followed(situation.traffic.get(name, UNKNOWN), found, called, now, rules)
@@ -79,17 +79,10 @@ def _near(own: Report, seen: Sighting | None, rules: Rules) -> bool:
 
 
 def _held(before: Held[_T], read: Callable[[], _T], now: int) -> Held[_T]:
-    try:
-        return Held(read())
-    except FieldError as error:
-        return before._replace(fault=Fault(Verdict.INVALID, error.field, error.problem, now))
-
-
-def _read(message: Any, name: str) -> Report | FieldError:
-    try:
-        return conversions.aircraft(message, name)
-    except FieldError as error:
-        return error
+    found = tried(read)
+    if isinstance(found, FieldError):
+        return before._replace(fault=Fault(Verdict.INVALID, found.field, found.problem, now))
+    return Held(found)
 
 
 def _followed(before: Track, found: Report | FieldError, name: str, now: int, rules: Rules) -> Track:

@@ -10,11 +10,10 @@ from ros_bridge.transport import launching
 
 
 def _nodes(context: Any) -> list[Any]:
-    shared = launching.shared(context)
     # A runner that has died is started again; until it answers the monitor has its backup.
     nodes = [
-        launching.node(context, "runner", shared, respawn=True, respawn_delay=1.0),
-        launching.node(context, "monitor", shared),
+        launching.node(context, "runner", respawn=True, respawn_delay=1.0),
+        launching.node(context, "monitor"),
     ]
     if launching.value(context, "translate").lower() == "true":
         nodes.append(launching.node(context, "translator"))

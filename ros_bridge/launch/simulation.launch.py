@@ -18,18 +18,10 @@ _MORE = (
 
 
 def _nodes(context: Any) -> list[Any]:
-    shared = launching.shared(context)
-    flown = launching.shared(context, plans=False) | {
-        "scenario": launching.value(context, "scenario"),
-        "seed": int(launching.value(context, "seed")),
-        "encounters": int(launching.value(context, "encounters")),
-        "vehicle": launching.value(context, "vehicle"),
-        "rate": float(launching.value(context, "rate")),
-    }
     return [
-        launching.node(context, "runner", shared),
-        launching.node(context, "monitor", shared),
-        launching.node(context, "simulator", flown, on_exit=Shutdown()),
+        launching.node(context, "runner"),
+        launching.node(context, "monitor"),
+        launching.node(context, "simulator", *_MORE, on_exit=Shutdown()),
     ]
 
 

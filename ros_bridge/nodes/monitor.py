@@ -49,14 +49,14 @@ from ros_bridge.transport.messages import header, point_message, trajectory_mess
 from ros_bridge.transport.node_base import ListeningNode
 from ros_bridge.transport.settings import aircraft_text, monitor_thresholds
 
+_ERRORS = ("cross_track", "along_track", "time_error")
 _BACKUP_AGAIN = SECOND  # between two publications of the backup that is flown
 
 
 class Monitor(ListeningNode):
     """The node; what it decides is decided in :mod:`ros_bridge.core.assurance` and :mod:`agents.assurance.single`."""
 
-    def __init__(self, **more: Any) -> None:
-        super().__init__("monitor", **more)
+    kind = "monitor"
 
     def _start(self) -> None:
         super()._start()
@@ -96,16 +96,17 @@ class Monitor(ListeningNode):
         if message.status == Trajectory.STATUS_WITHDRAWN:
             self._supervision = withdrawn(self._supervision, message.revision)
             return
+        taken = self._plan_of(message)
+        if taken is not None:
+            self._waiting = taken
+            self._take_waiting()
+
+    def _plan_of(self, message: Trajectory) -> Published | None:
         try:
-            taken = published(message, self._value("waypoints"))
+            return published(message, self._value("waypoints"))
         except FieldError as error:
             self.get_logger().error(str(error))
-            return
-        if self._pending is not None:
-            # It may be the answer that is on its way; if not, its turn comes when that is settled.
-            self._waiting = taken
-        else:
-            self._supervision = activated(self._supervision, self._situation, taken)
+            return None
 
     # Judgement.
 
@@ -139,13 +140,9 @@ class Monitor(ListeningNode):
             return
         number = self._pending[0]
         self._heard_runner = self._now()
-        response = future.result()
-        taken = None
+        response, taken = future.result(), None
         if response.status == GenerateTrajectory.Response.STATUS_SAFE:
-            try:
-                taken = published(response.trajectory, self._value("waypoints"))
-            except FieldError as error:
-                self.get_logger().error(str(error))
+            taken = self._plan_of(response.trajectory)
         else:
             self.get_logger().warning(f"no plan: {response.message}")
         self._pending = None
@@ -169,7 +166,8 @@ class Monitor(ListeningNode):
             self._take_waiting()
 
     def _take_waiting(self) -> None:
-        if self._waiting is not None:
+        # While an answer is on its way, the plan may be that answer.
+        if self._waiting is not None and self._pending is None:
             self._supervision = activated(self._supervision, self._situation, self._waiting)
             self._waiting = None
 
@@ -182,9 +180,9 @@ class Monitor(ListeningNode):
         flown = to_fly(self._supervision)
         if flown is not Flown.BACKUP:
             self._backup_at = 0
-        elif now - self._backup_at >= _BACKUP_AGAIN and math.isfinite(
-            self._supervision.watch.monitor.backup.started[0]
-        ):
+            return
+        begun = math.isfinite(self._supervision.watch.monitor.backup.started[0])
+        if begun and now - self._backup_at >= _BACKUP_AGAIN:
             self._backup_at, self._backups = now, self._backups + 1
             own, frame = self._situation.own.last, self._value("map_frame")
             began, (start, *points) = backup(self._supervision, None if own is None else own.altitude)
@@ -196,13 +194,12 @@ class Monitor(ListeningNode):
         limits = self._supervision.watch.thresholds
         message = AssuranceStatus(
             header=header(now, self._value("map_frame")),
-            cross_track_limit=limits.cross_track,
-            along_track_limit=limits.along_track,
-            time_error_limit=limits.time_error,
             separation=-1.0,
             time_to_loss=-1.0,
             runner_silence=self._silence(now),
         )
+        for name in _ERRORS:
+            setattr(message, f"{name}_limit", getattr(limits, name))
         if self._supervision.held is not None:
             message.trajectory_id.uuid = list(self._supervision.held.unique)
             message.trajectory_revision = self._supervision.held.revision
@@ -217,11 +214,10 @@ class Monitor(ListeningNode):
         own = not causes & int(Cause.OWN_MISSING | Cause.OWN_STALE | Cause.CLOCK)
         message.measured = own and message.fly == int(Flown.PLAN)
         if message.measured:
-            message.cross_track = float(measured.cross_track[0])
-            message.along_track = float(measured.along_track[0])
-            message.time_error = float(measured.time_error[0])
             full = limits.sustained * limits.memory
-            shares = (limits.cross_track * full, limits.along_track * full, limits.time_error * full)
+            for name in _ERRORS:
+                setattr(message, name, float(getattr(measured, name)[0]))
+            shares = (getattr(limits, name) * full for name in _ERRORS)
             message.accumulated = [float(sum_ / share) for sum_, share in zip(monitor.sums[0], shares, strict=True)]
             if math.isfinite(measured.separation[0]):
                 # A lower bound, which the own distance from the plan may bring below zero.

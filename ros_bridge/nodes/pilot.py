@@ -32,7 +32,6 @@ from ros_bridge.core.situation import Situation, placed
 from ros_bridge.core.tracks import Rules
 from ros_bridge.sim.guidance import Guidance, curve
 from ros_bridge.transport import process, qos, topics
-from ros_bridge.transport.messages import uuid_of
 from ros_bridge.transport.settings import declare, limits_of
 
 _SILENCE = 0.5  # s of the monitor, after which an error is logged
@@ -46,7 +45,7 @@ class Pilot(Node):
         declare(self, "pilot")
         self._guidance = Guidance(monitored=bool(self.get_parameter("monitor").value))
         self._situation = Situation()
-        self._line: tuple[int, LocalFrame, Legs, int] | None = None
+        self._line: tuple[bytes, LocalFrame, Legs, int] | None = None
         self._commands = self.create_publisher(Twist, "~/output/command", qos.EVENTS)
         topics.OWNSHIP.heard(self, self._on_ownship)
         topics.PLAN.heard(self, self._guidance.add_plan)
@@ -71,7 +70,7 @@ class Pilot(Node):
         if not -0.5 <= age <= self.get_parameter("ownship_max_age").value:
             self.get_logger().warning(f"the ownship's state is {age:.1f} s old", throttle_duration_sec=5.0)
             return
-        name = uuid_of(wanted.id).int
+        name = bytes(wanted.id.uuid)
         if self._line is None or self._line[0] != name:
             frame = LocalFrame(wanted.start.latitude, wanted.start.longitude)
             try:

@@ -22,14 +22,9 @@ NO_PLAN = uuid.UUID(int=0)
 
 
 def check(request: GenerateTrajectory.Request, now: int, settings: Settings, holding: uuid.UUID) -> None:
-    """Refuse a request of an unknown reason, of another time, or that would replace a plan that holds no more.
+    """Raise :class:`Refusal` for a request of an unknown reason, of another time, or for a plan that holds no more.
 
-    Args:
-        now: ns.
-        holding: id of the plan that holds.
-
-    Raises:
-        Refusal: it is one of these.
+    ``now`` is in ns, ``holding`` the id of the plan that holds.
     """
     known = (request.REASON_ALERT, request.REASON_REPLAN, request.REASON_MANUAL)
     if request.reason not in known:
@@ -40,22 +35,11 @@ def check(request: GenerateTrajectory.Request, now: int, settings: Settings, hol
             age = (now - stamp(field, sent)) / SECOND
         except FieldError as error:
             raise Refusal(Code.INVALID_REQUEST, error.field, error.problem) from error
-        check_age("REQUEST", field, age, settings.request_age, settings.future)
+        check_age("REQUEST", field, age, settings.request_max_age, settings.future_tolerance)
     previous = uuid_of(request.previous_id)
     if previous not in (NO_PLAN, holding):
         what = f"is {previous}, but the plan that holds is {holding if holding.int else 'none'}"
         raise Refusal(Code.SUPERSEDED, "request.previous_id", what)
-
-
-def pinned(policy: Policy, file: str, digest: str) -> Policy:
-    """Return a policy if it has the digest that is asked for, or if none is.
-
-    Raises:
-        ValueError: it has another.
-    """
-    if digest and digest.lower() != policy.sha256:
-        raise ValueError(f"policy_sha256 is {digest!r}, but {file or 'the policy that ships'} has {policy.sha256}")
-    return policy
 
 
 def planned(wanted: Task, policy: Policy, *, exhaustive: bool) -> Plan:

@@ -42,7 +42,7 @@ from ros_bridge.core.aircraft import loaded
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.situation import Code, Refusal, Task, refusal_of, task
 from ros_bridge.core.tracks import Verdict
-from ros_bridge.nodes.requests import NO_PLAN, check, pinned, planned, rehearsed
+from ros_bridge.nodes.requests import NO_PLAN, check, planned, rehearsed
 from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.messages import plan_message, trajectory_message, uuid_of
 from ros_bridge.transport.node_base import ListeningNode
@@ -54,8 +54,10 @@ _VIEWS_EVERY = 0.1  # s at most from a plan to its situation
 class Runner(ListeningNode):
     """The node; everything that can be decided without ROS is decided in :mod:`ros_bridge.core.situation`."""
 
+    kind = "runner"
+
     def __init__(self, **more: Any) -> None:
-        super().__init__("runner", **more)
+        super().__init__(**more)
         self._revision = 0
         self._unique = NO_PLAN
         self._views: tuple[Plan, Task] | None = None
@@ -78,7 +80,11 @@ class Runner(ListeningNode):
             durability = self._value("route_durability")
             if durability not in qos.ROUTE:
                 raise ValueError(f"route_durability is {durability!r}, expected {' or '.join(qos.ROUTE)}")
-            policy = pinned(loaded(file), file, self._value("policy_sha256"))
+            policy, digest = loaded(file), self._value("policy_sha256")
+            if digest and digest.lower() != policy.sha256:
+                raise ValueError(
+                    f"policy_sha256 is {digest!r}, but {file or 'the policy that ships'} has {policy.sha256}"
+                )
             self._policy = policy = policy.for_aircraft(self._aircraft, outside=self._value("outside_domain"))
         except ValueError as error:
             self.get_logger().error(f"cannot be configured: {error}")

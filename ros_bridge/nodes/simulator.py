@@ -20,19 +20,18 @@ what answers cost in time, they cost in flight. Without --ros-args -p encounters
 table is printed, and the exit code is 0 if every plan called SAFE kept the separation, else 1. Parameters:
 """
 
-import importlib.util
 import math
 import time
 from enum import Enum
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock
+from rclpy.clock import Clock as WallClock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rlcas_msgs.msg import AssuranceStatus, GeoReference, TrafficAlert, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
-from rosgraph_msgs.msg import Clock as ClockMessage
+from rosgraph_msgs.msg import Clock
 
 from envs.encounters import Encounter
 from envs.follower import PERIOD
@@ -43,9 +42,9 @@ from ros_bridge.nodes.simulator_messages import route_of, state_message
 from ros_bridge.sim.flight_log import FlightLog
 from ros_bridge.sim.guidance import Guidance, curve
 from ros_bridge.sim.receivers import Quality, Receiver
-from ros_bridge.sim.world import OWN, VEHICLES, EncounterFlight, SimulationError, Truth
+from ros_bridge.sim.world import OWN, EncounterFlight, SimulationError, Truth, installed
 from ros_bridge.transport import topics
-from ros_bridge.transport.messages import header, uuid_of
+from ros_bridge.transport.messages import header, time_message
 from ros_bridge.transport.settings import declare, limits_of
 
 _START = 1_000 * SECOND  # at which every clock begins
@@ -75,10 +74,7 @@ class Simulator(Node):
         """The ownship and its task."""
         self._frame = LocalFrame(self._value("origin_latitude"), self._value("origin_longitude"))
         self._monitored = bool(self._value("monitor"))
-        if self._value("vehicle") not in VEHICLES:
-            raise ValueError(f"vehicle is {self._value('vehicle')!r}, expected one of {', '.join(VEHICLES)}")
-        if self._value("vehicle") != VEHICLES[0] and importlib.util.find_spec("jsbsim") is None:
-            raise ValueError(f"vehicle {self._value('vehicle')} needs jsbsim (pip install 'rlcas-toolkit[sim]')")
+        installed(self._value("vehicle"))
         self._viewer: Any = None
         if self._value("flightgear"):
             if self._value("vehicle") != "c208":
@@ -106,7 +102,7 @@ class Simulator(Node):
         self.create_timer(
             PERIOD / max(self._value("rate"), self._value("deciding_rate")),
             self._on_timer,
-            clock=Clock(clock_type=ClockType.STEADY_TIME),
+            clock=WallClock(clock_type=ClockType.STEADY_TIME),
         )
 
     def _value(self, name: str) -> Any:
@@ -197,44 +193,42 @@ class Simulator(Node):
             what = "runner and monitor have" if self._monitored else "the runner has"
             self._end(f"{what} not answered within {_COME_UP:g} s (are they there, with use_sim_time?)")
             return
-        self._clock += _TICK
-        self._clocks.publish(ClockMessage(clock=header(self._clock, "").stamp))
+        self._show(self._clock + _TICK)
+
+    def _show(self, clock: int) -> None:
+        self._clock = clock
+        self._clocks.publish(Clock(clock=time_message(clock)))
 
     def _judged(self, wall: float) -> bool:
         """Return whether the clock may go on: the monitor has followed it, or is not waited for."""
         if not self._monitored or wall - self._last > _PATIENCE:
             return True
-        return (
-            self._guidance.status is not None
-            and self._clock - nanoseconds(self._guidance.status.header.stamp) <= _AHEAD
-        )
+        status = self._guidance.status
+        return status is not None and self._clock - nanoseconds(status.header.stamp) <= _AHEAD
 
     def _deciding(self) -> bool:
-        if self._phase is not _Phase.FLYING:
-            return False
+        status = self._guidance.status
         waiting = (AssuranceStatus.STATE_REPLAN_REQUESTED, AssuranceStatus.STATE_DENIED, AssuranceStatus.STATE_BACKUP)
-        return self._asking is not None or (
-            self._guidance.status is not None and self._guidance.status.state in waiting
-        )
+        sought = self._asking is not None or (status is not None and status.state in waiting)
+        return self._phase is _Phase.FLYING and sought
 
     def _fly(self) -> None:
         """Go on by one tick: the clock, what is received, alert and request, and then the flight."""
         flight = self._flight
         assert flight is not None
-        self._clock = self._zero + round(flight.time * SECOND)
-        self._clocks.publish(ClockMessage(clock=header(self._clock, "").stamp))
-        own, traffic = self._receivers
-        for received in own.receive(flight.time, {OWN: flight.own}):
-            self._own.publish(state_message(received, own.quality, self._frame, self._zero))
-        for received in traffic.receive(flight.time, flight.traffic):
-            self._traffic.publish(state_message(received, traffic.quality, self._frame, self._zero))
+        self._show(self._zero + round(flight.time * SECOND))
+        sides = (self._own, {OWN: flight.own}), (self._traffic, flight.traffic)
+        for receiver, (publisher, truth) in zip(self._receivers, sides, strict=True):
+            for received in receiver.receive(flight.time, truth):
+                publisher.publish(state_message(received, receiver.quality, self._frame, self._zero))
         self._act(flight)
         try:
             flight.step()
         except RuntimeError as error:  # envs.c208.vehicle.FlightError, whose module is not always there
             self._end(str(error))
             return
-        if self._guidance.status is not None and self._guidance.status.fly == AssuranceStatus.FLY_BACKUP:
+        status = self._guidance.status
+        if status is not None and status.fly == AssuranceStatus.FLY_BACKUP:
             self._log.backup += PERIOD
         if flight.over() or flight.time >= self._value("longest"):
             self._end("")
@@ -256,9 +250,9 @@ class Simulator(Node):
         near = flight.closest() < self._value("alert_distance") and flight.time >= 1.0
         if near and flight.time - self._alert_at >= _ALERT_AGAIN:
             self._alert_at = flight.time
-            level = TrafficAlert.LEVEL_CORRECTIVE
-            stamp = header(self._clock, "")
-            self._alerts.publish(TrafficAlert(header=stamp, level=level, intruder_ids=list(flight.names)))
+            alert = TrafficAlert(level=TrafficAlert.LEVEL_CORRECTIVE, intruder_ids=list(flight.names))
+            alert.header.stamp = time_message(self._clock)
+            self._alerts.publish(alert)
         due = flight.time - self._asked_at >= self._value("ask_again") and self._log.safe_at is None
         # A tick after the alert, so that it is known.
         if near and due and self._asking is None and flight.time > self._alert_at:
@@ -289,9 +283,9 @@ class Simulator(Node):
     def _choose(self, flight: EncounterFlight) -> None:
         """Fly the trajectory that the monitor names, or the newest plan without a monitor."""
         wanted = self._guidance.selected()
-        if wanted is None or uuid_of(wanted.id).bytes == self._following:
+        if wanted is None or bytes(wanted.id.uuid) == self._following:
             return
-        self._following = uuid_of(wanted.id).bytes
+        self._following = bytes(wanted.id.uuid)
         try:
             curves, began = curve(self._frame, wanted)
         except FieldError as error:

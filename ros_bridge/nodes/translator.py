@@ -21,8 +21,7 @@ reach. ADS-B vehicles on the ground and obstacles (emitter types 17 to 19) are l
 """
 
 import importlib
-import queue
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from functools import partial
 from typing import Any
 
@@ -35,7 +34,7 @@ from sensor_msgs.msg import NavSatFix
 
 from ros_bridge.core import adapters, adsb_live
 from ros_bridge.core.conversions import ALTITUDE_CODES, aircraft
-from ros_bridge.core.fields import SECOND, FieldError, stamp
+from ros_bridge.core.fields import SECOND, FieldError, readable, stamp, tried
 from ros_bridge.core.reports import Report
 from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.adsb_receiver import Receiver, checked_source
@@ -146,53 +145,45 @@ class Translator(Node):
 
     def _on_fix(self, into: Any, name: str, message: NavSatFix) -> None:
         apart = self._value("velocity_apart")
-        self._pass(into, lambda: paired(message, self._twist, name, self._reference, apart))
+        self._pass(into, tried(lambda: paired(message, self._twist, name, self._reference, apart)))
 
     def _on_inspva(self, message: Any) -> None:
-        self._pass(self._own, lambda: adapters.inspva(message, self._value("own_id")))
+        self._pass(self._own, tried(lambda: adapters.inspva(message, self._value("own_id"))))
 
     def _on_adsb(self, message: Any) -> None:
-        self._pass(self._traffic, lambda: adapters.adsb_vehicle(message, self._references))
+        self._pass(self._traffic, tried(lambda: adapters.adsb_vehicle(message, self._references)))
 
     def _on_ownship(self, message: AircraftState) -> None:
-        try:
-            self._live.own = aircraft(message, "ownship")
-        except FieldError:
-            self._live.own = None  # the runner says why
+        self._live.own = readable(lambda: aircraft(message, "ownship"))  # the runner says why it cannot be
 
     def _on_live(self) -> None:
         """Pass on what the receiver has sent since the last look."""
         assert self._receiver is not None
         for _ in range(self._receiver.heard.qsize()):
-            try:
-                item = self._receiver.heard.get_nowait()
-            except queue.Empty:
-                return
+            item = self._receiver.heard.get_nowait()  # nothing else takes from it
             if item is None:
                 self._reader.begin()
                 continue
             self._heard = item[0]
             try:
                 for found in self._reader.taken(item[1], item[0]):
-                    self._pass(self._traffic, partial(_raised, found))
+                    self._pass(self._traffic, found)
             except TimeoutError as late:
                 self._receiver.restart()
                 self._wrong = f"adsb {late}"
 
-    def _pass(self, publisher: Any, read: Callable[[], Report | None]) -> None:
+    def _pass(self, publisher: Any, found: Report | FieldError | None) -> None:
         """Publish a report; of traffic that cannot be translated its name and, if known, its place."""
         name = "own" if publisher is self._own else "traffic"
-        try:
-            report = read()
-            if report is None:
-                name = "on the ground, left out"
-            else:
-                publisher.publish(aircraft_message(report))
-        except FieldError as error:
-            self._wrong, name = str(error), f"{name} not translated"
-            self.get_logger().error(f"not translated: {error}", throttle_duration_sec=5.0)
-            if publisher is self._traffic and error.sighting is not None:
-                publisher.publish(sighting_message(error.sighting))
+        if found is None:
+            name = "on the ground, left out"
+        elif isinstance(found, Report):
+            publisher.publish(aircraft_message(found))
+        else:
+            self._wrong, name = str(found), f"{name} not translated"
+            self.get_logger().error(f"not translated: {found}", throttle_duration_sec=5.0)
+            if publisher is self._traffic and found.sighting is not None:
+                publisher.publish(sighting_message(found.sighting))
         self._counts[name] = self._counts.get(name, 0) + 1
 
     def _left_out(self) -> dict[str, int]:
@@ -211,12 +202,6 @@ class Translator(Node):
         level, message = (DiagnosticStatus.WARN, self._wrong) if self._wrong else (DiagnosticStatus.OK, "ready")
         self._wrong = ""
         self._health.publish(views.diagnostics(self, level, message, values))
-
-
-def _raised(found: Report | FieldError) -> Report:
-    if isinstance(found, FieldError):
-        raise found
-    return found
 
 
 def _kind(source: str) -> Any:

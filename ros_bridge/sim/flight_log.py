@@ -14,36 +14,23 @@ class FlightLog:
     """The record of one encounter."""
 
     name: str
-    required: float
-    """Separation that a plan called SAFE must keep, m."""
-    first: str = NEVER_ASKED
-    """Status of the first answer."""
-    source: str = ""
-    """Of the first SAFE plan."""
-    safe_at: float | None = None
-    """When the first SAFE plan was taken up, s; None: there was none."""
+    required: float  # separation that a plan called SAFE must keep, m
+    first: str = NEVER_ASKED  # status of the first answer
+    source: str = ""  # of the first SAFE plan
+    safe_at: float | None = None  # when the first SAFE plan was taken up, s; None: there was none
     separation: float = float("inf")
     """Smallest distance to any intruder since then, m; since the start where there was none."""
-    when: float = float("nan")
-    """Of that, s."""
-    error: float = 0.0
-    """Largest distance from where the plan flown was at the time, m."""
-    answers: dict[str, int] = field(default_factory=dict)
-    """Of requests of the simulator, by status."""
-    plans: int = 0
-    """SAFE plans that were published, the monitor's included."""
-    backup: float = 0.0
-    """On the backup, s."""
+    when: float = float("nan")  # of that, s
+    error: float = 0.0  # largest distance from where the plan flown was at the time, m
+    answers: dict[str, int] = field(default_factory=dict)  # of requests of the simulator, by status
+    plans: int = 0  # SAFE plans that were published, the monitor's included
+    backup: float = 0.0  # on the backup, s
     latency: list[float] = field(default_factory=list)
     """From request to answer in the simulator's hands, s of real time."""
-    duration: float = 0.0
-    """Flown, s."""
-    wall: float = 0.0
-    """Taken, s of real time."""
-    failure: str = ""
-    """Why the flight did not go on; empty: it did."""
-    resolvable: bool | None = None
-    """Whether the separation planned with can be kept at all; None: not looked at."""
+    duration: float = 0.0  # flown, s
+    wall: float = 0.0  # taken, s of real time
+    failure: str = ""  # why the flight did not go on; empty: it did
+    resolvable: bool | None = None  # whether the separation planned with can be kept at all; None: not looked at
 
     @property
     def kept(self) -> bool:

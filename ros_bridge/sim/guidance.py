@@ -18,11 +18,7 @@ _REMEMBERED = 8  # plans; the monitor names one of the last two
 
 
 class Guidance:
-    """Selects among plans and backups.
-
-    Args:
-        monitored: whether there is a monitor.
-    """
+    """Selects among plans and backups what the monitor names, or without a monitor the newest plan."""
 
     def __init__(self, *, monitored: bool = True) -> None:
         self._monitored = monitored
@@ -38,7 +34,7 @@ class Guidance:
             self._newest = None
         if message.status != STATUS_SAFE:
             return False
-        self._plans[_name(message.id)] = self._newest = message
+        self._plans[bytes(message.id.uuid)] = self._newest = message
         while len(self._plans) > _REMEMBERED:
             del self._plans[next(iter(self._plans))]
         return True
@@ -56,24 +52,15 @@ class Guidance:
         if not self._monitored:
             return self._newest
         if self.status is not None and self.status.fly == FLY_PLAN:
-            return self._plans.get(_name(self.status.trajectory_id))
+            return self._plans.get(bytes(self.status.trajectory_id.uuid))
         if self.status is not None and self.status.fly == FLY_BACKUP:
             return self._backup
         return None
 
 
 def curve(frame: LocalFrame, message: Any) -> tuple[Legs, int]:
-    """Return the legs of a plan or backup in a local frame, and the time at which they begin, ns.
-
-    Raises:
-        FieldError: a field cannot be used.
-    """
-    began, start, points = trajectory(message)
-    if not points:
+    """Return the legs of a plan or backup in a local frame and when they begin, ns, or raise :class:`FieldError`."""
+    plan = trajectory(message)
+    if not plan.points:
         raise FieldError("trajectory.waypoints", "has 0 points, expected 1 or more")
-    own, waypoints = flown(frame, began, start, points)
-    return legs(knots(own, waypoints)), began
-
-
-def _name(unique: Any) -> bytes:
-    return bytes(bytearray(unique.uuid))
+    return legs(knots(*flown(frame, plan))), plan.began

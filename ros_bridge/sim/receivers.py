@@ -18,34 +18,25 @@ _TOLERANCE = 1e-6  # s
 class Quality(NamedTuple):
     """Of the reports of one receiver."""
 
-    rate: float = 10.0
-    """Hz."""
-    latency: float = 0.0
-    """From the time of a state to the arrival of its report, s."""
-    dropout: float = 0.0
-    """Share of the reports that never arrive."""
-    position_std: float = 0.0
-    """One sigma per axis, m."""
-    velocity_std: float = 0.0
-    """One sigma per axis, m/s."""
+    rate: float = 10.0  # Hz
+    latency: float = 0.0  # from the time of a state to the arrival of its report, s
+    dropout: float = 0.0  # share of the reports that never arrive
+    position_std: float = 0.0  # one sigma per axis, m
+    velocity_std: float = 0.0  # one sigma per axis, m/s
 
 
 class Received(NamedTuple):
     """A report as it arrives."""
 
     identifier: str
-    time: float
-    """Of the state, s."""
-    state: VehicleState
-    """With its noise."""
+    time: float  # of the state, s
+    state: VehicleState  # with its noise
 
 
 class Receiver:
     """Turns true states into reports; aircraft report one after the other, not all at once.
 
-    Args:
-        quality: of the reports.
-        seed: of noise, losses and of when within a period each aircraft reports.
+    The seed is of noise, losses and of when within a period each aircraft reports.
     """
 
     def __init__(self, quality: Quality, seed: int) -> None:

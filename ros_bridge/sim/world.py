@@ -4,6 +4,7 @@ The ownship flies lines: straight on at first, then plans and backups as they ar
 led along them by :mod:`envs.follower`, one with an aircraft's lags by :mod:`envs.c208.guidance`.
 """
 
+import importlib.util
 import math
 from typing import Any, NamedTuple
 
@@ -37,12 +38,19 @@ class SimulationError(ValueError):
 class Truth(NamedTuple):
     """What has happened so far."""
 
-    separation: float = math.inf
-    """Smallest distance to any intruder, m."""
-    when: float = math.nan
-    """Of that, s."""
-    error: float = 0.0
-    """Largest distance from where the line was at the time, m, plans only."""
+    separation: float = math.inf  # smallest distance to any intruder, m
+    when: float = math.nan  # of that, s
+    error: float = 0.0  # largest distance from where the line was at the time, m, plans only
+
+
+def installed(name: str) -> None:
+    """Raise :class:`SimulationError` for a kind of ownship that is unknown, or whose needs are not installed."""
+    if name not in VEHICLES:
+        raise SimulationError(f"vehicle is {name!r}, expected one of {', '.join(VEHICLES)}")
+    if name != "kinematic" and importlib.util.find_spec("jsbsim") is None:
+        raise SimulationError(
+            f"vehicle {name!r} needs jsbsim, which is not installed (pip install 'rlcas-toolkit[sim]')"
+        )
 
 
 def vehicle(name: str, state: VehicleState, limits: Limits, viewer: Any = None) -> Vehicle:
@@ -53,21 +61,16 @@ def vehicle(name: str, state: VehicleState, limits: Limits, viewer: Any = None) 
     Raises:
         SimulationError: the name is unknown, what it needs is not installed, or it cannot fly so.
     """
+    installed(name)
     if name == "kinematic":
         return KinematicVehicle(state, limits)
-    if name not in VEHICLES:
-        raise SimulationError(f"vehicle is {name!r}, expected one of {', '.join(VEHICLES)}")
-    if limits.speed_min < C208_PUBLISHED.speed_min or limits.speed_max > C208_PUBLISHED.speed_max:
-        raise SimulationError(
-            f"vehicle {name!r} is a Cessna 208B of {C208_PUBLISHED.speed_min:g} to {C208_PUBLISHED.speed_max:g} m/s, "
-            f"expected no aircraft of {limits.speed_min:g} to {limits.speed_max:g} m/s"
-        )
-    try:
-        from envs.c208.point_mass import PointMassVehicle
-        from envs.c208.vehicle import C208Vehicle, FlightError
-    except ModuleNotFoundError as error:
-        what = f"needs {error.name}, which is not installed (pip install 'rlcas-toolkit[sim]')"
-        raise SimulationError(f"vehicle {name!r} {what}") from error
+    low, high = C208_PUBLISHED.speed_min, C208_PUBLISHED.speed_max
+    if limits.speed_min < low or limits.speed_max > high:
+        what = f"expected no aircraft of {limits.speed_min:g} to {limits.speed_max:g} m/s"
+        raise SimulationError(f"vehicle {name!r} is a Cessna 208B of {low:g} to {high:g} m/s, {what}")
+    from envs.c208.point_mass import PointMassVehicle
+    from envs.c208.vehicle import C208Vehicle, FlightError
+
     if name == "point_mass":
         return PointMassVehicle(state, altitude=ALTITUDE)
     try:
@@ -136,11 +139,7 @@ class EncounterFlight:
             self._guide = Guide(Path(curves, began=began))
 
     def step(self) -> None:
-        """Fly on by one period.
-
-        Raises:
-            envs.c208.vehicle.FlightError: of the vehicle.
-        """
+        """Fly on by one period, or raise :class:`envs.c208.vehicle.FlightError`."""
         before, others = self.own, self._intruders.vehicle
         if self._guide is not None:
             self.vehicle.step(*self._guide.commands(before, self.time), PERIOD)

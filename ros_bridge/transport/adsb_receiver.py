@@ -8,7 +8,6 @@ import queue
 import socket
 import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from urllib.parse import urlsplit
 from urllib.request import urlopen
 
@@ -22,11 +21,7 @@ _SLOWEST = 30.0  # s between two attempts
 
 
 def checked_source(text: str) -> str:
-    """Return the source of ADS-B that a parameter names.
-
-    Raises:
-        ValueError: it is no address of a receiver.
-    """
+    """Return the source of ADS-B that a parameter names, or raise ValueError."""
     parts = urlsplit(text)
     try:
         usable = parts.port is None or parts.port > 0
@@ -40,12 +35,7 @@ def checked_source(text: str) -> str:
 
 
 class Receiver(threading.Thread):
-    """Listens until it is stopped.
-
-    Args:
-        source: as :func:`checked_source` returns it.
-        clock: the node's time, ns.
-    """
+    """Listens to a checked source until it is stopped; the clock gives the node's time, ns."""
 
     def __init__(self, source: str, clock: Callable[[], int]) -> None:
         super().__init__(name="adsb", daemon=True)
@@ -114,13 +104,8 @@ class Receiver(threading.Thread):
                 yield from (line.decode("ascii", "replace") for line in lines)
 
     def _documents(self) -> Iterator[str]:
-        parts = urlsplit(self._source)
         while not self._stopped.is_set():
-            if parts.scheme == "file":
-                with Path(parts.path).open("rb") as file:
-                    content = file.read(_LARGEST)
-            else:
-                with urlopen(self._source, timeout=5.0) as answer:
-                    content = answer.read(_LARGEST)
+            with urlopen(self._source, timeout=5.0) as answer:
+                content = answer.read(_LARGEST)
             yield content.decode("utf-8", "replace")
             self._stopped.wait(1.0)

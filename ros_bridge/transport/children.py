@@ -59,11 +59,7 @@ def _watch() -> None:
 
 @contextlib.contextmanager
 def free_domain() -> Generator[int]:
-    """Reserve a domain id until the block ends.
-
-    Raises:
-        RuntimeError: none is free.
-    """
+    """Reserve a domain id until the block ends; raise RuntimeError where none is free."""
     for number in range(_FIRST, _END):
         with socket.socket() as lock:
             try:

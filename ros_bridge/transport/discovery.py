@@ -57,11 +57,7 @@ def configure_dds(environment: MutableMapping[str, str] = os.environ, directory:
 
 @contextmanager
 def reserved_ports(skipped: int | None = None) -> Generator[list[int]]:
-    """Hold those of the first ports of the environment's domain that are free, and give them; free again afterwards.
-
-    Args:
-        skipped: how many are looked at; None: drawn.
-    """
+    """Hold those of the domain's first ports (None: a number that is drawn) that are free, until the block ends."""
     name = os.environ.get("ROS_DOMAIN_ID", "0")
     domain = int(name) if name.isascii() and name.isdecimal() else 0  # ROS itself refuses others
     wanted = random.randrange(PORTS) if skipped is None else skipped
@@ -69,14 +65,10 @@ def reserved_ports(skipped: int | None = None) -> Generator[list[int]]:
         ports = []
         # Ports in use are passed over, not replaced: another process that starts now must not get ports further on.
         for there in (port(domain, number) for number in range(wanted)):
-            if there > 65_535:
-                break
-            one = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            one = held.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             try:
                 one.bind(("", there))
-            except OSError:
-                one.close()
+            except (OSError, OverflowError):  # in use, or there is no such port
                 continue
-            held.enter_context(one)
             ports.append(there)
         yield ports

@@ -6,12 +6,13 @@ workspace work alike. What runner and monitor must agree on is one argument for 
 """
 
 import sys
-from collections.abc import Mapping
 from typing import Any
 
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+
+from ros_bridge.transport import parameters
 
 ARGUMENTS = (
     ("namespace", "", "of all nodes, such as n123; empty: none"),
@@ -25,8 +26,6 @@ ARGUMENTS = (
     ("sigmas", "", "standard deviations of the intruders' positions added, of runner and monitor; empty: the usual"),
 )
 """Name, default and meaning of the arguments of every launch file."""
-
-_TEXTS, _NUMBERS = ("aircraft", "policy_file"), ("separation", "margin", "sigmas")
 
 
 def declared(*more: tuple[str, str, str], **other: str) -> list[DeclareLaunchArgument]:
@@ -42,29 +41,28 @@ def value(context: Any, name: str) -> str:
     return LaunchConfiguration(name).perform(context)
 
 
-def shared(context: Any, *, plans: bool = True) -> dict[str, Any]:
-    """Return what all nodes must agree on, with ``plans`` all that make or check plans; what is empty is left out."""
-    given: dict[str, Any] = {name: value(context, name) for name in _TEXTS if value(context, name)}
-    numbers = _NUMBERS if plans else _NUMBERS[:1]
-    return given | {name: float(value(context, name)) for name in numbers if value(context, name)}
-
-
-def node(context: Any, name: str, parameters: Mapping[str, Any] | None = None, **more: Any) -> Node:
-    """Return the action that starts one of our nodes.
+def node(context: Any, name: str, *others: tuple[str, str, str], **more: Any) -> Node:
+    """Return the action that starts one of our nodes, with the arguments that are its parameters and not empty.
 
     Args:
         name: of the module, such as ``runner``.
+        *others: arguments besides the common ones.
         **more: for :class:`launch_ros.actions.Node`.
     """
-    given: list[Any] = [{"use_sim_time": value(context, "use_sim_time").lower() == "true"} | dict(parameters or {})]
-    if value(context, "params_file"):
-        given.append(value(context, "params_file"))
+    texts = {argument: value(context, argument) for argument, *_ in (*ARGUMENTS, *others)}
+    given: list[Any] = [{"use_sim_time": texts["use_sim_time"].lower() == "true"}]
+    for one in parameters.of(name):
+        if texts.get(one.name):
+            kind = type(one.default) if one.low is None else float
+            given[0][one.name] = kind(texts[one.name])
+    if texts["params_file"]:
+        given.append(texts["params_file"])
     return Node(
         executable=sys.executable,
         arguments=["-m", f"ros_bridge.{name}"],
-        ros_arguments=["--log-level", value(context, "log_level")],
+        ros_arguments=["--log-level", texts["log_level"]],
         name=f"rlcas_{name}",
-        namespace=value(context, "namespace"),
+        namespace=texts["namespace"],
         parameters=given,
         output="screen",
         **more,

@@ -59,23 +59,14 @@ def point_message(point: PlanPoint) -> Waypoint:
 
 
 def trajectory_message(status: int, time: int, frame: str, revision: int, **more: Any) -> Trajectory:
-    """Return a trajectory with an id of its own; what is not given there is none of.
-
-    Args:
-        status: of Trajectory.
-        time: of its start, ns.
-    """
+    """Return a trajectory that starts at a time, ns, with an id of its own; what is not given there is none of."""
     none = {"min_separation": -1.0, "time_of_min_separation": -1.0, "rejoin_index": -1}
     given = {"id": identity(uuid.uuid4())} | none | more
     return Trajectory(header=header(time, frame), status=status, revision=revision, **given)
 
 
 def plan_message(plan: Plan, task: Task, frame: str, revision: int, *, certified: bool = False) -> Trajectory:
-    """Return a plan, safe or not, as a trajectory; one without waypoints has the status UNRESOLVED and none.
-
-    Args:
-        certified: whether a SAFE plan carries its certificate.
-    """
+    """Return a plan as a trajectory, UNRESOLVED unless it is safe; ``certified`` with the certificate of a SAFE one."""
     out = {one.number for one in plan.excluded}
     more: dict[str, Any] = {}
     if np.isfinite(plan.min_separation) and np.isfinite(plan.time_of_min_separation):

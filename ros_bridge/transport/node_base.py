@@ -25,21 +25,20 @@ _BACKWARD = SECOND // 2  # by how much the clock may step back before everything
 class ListeningNode(LifecycleNode):
     """A lifecycle node whose subscriptions, publishers and timers last from its configuration to its cleaning up."""
 
-    def __init__(self, kind: str, **more: Any) -> None:
-        super().__init__(f"rlcas_{kind}", **more)
+    kind: str
+    """Of the nodes, such as ``runner``."""
+
+    def __init__(self, **more: Any) -> None:
+        super().__init__(f"rlcas_{self.kind}", **more)
         self._entities: list[Callable[[], Any]] = []
         """How each of them is destroyed."""
         self._qos_problems: dict[str, str] = {}
         """Sentences on qualities of service that do not fit, by topic; kept until the node is configured anew."""
         self._active = False
-        aircraft = declare(self, kind)
+        aircraft = declare(self, self.kind)
         assert aircraft is not None, "runner and monitor have an aircraft"
         self._aircraft = aircraft
-        try:
-            planning_options(self._value, aircraft)
-        except ValueError:
-            self.destroy_node()
-            raise
+        planning_options(self._value, aircraft)
         self.add_on_set_parameters_callback(self._fitting)
         self._start()
 

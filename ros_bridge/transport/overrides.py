@@ -16,11 +16,7 @@ _OURS = "rlcas_"
 
 
 def refuse_unknown_parameters(node: Any, known: Iterable[str]) -> None:
-    """Refuse values given for parameters that a node does not have; all of its own must have been declared.
-
-    Raises:
-        ValueError: there are some; the message names each, and the nearest one that exists.
-    """
+    """Raise ValueError for values given for parameters that a node does not have, once its own are declared."""
     # rclpy keeps what was given, on the command line or in files, for parameters that are declared later.
     unknown = [name for name in node._parameter_overrides if not node.has_parameter(name)]
     if unknown:
@@ -30,14 +26,7 @@ def refuse_unknown_parameters(node: Any, known: Iterable[str]) -> None:
 
 
 def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None:
-    """Refuse parameters, in files or arguments, for a node of ours that there is not.
-
-    Args:
-        known: names of our nodes.
-
-    Raises:
-        ValueError: there are some.
-    """
+    """Raise ValueError for parameters, in files or arguments, for a node of ours of no known name."""
     for flag, value in itertools.pairwise(arguments):
         sections, where = [], value
         if flag == "--params-file":

@@ -37,42 +37,25 @@ class Parameter(NamedTuple):
         return (isinstance(self.default, str) and self.low is None) or "read at the start" in self.meaning
 
     def resolved(self, aircraft: Aircraft | None, known: dict[str, float]) -> "Parameter":
-        """Return the parameter in SI units.
-
-        Args:
-            aircraft: whose units are meant; None for nodes without one.
-            known: what the aircraft has, by name.
-        """
+        """Return the parameter in SI units; ``known`` is what the aircraft has, by name."""
         if self.low is None or self.high is None:
             return self
         default = known[self.default] if isinstance(self.default, str) else self.default
         if self.unit not in _UNITS or aircraft is None:
             return self._replace(default=default)
         size = {"D": aircraft.separation, "V": aircraft.limits.speed_max, "T": aircraft.dt}[self.unit]
-        low, high = self.low * size, self.high * size
-        return self._replace(
-            default=default if isinstance(self.default, str) else default * size,
-            low=low,
-            high=high,
-            unit=_UNITS[self.unit],
-        )
+        default *= 1.0 if isinstance(self.default, str) else size
+        return self._replace(default=default, low=self.low * size, high=self.high * size, unit=_UNITS[self.unit])
 
 
 _ALL, _BOTH = "runner monitor simulator pilot", "runner monitor"
 _MAP, _START = "frame that headers name, x east, y north of the geo-reference; read at the start", "; read at the start"
 
 PARAMETERS = (
-    Parameter(
-        _ALL, "aircraft", "", "file of the aircraft and its task, or a name that ships (uas); empty: the policy's"
-    ),
+    Parameter(_ALL, "aircraft", "", "file of the aircraft, or a name that ships (uas); empty: the policy's"),
     Parameter(_ALL, "policy_file", "", "policy file; empty: the one that ships"),
     Parameter("runner", "policy_sha256", "", "digest that the policy must have, 64 digits; empty: any"),
-    Parameter(
-        "runner",
-        "outside_domain",
-        "refuse",
-        "aircraft and intruders outside the policy's training: refuse or allow",
-    ),
+    Parameter("runner", "outside_domain", "refuse", "what is outside the policy's training: refuse or allow"),
     Parameter(_ALL, "speed_min", "speed_min", "lowest air speed that the vehicle itself can fly", 0.0, 400.0, "m/s"),
     Parameter(_ALL, "speed_max", "speed_max", "highest; wind narrows both", 1.0, 400.0, "m/s"),
     Parameter(_ALL, "acceleration_min", "acceleration_min", "hardest braking", -40.0, -1e-4, "m/s^2"),
@@ -80,25 +63,13 @@ PARAMETERS = (
     Parameter(_ALL, "yaw_rate_max", "yaw_rate_max", "fastest turn that is there at every speed", 0.01, 114.0, "deg/s"),
     Parameter(_ALL, "separation", "separation", "least distance to every intruder", 1.0, 1e6, "m"),
     Parameter(_BOTH, "goal_radius", "goal_radius", "within which a point of the route is rejoined", 0.1, 1e6, "m"),
-    Parameter(
-        _BOTH, "margin", 0.145, "added for what the autopilot leaves of the plan (default: C208B)", 0.0, 5.0, "D"
-    ),
+    Parameter(_BOTH, "margin", 0.145, "added for what the autopilot leaves of the plan (C208B)", 0.0, 5.0, "D"),
     Parameter(_BOTH, "sigmas", 2.0, "standard deviations of the intruders' positions added to it", 0.0, 10.0),
     Parameter(_BOTH, "waypoints", 20, "of a plan, the last of them a point of the route; read at the start", 4, 400),
-    Parameter(
-        _BOTH,
-        "spacing",
-        20,
-        "time steps from waypoint to waypoint, a multiple of 5; read at the start",
-        5,
-        400,
-        "steps",
-    ),
+    Parameter(_BOTH, "spacing", 20, f"from waypoint to waypoint, a multiple of 5{_START}", 5, 400, "steps"),
     Parameter("runner", "rejoin_by", 0.0, "latest time at which the route is rejoined; 0: the plan's", 0.0, 4e4, "T"),
     Parameter("runner", "deadline", 0.05, "computation after which the best plan so far is taken", 0.001, 60.0, "s"),
-    Parameter(
-        _BOTH, "vertical_filter", 600.0, "vertical separation beyond which an intruder is left out", 300.0, 5e4, "m"
-    ),
+    Parameter(_BOTH, "vertical_filter", 600.0, "vertically beyond it intruders are left out", 300.0, 5e4, "m"),
     Parameter("runner", "wind_max", 0.2, "strongest wind that is planned in", 0.0, 1.0, "V"),
     Parameter(f"{_BOTH} pilot", "ownship_max_age", 1.5, "oldest state of the ownship that is used", 0.05, 10.0, "T"),
     Parameter(_BOTH, "intruder_max_age", 5.0, "oldest state of an intruder that is planned with", 0.1, 60.0, "T"),
@@ -106,10 +77,8 @@ PARAMETERS = (
     Parameter("runner", "request_max_age", 1.0, "oldest request that is answered", 0.05, 60.0, "s"),
     Parameter(_BOTH, "future_tolerance", 0.5, "by how much a stamp may lie ahead of the clock", 0.0, 0.5, "s"),
     Parameter(_BOTH, "forget_after", 30.0, "silence after which an intruder is forgotten", 5.0, 600.0, "s"),
-    Parameter(
-        _BOTH, "jump_distance", 500.0, "largest distance of a report from where it is expected ...", 10.0, 1e4, "m"
-    ),
-    Parameter(_BOTH, "jump_speed", 50.0, "... which grows so fast with the time between reports", 0.0, 400.0, "m/s"),
+    Parameter(_BOTH, "jump_distance", 500.0, "largest distance of a report from its expected place", 10.0, 1e4, "m"),
+    Parameter(_BOTH, "jump_speed", 50.0, "which grows so fast with the time between reports", 0.0, 400.0, "m/s"),
     Parameter("runner", "extend_route", False, "whether a route that ends before the plan may be extended"),
     Parameter("runner", "exhaustive", True, "whether slow searches go on before giving up; not for the monitor"),
     Parameter("runner", "certificate", True, "whether SAFE plans carry what `python -m agents.check` proves; 3 ms"),
@@ -120,14 +89,10 @@ PARAMETERS = (
     Parameter("monitor", "cross_track", 0.025, "largest distance from the path", 1e-3, 1.0, "D"),
     Parameter("monitor", "along_track", 0.05, "largest distance ahead of or behind the plan", 1e-3, 1.0, "D"),
     Parameter("monitor", "time_error", 1.0, "largest delay or lead", 0.1, 60.0, "T"),
-    Parameter(
-        "monitor", "intruder_position", 0.05, "largest deviation of an intruder, besides 3 sigmas", 1e-3, 1.0, "D"
-    ),
-    Parameter("monitor", "intruder_velocity", 0.05, "largest deviation of its velocity, likewise", 1e-3, 1.0, "V"),
+    Parameter("monitor", "intruder_position", 0.05, "largest error of an intruder, besides 3 sigmas", 1e-3, 1.0, "D"),
+    Parameter("monitor", "intruder_velocity", 0.05, "largest error of its velocity, likewise", 1e-3, 1.0, "V"),
     Parameter("monitor", "runner_silence", 3.0, "silence of the runner that is reported as a fault", 1.5, 60.0, "s"),
-    Parameter(
-        f"{_BOTH} translator", "diagnostics_period", 1.0, f"between two states of health{_START}", 0.1, 60.0, "s"
-    ),
+    Parameter(f"{_BOTH} translator", "diagnostics_period", 1.0, f"of the state of health{_START}", 0.1, 60.0, "s"),
     Parameter(f"{_BOTH} simulator", "map_frame", "map", _MAP),
     Parameter("simulator", "scenario", "crossing_left", "family of encounters: a name in envs.encounters"),
     Parameter("simulator", "seed", 0, f"of the encounters{_START}"),
@@ -135,9 +100,7 @@ PARAMETERS = (
     Parameter("simulator", "encounters", 1, f"how many are flown, one after the other{_START}"),
     Parameter("simulator", "vehicle", "kinematic", "kinematic, point_mass or c208 (JSBSim)"),
     Parameter("simulator", "flightgear", "", "HOST:PORT of a FlightGear that shows the c208 in real time; empty: none"),
-    Parameter(
-        "simulator pilot", "monitor", True, f"whether to fly what the monitor selects; else the newest plan{_START}"
-    ),
+    Parameter("simulator pilot", "monitor", True, f"fly what the monitor selects, else the newest plan{_START}"),
     Parameter("simulator", "rate", 20.0, "times real time, at most, while no plan is sought", 0.1, 1_000.0),
     Parameter("simulator", "deciding_rate", 1.0, "times real time while a plan is sought", 0.1, 1_000.0),
     Parameter("simulator", "longest", 300.0, "after which an encounter ends", 10.0, 900.0, "T"),
@@ -181,10 +144,9 @@ def of(node: str) -> Iterator[Parameter]:
 def help_text(node: str) -> str:
     """Return a node's parameters for ``--help``; D, V and T are explained where they are used."""
     lines = [f"  {one.name:20} {_shown(one)} {one.unit}{_range(one)}: {one.meaning}" for one in of(node)]
-    scaled = any(one.unit in _UNITS for one in of(node))
-    return "\n".join(
-        [*lines, *(["D, V, T: separation, greatest speed and time step of the aircraft"] if scaled else [])]
-    )
+    if any(one.unit in _UNITS for one in of(node)):
+        lines.append("D, V, T: separation, greatest speed and time step of the aircraft")
+    return "\n".join(lines)
 
 
 def reference() -> str:
@@ -192,17 +154,15 @@ def reference() -> str:
     parts: list[str] = []
     known: set[Parameter] = set()
     for node in NODES:
-        mine = list(of(node))
-        again = [f"`{one.name}`" for one in mine if one in known]
-        rows = [f"**{node}**", ""]
-        rows += [f"As above: {', '.join(again)}.", ""] if again else []
-        rows += ["| parameter | default | range | unit | meaning |", "|---|---|---|---|---|"]
+        again = [f"`{one.name}`" for one in of(node) if one in known]
+        parts += [f"**{node}**", *([f"As above: {', '.join(again)}."] if again else [])]
+        rows = ["| parameter | default | range | unit | meaning |", "|---|---|---|---|---|"]
         rows += [
             f"| `{one.name}` | {_shown(one)} | {_range(one)[2:-1]} | {one.unit} | {one.meaning} |"
-            for one in mine
+            for one in of(node)
             if one not in known
         ]
-        known.update(mine)
+        known.update(of(node))
         parts.append("\n".join(rows))
     return "\n\n".join(parts) + "\n"
 

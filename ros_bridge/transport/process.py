@@ -4,7 +4,7 @@
 import gc
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import rclpy
@@ -13,7 +13,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.utilities import remove_ros_args
 
-from envs.edge.command import Parser
+from envs.edge.command import InputError, Parser
 from ros_bridge.transport import parameters
 from ros_bridge.transport.children import FLAG, end_with_parent
 from ros_bridge.transport.discovery import configure_dds, reserved_ports
@@ -22,16 +22,19 @@ from ros_bridge.transport.overrides import refuse_unknown_nodes
 _LOOK = 1.0  # s between two looks at whether the node has finished
 
 
-def main(make: Callable[[], Any], name: str, text: str | None, arguments: Sequence[str] | None = None) -> int:
+def main(make: Any, name: str, text: str | None, arguments: Sequence[str] | None = None) -> int:
     """Run a node until it is stopped, and return the exit code.
 
     A lifecycle node is configured and activated first. A node that ends by itself has ``finished``, and then ``code``.
 
     Args:
-        make: makes the node, after ROS has been initialised; ValueError where its parameters contradict each other.
+        make: class of the node; ValueError where its parameters contradict each other.
         name: of the kind of nodes, such as ``runner``.
         text: for ``--help``, before the parameters.
         arguments: of the command line, without the program's name; None: those of this process.
+
+    Raises:
+        InputError: the arguments or the parameters cannot be used.
     """
     gc.disable()  # until everything that stays is there
     try:
@@ -40,12 +43,11 @@ def main(make: Callable[[], Any], name: str, text: str | None, arguments: Sequen
         gc.enable()
 
 
-def _run(make: Callable[[], Any], name: str, text: str, arguments: Sequence[str] | None) -> int:
-    program = f"python -m ros_bridge.{name}"
-    given = [program, *(sys.argv[1:] if arguments is None else arguments)]
-    parser = Parser(prog=program, description=text)
+def _run(make: Any, name: str, text: str, arguments: Sequence[str] | None) -> int:
+    parser = Parser(prog=f"python -m ros_bridge.{name}", description=text)
+    given = [parser.prog, *(sys.argv[1:] if arguments is None else arguments)]
     parser.add_argument(FLAG, action="store_true", help="end when standard input is closed")
-    alive = _has_life_cycle(make)
+    alive = issubclass(make, LifecycleNode)
     if alive:
         parser.add_argument("--manual", action="store_true", help="wait to be configured and activated by others")
     try:
@@ -57,13 +59,13 @@ def _run(make: Callable[[], Any], name: str, text: str, arguments: Sequence[str]
         rclpy.init(args=given)
         with reserved_ports():
             node = make()
-    except ParameterException as error:
-        return _refuse(program, f"{_line(error)} (a number needs its point, such as 3.0)")
-    except ValueError as error:
-        return _refuse(program, _line(error))
-    except RuntimeError as error:
+    except (ParameterException, ValueError, RuntimeError) as error:
+        rclpy.try_shutdown()
+        if isinstance(error, ParameterException):
+            raise InputError(f"{error} (a number needs its point, such as 3.0)") from error
         # What rcl raises for arguments has no common class that is public.
-        return _refuse(program, f"ROS arguments cannot be used: {_line(error)}")
+        what = "ROS arguments cannot be used: " * isinstance(error, RuntimeError)
+        raise InputError(f"{what}{error}") from error
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     code = 0
@@ -92,21 +94,7 @@ def _run(make: Callable[[], Any], name: str, text: str, arguments: Sequence[str]
     return code
 
 
-def _has_life_cycle(make: Any) -> bool:
-    return isinstance(make, type) and issubclass(make, LifecycleNode)
-
-
 def _started(node: Any) -> bool:
     """Return whether the node could be configured and activated; it has logged why not."""
     steps = (node.trigger_configure, node.trigger_activate)
     return all(step() is TransitionCallbackReturn.SUCCESS for step in steps)
-
-
-def _refuse(program: str, message: str) -> int:
-    rclpy.try_shutdown()
-    print(f"{program}: error: {message}", file=sys.stderr)
-    return 2
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())

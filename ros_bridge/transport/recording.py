@@ -36,14 +36,7 @@ class RecordingError(ValueError):
 
 
 class GrowingFile:
-    """A file that ends as an MCAP file must after each :meth:`flush`; what is written in between waits in memory.
-
-    Args:
-        path: which must not exist yet.
-
-    Raises:
-        OSError: it cannot be made.
-    """
+    """A new file that ends as an MCAP file must after each :meth:`flush`; what comes in between waits in memory."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -61,11 +54,7 @@ class GrowingFile:
         return len(data)
 
     def flush(self) -> None:
-        """Write what waits, and an end.
-
-        Raises:
-            OSError: there is no room; the file then ends where it ended before.
-        """
+        """Write what waits, and an end, or raise OSError; the file then ends where it ended before."""
         if self._waiting:
             self._put(b"".join(self._waiting), _END)
 
@@ -121,16 +110,17 @@ class Recorder:
         self._settled = time.monotonic()
         self._counts: dict[int, int] = {}
         schemas: dict[str, int] = {}
-        channels = {}
+        channels = []
         with self._guarded() as writer:
             writer.start(profile="ros2", library="rlcas-toolkit")
             for topic in topics.EVERY:
                 name = f"{topic.kind.__module__.split('.')[0]}/msg/{topic.kind.__name__}"
                 if name not in schemas:
                     schemas[name] = writer.register_schema(name, "ros2msg", definition(name).encode())
-                channels[topic] = writer.register_channel(node.resolve_topic_name(topic.name), "cdr", schemas[name])
+                channel = writer.register_channel(node.resolve_topic_name(topic.name), "cdr", schemas[name])
+                channels.append((topic, channel))
             writer.flush()
-        for topic, channel in channels.items():
+        for topic, channel in channels:
             topic.heard(node, partial(self._write, channel), raw=True)
 
     def _write(self, channel: int, data: bytes) -> None:
@@ -150,11 +140,7 @@ class Recorder:
                 writer.flush()
 
     def close(self) -> None:
-        """Finish the file.
-
-        Raises:
-            OSError: it cannot be written.
-        """
+        """Finish the file, or raise OSError."""
         if self._writer is not None:
             with self._guarded() as writer:
                 writer.finish()
@@ -179,11 +165,7 @@ class Recorder:
 
 
 def definition(name: str) -> str:
-    """Return a message's definition, such as of ``std_msgs/msg/Header``, followed by those of all that it consists of.
-
-    Raises:
-        RecordingError: it is not installed.
-    """
+    """Return the definition of a message (``std_msgs/msg/Header``) and its parts, or raise :class:`RecordingError`."""
     texts: dict[str, str] = {}
     waiting = [name]
     while waiting:

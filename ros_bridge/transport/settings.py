@@ -19,33 +19,29 @@ from ros_bridge.core.tracks import Rules
 from ros_bridge.transport.overrides import refuse_unknown_parameters
 from ros_bridge.transport.parameters import Parameter, of
 
-_RENAMED = {"aircraft.goal_radius": "goal_radius", "max_age": "intruder_max_age", "deadline_s": "deadline"}
-"""Parameters that the planner's options have by other names."""
+_OPTIONS = {"max_age": "intruder_max_age", "deadline_s": "deadline"}
+_OPTIONS |= {
+    name: name for name in ("rejoin_by", "waypoints", "spacing", "extend_route", "vertical_filter", "exhaustive")
+}
+_RENAMED = _OPTIONS | {"aircraft.goal_radius": "goal_radius"}
+"""Parameters by the names that the planner's options have."""
 
 
 def declare(node: Any, kind: str) -> Aircraft | None:
-    """Declare the parameters of a kind of nodes; a value out of its range, NaN too, is refused by ROS.
+    """Declare the parameters of a kind of nodes, and return the aircraft that they name; None where there is none.
 
-    Returns:
-        The aircraft that the parameters name; None for nodes that have none.
-
-    Raises:
-        ValueError: a value was given for a parameter that the node does not have, or there is no such aircraft.
+    A value out of its range, NaN too, is refused by ROS; one for a parameter that there is not, by ValueError.
     """
-    try:
-        mine, aircraft = list(of(kind)), None
-        if mine[0].name == "aircraft":
-            # The numbers follow from it.
-            for one in mine[:2]:
-                node.declare_parameter(one.name, one.default, _descriptor(one))
-            aircraft = aircraft_of(*(node.get_parameter(one.name).value for one in mine[:2]))
-        for one in resolved(kind, aircraft):
-            if not node.has_parameter(one.name):
-                node.declare_parameter(one.name, one.default, _descriptor(one))
-        refuse_unknown_parameters(node, [one.name for one in mine])
-    except Exception:
-        node.destroy_node()
-        raise
+    mine, aircraft = list(of(kind)), None
+    if mine[0].name == "aircraft":
+        # The numbers follow from it.
+        for one in mine[:2]:
+            node.declare_parameter(one.name, one.default, _descriptor(one))
+        aircraft = aircraft_of(*(node.get_parameter(one.name).value for one in mine[:2]))
+    for one in resolved(kind, aircraft):
+        if not node.has_parameter(one.name):
+            node.declare_parameter(one.name, one.default, _descriptor(one))
+    refuse_unknown_parameters(node, [one.name for one in mine])
     return aircraft
 
 
@@ -61,11 +57,10 @@ def resolved(kind: str, aircraft: Aircraft | None) -> Iterator[Parameter]:
 
 def _descriptor(one: Parameter) -> ParameterDescriptor:
     made = ParameterDescriptor(description=f"{one.meaning}{', ' * bool(one.unit)}{one.unit}", read_only=one.fixed)
-    if one.low is not None and one.high is not None:
-        if isinstance(one.default, int):
-            made.integer_range = [IntegerRange(from_value=int(one.low), to_value=int(one.high), step=1)]
-        else:
-            made.floating_point_range = [FloatingPointRange(from_value=float(one.low), to_value=float(one.high))]
+    if one.low is not None and one.high is not None and isinstance(one.default, int):
+        made.integer_range = [IntegerRange(from_value=int(one.low), to_value=int(one.high), step=1)]
+    elif one.low is not None and one.high is not None:
+        made.floating_point_range = [FloatingPointRange(from_value=float(one.low), to_value=float(one.high))]
     return made
 
 
@@ -96,9 +91,10 @@ def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options
         ValueError: the values contradict each other; the message begins with a parameter's name.
     """
     legs = limits_of(value)
-    wanted = {"max_age": value("intruder_max_age"), "deadline_s": value("deadline"), "rejoin_by": value("rejoin_by")}
-    wanted |= {name: value(name) for name in ("waypoints", "spacing", "extend_route", "vertical_filter", "exhaustive")}
-    wanted["requirement"] = Requirement(value("separation"), value("margin"), value("sigmas"))
+    given = {name: value(parameter) for name, parameter in _OPTIONS.items()}
+    # A false "rejoin_by" or what a node does not have leaves the usual value.
+    given = {name: one for name, one in given.items() if one is not None and (name != "rejoin_by" or one)}
+    given["requirement"] = Requirement(value("separation"), value("margin"), value("sigmas"))
     if not 0.0 < value("goal_radius") <= value("separation"):
         raise ValueError(
             f"goal_radius is {value('goal_radius'):g} m, expected at most the separation, {value('separation'):g} m"
@@ -106,8 +102,6 @@ def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options
     if legs.speed_min >= legs.speed_max:
         raise ValueError(f"speed_min is {legs.speed_min:g} m/s, expected less than speed_max, {legs.speed_max:g} m/s")
     try:
-        # A false "rejoin_by" or what a node does not have leaves the usual value.
-        given = {name: one for name, one in wanted.items() if one is not None and (name != "rejoin_by" or one)}
         options = Options.for_aircraft(aircraft._replace(goal_radius=value("goal_radius")), legs, **given)
         check(options)
     except RequestError as problem:
@@ -125,17 +119,9 @@ def planning_settings(value: Callable[[str], Any], aircraft: Aircraft) -> Settin
     """Return how old inputs may be, and how plans are made; arguments as :func:`planning_options` has them."""
     options = planning_options(value, aircraft)
     usual = Thresholds.for_plans(options)
-    return Settings(
-        options=options,
-        turn_time=usual.turn_time,
-        turn_rates=(usual.turn_rate_min, usual.turn_rate_max),
-        ownship_age=value("ownship_max_age"),
-        intruder_age=value("intruder_max_age"),
-        alert_age=value("alert_max_age"),
-        request_age=value("request_max_age"),
-        future=value("future_tolerance"),
-        wind_max=value("wind_max"),
-    )
+    names = ("ownship_max_age", "intruder_max_age", "alert_max_age", "request_max_age", "future_tolerance", "wind_max")
+    turns = usual.turn_time, (usual.turn_rate_min, usual.turn_rate_max)
+    return Settings(options, *turns, **{name: value(name) for name in names})
 
 
 def report_rules(value: Callable[[str], Any]) -> Rules:

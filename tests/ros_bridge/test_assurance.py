@@ -21,7 +21,6 @@ from envs.kinematics import VehicleState
 from envs.waypoints import at, knots, legs
 from ros_bridge.core import updates
 from ros_bridge.core.assurance import (
-    Published,
     Supervision,
     activated,
     answered,
@@ -30,6 +29,7 @@ from ros_bridge.core.assurance import (
     to_fly,
     withdrawn,
 )
+from ros_bridge.core.conversions import Published
 from ros_bridge.core.reach import apart
 from ros_bridge.core.replies import flown, plan_points, start_point
 from ros_bridge.core.situation import Situation, task
@@ -139,7 +139,7 @@ def test_a_plan_survives_noise_that_is_declared(seed: int):
         if second == 5:
             taken = published(situation, seconds=5.0)
             supervision = activated(supervision, situation, taken)
-            curve = legs(knots(*flown(FRAME, taken.began, taken.start, taken.points)))
+            curve = legs(knots(*flown(FRAME, taken)))
         supervision, verdict = stepped(supervision, situation, now)
         asked += verdict is not None and verdict.ask is not None
     assert asked == 0
@@ -162,9 +162,9 @@ def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():
 
 def test_older_plan_is_ignored_and_a_withdrawal_ends_the_newer():
     supervision, situation = begun()
-    newer = activated(supervision, situation, replace(published(situation), revision=5))
+    newer = activated(supervision, situation, published(situation)._replace(revision=5))
     assert newer.held is not None and newer.held.revision == 5
-    assert activated(newer, situation, replace(published(situation), revision=4)) is newer
+    assert activated(newer, situation, published(situation)._replace(revision=4)) is newer
     assert withdrawn(newer, 5) is newer
     ended = withdrawn(newer, 6)
     assert ended.held is None

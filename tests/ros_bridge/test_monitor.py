@@ -64,7 +64,7 @@ class Flight:
         self.client.idle(0.1)
         if self.plans and self.plans[-1].status == Trajectory.STATUS_SAFE and self.plans[-1].revision > self.revision:
             published = plan_of(self.plans[-1], 20)
-            own, waypoints = flown(FRAME, published.began, published.start, published.points)
+            own, waypoints = flown(FRAME, published)
             self.legs, self.began, self.revision = legs(knots(own, waypoints)), published.began, published.revision
 
     def report(self) -> None:

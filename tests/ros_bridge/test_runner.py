@@ -119,7 +119,8 @@ def test_safe_plan_is_published_and_latched(client: Client, world: World):
     assert plans[-1] == response.trajectory
     assert len(paths[-1].poses) == 21
 
-    began, _, points = trajectory(plans[-1])
+    plan = trajectory(plans[-1])
+    began, points = plan.began, plan.points
     assert [round((point.time - began) / 1e9, 6) for point in points[:19]] == [20.0 * (n + 1) for n in range(19)]
     assert points[-1].time - began >= 380e9
     assert [point.of_route for point in points] == [False] * 19 + [True]
@@ -136,7 +137,7 @@ def test_trajectory_carries_the_certificate_that_proves_it(client: Client, world
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0 and "accepted" in done.stdout, done.stderr
     # It is the plan's own: the same places, in the frame about the geo-reference.
-    _, _, points = trajectory(plans[-1])
+    points = trajectory(plans[-1]).points
     at = FRAME.place([point.latitude for point in points], [point.longitude for point in points])
     proven = np.array(json.loads(file.read_bytes())["waypoints"])
     np.testing.assert_allclose(proven[:, :2], np.stack([at.x, at.y], axis=-1), rtol=0.0, atol=1e-6)

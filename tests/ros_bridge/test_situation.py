@@ -17,6 +17,7 @@ from agents.planner.publish import rechecked
 from agents.policy.inference import Policy
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
+from ros_bridge.core.conversions import Published
 from ros_bridge.core.replies import flown, plan_points, start_point
 from ros_bridge.core.situation import NOTHING, Code, Situation, Task, task
 from ros_bridge.core.tracks import Rules
@@ -219,7 +220,7 @@ def test_a_plan_survives_its_way_over_the_ellipsoid(origin: tuple[float, float])
     assert len(points) == 20
     assert [place.of_route for place in points] == [False] * 19 + [True]
     start = start_point(frame, wanted.own, wanted.time, wanted.own_altitude)
-    own, waypoints = flown(frame, wanted.time, start, points)
+    own, waypoints = flown(frame, Published(b"", 1, wanted.time, start, points, ()))
     assert own == pytest.approx(tuple(wanted.own), abs=1e-6)
     for back, out in zip(waypoints, result.waypoints, strict=True):
         assert back.index == out.index
