@@ -11,7 +11,7 @@ from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 from agents.planner.request import Altitude
-from ros_bridge.core.conversions import report, velocity
+from ros_bridge.core.conversions import altitude, report, velocity
 from ros_bridge.core.fields import SECOND, FieldError, identifier, integer, number, place, stamp
 from ros_bridge.core.reports import FASTEST, Report
 
@@ -53,7 +53,7 @@ def nav_sat_fix(message: Any, beside: Callable[[], Any], identity: str, referenc
         if math.isnan(message.altitude):
             return None
         climb = number(f"{name}.twist.linear.z", beside().linear.z, -100.0, 100.0, "m/s")
-        return _altitude(f"{name}.altitude", message.altitude, reference, climb)
+        return altitude(f"{name}.altitude", message.altitude, reference, climb)
 
     def spread() -> float:
         variances = {n: float(message.position_covariance[n]) for n in (0, 4)}
@@ -101,7 +101,7 @@ def inspva(message: Any, identity: str, name: str = "inspva") -> Report:
     def height() -> Altitude:
         climb = number(f"{name}.up_velocity", message.up_velocity, -100.0, 100.0, "m/s")
         undulation = number(f"{name}.undulation", message.undulation, -120.0, 100.0, "m") if extended else 0.0
-        above = _altitude(f"{name}.height", message.height, "wgs84", climb)
+        above = altitude(f"{name}.height", message.height, "wgs84", climb)
         return Altitude(above.value + undulation, "wgs84", climb)
 
     def over_ground() -> tuple[float, float]:
@@ -164,7 +164,7 @@ def adsb_vehicle(
         if not has(_ALTITUDE):
             return None
         reference = references.get(integer(f"{name}.altitude_type", message.altitude_type, 0, 1))
-        return None if reference is None else _altitude(f"{name}.altitude", message.altitude, reference, climb)
+        return None if reference is None else altitude(f"{name}.altitude", message.altitude, reference, climb)
 
     spread = {"position_std": lambda: speed() / math.sqrt(3.0)}
     return report(f"{message.icao_address:06x}", when, at, over_ground, height, **spread)
@@ -172,9 +172,3 @@ def adsb_vehicle(
 
 def _stamped(message: Any, name: str) -> Callable[[], int]:
     return lambda: stamp(f"{name}.header.stamp", message.header.stamp)
-
-
-def _altitude(name: str, value: Any, reference: str, climb: float) -> Altitude:
-    if reference not in ("wgs84", "msl", "pressure"):
-        raise FieldError(f"{name}_reference", f"is {reference!r}, expected wgs84, msl or pressure")
-    return Altitude(number(name, value, -1_000.0, 30_000.0, "m"), reference, climb)

@@ -29,18 +29,9 @@ from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import ACCURATE, Situation, placed
 from ros_bridge.core.tracks import Track
 
-_SPACING = 0.25
-"""Least time between two reports of an intruder that the monitor gets, in time steps: it reads turns from reports 0.2
-time steps apart."""
-
-_NEWS = 0.4
-"""A report that differs by this share of the deviations allowed from what the last one let expect is handed over at
-once."""
-
-_GRID = 2.0**20
-"""Parts of a second that times are rounded to: differences of such times are exact, so that a report which is handed
-over twice, at two ages, has one time."""
-
+_SPACING = 0.25  # time steps at least between two reports that the monitor gets: it reads turns from 0.2 on
+_NEWS = 0.4  # share of the deviations allowed; a report that is so far from what was expected is handed over at once
+_GRID = 2.0**20  # parts of a second that times are rounded to: at any age a report has one time, exactly
 _HORIZON = 1.25  # how long a plan lasts at most, in the times of its waypoints
 _UNKNOWN = VehicleState(math.nan, math.nan, math.nan, math.nan)
 
@@ -55,8 +46,7 @@ class Supervision:
     held: Published | None = None  # the plan that is monitored; None: none, or it was withdrawn
     revision: int = 0  # the greatest that was received
     asked: int = 0  # when the last request went out, ns
-    reported: Mapping[str, Report] = field(default_factory=lambda: MappingProxyType({}))
-    """The reports that the monitor got last."""
+    reported: Mapping[str, Report] = field(default_factory=lambda: MappingProxyType({}))  # that the monitor got last
 
 
 def published(message: Any, count: int, name: str = "trajectory") -> Published:

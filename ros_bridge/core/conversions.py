@@ -104,8 +104,8 @@ def report(
         FieldError: a part cannot be used; with a sighting of the parts that can.
     """
     try:
-        rest = {name: read() for name, read in more.items()}
-        return Report(identity, time(), *place(), *velocity(), altitude(), **rest)
+        rest = ((name, read()) for name, read in more.items())  # read after the others
+        return Report(identity, time(), *place(), *velocity(), altitude(), **dict(rest))
     except FieldError as error:
         error.sighting = Sighting(identity, readable(time), readable(place), readable(altitude))
         raise
@@ -121,12 +121,17 @@ def velocity(name: str, east: Any, north: Any) -> tuple[float, float]:
     return east, north
 
 
-def altitude(name: str, value: Any, code: Any, vertical_speed: float = 0.0) -> Altitude:
-    """Return an altitude with its reference, or raise :class:`FieldError`."""
-    reference = ALTITUDE_CODES.get(integer(f"{name}_reference", code, 0, 255))
+def altitude(name: str, value: Any, reference: str, climb: float = 0.0) -> Altitude:
+    """Return an altitude of a known reference, or raise :class:`FieldError`."""
+    return Altitude(number(name, value, -1_000.0, 30_000.0, "m"), reference, climb)
+
+
+def _altitude(name: str, message: Any, climb: float = 0.0) -> Altitude:
+    reference = ALTITUDE_CODES.get(integer(f"{name}.altitude_reference", message.altitude_reference, 0, 255))
     if reference is None:
-        raise FieldError(f"{name}_reference", f"is {code}, expected one of {sorted(ALTITUDE_CODES)} beside an altitude")
-    return Altitude(number(name, value, -1_000.0, 30_000.0, "m"), reference, vertical_speed)
+        what = f"is {message.altitude_reference}, expected one of {sorted(ALTITUDE_CODES)} beside an altitude"
+        raise FieldError(f"{name}.altitude_reference", what)
+    return altitude(f"{name}.altitude", message.altitude, reference, climb)
 
 
 def aircraft(message: Any, name: str) -> Report:
@@ -149,9 +154,7 @@ def aircraft(message: Any, name: str) -> Report:
 
     def height() -> Altitude | None:
         climb = number(f"{name}.velocity.z", message.velocity.z, *_CLIMB) if has(VERTICAL_SPEED) else 0.0
-        if not has(ALTITUDE):
-            return None
-        return altitude(f"{name}.altitude", message.altitude, message.altitude_reference, climb)
+        return _altitude(name, message, climb) if has(ALTITUDE) else None
 
     def wind() -> tuple[float, float] | None:
         if not has(WIND):
@@ -270,6 +273,4 @@ def _once(values: Sequence[Any], field: str) -> None:
 
 
 def _height(name: str, point: Any) -> Altitude | None:
-    if not flags(f"{name}.valid", point.valid, 0x0F) & POINT_ALTITUDE:
-        return None
-    return altitude(f"{name}.altitude", point.altitude, point.altitude_reference)
+    return _altitude(name, point) if flags(f"{name}.valid", point.valid, 0x0F) & POINT_ALTITUDE else None

@@ -21,13 +21,8 @@ from envs.kinematics import VehicleState
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report
 
-_WINDOWS = (3.0, 20.0)
-"""Lengths of the two windows that displacements are compared over, s: fast aircraft show a contradiction in the short
-one, slow ones in the long one."""
-
-_SHORTEST = 2.0
-"""Least time over which they are compared, s."""
-
+_WINDOWS = (3.0, 20.0)  # s, that displacements are compared over: fast aircraft are found in the first, slow in both
+_SHORTEST = 2.0  # s, at least
 _SIGMAS = 3.0
 _ALLOWED = Tolerance(60.0, 0.4, _SIGMAS)
 """Rounded digits, stamps set on reception, positions held for a second; velocities in knots for m/s differ by 0.49.

@@ -53,10 +53,8 @@ def geodetic_points(
 
     Args:
         frame: that they were made in.
-        waypoints: with times from ``time``.
-        time: ns.
-        altitude: of the ownship, which all keep.
-        filed: altitudes of the points of the route, by index.
+        waypoints: with times from ``time``, ns.
+        altitude: of the ownship, which all keep but points of the route, whose altitudes are ``filed`` by index.
     """
     if not waypoints:
         return ()

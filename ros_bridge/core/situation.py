@@ -34,8 +34,7 @@ ACCURATE = 100_000.0
 """Distance from the origin, m, up to which ownship and route are accepted; it follows from the map's errors."""
 
 _EXTENSION = 5.0  # of a route's last leg, separations
-_COPY_DISTANCE, _COPY_SPEED, _COPY_TURN = 250.0, 10.0, 0.2
-"""Within so many m, m/s and rad an intruder is like the ownship: what delays and roundings make of an echo."""
+_COPY_DISTANCE, _COPY_SPEED, _COPY_TURN = 250.0, 10.0, 0.2  # m, m/s, rad: what delays make of the ownship's echo
 
 
 @dataclass(frozen=True)
@@ -43,8 +42,7 @@ class Settings:
     """How old inputs may be, and how plans are made."""
 
     options: Options
-    turn_time: float
-    """For how long after its report an intruder is expected to go on with the turn that its reports show, s."""
+    turn_time: float  # for how long after its report an intruder goes on with the turn that its reports show, s
     turn_rates: tuple[float, float]  # least and greatest turn rates that count as a turn, rad/s
     ownship_max_age: float = 1.5  # oldest own state, s
     intruder_max_age: float = 5.0  # oldest state of an intruder, s
@@ -94,11 +92,7 @@ class Task:
 
 
 def task(situation: Situation, now: int, settings: Settings, asked_route: Route | None = None) -> Task:
-    """Return the task at a moment.
-
-    Args:
-        now: ns.
-        asked_route: takes the place of the published one.
+    """Return the task at a moment, ns, for the route of a request or else the published one.
 
     Raises:
         Refusal: something is missing, stale, from the future, invalid or inconsistent.
@@ -274,15 +268,16 @@ def _in_wind(report: Report, settings: Settings) -> tuple[Options, tuple[str, ..
     if report.wind is None:
         return options, ("the wind is unknown and taken as calm",)
     wind = math.hypot(*report.wind)
-    if wind > settings.wind_max:
-        what = f"is {wind:.1f} m/s, expected {settings.wind_max:g} m/s at most"
-        raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", what)
     legs, flown = options.limits, options.manoeuvre
     legs = legs._replace(speed_min=legs.speed_min + wind, speed_max=legs.speed_max - wind)
     flown = flown._replace(
         speed_min=max(flown.speed_min, legs.speed_min), speed_max=min(flown.speed_max - wind, legs.speed_max)
     )
-    if flown.speed_min >= flown.speed_max:
-        what = f"is {wind:.1f} m/s, which leaves no ground speed between {legs.speed_min:g} and {flown.speed_max:g} m/s"
-        raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", what)
+    what = ""
+    if wind > settings.wind_max:
+        what = f"expected {settings.wind_max:g} m/s at most"
+    elif flown.speed_min >= flown.speed_max:
+        what = f"which leaves no ground speed between {legs.speed_min:g} and {flown.speed_max:g} m/s"
+    if what:
+        raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", f"is {wind:.1f} m/s, {what}")
     return replace(options, limits=legs, manoeuvre=flown), ()

@@ -113,13 +113,7 @@ UNKNOWN = Track()
 
 
 def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> Track:
-    """Take in a report.
-
-    Args:
-        report: checked.
-        name: of the aircraft in messages, such as ``ownship`` or ``intruder 4b1a2c``.
-        now: on the node's clock, ns.
-    """
+    """Take in a report, checked, of an aircraft with a name such as ``intruder 4b1a2c``; ``now`` is in ns."""
     try:
         not_ahead(f"{name}.header.stamp", report.time, now, rules.future)
     except FieldError as error:

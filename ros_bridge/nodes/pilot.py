@@ -49,8 +49,8 @@ class Pilot(Node):
         self._commands = self.create_publisher(Twist, "~/output/command", qos.EVENTS)
         topics.OWNSHIP.heard(self, self._on_ownship)
         topics.PLAN.heard(self, self._guidance.add_plan)
-        topics.STATUS.heard(self, self._guidance.set_status)
-        topics.BACKUP.heard(self, self._guidance.set_backup)
+        topics.STATUS.heard(self, partial(setattr, self._guidance, "status"))
+        topics.BACKUP.heard(self, partial(setattr, self._guidance, "backup"))
         self.create_timer(PERIOD, self._on_timer)
 
     def _on_ownship(self, message: AircraftState) -> None:

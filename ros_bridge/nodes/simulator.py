@@ -58,8 +58,7 @@ _SOURCES = {Trajectory.SOURCE_POLICY: "policy", Trajectory.SOURCE_FALLBACK: "fal
 
 class _Phase(Enum):
     IDLE = 0
-    SETTLING = 1
-    """The clock has stepped back, and the nodes have not noticed yet."""
+    SETTLING = 1  # the clock has stepped back, and the nodes have not noticed yet
     FLYING = 2
 
 
@@ -274,7 +273,6 @@ class Simulator(Node):
         response, log = future.result(), self._log
         log.latency.append(time.perf_counter() - began)
         name = Code(response.status).name
-        log.answers[name] = log.answers.get(name, 0) + 1
         if len(log.latency) == 1:
             log.first = name
         if response.status != response.STATUS_SAFE:
@@ -306,11 +304,11 @@ class Simulator(Node):
 
     def _on_backup(self, message: Trajectory) -> None:
         if self._of_now(message):
-            self._guidance.set_backup(message)
+            self._guidance.backup = message
 
     def _on_status(self, message: AssuranceStatus) -> None:
         if _START < nanoseconds(message.header.stamp) <= self._clock:
-            self._guidance.set_status(message)
+            self._guidance.status = message
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         name = self.resolve_topic_name(topics.RUNNER)

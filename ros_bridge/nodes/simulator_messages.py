@@ -3,6 +3,7 @@
 
 import math
 
+import numpy as np
 from rlcas_msgs.msg import AircraftState, Trajectory, Waypoint
 
 from agents.planner.request import Altitude
@@ -21,14 +22,10 @@ def route_of(flight: EncounterFlight, frame: LocalFrame, separation: float) -> T
     own = flight.own
     dx, dy = flight.goal[0] - own.x, flight.goal[1] - own.y
     length = max(math.hypot(dx, dy), 1.0)
-    reach = [_SPACING * separation * number for number in range(round(_BEYOND / _SPACING) + 1)]
-    at = frame.geodetic(
-        [flight.goal[0] + dx / length * far for far in reach], [flight.goal[1] + dy / length * far for far in reach]
-    )
-    points = [
-        Waypoint(index=1 + number, latitude=latitude, longitude=longitude)
-        for number, (latitude, longitude) in enumerate(zip(at.latitude.tolist(), at.longitude.tolist(), strict=True))
-    ]
+    reach = _SPACING * separation * np.arange(round(_BEYOND / _SPACING) + 1)
+    at = frame.geodetic(flight.goal[0] + dx / length * reach, flight.goal[1] + dy / length * reach)
+    places = enumerate(zip(at.latitude.tolist(), at.longitude.tolist(), strict=True), 1)
+    points = [Waypoint(index=index, latitude=place[0], longitude=place[1]) for index, place in places]
     return Trajectory(status=Trajectory.STATUS_ROUTE, waypoints=points)
 
 

@@ -52,15 +52,9 @@ _DRAINED = 0.1  # s between two looks at what a receiver has sent
 
 
 def paired(fix: Any, twist: Any, identity: str, reference: str, apart: float) -> Report:
-    """Return the report of a fix and the velocity beside it.
+    """Return the report of a fix and the velocity beside it, or raise :class:`FieldError` with a sighting.
 
-    Args:
-        fix: sensor_msgs/NavSatFix.
-        twist: geometry_msgs/TwistStamped or nav_msgs/Odometry, the newest; None: there has been none.
-        apart: largest time between the two, s.
-
-    Raises:
-        FieldError: there is no velocity of about the same time, or a field cannot be used; with a sighting.
+    The velocity is the newest TwistStamped or Odometry (None: there has been none), at most ``apart`` s from the fix.
     """
 
     def beside() -> Any:

@@ -22,7 +22,6 @@ class FlightLog:
     """Smallest distance to any intruder since then, m; since the start where there was none."""
     when: float = float("nan")  # of that, s
     error: float = 0.0  # largest distance from where the plan flown was at the time, m
-    answers: dict[str, int] = field(default_factory=dict)  # of requests of the simulator, by status
     plans: int = 0  # SAFE plans that were published, the monitor's included
     backup: float = 0.0  # on the backup, s
     latency: list[float] = field(default_factory=list)
@@ -87,7 +86,7 @@ def _cells(log: FlightLog) -> dict[str, str]:
         "closest, m": f"{log.separation:.1f}{'' if log.kept else ' !'}",
         "at, s": f"{log.when:.0f}",
         "error, m": f"{log.error:.2f}" if log.safe_at is not None else "-",
-        "answers": str(sum(log.answers.values())),
+        "answers": str(len(log.latency)),
         "re-plans": str(max(log.plans - 1, 0)),
         "backup, s": f"{log.backup:.1f}",
         "answer med/max, ms": " / ".join(f"{value:.0f}" for value in slowest) or "-",

@@ -24,9 +24,10 @@ class Guidance:
         self._monitored = monitored
         self._plans: dict[bytes, Any] = {}
         self._newest: Any = None
-        self._backup: Any = None
-        self.status: Any = None
+        self.backup: Any = None
         """The monitor's last; None: there has been none."""
+        self.status: Any = None
+        """Likewise."""
 
     def add_plan(self, message: Any) -> bool:
         """Take in a trajectory of the runner's; return whether it is a SAFE plan."""
@@ -39,14 +40,6 @@ class Guidance:
             del self._plans[next(iter(self._plans))]
         return True
 
-    def set_backup(self, message: Any) -> None:
-        """Take in the monitor's backup."""
-        self._backup = message
-
-    def set_status(self, status: Any) -> None:
-        """Take in the monitor's status."""
-        self.status = status
-
     def selected(self) -> Any:
         """Return the trajectory that is to be flown now; None: nothing, or what is named has not arrived yet."""
         if not self._monitored:
@@ -54,7 +47,7 @@ class Guidance:
         if self.status is not None and self.status.fly == FLY_PLAN:
             return self._plans.get(bytes(self.status.trajectory_id.uuid))
         if self.status is not None and self.status.fly == FLY_BACKUP:
-            return self._backup
+            return self.backup
         return None
 
 

@@ -54,12 +54,9 @@ def installed(name: str) -> None:
 
 
 def vehicle(name: str, state: VehicleState, limits: Limits, viewer: Any = None) -> Vehicle:
-    """Return an ownship of these limits; JSBSim is loaded for those that need it alone.
+    """Return an ownship of these limits, or raise :class:`SimulationError`; JSBSim is loaded where it is needed.
 
     A viewer, an :class:`envs.c208.flightgear.FlightGear`, shows the one in JSBSim.
-
-    Raises:
-        SimulationError: the name is unknown, what it needs is not installed, or it cannot fly so.
     """
     installed(name)
     if name == "kinematic":
@@ -80,7 +77,7 @@ def vehicle(name: str, state: VehicleState, limits: Limits, viewer: Any = None) 
 
 
 class EncounterFlight:
-    """One encounter in flight.
+    """One encounter in flight; :class:`SimulationError` where the vehicle cannot fly it.
 
     Args:
         encounter: one, own fields ``[1]``, intruders ``[1, K]``.
@@ -88,9 +85,6 @@ class EncounterFlight:
         limits: what the ownship's vehicle can do.
         kind: of the ownship's vehicle, one of :data:`VEHICLES`.
         viewer: as :func:`vehicle` has it.
-
-    Raises:
-        SimulationError: as :func:`vehicle` has it.
     """
 
     def __init__(

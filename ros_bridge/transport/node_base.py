@@ -10,12 +10,13 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import QoSPolicyKind
 
 from ros_bridge.core import updates
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import forgotten
-from ros_bridge.transport import qos, topics, views
+from ros_bridge.transport import topics, views
 from ros_bridge.transport.settings import aircraft_text, declare, planning_options, report_rules
 from ros_bridge.transport.topics import Topic
 
@@ -101,7 +102,9 @@ class ListeningNode(LifecycleNode):
 
     def _misfit(self, topic: str, says: str) -> Callable[[Any], None]:
         def note(event: Any) -> None:
-            self._qos_problems[topic] = f"{topic}: {says.format(qos.misfit(event))}"
+            self._qos_problems[topic] = (
+                f"{topic}: {says.format(QoSPolicyKind(int(event.last_policy_kind)).name.lower())}"
+            )
             self.get_logger().error(self._qos_problems[topic])
 
         return note

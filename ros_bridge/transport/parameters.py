@@ -20,14 +20,12 @@ _UNITS = {"D": "m", "V": "m/s", "T": "s"}
 class Parameter(NamedTuple):
     """One parameter of some nodes."""
 
-    nodes: str
-    """Names with blanks."""
+    nodes: str  # names with blanks
     name: str
     default: Any
     """A number or a switch in the unit, or a text; a text beside a range is the aircraft's field of that name."""
     meaning: str
-    low: float | None = None
-    """None: it is no number."""
+    low: float | None = None  # None: it is no number
     high: float | None = None
     unit: str = ""
 

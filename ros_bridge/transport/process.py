@@ -23,7 +23,7 @@ _LOOK = 1.0  # s between two looks at whether the node has finished
 
 
 def main(make: Any, name: str, text: str | None, arguments: Sequence[str] | None = None) -> int:
-    """Run a node until it is stopped, and return the exit code.
+    """Run a node until it is stopped, and return the exit code; raise InputError where arguments cannot be used.
 
     A lifecycle node is configured and activated first. A node that ends by itself has ``finished``, and then ``code``.
 
@@ -32,9 +32,6 @@ def main(make: Any, name: str, text: str | None, arguments: Sequence[str] | None
         name: of the kind of nodes, such as ``runner``.
         text: for ``--help``, before the parameters.
         arguments: of the command line, without the program's name; None: those of this process.
-
-    Raises:
-        InputError: the arguments or the parameters cannot be used.
     """
     gc.disable()  # until everything that stays is there
     try:

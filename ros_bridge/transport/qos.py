@@ -1,8 +1,6 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Qualities of service of the topics."""
 
-from typing import Any
-
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 _RELIABLE = ReliabilityPolicy.RELIABLE
@@ -24,11 +22,3 @@ CLOCK = QoSProfile(depth=1, reliability=_RELIABLE)
 
 ROUTE = {"transient_local": LATCHED, "volatile": CLOCK}
 """Of the route's input, by its durability."""
-
-_POLICIES = {1 << 1: "durability", 1 << 2: "deadline", 1 << 3: "liveliness", 1 << 4: "reliability", 1 << 5: "history"}
-
-
-def misfit(event: Any) -> str:
-    """Return the policy for which two sides do not fit together, from the event that says so."""
-    kind = int(event.last_policy_kind)
-    return _POLICIES.get(kind, f"(policy {kind})")

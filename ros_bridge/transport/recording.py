@@ -85,16 +85,12 @@ class GrowingFile:
 
 
 class Recorder:
-    """Records until it is closed.
+    """Records what a node hears until it is closed; :class:`RecordingError` or OSError where it cannot.
 
     Args:
         node: that subscribes.
         path: of the file, which must not exist yet.
         now: the time to be written beside each message, ns; where it steps back the recording goes on a second later.
-
-    Raises:
-        RecordingError: the file cannot be made.
-        OSError: the file cannot be written.
     """
 
     def __init__(self, node: Node, path: Path, now: Callable[[], int]) -> None:

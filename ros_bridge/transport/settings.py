@@ -81,11 +81,7 @@ def aircraft_text(options: Options) -> str:
 
 
 def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options:
-    """Return how plans are made.
-
-    Args:
-        value: of a parameter by its name; None for one that the node does not have.
-        aircraft: that the node was started for.
+    """Return how plans are made for an aircraft, by the values of parameters (None for one that it has not).
 
     Raises:
         ValueError: the values contradict each other; the message begins with a parameter's name.

@@ -15,8 +15,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from agents.planner.answer import Plan
 from agents.planner.request import reported
 from agents.planner.traffic import advanced
-from envs.waypoints import Legs, knots, legs
-from envs.waypoints import at as at_time
+from envs.waypoints import Legs, Waypoint, at, knots, legs
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.situation import Task
 from ros_bridge.transport.messages import header
@@ -27,17 +26,16 @@ _SAFE, _UNSAFE, _TRAFFIC = (0.1, 0.6, 0.3), (0.85, 0.2, 0.1), (0.9, 0.55, 0.1)
 
 def path(plan: Plan, task: Task, frame: str) -> Path:
     """Return the start and the waypoints as poses, each stamped with its time of arrival."""
-    every = [(task.own.x, task.own.y, task.own.heading, 0.0)]
-    every += [(point.x, point.y, point.heading, point.time) for point in plan.waypoints]
+    start = Waypoint(0, task.own.x, task.own.y, task.own.heading, task.own.speed, 0.0)
     poses = [
         PoseStamped(
-            header=header(task.time + round(time * SECOND), frame),
+            header=header(task.time + round(point.time * SECOND), frame),
             pose=Pose(
-                position=Point(x=float(x), y=float(y)),
-                orientation=Quaternion(z=math.sin(0.5 * heading), w=math.cos(0.5 * heading)),
+                position=Point(x=float(point.x), y=float(point.y)),
+                orientation=Quaternion(z=math.sin(0.5 * point.heading), w=math.cos(0.5 * point.heading)),
             ),
         )
-        for x, y, heading, time in every
+        for point in (start, *plan.waypoints)
     ]
     return Path(header=header(task.time, frame), poses=poses)
 
@@ -53,8 +51,8 @@ def markers(plan: Plan, task: Task, frame: str) -> MarkerArray:
         result.append(Marker(header=stamp, ns=name, id=number, type=kind, color=colour, scale=scale, **more))
         return result[-1]
 
-    def label(name: str, text: str, at: tuple[float, float], colour: ColorRGBA, unit: float) -> None:
-        add(name, Marker.TEXT_VIEW_FACING, colour, unit, text=text, pose=_pose(*at, z=unit))
+    def label(name: str, text: str, place: tuple[float, float], colour: ColorRGBA, unit: float) -> None:
+        add(name, Marker.TEXT_VIEW_FACING, colour, unit, text=text, pose=_pose(*place, z=unit))
 
     colour, unit = _colour(_SAFE if plan.safe else _UNSAFE), 0.25 * task.options.aircraft.separation
     if plan.waypoints:
@@ -65,10 +63,10 @@ def markers(plan: Plan, task: Task, frame: str) -> MarkerArray:
             label("indices", str(point.index), (point.x, point.y), colour, unit)
     for name, intruder in zip(task.identifiers, task.intruders, strict=True):
         now = advanced(*reported([intruder])).state
-        at = float(now.x[0, 0]), float(now.y[0, 0])
+        place = float(now.x[0, 0]), float(now.y[0, 0])
         keep = 2.0 * task.options.requirement.separation
-        add("traffic", Marker.CYLINDER, _colour(_TRAFFIC, 0.35), keep, pose=_pose(*at)).scale.z = 1.0
-        label("names", name, at, _colour(_TRAFFIC), unit)
+        add("traffic", Marker.CYLINDER, _colour(_TRAFFIC, 0.35), keep, pose=_pose(*place)).scale.z = 1.0
+        label("names", name, place, _colour(_TRAFFIC), unit)
     return MarkerArray(markers=result)
 
 
@@ -83,7 +81,7 @@ def _line(plan: Plan, task: Task) -> list[tuple[float, float]]:
     curve, end = legs(knots(task.own, plan.waypoints)), plan.waypoints[-1].time
     times = np.append(np.arange(0.0, end, _STEP), end)
     each = Legs(*(np.broadcast_to(field, (times.size, *np.shape(field))) for field in curve))
-    state = at_time(each, times)
+    state = at(each, times)
     return list(zip(state.x.tolist(), state.y.tolist(), strict=True))
 
 

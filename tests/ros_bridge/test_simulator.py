@@ -125,19 +125,19 @@ def word(fly: int, number: int = 0) -> SimpleNamespace:
 def test_the_monitor_decides_which_plan_is_flown():
     guidance, first, second, backup = Guidance(), message(1), message(2), message(9, Trajectory.STATUS_BACKUP)
     assert guidance.add_plan(first) and guidance.selected() is None
-    guidance.set_status(word(AssuranceStatus.FLY_PLAN, 1))
+    guidance.status = word(AssuranceStatus.FLY_PLAN, 1)
     assert guidance.selected() is first
     # A newer plan is flown when the monitor has taken it up, and one that has not come yet is none.
     assert guidance.add_plan(second) and guidance.selected() is first
-    guidance.set_status(word(AssuranceStatus.FLY_PLAN, 2))
+    guidance.status = word(AssuranceStatus.FLY_PLAN, 2)
     assert guidance.selected() is second
-    guidance.set_status(word(AssuranceStatus.FLY_PLAN, 3))
+    guidance.status = word(AssuranceStatus.FLY_PLAN, 3)
     assert guidance.selected() is None
-    guidance.set_status(word(AssuranceStatus.FLY_BACKUP))
+    guidance.status = word(AssuranceStatus.FLY_BACKUP)
     assert guidance.selected() is None
-    guidance.set_backup(backup)
+    guidance.backup = backup
     assert guidance.selected() is backup
-    guidance.set_status(word(AssuranceStatus.FLY_NOTHING))
+    guidance.status = word(AssuranceStatus.FLY_NOTHING)
     assert guidance.selected() is None
 
 
