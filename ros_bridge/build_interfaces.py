@@ -12,7 +12,7 @@ import sysconfig
 from collections.abc import Sequence
 from pathlib import Path
 
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import InputError, Parser, run_cli
 
 _SOURCE = Path(__file__).resolve().parent / "rlcas_msgs"
 
@@ -24,10 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--prefix", type=Path, default=Path(sys.prefix), help="where to install (default: here)")
     parser.add_argument("--build", type=Path, help="folder to build in (default build/ and the package's name)")
     options = parser.parse_args(arguments)
-    problem = _missing()
-    if problem:
-        print(f"{parser.prog}: error: {problem}", file=sys.stderr)
-        return 2
+    _check_environment()
     name = options.source.resolve().name
     folder = options.build or Path("build") / name
     scripts = sysconfig.get_path("scripts")
@@ -60,14 +57,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _missing() -> str:
+def _check_environment() -> None:
     if sys.prefix == sys.base_prefix:
-        return "this Python is in no virtual environment, expected one with ROS 2 from wheels (make ros)"
+        raise InputError("this Python is in no virtual environment, expected one with ROS 2 from wheels (make ros)")
     if not (Path(sys.prefix) / "share" / "rosidl_default_generators").is_dir():
-        return f"{sys.prefix} holds no ROS 2 from wheels, expected it to be installed first (make ros)"
+        raise InputError(f"{sys.prefix} holds no ROS 2 from wheels, expected it to be installed first (make ros)")
     if shutil.which("g++") is None and shutil.which("c++") is None and "CXX" not in os.environ:
-        return "there is no C++ compiler, expected g++ (on Debian and Ubuntu: apt install g++)"
-    return ""
+        raise InputError("there is no C++ compiler, expected g++ (on Debian and Ubuntu: apt install g++)")
 
 
 if __name__ == "__main__":

@@ -73,7 +73,8 @@ def _parser() -> argparse.ArgumentParser:
     outside = "what becomes of an aircraft outside the policy's family (default refuse)"
     parser.add_argument("--outside-domain", default="refuse", choices=("refuse", "allow"), help=outside)
     parser.add_argument("--record", type=Path, metavar="FILE.mcap", help="record the graph (default: no recording)")
-    parser.add_argument("--verbose", action="store_true", help="show what the nodes log")
+    shown = "show what the nodes log"
+    parser.add_argument("--verbose", dest="level", action="store_const", const="info", default="fatal", help=shown)
     return parser
 
 
@@ -106,12 +107,11 @@ def _run(options: argparse.Namespace, aircraft: Aircraft, encounters: Sequence[t
     from ros_bridge.nodes.simulator import Simulator
     from ros_bridge.sim.flight_log import kept, table
 
-    level = "info" if options.verbose else "fatal"
     margin = MARGINS[options.vehicle] * aircraft.separation if options.margin is None else options.margin
     shared = {"aircraft": options.aircraft, "policy_file": options.policy}
     flown = {name: getattr(options, name) for name in ("vehicle", "rate", "deciding_rate")}
     flown |= {f"traffic_{name}": getattr(options, name) for name in ("position_std", "velocity_std")}
-    rclpy.init(args=["--ros-args", "--log-level", level])
+    rclpy.init(args=["--ros-args", "--log-level", options.level])
     try:
         given = [Parameter(name, value=value) for name, value in (shared | flown).items()]
         simulator = Simulator(parameter_overrides=given)
@@ -120,7 +120,7 @@ def _run(options: argparse.Namespace, aircraft: Aircraft, encounters: Sequence[t
         raise ValueError(str(error)) from error
     planned = shared | {"margin": float(margin), "use_sim_time": True}
     nodes = {"runner": planned | {"outside_domain": options.outside_domain}, "monitor": planned}
-    unwritten = _flown(simulator, encounters, nodes, options.record, level)
+    unwritten = _flown(simulator, encounters, nodes, options)
     if simulator.logs:
         _evaluate(simulator, [one for _, one, _ in encounters], margin)
         print(f"vehicle {options.vehicle}, margin {margin:g} m, seed {options.seed}, runner and monitor as processes\n")
@@ -134,14 +134,8 @@ def _run(options: argparse.Namespace, aircraft: Aircraft, encounters: Sequence[t
     return 0 if kept(simulator.logs) and len(simulator.logs) == len(encounters) else 1
 
 
-def _flown(
-    simulator: "Simulator",
-    encounters: Sequence[tuple[str, Any, int]],
-    nodes: dict[str, dict[str, Any]],
-    record: Path | None,
-    level: str,
-) -> OSError | None:
-    """Fly encounters beside nodes of these parameters; return why the recording could not be written."""
+def _flown(simulator: "Simulator", encounters: Sequence[Any], nodes: dict[str, Any], options: Any) -> OSError | None:
+    """Fly encounters beside nodes of these parameters; return why a recording could not be written."""
     import rclpy
     from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
@@ -150,11 +144,12 @@ def _flown(
     executor = SingleThreadedExecutor()
     executor.add_node(simulator)
     processes: list[subprocess.Popen[bytes]] = []
+    file = options.record
     try:
-        with nullcontext() if record is None else closing(Recorder(simulator, record, lambda: simulator.now)):
+        with nullcontext() if file is None else closing(Recorder(simulator, file, lambda: simulator.now)):
             for name, values in nodes.items():
                 given = [part for key, value in values.items() if value != "" for part in ("-p", f"{key}:={value}")]
-                processes.append(started(f"ros_bridge.{name}", "--ros-args", "--log-level", level, *given))
+                processes.append(started(f"ros_bridge.{name}", "--ros-args", "--log-level", options.level, *given))
             for name, encounter, number in encounters:
                 simulator.begin(encounter, name, number)
                 while simulator.flying:
@@ -180,10 +175,7 @@ def _flown(
 
 
 def _evaluate(simulator: "Simulator", encounters: Sequence[Any], margin: float) -> None:
-    """Note which encounters can be resolved at the separation that was planned with.
-
-    What is not proven unresolvable counts as resolvable; where no plan was requested nothing is noted.
-    """
+    """Note which encounters can be resolved at the separation planned with: those not proven to be unresolvable."""
     import numpy as np
 
     from agents.resolvability.classify import Verdict, classify

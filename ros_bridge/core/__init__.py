@@ -1,8 +1,7 @@
 """What messages mean, without ROS: reports, tracks, the situation, and the planner's task that follows from it."""
 
 from envs.formats.local_frame import LocalFrame
-from ros_bridge.core.fields import FieldError
-from ros_bridge.core.refusals import Code, Refusal
+from ros_bridge.core.fields import Code, FieldError, Refusal
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Settings, Situation, Task, task
 from ros_bridge.core.tracks import Rules, Track

@@ -37,23 +37,18 @@ class Traffic:
     """Decides which of the aircraft received are traffic, and makes their reports; the ownship's address may be ""."""
 
     def __init__(self, own_id: str) -> None:
-        self.own: Report | None = None
-        """The ownship, to be kept up to date."""
-        self.counts: Counter[str] = Counter()
-        """Of what was left out, by the reason."""
+        self.own: Report | None = None  # the ownship, to be kept up to date
+        self.counts: Counter[str] = Counter()  # of what was left out, by the reason
         self._own_id = own_id.strip().lower()
         self._reported: dict[str, int] = {}
 
     def report(self, address: str, time: int, row: Mapping[str, Any]) -> Report | None:
-        """Return an aircraft's report; None where it is no traffic, or nothing new of it.
+        """Return an aircraft's report, or raise :class:`FieldError`; None where it is no traffic, or repeated.
 
         Args:
             address: six hexadecimal digits, after ``~`` where it is no ICAO address.
             time: of its position, ns.
             row: its fields as readsb names them, values as they came, and ``velocity_age``, s before the position.
-
-        Raises:
-            FieldError: velocity or position are missing or out of range; with a sighting.
         """
         reasons = {
             "on the ground": "ground" in (row.get("alt_baro"), row.get("altitude")),

@@ -40,29 +40,23 @@ class _Window(NamedTuple):
     north: float = 0.0
 
 
-class Estimate(NamedTuple):
-    """An estimate, and what the tracker remembers; its place is the origin of the tracker's map, east and north."""
-
-    report: Report
-    tracks: Tracks
-
-
 @dataclass(frozen=True, slots=True)
 class Course:
     """Reports of one aircraft up to the newest."""
 
     newest: Report
     windows: tuple[_Window, ...]
-    estimate: Estimate
+    estimate: Report
+    tracks: Tracks  # what the tracker remembers; the estimate's place is the origin of its map, east and north
+    reference: Report  # an earlier estimate, far enough back to read a turn from
     contradiction: str = ""  # how the places contradict the velocities; empty: they do not
-    reference: Report | None = None  # an earlier estimate, far enough back to read a turn from
     turn_rate: float = 0.0
     """That the newest and an earlier estimate show, rad/s, positive to the left; 0 where noise could be all of it."""
 
 
 def begun(report: Report) -> Course:
     """Return a course of one report."""
-    return Course(report, (_Window(report),) * len(_WINDOWS), _first(report), reference=report)
+    return Course(report, (_Window(report),) * len(_WINDOWS), report, _first(report), report)
 
 
 def extended(course: Course, report: Report) -> Course:
@@ -84,9 +78,9 @@ def extended(course: Course, report: Report) -> Course:
             contradiction = ""
         if length >= longest:
             windows[number] = _Window(report)
-    estimate = _improved(course.estimate, report)
-    reference, rate = _turning(course, estimate.report)
-    return Course(report, tuple(windows), estimate, contradiction, reference, rate)
+    estimate, tracks = _improved(course, report)
+    reference, rate = _turning(course, estimate)
+    return Course(report, tuple(windows), estimate, tracks, reference, contradiction, rate)
 
 
 def _compared(window: _Window, report: Report, seconds: float) -> tuple[str, bool]:
@@ -106,8 +100,6 @@ def _compared(window: _Window, report: Report, seconds: float) -> tuple[str, boo
 def _turning(course: Course, report: Report) -> tuple[Report, float]:
     """Return the estimate to read the next turn from, and the turn rate now."""
     before = course.reference
-    if before is None:
-        return report, 0.0
     seconds = (report.time - before.time) / SECOND
     if seconds < _TURN_BASELINE[0]:
         return before, course.turn_rate
@@ -120,28 +112,23 @@ def _turning(course: Course, report: Report) -> tuple[Report, float]:
     return report, rate if abs(rate) >= _SIGMAS * noise else 0.0
 
 
-def _first(report: Report) -> Estimate:
-    return Estimate(report, begin(_moving(0.0, 0.0, report), report.position_std, report.velocity_std))
+def _first(report: Report) -> Tracks:
+    return begin(_moving(0.0, 0.0, report), report.position_std, report.velocity_std)
 
 
-def _improved(estimate: Estimate, report: Report) -> Estimate:
-    """Return the estimate after one more report, later than those before."""
+def _improved(course: Course, report: Report) -> tuple[Report, Tracks]:
+    """Return the estimate after one more report, later than those before, and what the tracker remembers then."""
     if report.position_std == 0.0 and report.velocity_std == 0.0:
-        return _first(report)
-    before = estimate.report
+        return report, _first(report)
+    before = course.estimate
     x, y = displacement(*before.place, *report.place)
-    tracks = follow(
-        estimate.tracks,
-        _moving(x, y, report),
-        report.position_std,
-        report.velocity_std,
-        (report.time - before.time) / SECOND,
-    )
+    seconds = (report.time - before.time) / SECOND
+    tracks = follow(course.tracks, _moving(x, y, report), report.position_std, report.velocity_std, seconds)
     if tracks.count == 1.0:
-        return _first(report)
+        return report, _first(report)
     x, y, heading, speed = map(float, tracks.state)
     latitude, longitude = carried(*before.place, x, y, 1.0)
-    believed = replace(
+    estimate = replace(
         report,
         latitude=latitude,
         longitude=longitude,
@@ -150,8 +137,7 @@ def _improved(estimate: Estimate, report: Report) -> Estimate:
         position_std=float(np.sqrt(tracks.position_variance)),
         velocity_std=float(np.sqrt(tracks.velocity_variance)),
     )
-    here = tracks.state._replace(x=0.0, y=0.0)
-    return Estimate(believed, tracks._replace(state=here))
+    return estimate, tracks._replace(state=tracks.state._replace(x=0.0, y=0.0))
 
 
 def _moving(x: float, y: float, report: Report) -> VehicleState:

@@ -1,10 +1,11 @@
-"""Fields of messages, read one by one: every value is finite and in range, or refused by its name.
+"""Fields of messages, read one by one: every value is finite and in range, or refused by its name and with a status.
 
 Messages are taken by their fields alone, so that nothing here needs ROS: a message of another package with the same
 fields, or a plain object in a test, serves as well.
 """
 
 from collections.abc import Callable
+from enum import IntEnum
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
@@ -18,12 +19,9 @@ _T = TypeVar("_T")
 
 
 class FieldError(ValueError):
-    """A field that cannot be used; the message says which, what it is and what was expected.
+    """A field that cannot be used: its name, such as ``ownship.velocity.x``, what is wrong, and what was expected.
 
-    Attributes:
-        field: its name, such as ``ownship.velocity.x``.
-        problem: the rest of the sentence.
-        sighting: what the message still holds of the aircraft; None: nothing.
+    The sighting is what the message still holds of the aircraft; None: nothing.
     """
 
     sighting: "Sighting | None" = None
@@ -95,10 +93,7 @@ def nanoseconds(value: Any) -> int:
 
 
 def identifier(name: str, value: Any) -> str:
-    """Return the name of an aircraft in lower case and without blanks around it, or raise :class:`FieldError`.
-
-    Receivers write the same 24-bit address in either case and pad it.
-    """
+    """Return an aircraft's name in lower case and stripped, as receivers differ in that, or raise :class:`FieldError`."""
     if not isinstance(value, str) or not value.strip() or not value.strip().isprintable():
         raise FieldError(name, f"is {value!r:.60}, expected a printable name")
     if len(value.encode()) > _LONGEST_ID:
@@ -112,3 +107,40 @@ def flags(name: str, value: Any, known: int) -> int:
     if bits & ~known:
         raise FieldError(name, f"is {bits:#x}, expected bits of {known:#x} only")
     return bits
+
+
+class Code(IntEnum):
+    """Status codes of GenerateTrajectory."""
+
+    UNKNOWN = 0
+    SAFE = 1
+    UNRESOLVED = 2
+    NOT_ACTIVE = 10
+    NO_CLOCK = 11
+    NO_GEO_REFERENCE = 12
+    NO_OWNSHIP = 13
+    NO_ROUTE = 14
+    NO_INTRUDER = 15
+    STALE_OWNSHIP = 20
+    STALE_INTRUDER = 21
+    STALE_REQUEST = 22
+    FUTURE_OWNSHIP = 30
+    FUTURE_INTRUDER = 31
+    FUTURE_REQUEST = 32
+    INVALID_GEO_REFERENCE = 40
+    INVALID_OWNSHIP = 41
+    INVALID_INTRUDER = 42
+    INVALID_ALERT = 43
+    INVALID_ROUTE = 44
+    INVALID_REQUEST = 45
+    SUPERSEDED = 46
+    INVALID_TASK = 47
+    INTERNAL_ERROR = 255
+
+
+class Refusal(FieldError):  # noqa: N818 - an answer, not a failure
+    """Why there is no plan: the status of the answer, which input is meant, and a sentence."""
+
+    def __init__(self, code: Code, field: str, problem: str) -> None:
+        super().__init__(field, problem)
+        self.code = code

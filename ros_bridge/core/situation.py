@@ -21,9 +21,8 @@ from envs.formats.local_frame import LocalFrame, distance
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from ros_bridge.core.conversions import Alert, Origin, Route
-from ros_bridge.core.fields import SECOND
+from ros_bridge.core.fields import SECOND, Code, Refusal
 from ros_bridge.core.reach import Reach, level, out_of_reach
-from ros_bridge.core.refusals import Code, Refusal
 from ros_bridge.core.reports import FASTEST, Report
 from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict
 
@@ -59,8 +58,7 @@ class Held(NamedTuple, Generic[_T]):
     fault: Fault | None = None
 
 
-NOTHING: Held[Any] = Held()
-"""Of an input without any message."""
+NOTHING: Held[Any] = Held()  # of an input without any message
 
 
 @dataclass(frozen=True)
@@ -94,8 +92,7 @@ class Task:
 def task(situation: Situation, now: int, settings: Settings, asked_route: Route | None = None) -> Task:
     """Return the task at a moment, ns, for the route of a request or else the published one.
 
-    Raises:
-        Refusal: something is missing, stale, from the future, invalid or inconsistent.
+    Raises :class:`Refusal` where something is missing, stale, from the future, invalid or inconsistent.
     """
     if now <= 0:
         raise Refusal(Code.NO_CLOCK, "clock", "stands at zero, expected a running clock (is /clock published?)")

@@ -108,8 +108,7 @@ class Track:
         return float("inf") if self.last is None else (now - self.last.time) / SECOND
 
 
-UNKNOWN = Track()
-"""Of an aircraft without any report."""
+UNKNOWN = Track()  # of an aircraft without any report
 
 
 def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> Track:
@@ -185,7 +184,7 @@ def _good(track: Track, course: Course, name: str, now: int, rules: Rules) -> Tr
     track = replace(track, course=course, sightings=_unexplained(track, course.newest, now, rules))
     if course.contradiction:
         return _faulty(track, Verdict.CONTRADICTION, f"{name}.position", course.contradiction, now)
-    track = replace(track, last=course.newest, estimate=course.estimate.report)
+    track = replace(track, last=course.newest, estimate=course.estimate)
     if track.shared and track.rival is not None:
         apart = distance(*course.newest.place, *track.rival.newest.place)
         problem = f"is the name of two aircraft {apart / 1e3:.1f} km apart, expected one"

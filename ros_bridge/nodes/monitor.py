@@ -74,7 +74,7 @@ class Monitor(ListeningNode):
         """Begin to listen."""
         self._start()
         self.get_logger().info(f"aircraft {aircraft_text(self._supervision.watch.thresholds.options)}")
-        self._listen(private=False)
+        self._listen(self._on_health, private=False)
         self._subscribe(topics.PLAN, self._on_trajectory)
         self._subscribe(topics.DIAGNOSTICS, self._on_diagnostics)
         self._statuses = self._advertise(topics.STATUS.private)

@@ -2,7 +2,6 @@
 """Requests for a plan: what is refused before anything is planned, and the planner and policy that answer the rest."""
 
 import math
-import uuid
 from dataclasses import replace
 
 from rlcas_msgs.srv import GenerateTrajectory
@@ -15,13 +14,12 @@ from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from ros_bridge.core.fields import SECOND, FieldError, stamp
 from ros_bridge.core.situation import Code, Refusal, Settings, Task, check_age
-from ros_bridge.transport.messages import uuid_of
 
-NO_PLAN = uuid.UUID(int=0)
+NO_PLAN = bytes(16)
 """In a request: no plan in particular."""
 
 
-def check(request: GenerateTrajectory.Request, now: int, settings: Settings, holding: uuid.UUID) -> None:
+def check(request: GenerateTrajectory.Request, now: int, settings: Settings, holding: bytes) -> None:
     """Raise :class:`Refusal` for a request of an unknown reason, of another time, or for a plan that holds no more.
 
     ``now`` is in ns, ``holding`` the id of the plan that holds.
@@ -36,17 +34,16 @@ def check(request: GenerateTrajectory.Request, now: int, settings: Settings, hol
         except FieldError as error:
             raise Refusal(Code.INVALID_REQUEST, error.field, error.problem) from error
         check_age("REQUEST", field, age, settings.request_max_age, settings.future_tolerance)
-    previous = uuid_of(request.previous_id)
+    previous = bytes(request.previous_id.uuid)
     if previous not in (NO_PLAN, holding):
-        what = f"is {previous}, but the plan that holds is {holding if holding.int else 'none'}"
+        what = f"is {previous.hex()}, but the plan that holds is {'none' if holding == NO_PLAN else holding.hex()}"
         raise Refusal(Code.SUPERSEDED, "request.previous_id", what)
 
 
 def planned(wanted: Task, policy: Policy, *, exhaustive: bool) -> Plan:
     """Return the plan for a task; an exhaustive search has no deadline."""
-    options = replace(wanted.options, exhaustive=False)
-    if exhaustive:
-        options = replace(options, exhaustive=True, deadline_s=math.inf)
+    deadline = math.inf if exhaustive else wanted.options.deadline_s
+    options = replace(wanted.options, exhaustive=exhaustive, deadline_s=deadline)
     return plan(wanted.own, wanted.intruders, wanted.points, policy, options, own_altitude=wanted.own_altitude)
 
 
@@ -54,11 +51,5 @@ def rehearsed(policy: Policy, options: Options) -> None:
     """Plan once for traffic ahead, so that the first request is answered as fast as the others."""
     far, speed = options.aircraft.separation, 0.75 * options.aircraft.limits.speed_max
     route = [RoutePoint(index, 5.0 * far * (index + 1), 0.0) for index in range(10)]
-    other = VehicleState(9.0 * far, 0.0, 3.1, speed)
-    plan(
-        VehicleState(0.0, 0.0, 0.0, speed),
-        [other],
-        route,
-        policy,
-        replace(options, extend_route=True, deadline_s=math.inf),
-    )
+    own, other = VehicleState(0.0, 0.0, 0.0, speed), VehicleState(9.0 * far, 0.0, 3.1, speed)
+    plan(own, [other], route, policy, replace(options, extend_route=True, deadline_s=math.inf))

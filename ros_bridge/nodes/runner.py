@@ -20,6 +20,7 @@ Parameters:
 """
 
 import time
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -44,7 +45,7 @@ from ros_bridge.core.situation import Code, Refusal, Task, refusal_of, task
 from ros_bridge.core.tracks import Verdict
 from ros_bridge.nodes.requests import NO_PLAN, check, planned, rehearsed
 from ros_bridge.transport import process, qos, topics, views
-from ros_bridge.transport.messages import plan_message, trajectory_message, uuid_of
+from ros_bridge.transport.messages import plan_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode
 from ros_bridge.transport.settings import aircraft_text, planning_settings
 
@@ -61,7 +62,7 @@ class Runner(ListeningNode):
         self._revision = 0
         self._unique = NO_PLAN
         self._views: tuple[Plan, Task] | None = None
-        self._answers: dict[str, int] = {}
+        self._answers: Counter[str] = Counter()
         self._last_answer, self._advisory = "none yet", ""
         self._thread = ThreadPoolExecutor(1, "search")
         self._searching = False
@@ -91,7 +92,7 @@ class Runner(ListeningNode):
             return TransitionCallbackReturn.FAILURE
         options = planning_settings(self._value, self._aircraft).options
         self.get_logger().info(f"policy {policy.sha256}; aircraft {aircraft_text(options)}")
-        self._listen(private=True)
+        self._listen(self._on_health, private=True)
         self._subscribe(topics.ALERTS.private, self._into(updates.alert))
         self._subscribe(topics.ROUTE.private._replace(quality=qos.ROUTE[durability]), self._into(updates.route))
         self._trajectories = self._advertise(topics.PLAN.private)
@@ -162,7 +163,7 @@ class Runner(ListeningNode):
             response.status, response.message = int(Code.INTERNAL_ERROR), f"the runner failed: {error!r}"
         response.computation_time = time.perf_counter() - began
         name = Code(response.status).name
-        self._answers[name] = self._answers.get(name, 0) + 1
+        self._answers[name] += 1
         self._last_answer = f"{name} {response.message}".strip()
         return response
 
@@ -236,7 +237,7 @@ class Runner(ListeningNode):
         if not result.safe:
             self._advice.publish(message)
             return
-        self._unique = uuid_of(message.id)
+        self._unique = bytes(message.id.uuid)
         self._trajectories.publish(message)
         # The answer does not wait for path and markers.
         self._views = result, wanted
@@ -246,7 +247,7 @@ class Runner(ListeningNode):
         return max(self._revision + 1, min(now // SECOND, 2**31))
 
     def _withdraw(self) -> None:
-        if not self._unique.int:
+        if self._unique == NO_PLAN:
             return
         now = self.get_clock().now().nanoseconds
         self._revision, self._unique = self._next(now), NO_PLAN

@@ -21,7 +21,7 @@ class Series(Simulator):
         seed, first, count = (self._value(name) for name in ("seed", "encounter", "encounters"))
         if count < 1:
             raise ValueError(f"encounters is {count}, expected 1 or more")
-        self._name, self._first, self._seed = self._value("scenario"), first, seed
+        self._name, self._first = self._value("scenario"), first
         try:
             self._encounters = numbered(scenario(self._name, self.aircraft), seed, first, count)
         except EncounterError as error:

@@ -69,8 +69,7 @@ class Simulator(Node):
         super().__init__("rlcas_simulator", **more)
         aircraft = declare(self, "simulator")
         assert aircraft is not None
-        self.aircraft = aircraft
-        """The ownship and its task."""
+        self.aircraft = aircraft  # the ownship and its task
         self._frame = LocalFrame(self._value("origin_latitude"), self._value("origin_longitude"))
         self._monitored = bool(self._value("monitor"))
         installed(self._value("vehicle"))
@@ -81,8 +80,7 @@ class Simulator(Node):
             from envs.c208.flightgear import flightgear_at
 
             self._viewer = flightgear_at(self._value("flightgear"), paced=False)  # the timer is the pace
-        self.logs: list[FlightLog] = []
-        """Of the encounters flown so far."""
+        self.logs: list[FlightLog] = []  # of the encounters flown so far
         self._phase = _Phase.IDLE
         self._flight: EncounterFlight | None = None
         self._clock = _START
@@ -150,13 +148,9 @@ class Simulator(Node):
     def _qualities(self, encounter: Encounter) -> tuple[Quality, Quality]:
         names = ("rate", "latency", "dropout", "position_std", "velocity_std")
         own, traffic = (Quality(*(self._value(f"{kind}_{name}") for name in names)) for kind in ("own", "traffic"))
-        sensor = encounter.sensor
         # A scenario with sensors of its own is not flown with better ones.
-        return own, traffic._replace(
-            latency=max(traffic.latency, float(sensor.latency[0, 0])),
-            position_std=max(traffic.position_std, float(sensor.position_std[0, 0])),
-            velocity_std=max(traffic.velocity_std, float(sensor.velocity_std[0, 0])),
-        )
+        least = {name: float(getattr(encounter.sensor, name)[0, 0]) for name in ("latency", *names[3:])}
+        return own, traffic._replace(**{name: max(getattr(traffic, name), one) for name, one in least.items()})
 
     def _on_timer(self) -> None:
         if self._phase is _Phase.IDLE:

@@ -21,6 +21,7 @@ reach. ADS-B vehicles on the ground and obstacles (emitter types 17 to 19) are l
 """
 
 import importlib
+from collections import Counter
 from collections.abc import Collection
 from functools import partial
 from typing import Any
@@ -93,7 +94,7 @@ class Translator(Node):
             if needed and not self._value(name):
                 raise ValueError(f"{name} is empty, expected the aircraft's name, such as its 24-bit address")
         self._twist: Any = None
-        self._counts: dict[str, int] = {}
+        self._counts: Counter[str] = Counter()
         self._wrong = ""
         self._own, self._traffic, self._health = (
             self.create_publisher(*topic) for topic in (topics.OWNSHIP, topics.TRAFFIC, topics.DIAGNOSTICS)
@@ -101,8 +102,8 @@ class Translator(Node):
         if "nav_sat_fix" in (own, traffic):
             into = self._own if own == "nav_sat_fix" else self._traffic
             name = self._value("own_id" if own == "nav_sat_fix" else "traffic_id")
-            self.create_subscription(TwistStamped, "~/input/velocity", self._on_velocity, qos.SENSOR)
-            self.create_subscription(Odometry, "~/input/odometry", self._on_velocity, qos.SENSOR)
+            for kind, topic in ((TwistStamped, "~/input/velocity"), (Odometry, "~/input/odometry")):
+                self.create_subscription(kind, topic, partial(setattr, self, "_twist"), qos.SENSOR)
             self.create_subscription(NavSatFix, "~/input/fix", partial(self._on_fix, into, name), qos.SENSOR)
         if own in _MESSAGES:
             self.create_subscription(_kind(own), "~/input/inspva", self._on_inspva, qos.SENSOR)
@@ -133,9 +134,6 @@ class Translator(Node):
         if value not in known:
             raise ValueError(f"{name} is {value!r}, expected one of {', '.join(known)}")
         return value
-
-    def _on_velocity(self, message: Any) -> None:
-        self._twist = message
 
     def _on_fix(self, into: Any, name: str, message: NavSatFix) -> None:
         apart = self._value("velocity_apart")
@@ -178,7 +176,7 @@ class Translator(Node):
             self.get_logger().error(f"not translated: {found}", throttle_duration_sec=5.0)
             if publisher is self._traffic and found.sighting is not None:
                 publisher.publish(sighting_message(found.sighting))
-        self._counts[name] = self._counts.get(name, 0) + 1
+        self._counts[name] += 1
 
     def _left_out(self) -> dict[str, int]:
         """Return what of a live receiver was left out; a receiver that cannot be read or is silent is noted."""
@@ -192,7 +190,7 @@ class Translator(Node):
         return {f"{reason}, left out": count for reason, count in self._live.counts.items() if count}
 
     def _on_timer(self) -> None:
-        values = {name: str(count) for name, count in sorted((self._counts | self._left_out()).items())}
+        values = {name: str(count) for name, count in sorted({**self._counts, **self._left_out()}.items())}
         level, message = (DiagnosticStatus.WARN, self._wrong) if self._wrong else (DiagnosticStatus.OK, "ready")
         self._wrong = ""
         self._health.publish(views.diagnostics(self, level, message, values))

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-NEVER_ASKED = "no alert"
-"""The first answer where no plan was requested."""
+NEVER_ASKED = "no alert"  # the first answer where no plan was requested
 
 
 @dataclass

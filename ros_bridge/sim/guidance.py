@@ -24,10 +24,8 @@ class Guidance:
         self._monitored = monitored
         self._plans: dict[bytes, Any] = {}
         self._newest: Any = None
-        self.backup: Any = None
-        """The monitor's last; None: there has been none."""
-        self.status: Any = None
-        """Likewise."""
+        self.backup: Any = None  # the monitor's last; None: there has been none
+        self.status: Any = None  # likewise
 
     def add_plan(self, message: Any) -> bool:
         """Take in a trajectory of the runner's; return whether it is a SAFE plan."""

@@ -34,10 +34,7 @@ class Received(NamedTuple):
 
 
 class Receiver:
-    """Turns true states into reports; aircraft report one after the other, not all at once.
-
-    The seed is of noise, losses and of when within a period each aircraft reports.
-    """
+    """Turns true states into reports, one aircraft after the other; the seed is of noise, losses and moments."""
 
     def __init__(self, quality: Quality, seed: int) -> None:
         self.quality = quality

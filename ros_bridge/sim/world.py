@@ -94,23 +94,19 @@ class EncounterFlight:
         self.vehicle: Any = vehicle(kind, start, limits, viewer)
         self._viewer, self._lags = viewer, kind != "kinematic"
         self._goal_radius, self._response = aircraft.goal_radius, aircraft.dt
-        self.time = 0.0
-        """s since the beginning."""
+        self.time = 0.0  # s since the beginning
         self.goal = float(encounter.goal_x[0]), float(encounter.goal_y[0])
         self._ahead = math.cos(start.heading), math.sin(start.heading)
         reach = start.speed * _LONGEST
         x, y = start.x + reach * self._ahead[0], start.y + reach * self._ahead[1]
         end = Waypoint(0, x, y, start.heading, start.speed, _LONGEST)
         self.fly(legs(knots(start, [end])), 0.0, plan=False)
-        self.truth = Truth()
-        """Since the beginning, or since a new one was put here."""
-        self.reached: float | None = None
-        """When the goal was passed, s."""
+        self.truth = Truth()  # since the beginning, or since a new one was put here
+        self.reached: float | None = None  # when the goal was passed, s
         there = np.flatnonzero(encounter.mask[0])
         self._intruders = intruder.start(VehicleState(*(field[0][there] for field in encounter.intruders)), np)
         self._intent = take(take(encounter.intent, 0), there)
-        self.names = tuple(f"4b{number + 1:04x}" for number in range(len(there)))
-        """Of the intruders."""
+        self.names = tuple(f"4b{number + 1:04x}" for number in range(len(there)))  # of the intruders
 
     @property
     def own(self) -> VehicleState:

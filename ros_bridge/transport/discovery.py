@@ -40,11 +40,8 @@ def port(domain: int, number: int) -> int:
 def configure_dds(environment: MutableMapping[str, str] = os.environ, directory: Path | None = None) -> bool:
     """Have Fast DDS take part by our profile, unless the integrator has configured it; return whether.
 
-    To be called before the first node of the process is made. Other implementations of DDS take no notice.
-
-    Args:
-        environment: variables, which are set; one of CONFIGURED that is there, even empty, is the integrator's.
-        directory: where the process starts, whose file of profiles is the integrator's too; None: the present one.
+    To be called before the process has a node. One of CONFIGURED in the environment, even empty, or a file of profiles
+    in the directory where it starts (None: the present one) is the integrator's. Only Fast DDS takes notice.
     """
     here = Path() if directory is None else directory
     if any(name in environment for name in CONFIGURED) or any((here / name).exists() for name in _IN_DIRECTORY):

@@ -42,12 +42,9 @@ def value(context: Any, name: str) -> str:
 
 
 def node(context: Any, name: str, *others: tuple[str, str, str], **more: Any) -> Node:
-    """Return the action that starts one of our nodes, with the arguments that are its parameters and not empty.
+    """Return the action that starts the node of a module, with the arguments that are its parameters and not empty.
 
-    Args:
-        name: of the module, such as ``runner``.
-        *others: arguments besides the common ones.
-        **more: for :class:`launch_ros.actions.Node`.
+    ``others`` are the arguments besides the common ones, ``more`` goes to :class:`launch_ros.actions.Node`.
     """
     texts = {argument: value(context, argument) for argument, *_ in (*ARGUMENTS, *others)}
     given: list[Any] = [{"use_sim_time": texts["use_sim_time"].lower() == "true"}]

@@ -37,11 +37,6 @@ def identity(value: uuid.UUID) -> UUID:
     return UUID(uuid=np.frombuffer(value.bytes, dtype=np.uint8))
 
 
-def uuid_of(message: UUID) -> uuid.UUID:
-    """Return the UUID that a message holds."""
-    return uuid.UUID(bytes=bytes(bytearray(message.uuid)))
-
-
 def point_message(point: PlanPoint) -> Waypoint:
     """Return a waypoint of a plan."""
     message = Waypoint(
@@ -68,15 +63,7 @@ def trajectory_message(status: int, time: int, frame: str, revision: int, **more
 def plan_message(plan: Plan, task: Task, frame: str, revision: int, *, certified: bool = False) -> Trajectory:
     """Return a plan as a trajectory, UNRESOLVED unless it is safe; ``certified`` with the certificate of a SAFE one."""
     out = {one.number for one in plan.excluded}
-    more: dict[str, Any] = {}
-    if np.isfinite(plan.min_separation) and np.isfinite(plan.time_of_min_separation):
-        more = {
-            "min_separation": float(plan.min_separation),
-            "time_of_min_separation": float(plan.time_of_min_separation),
-        }
-    if plan.goal_index is not None:
-        more["rejoin_index"] = plan.goal_index
-    return trajectory_message(
+    message = trajectory_message(
         Trajectory.STATUS_SAFE if plan.safe else Trajectory.STATUS_UNRESOLVED,
         task.time,
         frame,
@@ -87,8 +74,13 @@ def plan_message(plan: Plan, task: Task, frame: str, revision: int, *, certified
         waypoints=[point_message(point) for point in plan_points(plan, task)],
         # An array of bytes is taken as it is; other sequences are looked at byte by byte.
         certificate=array("B", (plan.certificate if certified else None) or b""),
-        **more,
     )
+    closest = float(plan.min_separation), float(plan.time_of_min_separation)
+    if all(map(np.isfinite, closest)):
+        message.min_separation, message.time_of_min_separation = closest
+    if plan.goal_index is not None:
+        message.rejoin_index = plan.goal_index
+    return message
 
 
 def aircraft_message(report: Report, frame: str = "") -> AircraftState:

@@ -31,8 +31,7 @@ class ListeningNode(LifecycleNode):
 
     def __init__(self, **more: Any) -> None:
         super().__init__(f"rlcas_{self.kind}", **more)
-        self._entities: list[Callable[[], Any]] = []
-        """How each of them is destroyed."""
+        self._entities: list[Callable[[], Any]] = []  # how each of them is destroyed
         self._qos_problems: dict[str, str] = {}
         """Sentences on qualities of service that do not fit, by topic; kept until the node is configured anew."""
         self._active = False
@@ -102,9 +101,8 @@ class ListeningNode(LifecycleNode):
 
     def _misfit(self, topic: str, says: str) -> Callable[[Any], None]:
         def note(event: Any) -> None:
-            self._qos_problems[topic] = (
-                f"{topic}: {says.format(QoSPolicyKind(int(event.last_policy_kind)).name.lower())}"
-            )
+            policy = QoSPolicyKind(int(event.last_policy_kind)).name.lower()
+            self._qos_problems[topic] = f"{topic}: {says.format(policy)}"
             self.get_logger().error(self._qos_problems[topic])
 
         return note
@@ -113,13 +111,13 @@ class ListeningNode(LifecycleNode):
         timer = self.create_timer(period, callback)
         self._entities.append(lambda: self.destroy_timer(timer))
 
-    def _listen(self, *, private: bool) -> None:
+    def _listen(self, health: Callable[[], None], *, private: bool) -> None:
         """Subscribe to ownship, traffic and geo-reference, and publish the state of health; the runner privately."""
         inputs = (topics.OWNSHIP, updates.ownship), (topics.TRAFFIC, updates.traffic)
         for topic, update in (*inputs, (topics.GEO_REFERENCE, updates.geo_reference)):
             self._subscribe(topic.private if private else topic, self._into(update))
         self._health = self._advertise(topics.DIAGNOSTICS)
-        self._call_every(self._value("diagnostics_period"), self._on_health)
+        self._call_every(self._value("diagnostics_period"), health)
 
     def _into(self, update: Callable[..., Situation]) -> Callable[[Any], None]:
         """Return what takes a message into the situation, and logs an origin or a route that cannot be used."""
@@ -133,10 +131,6 @@ class ListeningNode(LifecycleNode):
                     self.get_logger().error(new.fault.message)
 
         return take
-
-    def _on_health(self) -> None:
-        """Publish the state of health."""
-        raise NotImplementedError
 
     def _publish_health(self, problem: tuple[bytes, str], outside: Sequence[str], values: dict[str, str]) -> None:
         """Publish a level and what is wrong ("": nothing), or what is worse; ``outside`` its domain is a warning."""

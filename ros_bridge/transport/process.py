@@ -67,7 +67,8 @@ def _run(make: Any, name: str, text: str, arguments: Sequence[str] | None) -> in
     executor.add_node(node)
     code = 0
     try:
-        if not alive or options.manual or _started(node):
+        steps = () if not alive or options.manual else (node.trigger_configure, node.trigger_activate)
+        if all(step() is TransitionCallbackReturn.SUCCESS for step in steps):  # the node has logged why not
             # What is there by now stays, and is not gone through again and again in the middle of an answer.
             gc.freeze()
             gc.enable()
@@ -89,9 +90,3 @@ def _run(make: Any, name: str, text: str, arguments: Sequence[str] | None) -> in
         node.destroy_node()
         rclpy.try_shutdown()
     return code
-
-
-def _started(node: Any) -> bool:
-    """Return whether the node could be configured and activated; it has logged why not."""
-    steps = (node.trigger_configure, node.trigger_activate)
-    return all(step() is TransitionCallbackReturn.SUCCESS for step in steps)

@@ -11,6 +11,7 @@ import os
 import struct
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from functools import partial
@@ -99,12 +100,11 @@ class Recorder:
         except OSError as error:
             what = "exists already" if isinstance(error, FileExistsError) else f"cannot be written: {error.strerror}"
             raise RecordingError(f"{path} {what}") from error
-        self.path = path
-        """Of the file; another one once the recording has failed."""
+        self.path = path  # of the file; another one once the recording has failed
         self._writer: Writer | None = Writer(self._file)  # pyright: ignore[reportArgumentType] - it writes, tells and flushes
         self._now, self._latest, self._shift = now, 0, 0
         self._settled = time.monotonic()
-        self._counts: dict[int, int] = {}
+        self._counts: Counter[int] = Counter()
         schemas: dict[str, int] = {}
         channels = []
         with self._guarded() as writer:
@@ -127,8 +127,8 @@ class Recorder:
             self._shift += self._latest + _GAP - now
             now = self._latest + _GAP
         self._latest = now
-        number = self._counts.get(channel, 0)
-        self._counts[channel] = number + 1
+        number = self._counts[channel]
+        self._counts[channel] += 1
         self._writer.add_message(channel, log_time=now, publish_time=now, sequence=number, data=bytes(data))
         if time.monotonic() - self._settled > _SETTLE:
             self._settled = time.monotonic()

@@ -20,6 +20,7 @@ from ros_bridge.core.fields import SECOND
 from ros_bridge.core.situation import Task
 from ros_bridge.transport.messages import header
 
+_TEXT = Marker.TEXT_VIEW_FACING
 _STEP = 2.0  # s between the points of the drawn line
 _SAFE, _UNSAFE, _TRAFFIC = (0.1, 0.6, 0.3), (0.85, 0.2, 0.1), (0.9, 0.55, 0.1)
 
@@ -51,22 +52,19 @@ def markers(plan: Plan, task: Task, frame: str) -> MarkerArray:
         result.append(Marker(header=stamp, ns=name, id=number, type=kind, color=colour, scale=scale, **more))
         return result[-1]
 
-    def label(name: str, text: str, place: tuple[float, float], colour: ColorRGBA, unit: float) -> None:
-        add(name, Marker.TEXT_VIEW_FACING, colour, unit, text=text, pose=_pose(*place, z=unit))
-
     colour, unit = _colour(_SAFE if plan.safe else _UNSAFE), 0.25 * task.options.aircraft.separation
     if plan.waypoints:
         add("plan", Marker.LINE_STRIP, colour, 0.16 * unit, points=[Point(x=x, y=y) for x, y in _line(plan, task)])
         dots = [Point(x=float(point.x), y=float(point.y)) for point in plan.waypoints]
         add("waypoints", Marker.SPHERE_LIST, colour, 0.6 * unit, points=dots)
         for point in plan.waypoints:
-            label("indices", str(point.index), (point.x, point.y), colour, unit)
+            add("indices", _TEXT, colour, unit, text=str(point.index), pose=_pose(point.x, point.y, z=unit))
     for name, intruder in zip(task.identifiers, task.intruders, strict=True):
         now = advanced(*reported([intruder])).state
         place = float(now.x[0, 0]), float(now.y[0, 0])
         keep = 2.0 * task.options.requirement.separation
         add("traffic", Marker.CYLINDER, _colour(_TRAFFIC, 0.35), keep, pose=_pose(*place)).scale.z = 1.0
-        label("names", name, place, _colour(_TRAFFIC), unit)
+        add("names", _TEXT, _colour(_TRAFFIC), unit, text=name, pose=_pose(*place, z=unit))
     return MarkerArray(markers=result)
 
 

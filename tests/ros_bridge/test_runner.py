@@ -34,7 +34,7 @@ from agents.policy.inference import Policy
 from ros_bridge.core.conversions import trajectory
 from ros_bridge.core.situation import Code
 from ros_bridge.transport import qos
-from ros_bridge.transport.messages import identity, time_message, uuid_of
+from ros_bridge.transport.messages import identity, time_message
 
 SERVICE = f"{NODE}/generate_trajectory"
 
@@ -153,7 +153,7 @@ def test_new_plan_has_a_greater_revision_and_replaces_the_current_one(client: Cl
     first = answer(client, Code.SAFE, lambda: encounter(world)).trajectory
     second = answer(client, Code.SAFE, lambda: encounter(world), previous_id=first.id).trajectory
     assert second.revision > first.revision
-    assert uuid_of(second.id) != uuid_of(first.id)
+    assert bytes(second.id.uuid) != bytes(first.id.uuid)
     refused = answer(client, Code.SUPERSEDED, previous_id=first.id)
     assert refused.field == "request.previous_id"
     assert refused.trajectory.waypoints == []
@@ -176,7 +176,7 @@ def test_unsafe_plan_is_answered_and_advised_but_not_published(client: Client, w
     assert advice[-1].status == Trajectory.STATUS_UNRESOLVED
     client.idle(0.2)
     assert {plan.status for plan in plans} == {Trajectory.STATUS_SAFE}
-    assert uuid_of(response.trajectory.id) not in {uuid_of(plan.id) for plan in plans}
+    assert bytes(response.trajectory.id.uuid) not in {bytes(plan.id.uuid) for plan in plans}
 
 
 def gone(world: World) -> None:
