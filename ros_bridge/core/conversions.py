@@ -6,6 +6,7 @@ Messages are read by their fields (:mod:`ros_bridge.core.fields`), so nothing he
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from agents.planner.request import Altitude
@@ -47,7 +48,8 @@ class Alert(NamedTuple):
     identifiers: tuple[str, ...]
 
 
-class Station(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Station:
     """A point of the route on the ellipsoid."""
 
     index: int
@@ -60,7 +62,8 @@ Route = tuple[Station, ...]
 """A filed route."""
 
 
-class PlanPoint(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class PlanPoint:
     """A waypoint of a plan on the ellipsoid."""
 
     index: int
@@ -256,8 +259,8 @@ def trajectory(message: Any, name: str = "trajectory") -> Published:
     start = plan_point(message.start, f"{name}.start")
     points = tuple(plan_point(point, f"{name}.waypoints[{n}]") for n, point in enumerate(message.waypoints))
     _once([point.index for point in points], f"{name}.waypoints[{{}}].index")
-    for number_, (before, point) in enumerate(itertools.pairwise([start._replace(time=began), *points])):
-        if point.time <= before.time:
+    for number_, (before, after) in enumerate(itertools.pairwise([began, *(point.time for point in points)])):
+        if after <= before:
             at = f"{name}.waypoints[{number_}].time_of_arrival"
             raise FieldError(at, "is not after the one before, expected later")
     return Published(bytes(message.id.uuid), message.revision, began, start, points, tuple(message.intruder_ids))

@@ -93,7 +93,7 @@ def nanoseconds(value: Any) -> int:
 
 
 def identifier(name: str, value: Any) -> str:
-    """Return an aircraft's name in lower case and stripped, as receivers differ in that, or raise :class:`FieldError`."""
+    """Return an aircraft's name, stripped and in lower case as receivers vary, or raise :class:`FieldError`."""
     if not isinstance(value, str) or not value.strip() or not value.strip().isprintable():
         raise FieldError(name, f"is {value!r:.60}, expected a printable name")
     if len(value.encode()) > _LONGEST_ID:

@@ -20,10 +20,7 @@ NO_PLAN = bytes(16)
 
 
 def check(request: GenerateTrajectory.Request, now: int, settings: Settings, holding: bytes) -> None:
-    """Raise :class:`Refusal` for a request of an unknown reason, of another time, or for a plan that holds no more.
-
-    ``now`` is in ns, ``holding`` the id of the plan that holds.
-    """
+    """Raise :class:`Refusal` for a request of an unknown reason, time or plan; ``now`` is in ns."""
     known = (request.REASON_ALERT, request.REASON_REPLAN, request.REASON_MANUAL)
     if request.reason not in known:
         raise Refusal(Code.INVALID_REQUEST, "request.reason", f"is {request.reason}, expected one of {list(known)}")

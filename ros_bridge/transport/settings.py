@@ -19,10 +19,8 @@ from ros_bridge.core.tracks import Rules
 from ros_bridge.transport.overrides import refuse_unknown_parameters
 from ros_bridge.transport.parameters import Parameter, of
 
-_OPTIONS = {"max_age": "intruder_max_age", "deadline_s": "deadline"}
-_OPTIONS |= {
-    name: name for name in ("rejoin_by", "waypoints", "spacing", "extend_route", "vertical_filter", "exhaustive")
-}
+_SAME = ("rejoin_by", "waypoints", "spacing", "extend_route", "vertical_filter", "exhaustive")
+_OPTIONS = {"max_age": "intruder_max_age", "deadline_s": "deadline"} | {name: name for name in _SAME}
 _RENAMED = _OPTIONS | {"aircraft.goal_radius": "goal_radius"}
 """Parameters by the names that the planner's options have."""
 
