@@ -2,7 +2,7 @@
 
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -16,7 +16,6 @@ from agents.planner.traffic import Requirement
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import SCENARIOS, Scenario
-from envs.kinematics import Limits
 
 FILE, TRACKS, MODEL = "file:", "tracks:", "lincoln:"
 PREFIXES: tuple[str, ...] = (FILE, TRACKS, MODEL)
@@ -27,20 +26,6 @@ _Model = TypeVar("_Model", bound=Strict)
 _DEFAULT_ENCOUNTERS = 10_000
 _LARGEST_CHUNK = 1_250
 _COMPILED_FROM = 2_000
-
-
-class Setting(NamedTuple):
-    """How plans are made and flown; can be sent to another process."""
-
-    options: Options
-    limits: Limits
-    """Of the vehicle that follows."""
-
-
-def usual_setting(aircraft: Aircraft) -> Setting:
-    """Return how plans are made and flown where nothing is said."""
-    options = Options.for_aircraft(aircraft)
-    return Setting(options, options.limits)
 
 
 class PlannerConfig(Strict):
@@ -69,7 +54,7 @@ class PlannerConfig(Strict):
     """Limits of the legs and of the vehicle that follows them; manoeuvres keep inside the aircraft's, too; null: the
     aircraft's with the reserve that the paper's Cessna 208 has."""
 
-    def setting(self, aircraft: Aircraft) -> Setting:
+    def options(self, aircraft: Aircraft) -> Options:
         """Return this as the planner takes it: manoeuvres inside both the aircraft's limits and the vehicle's."""
         changes: dict[str, Any] = {name: getattr(self, name) for name in ("direct", "goals", "exhaustive")}
         given = {name: getattr(self, name) for name in ("rejoin_by", "fallback_cost_threshold")}
@@ -85,7 +70,7 @@ class PlannerConfig(Strict):
             raise ConfigError(f"planner: {problem}") from None
         except ValueError as problem:
             raise ConfigError(f"planner.vehicle: {problem}") from None
-        return Setting(options, options.limits)
+        return options
 
 
 class TracksConfig(Strict):

@@ -172,9 +172,8 @@ def _sheet(flights: "Sequence[Replayed]", titles: Sequence[str], rules: "Rules")
 
     panels = []
     for flight, title in zip(flights, titles, strict=True):
-        other = flight.witness
-        way = None if other is None else np.stack([other.x, other.y])
-        panels.append(Panel(title, flight.own, flight.intruders, flight.separation, flight.goal, witness=way))
+        way = None if flight.witness is None else flight.witness.path
+        panels.append(Panel(title, flight.track, witness=way))
     columns = min(max(len(panels), 3), 6)  # with fewer the legend has no room
     return sheet(panels, rules, columns, (16.0 / 6, 3.1), 8) if panels else None
 

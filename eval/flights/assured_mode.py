@@ -20,7 +20,6 @@ from envs.encounters import Encounter
 from envs.follower import PERIOD
 from envs.perception import carried_back, perceive
 from envs.trees import take
-from eval.config import Setting
 from eval.flights.plan_flight import SUBSTEPS, Air, Flown, Tally, fly_step, request_of, route_of, takeoff
 from eval.flights.plan_mode import perceived_at_start
 from eval.flights.trajectories import TrajectoryRecorder
@@ -43,7 +42,7 @@ def fly_assured(
     plans: Plans,
     policy: Policy,
     aircraft: Aircraft,
-    setting: Setting,
+    options: Options,
     *,
     noise: Callable[[int], np.ndarray] | None = None,
     recorder: TrajectoryRecorder | None = None,
@@ -56,14 +55,14 @@ def fly_assured(
         plans: what was planned at the start, ``[N]``.
         policy: decides.
         aircraft: of the ownship.
-        setting: how plans are made and flown.
+        options: of the planner; their limits are those of the vehicle.
         noise: of the sensors by step, ``[4, N, K]``: monitor and planner then see tracks of such reports; None: the
             intruders are known perfectly.
         recorder: takes the trajectories.
         endless: whether a loss of separation is no violation.
     """
     count, dt = len(encounters.goal_x), aircraft.dt
-    thresholds = Thresholds.for_plans(setting.options)
+    thresholds = Thresholds.for_plans(options)
     asked = request_of(encounters, aircraft)
     tally = Tally(count, aircraft, endless=endless)
     replans, backup = np.zeros(count, np.int32), np.zeros(count, np.int32)
@@ -94,7 +93,7 @@ def fly_assured(
         backup[rows] += monitor.on_backup
         following = intruder.step(air.traffic, air.intent, time, dt, np)
         references = assurance.references(monitor, time, PERIOD * dt, SUBSTEPS)
-        flown = fly_step(air, following, references, number, aircraft, setting.limits)
+        flown = fly_step(air, following, references, number, aircraft, options.limits)
         tally.add(rows, flown, number + 1)
         reached[rows] |= ~np.isnan(flown.reached)
         if recorder is not None:

@@ -4,7 +4,6 @@ What a chunk yields depends on the evaluation and on the encounters' numbers onl
 on the process that works on it or on what it has worked on before.
 """
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import IntEnum
@@ -15,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.baselines.baselines import BASELINES, Baseline
+from agents.planner.options import Options
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Method, Verdict
 from envs.aircraft import Aircraft
@@ -22,16 +22,12 @@ from envs.encounters import Encounter, Scenario
 from envs.kinematics import Limits
 from envs.outcome import Rules
 from envs.starts import joined
-from eval.config import Setting, usual_setting
 from eval.flights.assured_mode import fly_assured
 from eval.flights.compiled import Compiled
 from eval.flights.conditions import conditions, verdicts
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start
 from eval.flights.simulate import OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
 from eval.flights.sources import Source, drawn
-
-MODES = ("policy", "plan", "assured")
-"""What decides: the network once a time step; a plan made at the start; such a plan under a monitor, with re-plans."""
 
 
 class Evaluation(NamedTuple):
@@ -45,8 +41,8 @@ class Evaluation(NamedTuple):
     seed: int
     aircraft: Aircraft
     mode: str = "policy"
-    """One of :data:`MODES`."""
-    given: Setting | None = None
+    """What decides: policy, the network once a step; plan, made at the start; assured, such a plan under a monitor."""
+    given: Options | None = None
     """How plans are made and flown, in the other modes; None: as is usual for the aircraft."""
     baseline: str = "none"
     """One of :data:`agents.baselines.BASELINES` that decides in the policy's place in mode policy; none: the policy."""
@@ -54,9 +50,9 @@ class Evaluation(NamedTuple):
     """What computes the policy's decisions in mode policy: numpy or jax."""
 
     @property
-    def setting(self) -> Setting:
+    def options(self) -> Options:
         """How plans are made and flown."""
-        return usual_setting(self.aircraft) if self.given is None else self.given
+        return Options.for_aircraft(self.aircraft) if self.given is None else self.given
 
     @property
     def rules(self) -> Rules:
@@ -99,22 +95,13 @@ class Pilot:
         return BASELINES[self.evaluation.baseline](self.evaluation.aircraft)
 
 
-def encounters(evaluation: Evaluation, first: int, count: int) -> Encounter:
-    """Return the encounters ``first .. first + count - 1``.
-
-    Raises:
-        EncounterError: one of them meets the scenario's conditions in none of its attempts.
-    """
-    return drawn(evaluation.source, evaluation.seed, first, count)[0]
-
-
 def picked(evaluation: Evaluation, numbers: Iterable[int]) -> Encounter:
     """Return the encounters with these numbers, at least one, ``[M]``.
 
     Raises:
-        EncounterError: as :func:`encounters`.
+        EncounterError: one of them meets the scenario's conditions in none of its attempts.
     """
-    return reduce(joined, (encounters(evaluation, int(number), 1) for number in numbers))
+    return reduce(joined, (drawn(evaluation.source, evaluation.seed, int(number), 1)[0] for number in numbers))
 
 
 def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
@@ -133,7 +120,7 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     judged = verdicts(starts, aircraft, solved=solved)
 
     # The route is the straight line to the goal: what is left of it at the end counts as flown straight.
-    route = np.maximum(begun.route_length, 1.0)  # a start on the goal has none
+    route = np.maximum(begun["route_length_m"], 1.0)  # a start on the goal has none
     excess = np.maximum((flown.path_length + flown.goal_distance) / route - 1.0, 0.0)
     number = np.arange(first, first + count)
     names = evaluation.names or ()
@@ -154,15 +141,7 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
         "verdict_method": _names(Method)[judged.method],
         **_beside(beside),
         **more,
-        "intruders": begun.intruders,
-        "own_speed_m_s": begun.own_speed,
-        "intruder_speed_m_s": begun.intruder_speed,
-        "distance_m": begun.distance,
-        "bearing_deg": begun.bearing * (180.0 / math.pi),
-        "relative_heading_deg": begun.relative_heading * (180.0 / math.pi),
-        "t_cpa_s": begun.t_cpa,
-        "d_cpa_m": begun.d_cpa,
-        "route_length_m": begun.route_length,
+        **begun,
     }
 
 
@@ -171,9 +150,9 @@ def _planned(
 ) -> tuple[Flights, dict[str, np.ndarray]]:
     """Return the flights of a mode that plans, and the columns that only it has."""
     evaluation = pilot.evaluation
-    setting, aircraft = evaluation.setting, evaluation.aircraft
-    plans = plan_at_start(starts, pilot.policy, aircraft, setting, None if noise is None else noise(0))
-    flown = fly_once(starts, plans, aircraft, setting)
+    options, aircraft = evaluation.options, evaluation.aircraft
+    plans = plan_at_start(starts, pilot.policy, aircraft, options, None if noise is None else noise(0))
+    flown = fly_once(starts, plans, aircraft, options)
     made = plans.proposals
     more = {
         "plan_status": np.array(STATUSES, dtype=object)[made.safe.astype(int)],
@@ -188,7 +167,7 @@ def _planned(
     }
     if evaluation.mode == "plan":
         return flown.flights, more
-    assured = fly_assured(starts, plans, pilot.policy, aircraft, setting, noise=noise)
+    assured = fly_assured(starts, plans, pilot.policy, aircraft, options, noise=noise)
     more |= _beside({"plan": flown.flights})
     more |= {"replans": assured.replans, "backup_s": assured.backup}
     return assured.flown.flights, more

@@ -1,6 +1,6 @@
 """Initial conditions of encounters, as figures and tables show them, and verdicts on them in hindsight."""
 
-from typing import NamedTuple
+import math
 
 import numpy as np
 
@@ -17,36 +17,26 @@ LARGEST_OFF = 0.75
 """m; proofs take an intruder to fly arcs within a second, and so have this to spare where it is a recording."""
 
 
-class Conditions(NamedTuple):
-    """Initial conditions, seen from the ownship towards the most critical intruder; fields ``[N]``."""
+def conditions(encounters: Encounter, aircraft: Aircraft) -> dict[str, np.ndarray]:
+    """Return the columns of a table that say how encounters begin, seen towards the most critical intruder, ``[N]``.
 
-    intruders: np.ndarray  # how many there are, int32
-    own_speed: np.ndarray  # m/s
-    intruder_speed: np.ndarray  # m/s
-    distance: np.ndarray  # m
-    bearing: np.ndarray  # of the intruder from the own heading, rad in [-pi, pi), left positive
-    relative_heading: np.ndarray  # intruder's heading less own heading, rad in [-pi, pi), counter-clockwise
-    t_cpa: np.ndarray  # time to the closest point of approach on straight courses, s
-    d_cpa: np.ndarray  # distance there, m
-    route_length: np.ndarray  # distance from the start to the goal, m
-
-
-def conditions(encounters: Encounter, aircraft: Aircraft) -> Conditions:
-    """Return the initial conditions of encounters ``[N]`` of an aircraft."""
+    Bearing (from the own heading) and relative heading (intruder's less own) are counter-clockwise, in [-180, 180) deg;
+    time and distance of the closest point of approach are those on straight courses.
+    """
     own = encounters.own
     other = most_critical(own, encounters.intruders, encounters.mask, aircraft, np)
     cpa = straight_cpa(own, other, np)
-    return Conditions(
-        intruders=np.count_nonzero(encounters.mask, axis=-1).astype(np.int32),
-        own_speed=own.speed,
-        intruder_speed=other.speed,
-        distance=distance(other.x - own.x, other.y - own.y, np),
-        bearing=bearing(own, other.x, other.y, np),
-        relative_heading=wrap(other.heading - own.heading, np),
-        t_cpa=cpa.time,
-        d_cpa=cpa.distance,
-        route_length=distance(encounters.goal_x - own.x, encounters.goal_y - own.y, np),
-    )
+    return {
+        "intruders": np.count_nonzero(encounters.mask, axis=-1).astype(np.int32),
+        "own_speed_m_s": own.speed,
+        "intruder_speed_m_s": other.speed,
+        "distance_m": distance(other.x - own.x, other.y - own.y, np),
+        "bearing_deg": bearing(own, other.x, other.y, np) * (180.0 / math.pi),
+        "relative_heading_deg": wrap(other.heading - own.heading, np) * (180.0 / math.pi),
+        "t_cpa_s": cpa.time,
+        "d_cpa_m": cpa.distance,
+        "route_length_m": distance(encounters.goal_x - own.x, encounters.goal_y - own.y, np),
+    }
 
 
 def verdicts(encounters: Encounter, aircraft: Aircraft, solved: np.ndarray) -> Resolvability:

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.planner.options import Options
 from agents.planner.planner import Plans, plan_many
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
@@ -11,7 +12,6 @@ from envs.encounters import Encounter
 from envs.kinematics import VehicleState
 from envs.perception import carried_back, perceive
 from envs.trees import take
-from eval.config import Setting
 from eval.flights.plan_flight import Flown, Tally, fly_plans, request_of, verdicts
 from eval.flights.trajectories import TrajectoryRecorder
 
@@ -35,18 +35,18 @@ def perceived_at_start(encounters: Encounter, dt: float, noise: Any = None) -> V
 
 
 def plan_at_start(
-    encounters: Encounter, policy: Policy, aircraft: Aircraft, setting: Setting, noise: Any = None
+    encounters: Encounter, policy: Policy, aircraft: Aircraft, options: Options, noise: Any = None
 ) -> Plans:
     """Plan at the start of encounters ``[N]``; noise as of :func:`perceived_at_start`."""
     seen = perceived_at_start(encounters, aircraft.dt, noise)
-    return plan_many(request_of(encounters, aircraft, seen), policy, setting.options)
+    return plan_many(request_of(encounters, aircraft, seen), policy, options)
 
 
 def fly_once(
     encounters: Encounter,
     plans: Plans,
     aircraft: Aircraft,
-    setting: Setting,
+    options: Options,
     recorder: TrajectoryRecorder | None = None,
     *,
     endless: bool = False,
@@ -59,7 +59,7 @@ def fly_once(
     count = len(encounters.goal_x)
     rows = np.flatnonzero(plans.proposals.last >= 0)
     begun, knots = take((encounters, plans.proposals.knots), rows)
-    flown = fly_plans(begun, knots, aircraft, setting.limits, recorder, rows, endless=endless)
+    flown = fly_plans(begun, knots, aircraft, options.limits, recorder, rows, endless=endless)
     whole = Tally(count, aircraft).flown()
     whole.flights.min_separation[:] = np.nan
     whole.whole_separation[:] = np.nan

@@ -4,19 +4,27 @@ An encounter follows from seed and number alone and a flight from its encounter,
 """
 
 from collections.abc import Callable, Sequence
-from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.planner.planner import Plans
 from envs.encounters import Encounter
-from envs.starts import joined
+from envs.trees import take
 from eval.flights.assured_mode import fly_assured
-from eval.flights.chunks import Pilot, encounters, noise_of
+from eval.flights.chunks import Pilot, noise_of, picked
 from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import Flights, fly
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
+
+
+class Track(NamedTuple):
+    """One flight to its end, T steps."""
+
+    own: np.ndarray  # east and north, m, [2, T + 1]
+    intruders: np.ndarray  # the same for each intruder, [K, 2, T + 1]
+    separation: np.ndarray  # smallest distance to any intruder during each step, m, [T]
+    goal: tuple[float, float]  # m
 
 
 class Recorded(NamedTuple):
@@ -29,14 +37,24 @@ class Recorded(NamedTuple):
     flights: Flights
     trajectories: Trajectories
 
+    def track(self, row: int) -> Track:
+        """Return one of the flights."""
+        own, others, _, separation = self.trajectories
+        end, present = int(np.count_nonzero(np.isfinite(own.x[:, row]))), self.starts.mask[row]
+        return Track(
+            np.stack([own.x[:end, row], own.y[:end, row]]),
+            np.stack([others.x[:end, row, present].T, others.y[:end, row, present].T], axis=1),
+            separation[: end - 1, row],
+            (float(self.starts.goal_x[row]), float(self.starts.goal_y[row])),
+        )
+
 
 def fly_recorded(pilot: Pilot, numbers: Sequence[int]) -> Recorded:
     """Fly the encounters of some numbers, at least one, in the evaluation's mode."""
-    evaluation = pilot.evaluation
-    singles = [encounters(evaluation, number, 1) for number in numbers]
-    starts = reduce(joined, singles)
-    noises = [noise_of(evaluation, one, number) for one, number in zip(singles, numbers, strict=True)]
-    noise = _together([each for each in noises if each is not None])  # all of them or none
+    starts = picked(pilot.evaluation, numbers)
+    noises = [noise_of(pilot.evaluation, take(starts, [row]), number) for row, number in enumerate(numbers)]
+    given = [each for each in noises if each is not None]  # all of them or none
+    noise = (lambda step: np.concatenate([each(step) for each in given], axis=1)) if given else None
     recorder = TrajectoryRecorder(starts)
     plans, flights = fly_in_mode(pilot, starts, noise, recorder)
     return Recorded(starts, plans, flights, recorder.stack())
@@ -55,16 +73,11 @@ def fly_in_mode(
     The noise of the sensors is by step, ``[4, M, K]``, None for perfect knowledge; endless flights lose nothing.
     """
     evaluation, policy = pilot.evaluation, pilot.policy
-    aircraft, setting = evaluation.aircraft, evaluation.setting
+    aircraft, options = evaluation.aircraft, evaluation.options
     if evaluation.mode == "policy":
         return None, fly(starts, pilot.decider, aircraft, noise=noise, recorder=recorder, endless=endless)
-    plans = plan_at_start(starts, policy, aircraft, setting, None if noise is None else noise(0))
+    plans = plan_at_start(starts, policy, aircraft, options, None if noise is None else noise(0))
     if evaluation.mode == "plan":
-        return plans, fly_once(starts, plans, aircraft, setting, recorder, endless=endless).flights
+        return plans, fly_once(starts, plans, aircraft, options, recorder, endless=endless).flights
     how: Any = {"noise": noise, "recorder": recorder, "endless": endless}
-    return plans, fly_assured(starts, plans, policy, aircraft, setting, **how).flown.flights
-
-
-def _together(noises: Sequence[Callable[[int], np.ndarray]]) -> Callable[[int], np.ndarray] | None:
-    """Return the noise of several encounters as one, ``[4, M, K]`` by step; None of none."""
-    return (lambda step: np.concatenate([noise(step) for noise in noises], axis=1)) if noises else None
+    return plans, fly_assured(starts, plans, policy, aircraft, options, **how).flown.flights

@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.assurance.thresholds import Thresholds
 from agents.planner.candidates import empty
+from agents.planner.options import Options
 from agents.planner.planner import Plans
 from agents.planner.traffic import Traffic as Known
 from agents.policy.inference import Policy
@@ -24,7 +25,6 @@ from envs.perception import Sensor
 from envs.starts import numbered
 from envs.trees import take
 from envs.waypoints import Legs, legs
-from eval.config import Setting
 from eval.flights.plan_flight import request_of
 from eval.flights.plan_mode import perceived_at_start
 from eval.flights.simulate import sensor_noise
@@ -46,7 +46,7 @@ class Campaign(NamedTuple):
     seed: int
     aircraft: Aircraft  # that decisions and plans are made for; its time step is 1 s
     mode: str  # plan, closed or assured
-    setting: Setting
+    options: Options
     vehicle: str  # that flies, one of eval.hifi.config.VEHICLES
     family: ConditionConfig  # of the conditions
     viewer: FlightGear | None = None  # of vehicles in JSBSim
@@ -137,7 +137,7 @@ def flown(campaign: Campaign, policy: Policy, number: int) -> Flown:
     flight, problem = _fly(campaign, scene, number, pilot, until, ())
     surrogate = None
     if made.request is not None and made.plans.source[0] == 1:
-        surrogate = rolled(made.request, int(made.plans.proposals.goal[0]), policy, campaign.setting.options)
+        surrogate = rolled(made.request, int(made.plans.proposals.goal[0]), policy, campaign.options)
     errors = None if flight is None or flight.failure is not None else against(flight, curves, scene.frame, surrogate)
     return Flown(scene, made, curves, flight, errors, problem, pilot)
 
@@ -148,11 +148,11 @@ def _planned(campaign: Campaign, scene: Scene, policy: Policy) -> tuple[Made, Kn
     ground = over_ground(perceived_at_start(scene.encounter, campaign.aircraft.dt, noise), scene.wind, 0.0)
     known = Known.straight(through_air(ground, scene.frame, 0.0), scene.encounter.mask)
     own = through_air(scene.own, scene.frame, 0.0)
-    return plan_for(own, known, scene.route, 0.0, scene.frame, policy, campaign.setting.options), known
+    return plan_for(own, known, scene.route, 0.0, scene.frame, policy, campaign.options), known
 
 
 def _assured(campaign: Campaign, scene: Scene, plans: Plans, known: Known, policy: Policy) -> Assured:
-    options = campaign.setting.options
+    options = campaign.options
     usual = Thresholds.for_plans(options)
     margin = options.requirement.margin
     # What the margin covers is no reason for a new plan.
@@ -168,7 +168,7 @@ def _fly(
 ) -> tuple[Flight | None, str | None]:
     """Fly with a pilot; return the flight, or why it could not begin."""
     try:
-        vehicle: Any = begin(campaign.vehicle, scene.own, scene.drawn, campaign.setting.limits, campaign.viewer)
+        vehicle: Any = begin(campaign.vehicle, scene.own, scene.drawn, campaign.options.limits, campaign.viewer)
     except StartError as problem:
         return None, str(problem)
     except FlightError as problem:

@@ -97,11 +97,11 @@ def _plan(campaign: Campaign, one: Flown) -> dict[str, Any]:
 
 def _bound(campaign: Campaign, one: Flown) -> str:
     """Say whether the separation that the plan must keep can be kept at all, within the limits of its manoeuvres."""
-    options = campaign.setting.options
+    options = campaign.options
     required = options.requirement.separation + options.requirement.margin
     rules = campaign.aircraft.rules()._replace(separation=required)
     solved = one.made is not None and bool(one.made.plans.proposals.safe[0])
-    limits = within(campaign.aircraft.limits, campaign.setting.limits)
+    limits = within(campaign.aircraft.limits, campaign.options.limits)
     begins = limits.speed_min <= float(one.scene.encounter.own.speed[0]) <= limits.speed_max
     if not begins and not solved:
         return "outside"
@@ -139,13 +139,10 @@ def _errors(one: Flown) -> dict[str, Any]:
 def _scene(campaign: Campaign, one: Flown) -> dict[str, Any]:
     scene = one.scene
     met, begun = scene.drawn, conditions(scene.encounter, campaign.aircraft)
-    loading = met.air.loading
+    del begun["route_length_m"]
+    names = ("weight_lb", "centre_of_gravity", "inertia_factor", "drag_factor", "lift_slope_factor")
     return {
-        "weight_lb": float(loading.weight or _NAN),
-        "centre_of_gravity": loading.centre_of_gravity,
-        "inertia_factor": loading.inertia_factor,
-        "drag_factor": loading.drag_factor,
-        "lift_slope_factor": loading.lift_slope_factor,
+        **dict(zip(names, map(float, met.air.loading[:5]), strict=True)),
         "altitude_m": met.altitude,
         "wind_east_m_s": scene.wind[0],
         "wind_north_m_s": scene.wind[1],
@@ -153,14 +150,7 @@ def _scene(campaign: Campaign, one: Flown) -> dict[str, Any]:
         "wind_error_m_s": math.hypot(scene.frame[0] - scene.wind[0], scene.frame[1] - scene.wind[1]),
         "turbulence": met.air.turbulence,
         "latency_s": met.latency,
-        "intruders": int(begun.intruders[0]),
-        "own_speed_m_s": float(begun.own_speed[0]),
-        "intruder_speed_m_s": float(begun.intruder_speed[0]),
-        "distance_m": float(begun.distance[0]),
-        "bearing_deg": math.degrees(float(begun.bearing[0])),
-        "relative_heading_deg": math.degrees(float(begun.relative_heading[0])),
-        "t_cpa_s": float(begun.t_cpa[0]),
-        "d_cpa_m": float(begun.d_cpa[0]),
+        **{name: column[0].item() for name, column in begun.items()},
     }
 
 

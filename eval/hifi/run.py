@@ -127,7 +127,7 @@ def campaign_of(config: "HifiConfig", workers: int = 1) -> "tuple[Campaign, Hifi
     resolved |= {"policy_sha256": policy.sha256}
     resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
     campaign = Campaign(
-        *(config.policy, source, config.seed, aircraft, config.mode, config.planner.setting(aircraft)),
+        *(config.policy, source, config.seed, aircraft, config.mode, config.planner.options(aircraft)),
         *(config.vehicle, config.condition),
     )
     return campaign, config.model_copy(update=resolved)
@@ -147,7 +147,7 @@ def _summary(table: Any, config: "HifiConfig", aircraft: "Aircraft", wall_s: flo
         "mode": config.mode,
         "vehicle": config.vehicle,
         "condition": config.condition.model_dump(),
-        "margin_m": config.planner.setting(aircraft).options.requirement.margin,
+        "margin_m": config.planner.options(aircraft).requirement.margin,
         "policy_sha256": config.policy_sha256,
         **described(aircraft, named_policy(config)),
         "confidence": config.confidence,

@@ -11,7 +11,7 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
 from envs.outcome import Rules
-from eval.flights.recorded import Recorded
+from eval.flights.recorded import Recorded, Track
 from eval.plots.style import BLUE, GREEN, GREY, SKY, VERMILION, kinds_of, legend, sample, spread
 
 PANELS = 12  # flights on the sheet
@@ -23,13 +23,10 @@ _WITNESS: dict[str, Any] = {"color": SKY, "linewidth": 1.2, "linestyle": "-."}
 
 
 class Panel(NamedTuple):
-    """One flight; NaN after its end."""
+    """One flight."""
 
     title: str
-    own: np.ndarray  # track of the ownship, m, [2, T + 1]
-    intruders: np.ndarray  # tracks of the intruders, m, [K, 2, T + 1]
-    separation: np.ndarray  # smallest distance to any intruder during each step, m, [T]
-    goal: tuple[float, float]  # m
+    track: Track
     colour: str = "black"  # of the title
     witness: np.ndarray | None = None  # a flight that succeeds, m, [2, W]
 
@@ -55,21 +52,12 @@ def trajectory_sheet(
     table: Mapping[str, np.ndarray], numbers: Sequence[int], flights: Recorded, rules: Rules
 ) -> Figure:
     """Return the sheet of some flights of a run, by the numbers of their encounters in its table."""
-    kinds, flown, starts = kinds_of(table), flights.trajectories, flights.starts
+    kinds = kinds_of(table)
     panels = []
-    for i, number in enumerate(numbers):
-        present = starts.mask[i]
-        panels.append(
-            Panel(
-                f"{number}: {kinds[number]}, {table['min_separation_m'][number]:.0f} m, "
-                f"{table['duration_s'][number]:.0f} s",
-                np.stack([flown.own.x[:, i], flown.own.y[:, i]]),
-                np.stack([flown.intruders.x[:, i, present].T, flown.intruders.y[:, i, present].T], axis=1),
-                flown.separation[:, i],
-                (float(starts.goal_x[i]), float(starts.goal_y[i])),
-                "black" if kinds[number] == "success" else "#A63C00",
-            )
-        )
+    for row, number in enumerate(numbers):
+        closest, duration = table["min_separation_m"][number], table["duration_s"][number]
+        title = f"{number}: {kinds[number]}, {closest:.0f} m, {duration:.0f} s"
+        panels.append(Panel(title, flights.track(row), "black" if kinds[number] == "success" else "#A63C00"))
     figure = sheet(panels, rules, 4, (3.25, 3.55), 8.5)
     figure.suptitle("encounter: outcome, smallest separation, duration", fontsize=10)
     return figure
@@ -90,9 +78,9 @@ def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
 
 def _draw(axes: Axes, panel: Panel, rules: Rules) -> None:
     """Draw a flight in km: tracks, goal, and the closest approach with the required separation."""
-    own, intruders = _KM * panel.own, _KM * panel.intruders
+    own, intruders = _KM * panel.track.own, _KM * panel.track.intruders
     minute = slice(None, None, max(1, round(60.0 / rules.dt)))
-    goal = _KM * panel.goal[0], _KM * panel.goal[1]
+    goal = _KM * panel.track.goal[0], _KM * panel.track.goal[1]
     axes.plot([own[0, 0], goal[0]], [own[1, 0], goal[1]], color=GREY, linewidth=0.8, linestyle=":")
     axes.add_patch(Circle(goal, _KM * rules.goal_radius, color=GREEN, alpha=0.35, linewidth=0))
     if panel.witness is not None:
@@ -101,12 +89,13 @@ def _draw(axes: Axes, panel: Panel, rules: Rules) -> None:
         axes.plot(*track, color=style["color"], linewidth=style["linewidth"], linestyle=style["linestyle"])
         axes.plot(*track[:, minute], ".", color=style["color"], markersize=4)
         axes.plot(*track[:, 0], style["marker"], color=style["color"], markersize=style["markersize"])
-    closest = int(np.nanargmin(panel.separation)) + 1
-    apart = np.hypot(*np.moveaxis(intruders[:, :, closest] - own[:, closest], -1, 0))
-    at = intruders[int(np.argmin(apart)), :, closest]
-    ring = Circle((at[0], at[1]), _KM * rules.separation, fill=False, edgecolor=VERMILION, linewidth=0.9)
-    axes.add_patch(ring)
-    axes.plot(*own[:, closest], "D", color="black", markersize=4, markerfacecolor="white", zorder=5)
+    if panel.track.separation.size:
+        closest = int(np.argmin(panel.track.separation)) + 1
+        apart = np.hypot(*np.moveaxis(intruders[:, :, closest] - own[:, closest], -1, 0))
+        at = intruders[int(np.argmin(apart)), :, closest]
+        ring = Circle((at[0], at[1]), _KM * rules.separation, fill=False, edgecolor=VERMILION, linewidth=0.9)
+        axes.add_patch(ring)
+        axes.plot(*own[:, closest], "D", color="black", markersize=4, markerfacecolor="white", zorder=5)
     # Room for the discs, and the same scale both ways: a turn must look like one.
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.06)

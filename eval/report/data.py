@@ -101,21 +101,20 @@ def page_data(run: Run, shown: np.ndarray, flights: Mapping[int, Mapping[str, An
 
 def flight_data(flight: Replayed) -> dict[str, Any]:
     """Return one flight in JSON types; positions are relative to its origin and rounded to its scale, m."""
-    middle = 0.5 * (np.nanmin(flight.own, axis=1) + np.nanmax(flight.own, axis=1))
-    origin = np.round(middle)
-    own, traffic = flight.own - origin[:, None], flight.intruders - origin[:, None]
-    witness = flight.witness
-    also = np.zeros((2, 0)) if witness is None else np.stack([witness.x, witness.y]) - origin[:, None]
-    metres = [own.ravel(), traffic.ravel(), flight.separation, also.ravel()]
+    track, witness = flight.track, flight.witness
+    origin = np.round(0.5 * (track.own.min(axis=1) + track.own.max(axis=1)))
+    places = (track.own, track.intruders, np.zeros((2, 0)) if witness is None else witness.path)
+    own, traffic, also = ((place - origin[:, None]).ravel() for place in places)
+    metres = [own, traffic, track.separation, also]
     largest = max(float(np.max(np.abs(part), initial=0.0)) for part in metres)
     scale = max(_FINEST, math.ceil(largest / 32_767.0 / _FINEST) * _FINEST)
     rates = [np.degrees(flight.yaw_rate) * 1e3, flight.acceleration * 1e3]
     whole = np.concatenate([part / scale for part in metres] + rates)
     found: dict[str, Any] = {
-        "steps": len(flight.separation),
-        "intruders": len(flight.intruders),
+        "steps": len(track.separation),
+        "intruders": len(track.intruders),
         "scale": scale,
-        "goal": [round(flight.goal[0] - origin[0], 1), round(flight.goal[1] - origin[1], 1)],
+        "goal": [round(place - middle, 1) for place, middle in zip(track.goal, origin, strict=True)],
         "packed": _packed(np.clip(np.round(whole), -32_768, 32_767).astype("<i2")),
     }
     if not flight.same:
@@ -127,7 +126,7 @@ def flight_data(flight: Replayed) -> dict[str, Any]:
         found["plan_status"] = flight.plan_status
     if witness is not None:
         found["witness"] = {
-            "points": len(witness.x),
+            "points": witness.path.shape[1],
             "arrival": round(witness.arrival, 1),
             "separation": round(witness.separation, 1),
         }

@@ -17,34 +17,30 @@ from envs.encounters import Encounter
 from envs.kinematics import commands
 from envs.trees import take
 from eval.flights.chunks import Evaluation, Pilot
+from eval.flights.optimal import ROUNDS
 from eval.flights.plan_mode import STATUSES
-from eval.flights.recorded import fly_recorded
+from eval.flights.recorded import Track, fly_recorded
 from eval.flights.simulate import OUTCOMES
 from eval.report.folder import Run
 from eval.runner.options import named_evaluation
 
 _BATCH = 50
-_ROUNDS = 8  # of the refinement of witnesses, a fifth of the usual number: paths get 1.4 m longer on average
 _SAME = 0.01  # smallest separations that differ by more, m, are not the same flight
 
 
 class Witness(NamedTuple):
     """A flight that would have resolved the encounter."""
 
-    x: np.ndarray  # east, m, every second
-    y: np.ndarray
+    path: np.ndarray  # east and north, m, every step, [2, W]
     arrival: float  # s
     separation: float  # smallest distance to any intruder, m
 
 
 class Replayed(NamedTuple):
-    """One flight, second by second, T steps."""
+    """One flight, T steps."""
 
     number: int
-    goal: tuple[float, float]  # m
-    own: np.ndarray  # east and north, m, [2, T + 1]
-    intruders: np.ndarray  # the same for each intruder, [K, 2, T + 1]
-    separation: np.ndarray  # smallest distance to any intruder during each second, m, [T]
+    track: Track
     acceleration: np.ndarray  # commanded in mode policy, else the mean as flown, m/s², [T]
     yaw_rate: np.ndarray  # the same, rad/s, [T]
     same: bool  # whether the flight ended as the table says
@@ -78,33 +74,22 @@ def _batch(run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int]) -> 
     starts, plans, flights, flown = batch
     found = _witnesses(evaluation, starts, [i for i, number in enumerate(numbers) if number in wanted])
     for i, number in enumerate(numbers):
-        if plans is not None and plans.proposals.last[i] < 0:
+        track = batch.track(i)
+        if not track.separation.size:
             continue  # the planner had no trajectory
         said, closest = run.table["outcome"][number], run.table["min_separation_m"][number]
         same = OUTCOMES[flights.outcome[i]] == said and abs(flights.min_separation[i] - closest) <= _SAME
-        end = int(np.count_nonzero(np.isfinite(flown.own.x[:, i])))
-        own, others = take(flown.own, (slice(0, end), i)), np.flatnonzero(starts.mask[i])
         plan, status = None, None
         if plans is None:
-            acceleration, yaw_rate = commands(flown.action[: end - 1, i].T, evaluation.limits, np)
+            acceleration, yaw_rate = commands(flown.action[: track.separation.size, i].T, evaluation.limits, np)
         else:
             dt, made = evaluation.rules.dt, plans.proposals
+            own = take(flown.own, (slice(0, track.separation.size + 1), i))
             acceleration, yaw_rate = np.diff(own.speed) / dt, wrap(np.diff(own.heading), np) / dt
             status = STATUSES[int(made.safe[i])]
-            plan = np.stack([made.knots.x[i], made.knots.y[i], made.knots.time[i]])
-        yield Replayed(
-            number,
-            (float(starts.goal_x[i]), float(starts.goal_y[i])),
-            np.stack([own.x, own.y]),
-            np.stack([flown.intruders.x[:end, i, others].T, flown.intruders.y[:end, i, others].T], axis=1),
-            flown.separation[: end - 1, i],
-            acceleration,
-            yaw_rate,
-            bool(same),
-            plan if plan is not None and np.isfinite(plan).all() else None,
-            status,
-            found.get(i),
-        )
+            knots = np.stack([made.knots.x[i], made.knots.y[i], made.knots.time[i]])
+            plan = knots if np.isfinite(knots).all() else None
+        yield Replayed(number, track, acceleration, yaw_rate, bool(same), plan, status, found.get(i))
 
 
 def _witnesses(evaluation: Evaluation, starts: Encounter, rows: list[int]) -> dict[int, Witness]:
@@ -113,11 +98,11 @@ def _witnesses(evaluation: Evaluation, starts: Encounter, rows: list[int]) -> di
         return {}
     rules, limits = evaluation.rules, evaluation.limits
     chosen = take(starts, np.array(rows))
-    best = least_cost(chosen, rules, limits, rounds=_ROUNDS)
+    best = least_cost(chosen, rules, limits, rounds=ROUNDS)
     found = {}
     for place in np.flatnonzero(np.isfinite(best.arrival)):
         flight = replay(take(chosen, int(place)), take(best.manoeuvre, int(place)), rules, limits)
         on = flight.time <= best.arrival[place] + 1e-9
-        arrival, separation = float(best.arrival[place]), float(best.separation[place])
-        found[rows[int(place)]] = Witness(flight.own.x[on], flight.own.y[on], arrival, separation)
+        path = np.stack([flight.own.x[on], flight.own.y[on]])
+        found[rows[int(place)]] = Witness(path, float(best.arrival[place]), float(best.separation[place]))
     return found

@@ -168,8 +168,7 @@ def named_evaluation(config: "MonteCarloConfig") -> "tuple[Evaluation, Policy, d
     source, names, resolved = named_source(config, aircraft, "encounters")
     if config.baseline == "none" and not config.allow_outside_domain:
         policy.check_intruders(most_intruders(source))
-    setting = config.planner.setting(aircraft)
     backend = config.backend_for(policy, resolved["encounters"])
-    how = (config.mode, setting, config.baseline, backend)
+    how = (config.mode, config.planner.options(aircraft), config.baseline, backend)
     evaluation = Evaluation(config.policy, source, names, config.seed, aircraft, *how)
     return evaluation, policy, resolved | {"policy_sha256": policy.sha256, "backend": backend}

@@ -18,7 +18,6 @@ from envs.kinematics import C208_PUBLISHED
 from envs.outcome import RULES
 from envs.starts import numbered
 from envs.trees import take
-from eval.config import Setting
 from eval.flights.assured_mode import Assured, fly_assured
 from eval.flights.plan_flight import Flown, request_of, verdicts
 from eval.flights.plan_mode import fly_once, plan_at_start
@@ -26,7 +25,7 @@ from eval.flights.simulate import OUTCOMES, sensor_noise
 from eval.monte_carlo import run as monte_carlo
 
 REACHED, TIMEOUT = OUTCOMES.index("reached"), OUTCOMES.index("timeout")
-SETTING = Setting(Options.for_aircraft(PAPER), C208_PUBLISHED)
+OPTIONS = Options.for_aircraft(PAPER, C208_PUBLISHED)
 SMALL = ("--set", "resamples=200", "--set", "figures=false")
 
 
@@ -37,12 +36,12 @@ def encounters() -> Encounter:
 
 @pytest.fixture(scope="module")
 def plans(encounters: Encounter) -> Plans:
-    return plan_at_start(encounters, Policy.load(), PAPER, SETTING)
+    return plan_at_start(encounters, Policy.load(), PAPER, OPTIONS)
 
 
 @pytest.fixture(scope="module")
 def flown(encounters: Encounter, plans: Plans) -> Flown:
-    return fly_once(encounters, plans, PAPER, SETTING)
+    return fly_once(encounters, plans, PAPER, OPTIONS)
 
 
 def table_of(out: Path) -> dict[str, np.ndarray]:
@@ -65,7 +64,7 @@ def test_flights_do_not_depend_on_their_company_and_need_a_trajectory(
     few = take(plans, slice(10, 13))
     last = np.array([few.proposals.last[0], -1, few.proposals.last[2]])
     few = few._replace(proposals=few.proposals._replace(last=last))
-    part = fly_once(take(encounters, slice(10, 13)), few, PAPER, SETTING)
+    part = fly_once(take(encounters, slice(10, 13)), few, PAPER, OPTIONS)
     for a, b in zip((*part.flights, *part[1:]), (*flown.flights, *flown[1:]), strict=True):
         np.testing.assert_array_equal(a[[0, 2]], b[[10, 12]])
     assert part.flights.outcome[1] == TIMEOUT
@@ -153,16 +152,16 @@ def turning() -> Encounter:
 
 @pytest.fixture(scope="module")
 def begun(turning: Encounter, policy: Policy) -> Plans:
-    return plan_at_start(turning, policy, PAPER, SETTING)
+    return plan_at_start(turning, policy, PAPER, OPTIONS)
 
 
 @pytest.fixture(scope="module")
 def assured(turning: Encounter, begun: Plans, policy: Policy) -> Assured:
-    return fly_assured(turning, begun, policy, PAPER, SETTING)
+    return fly_assured(turning, begun, policy, PAPER, OPTIONS)
 
 
 def test_more_is_saved_than_by_the_plan_flown_once(turning: Encounter, begun: Plans, assured: Assured) -> None:
-    once = fly_once(turning, begun, PAPER, SETTING)
+    once = fly_once(turning, begun, PAPER, OPTIONS)
     outcome = assured.flown.flights.outcome
     assert (outcome == REACHED).mean() >= 0.95
     assert (outcome == REACHED).sum() > (once.flights.outcome == REACHED).sum()
@@ -176,40 +175,40 @@ def test_a_goal_that_the_plan_passes_over_is_asked_for_again(policy: Policy) -> 
     alone = alone._replace(mask=alone.mask & False)
     asked = request_of(alone, PAPER)
     onward = (asked.route_x[:, 2:] + 4_000.0, asked.route_y[:, 2:] + 4_000.0, asked.points - 2)
-    plans = plan_many(asked._replace(route_x=onward[0], route_y=onward[1], points=onward[2]), policy, SETTING.options)
+    plans = plan_many(asked._replace(route_x=onward[0], route_y=onward[1], points=onward[2]), policy, OPTIONS)
     assert plans.proposals.safe.all()
     beyond = plans._replace(proposals=plans.proposals._replace(goal=plans.proposals.goal + 2))
-    flown = fly_assured(alone, beyond, policy, PAPER, SETTING)
+    flown = fly_assured(alone, beyond, policy, PAPER, OPTIONS)
     assert np.all(flown.flown.flights.outcome == REACHED)
     np.testing.assert_array_equal(flown.replans, 1)
 
 
 def test_plans_that_keep_more_than_required_are_tried_first() -> None:
-    wide, in_time, along = tries(SETTING.options, 100.0)
+    wide, in_time, along = tries(OPTIONS, 100.0)
     assert wide.requirement.margin > 300.0 + in_time.requirement.margin
-    assert in_time.requirement == along.requirement == SETTING.options.requirement
-    assert wide.rejoin_by < in_time.rejoin_by == 100.0 < along.rejoin_by == SETTING.options.rejoin_by
+    assert in_time.requirement == along.requirement == OPTIONS.requirement
+    assert wide.rejoin_by < in_time.rejoin_by == 100.0 < along.rejoin_by == OPTIONS.rejoin_by
 
 
 def test_a_plan_leaves_room_for_turns_before_they_begin(policy: Policy) -> None:
     """With what the plan at the start had to spare, neither plan nor backup was left when two of four turned."""
     four = numbered(scenario("maneuvering", PAPER, intruders=(2, 4)), 23, 118, 1)
-    flown = fly_assured(four, plan_at_start(four, policy, PAPER, SETTING), policy, PAPER, SETTING)
+    flown = fly_assured(four, plan_at_start(four, policy, PAPER, OPTIONS), policy, PAPER, OPTIONS)
     assert flown.flown.flights.outcome[0] == REACHED
 
 
 def test_noise_of_straight_traffic_asks_for_few_plans(policy: Policy) -> None:
     starts = numbered(scenario("noisy", PAPER), 11, 0, 6)
     noise = sensor_noise(11, 0, *starts.mask.shape)
-    plans = plan_at_start(starts, policy, PAPER, SETTING, noise(0))
-    flown = fly_assured(starts, plans, policy, PAPER, SETTING, noise=noise)
+    plans = plan_at_start(starts, policy, PAPER, OPTIONS, noise(0))
+    flown = fly_assured(starts, plans, policy, PAPER, OPTIONS, noise=noise)
     assert np.median(flown.replans) <= 3
 
 
 @pytest.mark.slow
 def test_assured_flights_do_not_depend_on_their_company(turning: Encounter, policy: Policy, assured: Assured) -> None:
     few = take(turning, slice(12, 16))
-    part = fly_assured(few, plan_at_start(few, policy, PAPER, SETTING), policy, PAPER, SETTING)
+    part = fly_assured(few, plan_at_start(few, policy, PAPER, OPTIONS), policy, PAPER, OPTIONS)
     for a, b in zip(part.flown.flights, assured.flown.flights, strict=True):
         np.testing.assert_array_equal(a, b[12:16])
     np.testing.assert_array_equal(part.replans, assured.replans[12:16])

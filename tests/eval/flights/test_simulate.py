@@ -119,15 +119,15 @@ def test_reversals_count_changes_of_side_of_commands_that_matter() -> None:
 def test_initial_conditions_by_hand() -> None:
     start = placed((0, 0, math.pi / 2, 50), (0, 9_000), (3_000, 4_000, math.pi, 75))
     seen = conditions(start, PAPER)
-    assert seen.distance[0] == pytest.approx(5_000.0)
-    assert seen.bearing[0] == pytest.approx(math.atan2(4, 3) - math.pi / 2, abs=1e-6)
-    assert seen.relative_heading[0] == pytest.approx(math.pi / 2, abs=1e-6)
-    assert seen.route_length[0] == 9_000.0
+    assert seen["distance_m"][0] == pytest.approx(5_000.0)
+    assert seen["bearing_deg"][0] == pytest.approx(math.degrees(math.atan2(4, 3)) - 90.0, abs=1e-4)
+    assert seen["relative_heading_deg"][0] == pytest.approx(90.0, abs=1e-4)
+    assert seen["route_length_m"][0] == 9_000.0
     closing = np.array([-75.0, -50.0])
     time = -np.dot([3_000.0, 4_000.0], closing) / np.dot(closing, closing)
-    assert seen.t_cpa[0] == pytest.approx(time, rel=1e-6)
-    assert seen.d_cpa[0] == pytest.approx(np.linalg.norm([3_000.0, 4_000.0] + closing * time), rel=1e-6)
-    assert (seen.intruders[0], seen.own_speed[0], seen.intruder_speed[0]) == (1, 50.0, 75.0)
+    assert seen["t_cpa_s"][0] == pytest.approx(time, rel=1e-6)
+    assert seen["d_cpa_m"][0] == pytest.approx(np.linalg.norm([3_000.0, 4_000.0] + closing * time), rel=1e-6)
+    assert tuple(seen[name][0] for name in ("intruders", "own_speed_m_s", "intruder_speed_m_s")) == (1, 50.0, 75.0)
 
 
 def flown(name: str, decider: Baseline, first: int, count: int):

@@ -232,7 +232,7 @@ def planned(scene: Scene, options: Options) -> Made:
 def test_a_plan_for_a_wind_enters_the_goal_on_the_ground(number: int, wind: float) -> None:
     flying = campaign(f"condition.wind_mps=[{wind},{wind}]")
     scene = scene_of(flying, number)
-    made = planned(scene, flying.setting.options)
+    made = planned(scene, flying.options)
     found = made.plans.proposals
     if made.problem is not None or not found.safe[0] or found.goal[0] != 1:
         return  # refused, or rejoined elsewhere: said so
@@ -291,7 +291,7 @@ def test_an_air_speed_outside_the_envelope_is_refused() -> None:
 
 
 def test_legs_beyond_the_air_speeds_of_the_vehicle_are_refused() -> None:
-    curves = legs(take(planned(scene_of(campaign(), 0), campaign().setting.options).plans.proposals.knots, 0))
+    curves = legs(take(planned(scene_of(campaign(), 0), campaign().options).plans.proposals.knots, 0))
     slow, fast = float(curves.speed.min()), float(curves.speed.max())
     assert unflyable(curves, (slow - 0.5, fast + 0.5)) is None
     assert "the plan asks for air speeds of" in str(unflyable(curves, (slow + 0.5, fast + 0.5)))
@@ -324,12 +324,12 @@ def test_the_error_of_the_navigation_is_as_large_as_stated_and_changes_slowly() 
 
 
 def test_gentle_manoeuvres_keep_the_limits_of_the_vehicle_too() -> None:
-    setting = load(HifiConfig, None, ["planner.vehicle=configs/vehicle_c208.yaml"]).planner.setting(PAPER)
-    assert setting.options.manoeuvre.speed_min == 55.0
-    assert setting.options.manoeuvre.speed_max < 90.0
-    assert setting.options.manoeuvre.acceleration_max < 0.28
-    assert replace(setting.options, manoeuvre=Options.for_aircraft(PAPER).manoeuvre) != setting.options
-    assert load(HifiConfig).planner.setting(PAPER).options.manoeuvre == Options.for_aircraft(PAPER).manoeuvre
+    options = load(HifiConfig, None, ["planner.vehicle=configs/vehicle_c208.yaml"]).planner.options(PAPER)
+    assert options.manoeuvre.speed_min == 55.0
+    assert options.manoeuvre.speed_max < 90.0
+    assert options.manoeuvre.acceleration_max < 0.28
+    assert replace(options, manoeuvre=Options.for_aircraft(PAPER).manoeuvre) != options
+    assert load(HifiConfig).planner.options(PAPER).manoeuvre == Options.for_aircraft(PAPER).manoeuvre
 
 
 # What FlightGear is sent, read back from UDP sockets by the layouts of FlightGear's own headers.

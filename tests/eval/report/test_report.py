@@ -19,6 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.config.load import ConfigError
+from eval.flights.recorded import Track
 from eval.metrics.summary import headline
 from eval.plots.style import MARKERS, kinds_of
 from eval.report import run as report
@@ -129,16 +130,17 @@ def test_flights_come_out_as_the_table_says(report_run: Path) -> None:
     assert [flight.number for flight in flights] == numbers
     for flight in flights:
         assert flight.same
+        track = flight.track
         # The start counts too.
-        start = np.min(np.hypot(*(flight.intruders[:, :, 0] - flight.own[:, 0]).T))
-        closest = min(start, float(np.min(flight.separation)))
+        start = np.min(np.hypot(*(track.intruders[:, :, 0] - track.own[:, 0]).T))
+        closest = min(start, float(np.min(track.separation)))
         assert closest == pytest.approx(run.table["min_separation_m"][flight.number], abs=1e-6)
-        assert len(flight.separation) == run.table["duration_s"][flight.number]
-        assert flight.own.shape == (2, len(flight.separation) + 1)
+        assert len(track.separation) == run.table["duration_s"][flight.number]
+        assert track.own.shape == (2, len(track.separation) + 1)
         if flight.witness is not None:
             assert flight.number in failed
             assert flight.witness.separation >= run.rules.separation
-            to_goal = np.hypot(flight.witness.x[-1] - flight.goal[0], flight.witness.y[-1] - flight.goal[1])
+            to_goal = np.hypot(*(flight.witness.path[:, -1] - track.goal))
             assert to_goal <= run.rules.goal_radius + 1e-6
 
 
@@ -183,9 +185,10 @@ def test_a_packed_flight_is_the_flight_to_half_its_scale(
     draw = np.random.default_rng(seed).uniform
     own, others = draw(-size, size, (2, steps + 1)) + offset, draw(-size, size, (count, 2, steps + 1)) + offset
     way = draw(-size, size, (2, 5)) + offset
-    witness = Witness(way[0], way[1], 60.0, 1_001.0)
+    witness = Witness(way, 60.0, 1_001.0)
     turn, push = draw(-0.09, 0.09, steps), draw(-1.0, 1.0, steps)
-    flight = Replayed(7, (offset, offset), own, others, draw(0, size, steps), push, turn, True, None, None, witness)
+    track = Track(own, others, draw(0, size, steps), (offset, offset))
+    flight = Replayed(7, track, push, turn, True, None, None, witness)
     stored = flight_data(flight)
     found, half = unpacked(stored), 0.5 * stored["scale"] + 1e-6
     # The origin is not stored: what matters is where everybody is from each other and from the goal.
@@ -195,7 +198,7 @@ def test_a_packed_flight_is_the_flight_to_half_its_scale(
     assert np.abs(found["intruders"] + shift - others).max() <= 2.0 * half
     assert np.abs(found["witness"] + shift - way).max() <= 2.0 * half
     assert np.abs(np.array(stored["goal"]) + shift[:, 0] - offset).max() <= half + 0.1
-    assert np.abs(found["separation"] - flight.separation).max() <= half
+    assert np.abs(found["separation"] - flight.track.separation).max() <= half
     assert np.abs(found["turn"] - np.degrees(turn)).max() <= 5.1e-4
     assert np.abs(found["push"] - push).max() <= 5.1e-4
 
