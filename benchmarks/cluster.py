@@ -20,7 +20,8 @@ from envs.edge.command import Parser, run_cli
 from envs.encounters import scenario
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.runner.cluster import Cluster, connected
-from eval.runner.workers import DECISIVE, Chunk, Task, fly_chunks
+from eval.runner.payload import DECISIVE, Chunk, Task
+from eval.runner.workers import fly_chunks
 
 
 class Nothing(NamedTuple):

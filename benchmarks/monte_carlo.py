@@ -24,7 +24,8 @@ from envs.starts import numbered
 from eval.config import MonteCarloConfig
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.flights.simulate import Direct, fly
-from eval.runner.workers import Chunk, Task, cores, fly_chunks
+from eval.runner.payload import Chunk, Task
+from eval.runner.workers import cores, fly_chunks
 
 ROWS = 256
 """Of a matrix product of the limit."""

@@ -139,7 +139,7 @@ def _prepared(options: argparse.Namespace) -> tuple[MonteCarloConfig, Comparison
         config = config.model_copy(update={"encounters": _DEFAULT_ENCOUNTERS})
     aircraft = aircraft_of_all(options.policy, options.policy_sha256)
     entries = entries_of(options.policy, options.mode, options.baseline, aircraft)
-    source, names, resolved = named_source(config, aircraft, "--encounters")
+    source, names, resolved = named_source(config, aircraft)
     for decider in (entry.decider for entry in entries):
         if isinstance(decider, ByPolicy):
             decider.policy.check_intruders(most_intruders(source))

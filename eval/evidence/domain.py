@@ -30,7 +30,7 @@ def cells(folder: Path) -> dict[str, Any]:
     """
     table = read_table(folder / "encounters.parquet", "the table of a run")
     columns = ("relative_heading_deg", "own_speed_m_s", "intruder_speed_m_s", "outcome", "verdict")
-    course, own, other, outcome, verdict = (table[name].to_numpy(zero_copy_only=False) for name in columns)
+    course, own, other, outcome, verdict = (table[name] for name in columns)
     row = np.clip(np.searchsorted(COURSES, np.abs(course), "right") - 1, 0, len(_GEOMETRIES) - 1)
     column = np.clip(np.searchsorted(RATIOS, other / own, "right") - 1, 0, len(_SPEEDS) - 1)
     tried = verdict != "unresolvable"

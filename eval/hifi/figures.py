@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from threadpoolctl import threadpool_limits
 
+from agents.config.figures import save_figure
 from agents.policy.inference import Policy
 from envs.c208.air_mass import over_ground
 from envs.follower import PERIOD
@@ -20,14 +21,13 @@ from eval.hifi.errors import Errors
 from eval.hifi.flights import Campaign, Flown, flown, prepared
 from eval.plots.encounters import separation_histogram
 from eval.plots.style import BLUE, GREEN, GREY, ORANGE, VERMILION
-from eval.runner.outputs import RunFolder
 
 _SHOWN = 4
 _KM = 1_000.0
 _AFTER = 60.0  # the rejoining that the track is shown for, s
 
 
-def draw_all(folder: RunFolder, table: Mapping[str, np.ndarray], campaign: Campaign) -> list[Path]:
+def draw_all(folder: Path, table: Mapping[str, np.ndarray], campaign: Campaign) -> list[Path]:
     """Draw every figure of a run into its folder and return the paths."""
     flights = []
     with threadpool_limits(1):
@@ -42,7 +42,7 @@ def draw_all(folder: RunFolder, table: Mapping[str, np.ndarray], campaign: Campa
         figures["min_separation"] = separation_histogram(table, campaign.aircraft.separation)
     if np.isfinite(table["position_error_max_m"]).any():
         figures["errors"] = distributions(table)
-    return [path for name, figure in figures.items() for path in folder.save_figure(name, figure)]
+    return [path for name, figure in figures.items() for path in save_figure(figure, folder / name)]
 
 
 def chosen(table: Mapping[str, np.ndarray]) -> list[int]:

@@ -19,15 +19,16 @@ from envs.c208.air_mass import Wind, over_ground, through_air
 from envs.c208.flightgear import FlightGear
 from envs.c208.guidance import Path as Track
 from envs.c208.vehicle import FlightError, StartError
-from envs.encounters import Encounter, Scenario
+from envs.encounters import Encounter
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
-from envs.starts import numbered
 from envs.trees import take
 from envs.waypoints import Legs, legs
+from eval.flights import sources
 from eval.flights.plan_flight import request_of
 from eval.flights.plan_mode import perceived_at_start
 from eval.flights.simulate import sensor_noise
+from eval.flights.sources import Source
 from eval.hifi.config import ConditionConfig, Drawn, drawn
 from eval.hifi.errors import Errors, against, rolled
 from eval.hifi.flight import Flight, Pilot, Traffic, fly
@@ -42,7 +43,7 @@ class Campaign(NamedTuple):
     """All that the flights of a run follow from; can be sent to another process."""
 
     policy: Path | None  # file of the policy; None for the shipped one
-    source: Scenario | Encounter  # a scenario to draw from, or the encounters of a file
+    source: Source
     seed: int
     aircraft: Aircraft  # that decisions and plans are made for; its time step is 1 s
     mode: str  # plan, closed or assured
@@ -87,11 +88,7 @@ def scene_of(campaign: Campaign, number: int) -> Scene:
     The encounter is drawn in the air mass, where speeds are air speeds; the wind carries them all, and the goal lies
     where the ownship would arrive if it flew straight on. So the same number is the same conflict in any wind.
     """
-    source, family = campaign.source, campaign.family
-    if isinstance(source, Scenario):
-        one = numbered(source, campaign.seed, number, 1)
-    else:
-        one = take(source, slice(number, number + 1))
+    family, (one, _) = campaign.family, sources.drawn(campaign.source, campaign.seed, number, 1)
     met = drawn(family, campaign.seed, number, takeoff_weight(campaign.vehicle))
     wind = met.air.wind_east, met.air.wind_north
     if family.position_std > 0.0 or family.velocity_std > 0.0 or met.latency > 0.0:

@@ -142,7 +142,7 @@ def _scene(campaign: Campaign, one: Flown) -> dict[str, Any]:
     del begun["route_length_m"]
     names = ("weight_lb", "centre_of_gravity", "inertia_factor", "drag_factor", "lift_slope_factor")
     return {
-        **dict(zip(names, map(float, met.air.loading[:5]), strict=True)),
+        **dict(zip(names, met.air.loading[:5], strict=True)),
         "altitude_m": met.altitude,
         "wind_east_m_s": scene.wind[0],
         "wind_north_m_s": scene.wind[1],

@@ -1,25 +1,18 @@
 """Flights of the true aircraft: ``python -m eval.hifi --scenario head_on --flights 50 --out runs/hifi``."""
 
 import argparse
-import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from agents.config.load import ConfigError, Parser
-from eval.runner.command import cluster_of, concluded, flown_on, run_in, whole_table
-from eval.runner.options import first_options, last_options, loaded, named_policy, named_source, whole
-
-if TYPE_CHECKING:
-    from envs.aircraft import Aircraft
-    from envs.c208.flightgear import FlightGear
-    from eval.hifi.config import HifiConfig
-    from eval.hifi.flights import Campaign
-    from eval.hifi.rows import HifiFolder
-
-
-_DECISIVE = ("jsbsim",)
-"""More packages with versions that flights depend on."""
+from envs.c208.flightgear import flightgear_at
+from eval.hifi.config import HifiConfig
+from eval.hifi.flights import Campaign, prepared
+from eval.hifi.rows import HifiFolder, columns
+from eval.hifi.summary import summarise
+from eval.runner.command import Command, run
+from eval.runner.options import first_options, last_options, named_evaluation, whole
 
 _DESCRIPTION = """\
 Fly what the planner, the policy or the assured loop decide on the true aircraft, a Cessna 208B in JSBSim, and say how
@@ -45,14 +38,7 @@ Every key of the configuration, with its unit and default: python -m eval.hifi -
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run what the command line asks for and return the exit status; bad input raises ``InputError``."""
-    options = _parser().parse_args(arguments)
-    if options.help_keys:
-        from agents.config.keys import help_text
-        from eval.hifi.config import HifiConfig
-
-        print(help_text(HifiConfig))
-        return 0
-    return concluded(_run, options)
+    return run(_COMMAND, _parser().parse_args(arguments))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -70,98 +56,47 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _run(options: argparse.Namespace) -> int:
-    begun = time.perf_counter()
-    config = _config(options)
-    viewer = None if options.flightgear is None else _viewer(options, config)
-    from eval.hifi.flights import prepared
-    from eval.hifi.rows import HifiFolder, columns
-    from eval.runner.workers import DECISIVE, Task, cores
-
-    with cluster_of(options, _DECISIVE) as cluster:
-        workers = config.workers or cores() if cluster is None else cluster.size()
-        workers = workers if viewer is None else 1
-        campaign, config = campaign_of(config, workers)
-        folder = HifiFolder(options.out or Path("runs") / time.strftime("hifi_%Y%m%d_%H%M%S"), config)
-        task = Task(prepared, columns, (*DECISIVE, *_DECISIVE))
-        fly = flown_on(cluster, workers, task, campaign._replace(viewer=viewer), str(config.policy_sha256))
-        with run_in(folder, config, resume=options.resume):
-            table, flown = whole_table(folder, config, fly, "flights", "python -m eval.hifi")
-            summary = _summary(table, config, campaign.aircraft, time.perf_counter() - begun, flown)
-            paths = [folder.write_summary(summary)]
-            if config.figures:
-                from eval.hifi.figures import draw_all
-
-                paths += draw_all(folder, table, campaign)
-    _show(summary, folder, paths)
-    return 0
+def campaign_of(config: HifiConfig) -> tuple[Campaign, HifiConfig]:
+    """Return what a configuration names to be flown, and the configuration as resolved."""
+    evaluation, _, resolved = named_evaluation(config)
+    del resolved["backend"]  # nothing here is decided in batches
+    what = (evaluation.source, config.seed, evaluation.aircraft, config.mode, evaluation.options)
+    return Campaign(config.policy, *what, config.vehicle, config.condition), config.model_copy(update=resolved)
 
 
-def _config(options: argparse.Namespace) -> "HifiConfig":
-    from eval.hifi.config import HifiConfig
-
-    keys = {"mode": "mode", "vehicle": "vehicle", "condition": "condition.name", "flights": "encounters"}
-    return loaded(HifiConfig, options, keys | {"seed": "seed", "workers": "workers"}, "")
-
-
-def _viewer(options: argparse.Namespace, config: "HifiConfig") -> "FlightGear":
-    from envs.c208.flightgear import flightgear_at
-
-    if config.vehicle not in ("c208_ex", "c208"):
-        raise ConfigError(f"--flightgear: vehicle is {config.vehicle}; expected c208_ex or c208, which JSBSim flies")
-    if options.scheduler is not None or options.workers not in (None, 1):
-        raise ConfigError("--flightgear shows one flight at a time; expected no --scheduler, and no --workers but 1")
-    return flightgear_at(options.flightgear, paced=True)
-
-
-def campaign_of(config: "HifiConfig", workers: int = 1) -> "tuple[Campaign, HifiConfig]":
-    """Return what a configuration names to be flown, and the configuration as resolved for so many workers."""
-    from eval.flights.sources import most_intruders
-    from eval.hifi.flights import Campaign
-
-    policy = named_policy(config)
-    aircraft = config.flown_aircraft(policy)
-    source, _, resolved = named_source(config, aircraft, "flights")
-    if not config.allow_outside_domain:
-        policy.check_intruders(most_intruders(source))
-    resolved |= {"policy_sha256": policy.sha256}
-    resolved["chunk"] = config.chunk_for(resolved["encounters"], workers)
-    campaign = Campaign(
-        *(config.policy, source, config.seed, aircraft, config.mode, config.planner.options(aircraft)),
-        *(config.vehicle, config.condition),
-    )
-    return campaign, config.model_copy(update=resolved)
+def _prepared(config: HifiConfig, options: argparse.Namespace) -> tuple[Campaign, HifiConfig, tuple[str, ...]]:
+    viewer = None
+    if options.flightgear is not None:
+        if config.vehicle not in ("c208_ex", "c208"):
+            raise ConfigError(
+                f"--flightgear: vehicle is {config.vehicle}; expected c208_ex or c208, which JSBSim flies"
+            )
+        if options.scheduler is not None or options.workers not in (None, 1):
+            raise ConfigError(
+                "--flightgear shows one flight at a time; expected no --scheduler, and no --workers but 1"
+            )
+        viewer = flightgear_at(options.flightgear, paced=True)
+        config = config.model_copy(update={"workers": 1})
+    campaign, config = campaign_of(config)
+    return campaign._replace(viewer=viewer), config, ("jsbsim",)
 
 
-def _summary(table: Any, config: "HifiConfig", aircraft: "Aircraft", wall_s: float, flown: int) -> dict[str, Any]:
-    from envs.edge.installation import versions
-    from eval.flights.aircraft import described
-    from eval.hifi.summary import SCHEMA_VERSION, summarise
-
+def _summary(table: Mapping[str, Any], config: HifiConfig, campaign: Campaign) -> dict[str, Any]:
     return {
-        "schema_version": SCHEMA_VERSION,
-        "flights": config.wanted,
-        "seed": config.seed,
-        "scenario": config.scenario,
-        "changes": config.changes,
-        "mode": config.mode,
         "vehicle": config.vehicle,
         "condition": config.condition.model_dump(),
-        "margin_m": config.planner.options(aircraft).requirement.margin,
-        "policy_sha256": config.policy_sha256,
-        **described(aircraft, named_policy(config)),
-        "confidence": config.confidence,
+        "margin_m": campaign.options.requirement.margin,
         **summarise(table, config.confidence),
-        "wall_s": wall_s,
-        "flights_flown_now": flown,
-        "flights_per_s": flown / wall_s if flown else None,
-        "versions": versions("numpy", "safetensors", "pyarrow", "scipy", "jsbsim"),
     }
 
 
-def _show(summary: dict[str, Any], folder: "HifiFolder", paths: list[Path]) -> None:
-    from eval.flights.aircraft import lines_about
+def _draw(folder: Path, table: Mapping[str, Any], campaign: Campaign) -> list[Path]:
+    from eval.hifi.figures import draw_all
 
+    return draw_all(folder, table, campaign._replace(viewer=None))
+
+
+def _show(summary: Mapping[str, Any]) -> None:
     print(
         f"{summary['flights']} flights of {summary['vehicle']}, mode {summary['mode']}, scenario "
         f"{summary['scenario']}, condition {summary['condition']['name']}, seed {summary['seed']}"
@@ -170,7 +105,6 @@ def _show(summary: dict[str, Any], folder: "HifiFolder", paths: list[Path]) -> N
         if isinstance(found, dict) and "total" in found and found["value"] is not None:
             ends = f"{100.0 * found['low']:6.2f} .. {100.0 * found['high']:.2f} %"
             print(f"{key:22} {100.0 * found['value']:7.2f} %  {ends:20} {found['count']} of {found['total']}")
-    print("\n".join(lines_about(summary)))
     print(f"smallest separation    {_number(summary['min_separation_m_quantiles']['0'])} m")
     for name, found in summary["errors"].items():
         if found["1"] is not None:
@@ -181,9 +115,14 @@ def _show(summary: dict[str, Any], folder: "HifiFolder", paths: list[Path]) -> N
         print(f"margin for 99 % of flights  {margin['bound_m']:.1f} m; --set planner.margin={margin['margin_m']:g}")
     for reason, count in summary["reasons"].items():
         print(f"{count:6}  {reason}")
-    names = {path.name for path in paths} | {"flights.parquet", "config.yaml"}
-    print(f"files: {folder.path}: " + ", ".join(sorted(names)))
 
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
+
+
+_KEYS = {"mode": "mode", "vehicle": "vehicle", "condition": "condition.name", "flights": "encounters"}
+_COMMAND = Command(
+    *("hifi", "flights", HifiFolder, _KEYS | {"seed": "seed", "workers": "workers"}, ""),
+    *(_prepared, prepared, columns, _summary, _draw, _show),
+)

@@ -11,8 +11,6 @@ import numpy as np
 from eval.hifi.rows import HIFI_OUTCOMES
 from eval.stats.intervals import quantiles, share
 
-SCHEMA_VERSION = 1
-
 _SHARES = (0.5, 0.95, 0.99, 1.0)
 _COVERED = 0.99  # share of the flights that a margin covers
 _ROUNDING = 5.0  # m, to which a margin is rounded up

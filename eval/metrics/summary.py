@@ -12,8 +12,6 @@ from agents.config.progress import spaced
 from eval.metrics.weighted import ratio
 from eval.stats.intervals import Interval, ends, mean_interval, number, quantiles, share
 
-SCHEMA_VERSION = 1
-
 _RATES = (
     ("success of all encounters", "success_rate"),
     ("success of those not proven unresolvable", "success_given_resolvable"),

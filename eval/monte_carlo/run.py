@@ -1,22 +1,23 @@
 """Monte Carlo evaluation of a policy: ``python -m eval.monte_carlo --encounters 10000 --out runs/first``."""
 
 import argparse
-import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from agents.config.load import Parser
-from eval.runner.command import cluster_of, concluded, flown_on, run_in, whole_table
-from eval.runner.options import first_options, last_options, loaded, named_evaluation, whole
-
-if TYPE_CHECKING:
-    from agents.policy.inference import Policy
-    from eval.config import MonteCarloConfig
-    from eval.runner.outputs import RunFolder
-
+from agents.config.progress import spaced
+from agents.policy.domain import excess
+from eval.config import MonteCarloConfig
+from eval.flights.chunks import Evaluation, Pilot, columns
+from eval.flights.sources import said, say
+from eval.metrics.summary import headline, print_table, summarise
+from eval.metrics.weighted import summarise_weighted
+from eval.runner.command import Command, run
+from eval.runner.options import first_options, last_options, named_evaluation, named_policy, whole
+from eval.runner.outputs import RunFolder
 
 _DESCRIPTION = """\
 Fly a policy through many encounters and say how often it succeeds, with intervals.
@@ -44,14 +45,7 @@ Every key of the configuration, with its unit and default: python -m eval.monte_
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the evaluation of the command line and return the exit status; bad input raises ``InputError``."""
-    options = _parser().parse_args(arguments)
-    if options.help_keys:
-        from agents.config.keys import help_text
-        from eval.config import MonteCarloConfig
-
-        print(help_text(MonteCarloConfig))
-        return 0
-    return concluded(_evaluate, options)
+    return run(_COMMAND, _parser().parse_args(arguments))
 
 
 def run_quietly(arguments: Sequence[str], folder: Path, *, resume: bool = False) -> int:
@@ -85,89 +79,41 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _evaluate(options: argparse.Namespace) -> int:
-    begun = time.perf_counter()
-    config = _config(options)
-    from eval.flights.chunks import Pilot, columns
-    from eval.flights.sources import said, say
-    from eval.runner.outputs import RunFolder
-    from eval.runner.workers import DECISIVE, Task, cores
-
-    packages = ("jax", "jaxlib") if config.backend == "jax" else ()
-    with cluster_of(options, packages) as cluster:
-        workers = config.workers or cores() if cluster is None else cluster.size()
-        if cluster is not None and config.backend == "auto":
-            config = config.model_copy(update={"backend": "numpy"})
-        evaluation, policy, resolved = named_evaluation(config)
-        config = config.model_copy(update=resolved)
-        config = config.model_copy(update={"chunk": config.chunk_for(config.wanted, workers)})
-        say(evaluation.source)
-        folder = RunFolder(options.out or Path("runs") / time.strftime("monte_carlo_%Y%m%d_%H%M%S"), config)
-        task = Task(Pilot, columns, (*DECISIVE, *packages))
-        fly = flown_on(cluster, workers, task, evaluation, policy.sha256)
-        with run_in(folder, config, resume=options.resume):
-            table, flown = whole_table(folder, config, fly, "chunks", "python -m eval.monte_carlo")
-            wall_s = time.perf_counter() - begun
-            summary = _summary(table, config, policy, wall_s, flown) | said(evaluation.source)
-            paths = [folder.write_summary(summary)]
-            if config.figures:
-                from eval.plots.encounters import draw_all
-
-                paths += draw_all(folder, table, evaluation)
-    _show(summary, folder, paths)
-    return 0
+def _prepared(
+    config: MonteCarloConfig, options: argparse.Namespace
+) -> tuple[Evaluation, MonteCarloConfig, tuple[str, ...]]:
+    if options.scheduler is not None and config.backend == "auto":
+        config = config.model_copy(update={"backend": "numpy"})
+    evaluation, _, resolved = named_evaluation(config)
+    say(evaluation.source)
+    packages = ("jax", "jaxlib") if evaluation.backend == "jax" else ()
+    return evaluation, config.model_copy(update=resolved), packages
 
 
-def _config(options: argparse.Namespace) -> "MonteCarloConfig":
-    from eval.config import MonteCarloConfig
-
-    keys = {key: key for key in ("mode", "encounters", "seed", "baseline", "workers")}
-    return loaded(MonteCarloConfig, options, keys | {"repair": "tracks.repair"}, "--")
-
-
-def _summary(table: Any, config: "MonteCarloConfig", policy: "Policy", wall_s: float, flown: int) -> dict[str, Any]:
-    from envs.edge.installation import versions
-    from eval.flights.aircraft import described
-    from eval.metrics.summary import SCHEMA_VERSION, summarise
-    from eval.metrics.weighted import summarise_weighted
-
+def _summary(table: Mapping[str, Any], config: MonteCarloConfig, evaluation: Evaluation) -> dict[str, Any]:
     how = (config.confidence, config.resamples, config.seed)
+    policy = named_policy(config).for_aircraft(evaluation.aircraft, outside="allow")
+    columns = {"own_speed": "own_speed_m_s", "intruder_speed": "intruder_speed_m_s", "distance": "distance_m"}
+    columns["intruders"] = "intruders"
+    # How many encounters begin outside the operating domain, by quantity; none is left out.
+    outside = {name: int((excess(policy.domain[name], table[key]) > 0.0).sum()) for name, key in columns.items()}
     return {
-        "schema_version": SCHEMA_VERSION,
-        "encounters": config.wanted,
-        "seed": config.seed,
-        "scenario": config.scenario,
-        "changes": config.changes,
-        "mode": config.mode,
         "baseline": config.baseline,
         "backend": config.backend,
-        "policy_sha256": policy.sha256,
-        **described(config.flown_aircraft(policy), policy),
-        "confidence": config.confidence,
         **summarise(table, *how),
         "weighted": summarise_weighted(table, *how),
-        "outside_domain": _outside(table, policy.for_aircraft(config.flown_aircraft(policy), outside="allow")),
-        "wall_s": wall_s,
-        "encounters_flown_now": flown,
-        "encounters_per_s": flown / wall_s if flown else None,
-        "versions": versions("numpy", "safetensors", "pyarrow", "scipy"),
+        "outside_domain": outside,
+        **said(evaluation.source),
     }
 
 
-def _outside(table: Any, policy: "Policy") -> dict[str, int]:
-    """Return how many encounters begin outside the operating domain, by quantity; none is left out."""
-    from agents.policy.domain import excess
+def _draw(folder: Path, table: Mapping[str, Any], evaluation: Evaluation) -> list[Path]:
+    from eval.plots.encounters import draw_all
 
-    columns = {"own_speed": "own_speed_m_s", "intruder_speed": "intruder_speed_m_s", "distance": "distance_m"}
-    columns["intruders"] = "intruders"
-    return {name: int((excess(policy.domain[name], table[column]) > 0.0).sum()) for name, column in columns.items()}
+    return draw_all(folder, table, evaluation)
 
 
-def _show(summary: dict[str, Any], folder: "RunFolder", paths: list[Path]) -> None:
-    from agents.config.progress import spaced
-    from eval.flights.aircraft import lines_about
-    from eval.metrics.summary import headline, print_table
-
+def _show(summary: Mapping[str, Any]) -> None:
     decider = summary["mode"] if summary["baseline"] == "none" else f"baseline {summary['baseline']}"
     title = f"{spaced(summary['encounters'])} encounters, {decider}, scenario {summary['scenario']}"
     names = ("", "value", f"{100.0 * summary['confidence']:g} % interval", "count")
@@ -175,9 +121,11 @@ def _show(summary: dict[str, Any], folder: "RunFolder", paths: list[Path]) -> No
     ratio, ends = summary["risk_ratio"], summary["risk_ratio_interval"]
     if ratio is not None and ends["high"] - ends["low"] > ratio:
         notes.append("the interval of the risk ratio is wide (half of it exceeds half the ratio): fly more encounters")
-    notes += lines_about(summary)
-    if summary["encounters_per_s"] is not None:
-        notes.append(f"{summary['wall_s']:.1f} s, {summary['encounters_per_s']:.0f} encounters/s")
-    files = sorted({path.name for path in paths} | {folder.table, "config.yaml"})
-    notes.append(f"files: {folder.path}: {', '.join(files)}")
     print_table(f"{title}, seed {summary['seed']}", names, [line[1:] for line in headline(summary, {})], notes)
+
+
+_KEYS = {key: key for key in ("mode", "encounters", "seed", "baseline", "workers")} | {"repair": "tracks.repair"}
+_COMMAND = Command(
+    *("monte_carlo", "encounters", RunFolder, _KEYS, "--"),
+    *(_prepared, Pilot, columns, _summary, _draw, _show),
+)

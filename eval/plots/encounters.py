@@ -9,18 +9,18 @@ import numpy as np
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
+from agents.config.figures import save_figure
 from agents.config.progress import spaced
 from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.recorded import fly_recorded
 from eval.plots.flight_sheet import chosen, trajectory_sheet
 from eval.plots.style import MARKERS, SKY, VERMILION, kinds_of, legend, tidy
-from eval.runner.outputs import RunFolder
 
 _ONE_KM = 1_000.0
 _NEAREST_KM = 0.05  # starts nearer than this are drawn here: a logarithmic scale has no zero
 
 
-def draw_all(folder: RunFolder, table: Mapping[str, np.ndarray], evaluation: Evaluation) -> list[Path]:
+def draw_all(folder: Path, table: Mapping[str, np.ndarray], evaluation: Evaluation) -> list[Path]:
     """Draw every figure of a run into its folder and return the paths."""
     numbers = chosen(table)
     # One thread, as when they were flown for the table, so that they fly the same again.
@@ -32,7 +32,7 @@ def draw_all(folder: RunFolder, table: Mapping[str, np.ndarray], evaluation: Eva
         "min_separation": separation_histogram(table, evaluation.rules.separation),
         "trajectories": trajectory_sheet(table, numbers, flown, evaluation.rules),
     }
-    return [path for name, figure in figures.items() for path in folder.save_figure(name, figure)]
+    return [path for name, figure in figures.items() for path in save_figure(figure, folder / name)]
 
 
 def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:

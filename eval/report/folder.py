@@ -11,9 +11,8 @@ from agents.config.load import ConfigError, load
 from envs.outcome import Rules
 from eval.config import MonteCarloConfig
 from eval.flights.aircraft import aircraft_of
-from eval.metrics.summary import SCHEMA_VERSION
 from eval.plots.style import kinds_of
-from eval.runner.outputs import RunFolder, read_table
+from eval.runner.outputs import SCHEMA_VERSION, RunFolder, read_table
 
 _FIGURES = ("initial_conditions", "min_separation", "trajectories")  # names of the pictures that a run draws
 _SUMMARY, _TABLE, _CONFIG = "summary.json", RunFolder.table, "config.yaml"
@@ -55,13 +54,13 @@ def read_run(folder: Path) -> Run:
                 f"{folder}: {key} is {summary.get(key)!r} in {_SUMMARY} and {getattr(config, key)!r} in {_CONFIG}, "
                 "expected files of the same run"
             )
-    read = read_table(folder / _TABLE, "a table of encounters", RunFolder.schema)
+    table = read_table(folder / _TABLE, "a table of encounters", RunFolder.schema)
     for name in _COLUMNS:
-        if name not in read.column_names:
+        if name not in table:
             raise ConfigError(f"{folder / _TABLE}: has no column {name}, expected one")
-    if read.num_rows != config.wanted:
-        raise ConfigError(f"{folder / _TABLE}: has {read.num_rows} rows, expected {config.wanted} as in {_CONFIG}")
-    table = {name: read.column(name).to_numpy() for name in read.column_names}
+    rows = len(table["encounter"])
+    if rows != config.wanted:
+        raise ConfigError(f"{folder / _TABLE}: has {rows} rows, expected {config.wanted} as in {_CONFIG}")
     text = (folder / _CONFIG).read_text(encoding="utf-8")
     try:
         figures = {name: (folder / f"{name}.png").read_bytes() for name in _FIGURES} if config.figures else {}

@@ -22,10 +22,9 @@ from distributed import Client, Future, KilledWorker
 from distributed.comm.core import connect
 
 from agents.config.load import ConfigError
+from envs.edge.command import InputError
 from envs.edge.installation import versions
-from envs.encounters import EncounterError
-from eval.runner.payload import differences, fly, packed, unpacked
-from eval.runner.workers import Chunk, Task, WorkerError
+from eval.runner.payload import Chunk, Task, WorkerError, differences, fly, packed, unpacked
 
 _ANSWER_S = 5.0  # time in which a scheduler must answer
 _PATIENCE_S = 2.0  # time after which the number of workers is asked for again
@@ -83,7 +82,7 @@ class Cluster:
         """Fly chunks and yield the table of each as it gets ready, in any order; arguments as of :func:`fly_chunks`.
 
         Raises:
-            EncounterError: an encounter cannot be drawn.
+            InputError: an encounter cannot be drawn.
             WorkerError: the scheduler has gone, a worker does not fit or has failed, or several died of a chunk.
         """
         name = uuid.uuid4().hex
@@ -124,7 +123,7 @@ class Cluster:
     def _table(self, future: Future, chunk: Chunk) -> dict[str, np.ndarray]:
         try:
             return future.result()
-        except (EncounterError, WorkerError):
+        except (InputError, WorkerError):
             raise
         except KilledWorker:
             last = chunk.first + chunk.size - 1

@@ -1,31 +1,110 @@
-"""What the commands that fly many encounters share: workers, the run's folder, chunks, interrupts, exit status."""
+"""The frame of the commands that fly many encounters: workers, the run's folder, chunks, interrupts, files."""
 
 import argparse
+import json
 import os
 import signal
 import sys
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
-from typing import TYPE_CHECKING, Any, Self, TypeAlias
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
+from agents.config.folder_lock import locked
+from agents.config.keys import help_text
 from agents.config.load import ConfigError
 from agents.config.progress import Progress, spaced
-from envs.edge.files import check_space
+from envs.edge.files import check_space, write_file
+from envs.edge.installation import versions
+from eval.config import MonteCarloConfig
+from eval.flights.aircraft import described, lines_about
+from eval.runner.options import loaded, named_policy
+from eval.runner.outputs import SCHEMA_VERSION, RunFolder, check_unused
+from eval.runner.payload import DECISIVE, Chunk, Task, WorkerError
+from eval.runner.workers import cores, fly_chunks
 
 if TYPE_CHECKING:
-    from eval.config import MonteCarloConfig
     from eval.runner.cluster import Cluster
-    from eval.runner.outputs import RunFolder
-    from eval.runner.workers import Chunk, Task
 
-
-Fly: TypeAlias = "Callable[[list[Chunk], Callable[[], bool]], Iterable[tuple[Chunk, Mapping[str, Any]]]]"
+Fly: TypeAlias = Callable[[list[Chunk], Callable[[], bool]], Iterable[tuple[Chunk, Mapping[str, Any]]]]
 """(chunks, whether to stop) -> chunks with their columns, in any order."""
 
 _ROW_BYTES, _PART_BYTES = 500, 64_000
 """What a row and a part take on the disk, generously: a row stands in a part and in the joined table."""
+
+
+class Command(NamedTuple):
+    """What a command does in its own way; ``work`` is all that its flights follow from."""
+
+    name: str  # python -m eval.NAME
+    unit: str  # what is counted, such as encounters
+    folder: type[RunFolder]
+    keys: Mapping[str, str]  # of the configuration by the name of their option
+    prefix: str  # as of eval.runner.options.loaded
+    prepared: Callable[[Any, argparse.Namespace], tuple[Any, Any, tuple[str, ...]]]
+    """(configuration, options) -> work, the configuration but for its chunks resolved, packages that rows depend on."""
+    prepare: Callable[[Any, Any], Any]
+    columns: Callable[[Any, int, int], dict[str, Any]]
+    """With ``prepare``: of :class:`eval.runner.payload.Task`."""
+    summarised: Callable[[Mapping[str, Any], Any, Any], dict[str, Any]]
+    """(table, configuration, work) -> what the summary says of the flights."""
+    drawn: Callable[[Path, Mapping[str, Any], Any], list[Path]]
+    """(folder, table, work) -> files of the figures."""
+    shown: Callable[[Mapping[str, Any]], None]
+    """Prints a summary."""
+
+
+def run(command: Command, options: argparse.Namespace) -> int:
+    """Fly what the options of a command ask for and return the exit status; bad input raises ``InputError``."""
+    if options.help_keys:
+        print(help_text(command.folder.model))
+        return 0
+    begun = time.perf_counter()
+    config = loaded(command.folder.model, options, command.keys, command.prefix)
+    work, config, packages = command.prepared(config, options)
+    task = Task(command.prepare, command.columns, (*DECISIVE, *packages))
+    with _cluster_of(options, task.packages) as cluster:
+        workers = config.workers or cores() if cluster is None else cluster.size()
+        config = config.model_copy(update={"chunk": config.chunk_for(config.wanted, workers)})
+        folder = command.folder(options.out or Path("runs") / time.strftime(f"{command.name}_%Y%m%d_%H%M%S"), config)
+        fly = partial(fly_chunks, task, work, workers)
+        if cluster is not None:
+            fly = partial(cluster.fly, task, work, config.policy_sha256)
+        if not options.resume:
+            check_unused(folder.path)
+            needed = config.wanted * _ROW_BYTES + -(-config.wanted // config.chunk) * _PART_BYTES
+            check_space(folder.path, needed, f"{config.wanted} rows")
+        with locked(folder.path):
+            folder.begin(resume=options.resume)
+            try:
+                table, flown = _whole_table(folder, config, fly)
+            except _UnfinishedError as end:
+                print(f"{end}Go on with: python -m eval.{command.name} --resume --out {folder.path}", file=sys.stderr)
+                return end.status
+            policy, wall_s = named_policy(config), time.perf_counter() - begun
+            summary = {
+                "schema_version": SCHEMA_VERSION,
+                command.unit: config.wanted,
+                **{name: getattr(config, name) for name in ("seed", "scenario", "changes", "mode", "policy_sha256")},
+                **described(work.aircraft, policy),
+                "confidence": config.confidence,
+                **command.summarised(table, config, work),
+                "wall_s": wall_s,
+                f"{command.unit}_flown_now": flown,
+                f"{command.unit}_per_s": flown / wall_s if flown else None,
+                "versions": versions("numpy", "safetensors", "pyarrow", "scipy", *packages),
+            }
+            write_file(folder.path / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
+            figures = command.drawn(folder.path, table, work) if config.figures else []
+    command.shown(summary)
+    print("\n".join(lines_about(summary)))
+    if flown:
+        print(f"{wall_s:.1f} s, {flown / wall_s:.1f} {command.unit}/s")
+    files = sorted({"summary.json", folder.table, "config.yaml", *(path.name for path in figures)})
+    print(f"files: {folder.path}: {', '.join(files)}")
+    return 0
 
 
 class Encounters(Progress):
@@ -51,123 +130,51 @@ class Encounters(Progress):
         self.show(self._before + self._flown, figures, rate)
 
 
-@contextmanager
-def cluster_of(options: argparse.Namespace, packages: tuple[str, ...] = ()) -> "Generator[Cluster | None, None, None]":
-    """Give the cluster that ``--scheduler`` names, connected; None without that option, where nothing of Dask is used.
-
-    Every worker must have the same versions of the usual packages and of those given here.
-    """
+def _cluster_of(
+    options: argparse.Namespace, packages: tuple[str, ...]
+) -> "AbstractContextManager[Cluster] | nullcontext[None]":
+    """Return the context of the cluster that ``--scheduler`` names; of none, and nothing of Dask, without it."""
     if options.scheduler is None:
-        yield None
-        return
+        return nullcontext()
     if options.workers is not None:
         raise ConfigError("--workers and --scheduler: expected one of them, because a cluster has its own workers")
-    try:
-        from eval.runner.cluster import connected
-    except ModuleNotFoundError as problem:
-        if problem.name not in ("dask", "distributed"):
-            raise
-        raise ConfigError(
-            f"--scheduler: {problem.name} is not installed, expected the extra cluster (pip install "
-            "'rlcas-toolkit[cluster]')"
-        ) from None
-    from eval.runner.workers import DECISIVE
+    from eval.runner.cluster import connected
 
-    with connected(options.scheduler, (*DECISIVE, *packages)) as cluster:
-        yield cluster
+    return connected(options.scheduler, packages)
 
 
-def flown_on(cluster: "Cluster | None", workers: int, task: "Task", work: Any, sha256: str) -> Fly:
-    """Return what flies chunks of a run: a cluster's workers, or processes of this machine where there is none."""
-    if cluster is not None:
-        return partial(cluster.fly, task, work, sha256)
-    from eval.runner.workers import fly_chunks
-
-    return partial(fly_chunks, task, work, workers)
-
-
-@contextmanager
-def run_in(folder: "RunFolder", config: "MonteCarloConfig", *, resume: bool) -> Generator[None, None, None]:
-    """Begin a run in its folder, or go on with one, and hold the folder for this process alone until it ends."""
-    from agents.config.folder_lock import locked
-    from eval.runner.outputs import check_unused
-
-    if not resume:
-        check_unused(folder.path)
-        _check_room(folder, config)
-    with locked(folder.path):
-        if resume:
-            folder.resume()
-        else:
-            folder.create()
-        yield
-
-
-def _check_room(folder: "RunFolder", config: "MonteCarloConfig") -> None:
-    """Refuse a run whose files the disk has no room for."""
-    assert config.chunk is not None  # it is resolved
-    needed = config.wanted * _ROW_BYTES + -(-config.wanted // config.chunk) * _PART_BYTES
-    check_space(folder.path, needed, f"{config.wanted} rows")
-
-
-class UnfinishedError(Exception):
-    """A run without its whole table: what was flown is kept; the message says why and how to go on."""
+class _UnfinishedError(Exception):
+    """A run without its whole table: what was flown is kept; the message says why."""
 
     def __init__(self, message: str, status: int) -> None:
         super().__init__(message)
         self.status = status  # of the exit
 
 
-def whole_table(
-    folder: "RunFolder", config: "MonteCarloConfig", fly: "Fly", what: str, program: str
-) -> tuple[Mapping[str, Any], int]:
-    """Fly what is missing of a run; return its whole table, and how many encounters were flown now.
-
-    Args:
-        folder, config: of the run, as resolved.
-        fly: (chunks, whether to stop) -> chunks with their columns, in any order.
-        what: is in the air, for the message of an interrupt.
-        program: that the run goes on with, such as ``python -m eval.monte_carlo``.
-
-    Raises:
-        UnfinishedError: the run was interrupted, a worker has ended, or nothing can be stored any more.
-    """
-    from eval.runner.workers import Chunk, RunError
-
+def _whole_table(folder: RunFolder, config: MonteCarloConfig, fly: Fly) -> tuple[Mapping[str, Any], int]:
+    """Fly what is missing of a run; return its whole table, and how many encounters were flown now."""
     assert config.chunk is not None  # it is resolved
-    resume = f"Go on with: {program} --resume --out {folder.path}"
     total, size, stored, flown = config.wanted, config.chunk, folder.done(), 0
     missing = [Chunk(first, min(size, total - first)) for first in range(0, total, size) if first not in stored]
     before = total - sum(chunk.size for chunk in missing)
     try:
-        with _stop_on_interrupt(what) as stopped, Encounters(total, before) as progress:
+        with _stop_on_interrupt() as stopped, Encounters(total, before) as progress:
             for chunk, columns in fly(missing, lambda: bool(stopped)):
                 folder.store(chunk.first, columns)
                 flown += chunk.size
                 progress.advance(chunk.size, int((columns["outcome"] == "reached").sum()))
         if before + flown == total:
             return folder.finish(), flown
-    except RunError as problem:
-        raise UnfinishedError(f"error: {problem}\n{resume}", 1) from None
+    except WorkerError as problem:
+        raise _UnfinishedError(f"error: {problem}\n", 1) from None
     except OSError as problem:
         why = f"{folder.path}: what was flown cannot be stored: {problem.strerror or problem}"
-        raise UnfinishedError(f"error: {why}\n{resume}", 1) from None
-    raise UnfinishedError(f"interrupted; finished chunks are kept. {resume}", 130)
-
-
-def concluded(run: Callable[[argparse.Namespace], int], options: argparse.Namespace) -> int:
-    """Return the exit status of a run, having said why it ended early if it did."""
-    if options.resume and options.out is None:
-        raise ConfigError("--resume: expected --out with the folder of the run")
-    try:
-        return run(options)
-    except UnfinishedError as end:
-        print(end, file=sys.stderr)
-        return end.status
+        raise _UnfinishedError(f"error: {why}\n", 1) from None
+    raise _UnfinishedError("interrupted; finished chunks are kept. ", 130)
 
 
 @contextmanager
-def _stop_on_interrupt(what: str) -> Generator[list[int], None, None]:
+def _stop_on_interrupt() -> Generator[list[int], None, None]:
     """Give a list that a first Ctrl-C (or SIGTERM) makes non-empty; a second one interrupts at once."""
     received: list[int] = []
 
@@ -176,13 +183,12 @@ def _stop_on_interrupt(what: str) -> Generator[list[int], None, None]:
             raise KeyboardInterrupt
         received.append(number)
         # Not print(): the signal may have interrupted one.
-        os.write(sys.stderr.fileno(), f"\nfinishing the {what} in the air (Ctrl-C again stops at once)\n".encode())
+        os.write(sys.stderr.fileno(), b"\nfinishing the chunks in the air (Ctrl-C again stops at once)\n")
 
     try:
         before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     except ValueError:  # not in the main thread, where Ctrl-C arrives
-        yield received
-        return
+        before = {}
     try:
         yield received
     finally:

@@ -90,6 +90,8 @@ def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, 
     from eval.config import PREFIXES
 
     path = options.config
+    if options.resume and options.out is None:
+        raise ConfigError("--resume: expected --out with the folder of the run")
     if path is None and options.resume:
         path = options.out / "config.yaml"
         if not path.is_file():
@@ -134,11 +136,11 @@ def check_digest(path: Path | None, found: str, wanted: str | None, option: str)
 
 
 def named_source(
-    config: "MonteCarloConfig", aircraft: "Aircraft", counted: str
+    config: "MonteCarloConfig", aircraft: "Aircraft"
 ) -> "tuple[Any, tuple[str, ...] | None, dict[str, Any]]":
     """Return scenario or encounters, names of the encounters of a file, and what is resolved thereby.
 
-    A file that is not the expected one, or holds fewer than are ``counted``, raises ``ConfigError``.
+    A file that is not the expected one, or holds fewer than are wanted, raises ``ConfigError``.
     """
     from eval.flights.sources import read_source
 
@@ -154,7 +156,7 @@ def named_source(
         return source, names, {"scenario_sha256": digest, "encounters": config.wanted}
     count = len(names) if config.encounters is None else config.encounters
     if count > len(names):
-        raise ConfigError(f"{counted} is {count}; expected at most {len(names)}, as many as {config.file} holds")
+        raise ConfigError(f"encounters is {count}; expected at most {len(names)}, as many as {config.file} holds")
     return source, names, {"scenario_sha256": digest, "encounters": count}
 
 
@@ -165,7 +167,7 @@ def named_evaluation(config: "MonteCarloConfig") -> "tuple[Evaluation, Policy, d
 
     policy = named_policy(config)
     aircraft = config.flown_aircraft(policy)
-    source, names, resolved = named_source(config, aircraft, "encounters")
+    source, names, resolved = named_source(config, aircraft)
     if config.baseline == "none" and not config.allow_outside_domain:
         policy.check_intruders(most_intruders(source))
     backend = config.backend_for(policy, resolved["encounters"])

@@ -12,14 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from agents.config.figures import save_figure
 from agents.config.folder_lock import is_unused
 from agents.config.load import ConfigError, dump, load
 from envs.edge.files import write_file, written
 from envs.edge.installation import versions
 from eval.config import MonteCarloConfig
 
-_PARTS, _CONFIG, _SUMMARY = "parts", "config.yaml", "summary.json"
+SCHEMA_VERSION = 1
+"""Of summary.json."""
+
+_PARTS, _CONFIG = "parts", "config.yaml"
 _ROW_GROUP = 65_536
 _FREE = ("policy", "workers", "figures", "confidence", "resamples")
 """Keys of a configuration on which no row of the table depends: a resumed run may change them."""
@@ -53,17 +55,21 @@ class RunFolder:
         self.path = path
         self._config = config
 
-    def create(self) -> None:
-        """Begin a new run; a folder that holds something or cannot be written raises ``ConfigError``."""
-        check_unused(self.path)
+    def begin(self, *, resume: bool) -> None:
+        """Begin a run in an unused folder, or go on with one of the same configuration; else ``ConfigError``."""
+        if resume:
+            self._check_same()
+        else:
+            check_unused(self.path)
         try:
-            (self.path / _PARTS).mkdir(parents=True)
+            (self.path / _PARTS).mkdir(parents=True, exist_ok=True)
+            for left in self.path.glob(".*.tmp"):
+                left.unlink()
             write_file(self.path / _CONFIG, dump(self._config))
         except OSError as problem:
             raise ConfigError(f"--out {self.path}: cannot be written: {problem.strerror}") from None
 
-    def resume(self) -> None:
-        """Go on with a run; none, one of another configuration, or a folder that cannot be written: ``ConfigError``."""
+    def _check_same(self) -> None:
         path = self.path / _CONFIG
         if not path.is_file():
             raise ConfigError(f"--resume: {self.path} holds no run (no {_CONFIG}), expected one that was begun")
@@ -74,13 +80,6 @@ class RunFolder:
                     f"--resume: {key} is {now[key]!r}, expected {before[key]!r} as in {path}; "
                     "use another --out for another evaluation"
                 )
-        try:
-            (self.path / _PARTS).mkdir(exist_ok=True)
-            for left in self.path.glob(".*.tmp"):
-                left.unlink()
-            write_file(self.path / _CONFIG, dump(self._config))
-        except OSError as problem:
-            raise ConfigError(f"--out {self.path}: cannot be written: {problem.strerror}") from None
 
     def done(self) -> set[int]:
         """Return the first encounters of the chunks that are stored; other versions made them: ``ConfigError``."""
@@ -118,17 +117,7 @@ class RunFolder:
             with written(target) as path:
                 self._join(path)
         shutil.rmtree(self.path / _PARTS, ignore_errors=True)
-        return _columns(target)
-
-    def write_summary(self, summary: Mapping[str, Any]) -> Path:
-        """Write ``summary.json`` and return its path."""
-        text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
-        write_file(self.path / _SUMMARY, text)
-        return self.path / _SUMMARY
-
-    def save_figure(self, name: str, figure: Any) -> list[Path]:
-        """Write a matplotlib figure as PNG and as SVG and return the paths."""
-        return save_figure(figure, self.path / name)
+        return read_table(target, "the table of this run")
 
     def _join(self, path: Path) -> None:
         import pyarrow as pa
@@ -155,22 +144,6 @@ class RunFolder:
         return hashlib.sha256(json.dumps(made, sort_keys=True, default=str).encode()).hexdigest()
 
 
-def _columns(path: Path) -> dict[str, np.ndarray]:
-    """Return the columns of a parquet file; equal words are one object, not one a row."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    columns = {}
-    for name, column in zip((read := pq.read_table(path)).column_names, read.columns, strict=True):
-        if pa.types.is_string(column.type):
-            coded = column.combine_chunks().dictionary_encode()
-            words = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
-            columns[name] = words[coded.indices.fill_null(-1).to_numpy(zero_copy_only=False)]
-        else:
-            columns[name] = column.to_numpy()
-    return columns
-
-
 def _plain(config: MonteCarloConfig) -> dict[str, Any]:
     """Return what the rows of a run depend on, in plain values; of files their digests, not where they lie."""
     values = {key: value for key, value in config.model_dump(mode="json").items() if key not in _FREE}
@@ -185,8 +158,8 @@ def arrow_table(columns: Mapping[str, np.ndarray]) -> Any:
     return pa.table({name: pa.array(values, type=kinds[name]) for name, values in columns.items()})
 
 
-def read_table(path: Path, what: str, schema: bytes | None = None) -> Any:
-    """Return a table of pyarrow from a file.
+def read_table(path: Path, what: str, schema: bytes | None = None) -> dict[str, np.ndarray]:
+    """Return the columns of a file; equal words are one object, not one a row.
 
     Raises:
         ConfigError: it is not as expected: cannot be read, or its metadata name another schema than the one given.
@@ -203,4 +176,12 @@ def read_table(path: Path, what: str, schema: bytes | None = None) -> Any:
         raise ConfigError(
             f"{path}: has the schema {found.decode(errors='replace')!r}, expected {schema.decode()!r}, {what}"
         )
-    return read
+    columns = {}
+    for name, column in zip(read.column_names, read.columns, strict=True):
+        if pa.types.is_string(column.type):
+            coded = column.combine_chunks().dictionary_encode()
+            words = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
+            columns[name] = words[coded.indices.fill_null(-1).to_numpy(zero_copy_only=False)]
+        else:
+            columns[name] = column.to_numpy()
+    return columns

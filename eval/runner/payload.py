@@ -1,26 +1,49 @@
-"""What a cluster's worker gets and does: an evaluation with its policy's bytes, and chunks of it to fly.
+"""What a worker gets and does: an evaluation with its policy's bytes, and chunks of it to fly.
 
-A worker shares neither the file system nor the past of the program that sends it chunks: all that their rows follow
-from is in the payload, and the worker checks what it has against it before it flies.
+A worker of a cluster shares neither the file system nor the past of the program that sends it chunks: all that their
+rows follow from is in the payload, and the worker checks what it has against it before it flies.
 """
 
 import pickle
 import threading
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from agents.policy.file import PolicyFileError, parse
 from agents.policy.inference import Policy
+from envs.edge.command import InputError
 from envs.edge.installation import versions
-from envs.encounters import EncounterError
-from eval.runner.workers import Task, WorkerError
+
+DECISIVE = ("rlcas-toolkit", "numpy")
+"""Packages that must have one version everywhere, because rows depend on it."""
+
+
+class Chunk(NamedTuple):
+    """Consecutive encounters."""
+
+    first: int
+    size: int
+
+
+class Task(NamedTuple):
+    """How chunks of one kind of evaluation are flown; its functions are found again by their names in a worker."""
+
+    prepare: Callable[[Any, Policy], Any]  # (what is flown, the policy) -> what the next function flies with
+    columns: Callable[[Any, int, int], dict[str, np.ndarray]]
+    """(what was prepared, first encounter, how many) -> table of the chunk."""
+    packages: tuple[str, ...] = DECISIVE  # on whose versions the rows depend
+
+
+class WorkerError(RuntimeError):
+    """A worker has failed, though its input is good; the message says how. What is stored remains."""
+
 
 _SHIPPED = "data/policy.safetensors"
 
@@ -65,7 +88,7 @@ def fly(payload: Payload, first: int, count: int) -> dict[str, np.ndarray]:
     """Fly the chunk of ``count`` encounters from ``first`` on and return its table.
 
     Raises:
-        EncounterError: an encounter cannot be drawn.
+        InputError: an encounter cannot be drawn.
         WorkerError: anything else, with its traceback, or one sentence where the worker does not fit the run.
     """
     # Of several threads of a worker one flies: a step is hundreds of short array operations, and threads would
@@ -80,7 +103,7 @@ def fly(payload: Payload, first: int, count: int) -> dict[str, np.ndarray]:
                 _prepared.clear()
                 _prepared[payload.name] = prepared
             return payload.task.columns(_prepared[payload.name], first, count)
-        except (EncounterError, WorkerError):
+        except (InputError, WorkerError):
             raise
         except Exception:
             raise WorkerError(traceback.format_exc()) from None

@@ -9,47 +9,19 @@ import multiprocessing
 import os
 import signal
 import threading
-import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.connection import wait as wait_for_any
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from agents.policy.inference import Policy
-from envs.encounters import EncounterError
-
-DECISIVE = ("rlcas-toolkit", "numpy")
-"""Packages that must have one version everywhere, because rows depend on it."""
-
-
-class Chunk(NamedTuple):
-    """Consecutive encounters."""
-
-    first: int
-    size: int
-
-
-class Task(NamedTuple):
-    """How chunks of one kind of evaluation are flown; its functions are found again by their names in a worker."""
-
-    prepare: Callable[[Any, Policy], Any]  # (what is flown, the policy) -> what the next function flies with
-    columns: Callable[[Any, int, int], dict[str, np.ndarray]]
-    """(what was prepared, first encounter, how many) -> table of the chunk."""
-    packages: tuple[str, ...] = DECISIVE  # on whose versions the rows depend
-
-
-class RunError(RuntimeError):
-    """A run cannot go on, though its input is good; the message says why. What is stored remains."""
-
-
-class WorkerError(RunError):
-    """A worker has failed; the message says how."""
+from eval.runner.payload import Chunk, Payload, Task, WorkerError, fly, packed, unpacked
 
 
 def cores() -> int:
@@ -66,7 +38,7 @@ def fly_chunks(
     begun and those in the air are finished.
 
     Raises:
-        EncounterError: an encounter cannot be drawn.
+        InputError: the policy cannot be loaded, or an encounter cannot be drawn.
         WorkerError: a worker has failed.
     """
     waiting = deque(chunks)
@@ -79,7 +51,7 @@ def fly_chunks(
                 yield chunk, task.columns(prepared, *chunk)
         return
     size = min(workers, len(waiting))
-    with _pool(task, work, size) as pool:
+    with _pool(packed("run", task, work, Policy.load(work.policy).sha256), size) as pool:
         air: dict[Future[dict[str, np.ndarray]], Chunk] = {}
         while True:
             while len(air) < size and waiting and not stopped():
@@ -97,11 +69,11 @@ def fly_chunks(
 
 
 @contextmanager
-def _pool(task: Task, work: Any, size: int) -> Generator[ProcessPoolExecutor, None, None]:
+def _pool(data: bytes, size: int) -> Generator[ProcessPoolExecutor, None, None]:
     """Give processes; on leaving they end, at once where an error ends the run."""
     before = set(multiprocessing.active_children())
     # A fresh interpreter each: a fork would copy the locks of whatever threads numpy has started.
-    pool = ProcessPoolExecutor(size, multiprocessing.get_context("spawn"), _begin, (task, work))
+    pool = ProcessPoolExecutor(size, multiprocessing.get_context("spawn"), _begin, (data,))
     try:
         with _interrupts_ignored():
             for _ in range(size):
@@ -131,11 +103,11 @@ def _interrupts_ignored() -> Generator[None, None, None]:
         signal.signal(signal.SIGINT, before)
 
 
-_worker: dict[str, Any] = {}  # of a worker's process: the task, the work, and what was prepared of it
+_payloads: list[Payload] = []  # of a worker's process: the one that it works for
 
 
-def _begin(task: Task, work: Any) -> None:
-    """Begin a worker: it flies with one thread, and ends at once without its parent."""
+def _begin(data: bytes) -> None:
+    """Begin a worker, which ends at once without its parent."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 
@@ -144,17 +116,8 @@ def _begin(task: Task, work: Any) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-    threadpool_limits(1)
-    _worker.update(task=task, work=work)
+    _payloads.append(unpacked(data))
 
 
 def _columns(first: int, count: int) -> dict[str, np.ndarray]:
-    task, work = _worker["task"], _worker["work"]
-    try:
-        if "prepared" not in _worker:
-            _worker["prepared"] = task.prepare(work, Policy.load(work.policy))
-        return task.columns(_worker["prepared"], first, count)
-    except EncounterError:
-        raise
-    except Exception:
-        raise WorkerError(traceback.format_exc()) from None
+    return fly(_payloads[0], first, count)

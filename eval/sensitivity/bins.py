@@ -80,12 +80,12 @@ def read_run(path: Path) -> Run:
     except (OSError, ValueError, TypeError, KeyError) as problem:
         raise ConfigError(f"{path}: summary.json cannot be read: {problem}; expected that of a finished run") from None
     found = read_table(file, "the table of a run")
-    missing = [name for name in _NEEDED if name not in found.column_names]
+    missing = [name for name in _NEEDED if name not in found]
     if missing:
         raise ConfigError(f"{file} has no column {missing[0]}; expected the table of a run")
     wanted = {*_NEEDED, "weight", "baseline_outcome", *(f"{name}_outcome" for name in _BESIDE)}
     wanted |= {each.column for each in quantities(aircraft).values()}
-    table = {name: found[name].to_numpy(zero_copy_only=False) for name in found.column_names if name in wanted}
+    table = {name: column for name, column in found.items() if name in wanted}
     settings = {key: summary[key] for key in ("scenario", "seed", "mode", "policy_sha256", "vehicle") if key in summary}
     return Run(path, mode, table, aircraft, settings)
 

@@ -96,12 +96,9 @@ def test_the_sheet_flies_what_the_table_says(name: str, policy: Policy, policy_p
 
 
 def test_figures_repeat_byte_for_byte(tmp_path: Path, policy: Policy, policy_path: Path) -> None:
-    from eval.config import MonteCarloConfig
-    from eval.runner.outputs import RunFolder
-
     evaluation = Evaluation(policy_path, scenario("circle", PAPER), None, 3, PAPER)
     table = columns(Pilot(evaluation, policy), 0, 4)
-    paths = draw_all(RunFolder(tmp_path, MonteCarloConfig()), table, evaluation)
+    paths = draw_all(tmp_path, table, evaluation)
     assert len(paths) == 6
     again = save_figure(separation_histogram(table, RULES.separation), tmp_path / "again")
     for path in again:

@@ -230,8 +230,7 @@ def test_a_worker_that_joins_later_is_held_to_the_run_too(policy_path: Path) -> 
     """What it is sent is checked there before it flies: versions and the policy's digest."""
     from agents.policy.inference import Policy
     from eval.flights.chunks import Evaluation, Pilot, columns
-    from eval.runner.payload import fly, packed, unpacked
-    from eval.runner.workers import Task, WorkerError
+    from eval.runner.payload import Task, WorkerError, fly, packed, unpacked
 
     policy = Policy.load(policy_path)
     evaluation = Evaluation(policy_path, scenario("circle", PAPER), None, 0, policy.aircraft)
@@ -329,7 +328,7 @@ def columns(crew, first, count):
 def test_a_chunk_that_workers_die_of_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from agents.policy.inference import Policy
     from eval.runner.cluster import connected
-    from eval.runner.workers import DECISIVE, Chunk, Task, WorkerError
+    from eval.runner.payload import DECISIVE, Chunk, Task, WorkerError
 
     (tmp_path / "poison.py").write_text(POISON, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)

@@ -17,7 +17,8 @@ from envs.aircraft import PAPER
 from envs.encounters import EncounterError
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.monte_carlo import run as monte_carlo
-from eval.runner.workers import Chunk, Task, WorkerError, fly_chunks
+from eval.runner.payload import Chunk, Task, WorkerError
+from eval.runner.workers import fly_chunks
 
 ROOT = Path(__file__).resolve().parents[3]
 TASK = Task(Pilot, columns)
@@ -60,9 +61,10 @@ def test_a_worker_that_is_killed_ends_the_run(policy_path: Path) -> None:
     assert multiprocessing.active_children() == []
 
 
-def test_a_failure_inside_a_worker_comes_with_its_traceback(tmp_path: Path) -> None:
-    with pytest.raises(WorkerError, match=r"no such policy file"):
-        list(fly_chunks(TASK, evaluation(tmp_path / "none.safetensors"), 2, CHUNKS, lambda: False))
+def test_a_failure_inside_a_worker_comes_with_its_traceback(policy_path: Path) -> None:
+    broken = Task(Pilot, divmod)
+    with pytest.raises(WorkerError, match=r"Traceback[\s\S]*TypeError: divmod expected 2 arguments, got 3"):
+        list(fly_chunks(broken, evaluation(policy_path), 2, CHUNKS, lambda: False))
 
 
 @pytest.mark.parametrize(
