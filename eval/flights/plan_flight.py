@@ -16,12 +16,9 @@ from envs.encounters import Encounter
 from envs.follower import PERIOD, gains, offset, steer
 from envs.intruder import Intent, IntruderState
 from envs.kinematics import Limits, VehicleState, advance
-from envs.outcome import Rules
 from envs.relative import distance, leg_separation
-from envs.trees import column, take
-from envs.waypoints import Knots, at, legs
+from envs.trees import column
 from eval.flights.simulate import OUTCOMES, Flights, reversal_rate, turned_to
-from eval.flights.trajectories import TrajectoryRecorder
 
 SUBSTEPS = round(1.0 / PERIOD)
 """Periods of the follower in a time step."""
@@ -154,49 +151,6 @@ def takeoff(encounters: Encounter, ends: Any) -> Air:
     )
 
 
-def fly_plans(
-    encounters: Encounter,
-    knots: Knots,
-    aircraft: Aircraft,
-    limits: Limits,
-    recorder: TrajectoryRecorder | None = None,
-    numbers: np.ndarray | None = None,
-    *,
-    endless: bool = False,
-) -> Flown:
-    """Fly plans once, to their ends.
-
-    An encounter counts as reached if the goal was by the time limit and the separation kept until then.
-
-    Args:
-        encounters: ``[N]``, float64.
-        knots: of the plans, ``[N, W]``, all finite.
-        aircraft: of the ownship.
-        limits: of the vehicle that follows.
-        recorder: takes the flights step by step until the time limit.
-        numbers: their rows in it, ``[N]``; None: 0 to N - 1.
-        endless: whether a loss of separation is no violation.
-    """
-    tally, rows = Tally(len(encounters.goal_x), aircraft, endless=endless), np.arange(len(encounters.goal_x))
-    air, curves, dt = takeoff(encounters, knots.time[:, -1]), legs(knots), aircraft.dt
-    count = 0
-    while rows.size:
-        following = intruder.step(air.traffic, air.intent, count * dt, dt, np)
-        states = (at(curves, (count + step * PERIOD) * dt) for step in range(SUBSTEPS + 1))
-        references = VehicleState(*(np.stack(field) for field in zip(*states, strict=True)))
-        flown = fly_step(air, following, references, count, aircraft, limits)
-        count += 1
-        tally.add(rows, flown, count)
-        if recorder is not None and count <= tally.steps:
-            number = rows if numbers is None else numbers[rows]
-            recorder.append(number, flown.own, following.vehicle, flown.separation)
-        air = air._replace(own=flown.own, traffic=following, side=flown.side)
-        on = air.ends > count * dt
-        if not on.all():
-            rows, air, curves = take((rows, air, curves), on)
-    return tally.flown()
-
-
 class Tally:
     """What flights have brought so far; arrays ``[N]``.
 
@@ -236,11 +190,11 @@ class Tally:
         entered = ~np.isnan(step.reached) & part
         self._reached[rows[entered]] = (count - 1) * dt + step.reached[entered]
 
-    def flown(self) -> Flown:
-        """Judge the flights."""
+    def flown(self, counts: Any = True) -> Flown:
+        """Judge the flights; only those that count, bool ``[N]``, can have reached their goal."""
         rules = self._rules
         outcome = np.full(self._reached.size, OUTCOMES.index("timeout"), np.int8)
-        outcome[~np.isnan(self._reached)] = OUTCOMES.index("reached")
+        outcome[~np.isnan(self._reached) & counts] = OUTCOMES.index("reached")
         outcome[~np.isnan(self._lost)] = OUTCOMES.index("violation")
         scores = np.array([rules.reward_violation, rules.reward_goal, rules.reward_timeout])
         ends = (self._lost, self._reached, np.full(outcome.size, rules.t_max))
@@ -255,14 +209,3 @@ class Tally:
             self._reversals,
         )
         return Flown(flights, self._error, self._whole)
-
-
-def verdicts(flown: Flown, refused: np.ndarray, rules: Rules) -> Flown:
-    """Count refused requests as time-outs even where their advisory trajectory arrives: refusing is no success."""
-    arrived = refused & (flown.flights.outcome == OUTCOMES.index("reached"))
-    flights = flown.flights._replace(
-        outcome=np.where(arrived, OUTCOMES.index("timeout"), flown.flights.outcome).astype(np.int8),
-        score=np.where(arrived, rules.reward_timeout, flown.flights.score),
-        duration=np.where(arrived, rules.t_max, flown.flights.duration),
-    )
-    return flown._replace(flights=flights)

@@ -7,12 +7,15 @@ import numpy as np
 from agents.planner.options import Options
 from agents.planner.planner import Plans, plan_many
 from agents.policy.inference import Policy
+from envs import intruder
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
+from envs.follower import PERIOD
 from envs.kinematics import VehicleState
 from envs.perception import carried_back, perceive
 from envs.trees import take
-from eval.flights.plan_flight import Flown, Tally, fly_plans, request_of, verdicts
+from envs.waypoints import at, legs
+from eval.flights.plan_flight import SUBSTEPS, Flown, Tally, fly_step, request_of, takeoff
 from eval.flights.trajectories import TrajectoryRecorder
 
 SOURCES = ("none", "policy", "fallback")
@@ -51,18 +54,38 @@ def fly_once(
     *,
     endless: bool = False,
 ) -> Flown:
-    """Fly the plans of encounters ``[N]`` once; a recorder takes their trajectories.
+    """Fly the plans of encounters ``[N]``, float64, once, to their ends.
 
-    An unresolved plan is flown as an advisory trajectory, but is no success even if it arrives. Without a trajectory
-    there is no flight, and the separation is not a number.
+    An encounter counts as reached if the goal was by the time limit and the separation kept until then. An unresolved
+    plan is flown as an advisory trajectory, but is no success even if it arrives. Without a trajectory there is no
+    flight, and the separation is not a number.
+
+    Args:
+        encounters: ``[N]``.
+        plans: of them, ``[N]``.
+        aircraft: of the ownship.
+        options: with the limits of the vehicle that follows.
+        recorder: takes the flights step by step until the time limit.
+        endless: whether a loss of separation is no violation.
     """
-    count = len(encounters.goal_x)
+    tally, dt, count = Tally(len(encounters.goal_x), aircraft, endless=endless), aircraft.dt, 0
     rows = np.flatnonzero(plans.proposals.last >= 0)
     begun, knots = take((encounters, plans.proposals.knots), rows)
-    flown = fly_plans(begun, knots, aircraft, options.limits, recorder, rows, endless=endless)
-    whole = Tally(count, aircraft).flown()
-    whole.flights.min_separation[:] = np.nan
-    whole.whole_separation[:] = np.nan
-    for old, new in zip((*whole.flights, *whole[1:]), (*flown.flights, *flown[1:]), strict=True):
-        old[rows] = new
-    return verdicts(whole, ~plans.proposals.safe, aircraft.rules())
+    air, curves = takeoff(begun, knots.time[:, -1]), legs(knots)
+    while rows.size:
+        following = intruder.step(air.traffic, air.intent, count * dt, dt, np)
+        states = (at(curves, (count + step * PERIOD) * dt) for step in range(SUBSTEPS + 1))
+        references = VehicleState(*(np.stack(field) for field in zip(*states, strict=True)))
+        flown = fly_step(air, following, references, count, aircraft, options.limits)
+        count += 1
+        tally.add(rows, flown, count)
+        if recorder is not None and count <= tally.steps:
+            recorder.append(rows, flown.own, following.vehicle, flown.separation)
+        air = air._replace(own=flown.own, traffic=following, side=flown.side)
+        on = air.ends > count * dt
+        if not on.all():
+            rows, air, curves = take((rows, air, curves), on)
+    whole = tally.flown(plans.proposals.safe)
+    for separation in (whole.flights.min_separation, whole.whole_separation):
+        separation[plans.proposals.last < 0] = np.nan
+    return whole

@@ -18,8 +18,8 @@ from envs.encounters import Encounter
 from envs.intruder import GAINS
 from envs.kinematics import Limits, commands
 from envs.relative import bearing, distance
-from envs.trees import take
-from envs.world import State, StepResult, World, begin, perceived, smallest
+from envs.trees import scatter, take
+from envs.world import State, World, begin, perceived, smallest
 from envs.world import step as advance
 from eval.flights.trajectories import TrajectoryRecorder
 
@@ -154,7 +154,10 @@ def fly(
         if recorder is not None:
             recorder.append(air.number, after.own, after.intruders.vehicle, flown.separation, action)
         if after.ended.any():
-            _land(result, air, flown, after.ended, step * dt)
+            outcome, time = np.argmax(np.stack(flown.outcome), axis=0), np.full(len(air.number), step * dt)
+            closest = air.min_separation, air.time_of_min_separation
+            ends = (outcome, flown.reward, time, *closest, air.path_length, flown.goal_distance, air.reversals)
+            scatter(result, air.number[after.ended], take(Flights(*ends), after.ended))
             air = take(air, ~after.ended)
     return result
 
@@ -173,15 +176,3 @@ def _takeoff(encounters: Encounter, *, history_dt: float | None) -> _Air:
         reversals=np.zeros(count, np.int32),
         memory=np.zeros(count, np.int8),
     )
-
-
-def _land(result: Flights, air: _Air, last: StepResult, ended: np.ndarray, time: float) -> None:
-    number = air.number[ended]
-    result.outcome[number] = np.argmax(np.stack(last.outcome)[:, ended], axis=0)
-    result.score[number] = last.reward[ended]
-    result.duration[number] = time
-    result.min_separation[number] = air.min_separation[ended]
-    result.time_of_min_separation[number] = air.time_of_min_separation[ended]
-    result.path_length[number] = air.path_length[ended]
-    result.goal_distance[number] = last.goal_distance[ended]
-    result.reversals[number] = air.reversals[ended]

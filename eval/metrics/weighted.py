@@ -1,4 +1,4 @@
-"""Risk ratios with weights and their parts, and shares of the weight: encounters need not all weigh the same."""
+"""Rates of a table, risk ratios and their parts, with weights: encounters need not all weigh the same."""
 
 import math
 from collections.abc import Mapping
@@ -12,6 +12,11 @@ from eval.stats.intervals import clopper_pearson, number, percentiles, resampled
 _FEW_EVENTS = 10  # events without the resolver below which a ratio says little
 
 _DOMINANT = 0.1  # share of the weighted events beyond which a single encounter decides the ratio
+_GIVEN = "success_rate", "success_given_resolvable"
+_BY_WEIGHT = {
+    *("violation_rate", "timeout_rate", "resolvable_rate", "baseline_violation_rate"),
+    *(before + name for before in ("", "policy_", "plan_") for name in _GIVEN),
+}
 
 
 @dataclass(frozen=True)
@@ -101,10 +106,50 @@ def _warnings(made: Ratio, weight: np.ndarray, event: np.ndarray, event_without:
     return tuple(found)
 
 
+def said(found: Ratio) -> dict[str, Any]:
+    """Return a ratio of violations as a summary has it, in JSON types."""
+    return {
+        "risk_ratio": number(found.value),
+        "risk_ratio_interval": {"low": number(found.low), "high": number(found.high)},
+        "risk_ratio_unresolved": number(found.unresolved),
+        "risk_ratio_induced": number(found.induced),
+    }
+
+
+def rates_of(table: Mapping[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return what each rate of a table counts, and of which encounters, bool ``[N]`` both, by the rate's name."""
+    outcome, verdict = table["outcome"], table["verdict"]
+    every, possible, reached = np.ones(len(outcome), bool), verdict != "unresolvable", outcome == "reached"
+    rates = {
+        "success_rate": (reached, every),
+        "violation_rate": (outcome == "violation", every),
+        "timeout_rate": (outcome == "timeout", every),
+        "resolvable_rate": (possible, every),
+        "success_given_resolvable": (reached, possible),
+        "success_given_solved": (reached, verdict == "resolvable"),
+        "undecided_rate": (verdict == "undecided", every),
+        "unresolvable_rate": (~possible, every),
+        "baseline_violation_rate": (table["baseline_outcome"] == "violation", every),
+    }
+    for name in ("policy", "plan"):
+        if f"{name}_outcome" in table:
+            other = table[f"{name}_outcome"]
+            rates[f"{name}_success_rate"] = (other == "reached", every)
+            rates[f"{name}_success_given_resolvable"] = (other == "reached", possible)
+            rates[f"{name}_violation_rate"] = (other == "violation", every)
+    if "backup_s" in table:
+        rates["backup_used_rate"] = (table["backup_s"] > 0.0, every)
+    if "plan_status" in table:
+        safe = table["plan_status"] == "safe"
+        rates |= {"plan_safe_rate": (safe, every), "plan_safe_given_resolvable": (safe, possible)}
+    # The true vehicle's limits let it save some encounters that are lost within the surrogate's.
+    return {name: (counted & of, of) for name, (counted, of) in rates.items()}
+
+
 def summarise_weighted(
     table: Mapping[str, np.ndarray], confidence: float, resamples: int, seed: int
 ) -> dict[str, Any] | None:
-    """Return the rates of :func:`eval.metrics.summarise` by weight in JSON types; None where all weights are 1.
+    """Return rates of :func:`rates_of` by weight in JSON types; None where all weights are 1.
 
     A rate is the weight of the encounters that it counts over the weight of all. Its interval is a percentile bootstrap
     over encounters; where a rate is 0 or 1 no resample can differ, and the Clopper-Pearson ends at the effective sample
@@ -113,21 +158,7 @@ def summarise_weighted(
     weight = table["weight"]
     if (weight == 1.0).all():
         return None
-    every = np.ones(len(weight), bool)
-    possible = table["verdict"] != "unresolvable"
-    wanted: dict[str, tuple[np.ndarray, np.ndarray]] = {
-        "success_rate": (table["outcome"] == "reached", every),
-        "violation_rate": (table["outcome"] == "violation", every),
-        "timeout_rate": (table["outcome"] == "timeout", every),
-        "resolvable_rate": (possible, every),
-        "success_given_resolvable": ((table["outcome"] == "reached") & possible, possible),
-        "baseline_violation_rate": (table["baseline_outcome"] == "violation", every),
-    }
-    for name in ("policy", "plan"):
-        if f"{name}_outcome" in table:
-            reached = table[f"{name}_outcome"] == "reached"
-            wanted[f"{name}_success_rate"] = (reached, every)
-            wanted[f"{name}_success_given_resolvable"] = (reached & possible, possible)
+    wanted = {name: pair for name, pair in rates_of(table).items() if name in _BY_WEIGHT}
     parts = np.stack([weight * mask for pair in wanted.values() for mask in pair], axis=1)
     sums = resampled_sums(parts, resamples, seed)
     rates = {
@@ -140,10 +171,7 @@ def summarise_weighted(
         "effective_sample_size": _effective(weight),
         "largest_share": float(weight.max() / weight.sum()),
         **rates,
-        "risk_ratio": number(found.value),
-        "risk_ratio_interval": {"low": number(found.low), "high": number(found.high)},
-        "risk_ratio_unresolved": number(found.unresolved),
-        "risk_ratio_induced": number(found.induced),
+        **said(found),
         "warnings": list(found.warnings),
     }
 

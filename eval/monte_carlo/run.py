@@ -14,7 +14,6 @@ from eval.config import MonteCarloConfig
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.flights.sources import said, say
 from eval.metrics.summary import headline, print_table, summarise
-from eval.metrics.weighted import summarise_weighted
 from eval.runner.command import Command, run
 from eval.runner.options import first_options, last_options, named_evaluation, named_policy, whole
 from eval.runner.outputs import RunFolder
@@ -91,7 +90,6 @@ def _prepared(
 
 
 def _summary(table: Mapping[str, Any], config: MonteCarloConfig, evaluation: Evaluation) -> dict[str, Any]:
-    how = (config.confidence, config.resamples, config.seed)
     policy = named_policy(config).for_aircraft(evaluation.aircraft, outside="allow")
     columns = {"own_speed": "own_speed_m_s", "intruder_speed": "intruder_speed_m_s", "distance": "distance_m"}
     columns["intruders"] = "intruders"
@@ -100,8 +98,7 @@ def _summary(table: Mapping[str, Any], config: MonteCarloConfig, evaluation: Eva
     return {
         "baseline": config.baseline,
         "backend": config.backend,
-        **summarise(table, *how),
-        "weighted": summarise_weighted(table, *how),
+        **summarise(table, config.confidence, config.resamples, config.seed),
         "outside_domain": outside,
         **said(evaluation.source),
     }

@@ -24,7 +24,8 @@ from envs.kinematics import C208_PUBLISHED, Limits, VehicleState
 from envs.starts import numbered
 from envs.trees import take
 from envs.waypoints import RoutePoint
-from eval.flights.plan_flight import fly_plans, request_of
+from eval.flights.plan_flight import request_of
+from eval.flights.plan_mode import fly_once
 from tests.conftest import FINISH
 
 OPTIONS = Options.for_aircraft(PAPER)
@@ -91,11 +92,12 @@ def test_without_intruders_the_route_is_flown(policy: Policy) -> None:
 
 def test_every_safe_plan_keeps_its_contract_and_the_separation_as_flown(policy: Policy, encounters: Encounter) -> None:
     request = request_of(encounters, PAPER)
-    plans = plan_many(request, policy, OPTIONS).proposals
+    made = plan_many(request, policy, OPTIONS)
+    plans = made.proposals
     assert plans.safe.mean() > 0.98
     # The narrowest ones, because a flight takes its time.
     few = np.flatnonzero(plans.safe)[np.argsort(plans.min_separation[plans.safe])[:40]]
-    flown = fly_plans(take(encounters, few), take(plans.knots, few), PAPER, C208_PUBLISHED)
+    flown = fly_once(take(encounters, few), take(made, few), PAPER, OPTIONS)
     assert flown.whole_separation.min() >= 1_000.0
     assert flown.error.max() < 0.1
     np.testing.assert_allclose(flown.whole_separation, plans.min_separation[few], atol=0.02)

@@ -11,6 +11,7 @@ import pytest
 from agents.assurance.asking import tries
 from agents.planner.planner import Plans, plan_many
 from agents.planner.request import Options
+from agents.planner.validator import Findings
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.encounters import Encounter, scenario
@@ -19,7 +20,7 @@ from envs.outcome import RULES
 from envs.starts import numbered
 from envs.trees import take
 from eval.flights.assured_mode import Assured, fly_assured
-from eval.flights.plan_flight import Flown, request_of, verdicts
+from eval.flights.plan_flight import Flown, request_of
 from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import OUTCOMES, sensor_noise
 from eval.monte_carlo import run as monte_carlo
@@ -71,8 +72,9 @@ def test_flights_do_not_depend_on_their_company_and_need_a_trajectory(
     assert math.isnan(part.flights.min_separation[1])
 
 
-def test_refusing_is_no_success(flown: Flown) -> None:
-    refused = verdicts(flown, np.ones(16, dtype=bool), RULES).flights
+def test_refusing_is_no_success(encounters: Encounter, plans: Plans) -> None:
+    unsafe = plans._replace(proposals=plans.proposals._replace(findings=Findings.empty(16)))
+    refused = fly_once(encounters, unsafe, PAPER, OPTIONS).flights
     assert not (refused.outcome == REACHED).any()
     assert np.all(refused.score[refused.outcome == TIMEOUT] == RULES.reward_timeout)
     assert np.all(refused.duration[refused.outcome == TIMEOUT] == RULES.t_max)
