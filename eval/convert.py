@@ -5,14 +5,25 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from envs.edge.command import ConfigError, Parser, run_cli
 from envs.edge.files import written
-
-if TYPE_CHECKING:
-    from envs.formats.encounter_exchange import Scene
-
+from envs.encounters import EncounterError
+from envs.formats import encounter_file
+from envs.formats.encounter_exchange import (
+    Scene,
+    check_same,
+    daidalus_text,
+    is_number,
+    lincoln_objects,
+    rows_of_scenes,
+    scenes_of,
+    scenes_of_tracks,
+)
+from envs.formats.lincoln_file import read_lincoln, tracks_of
+from envs.formats.track_files import read_daidalus
+from envs.traffic.track_units import FOOT
+from envs.traffic.tracks import TrackError, summed
 
 _DESCRIPTION = """\
 Turn encounters from one form of file into another; the names' ends say which:
@@ -65,8 +76,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _convert(options: argparse.Namespace) -> int:
-    from envs.formats.encounter_exchange import is_number
-
     source, target = options.source, options.target.suffix
     scenes = _read(source, source.suffix, options.seconds, options.repair)
     if options.encounter is not None:
@@ -76,7 +85,7 @@ def _convert(options: argparse.Namespace) -> int:
             raise ConfigError(f"--encounter: {options.encounter!r} is not in {source}; it holds {known[:5]} ...")
     lost: list[str] = []
 
-    def losing(what: str, which: "Sequence[Scene]") -> None:
+    def losing(what: str, which: Sequence[Scene]) -> None:
         if which:
             lost.append(f"{what} of {len(which)} of {len(scenes)} encounters, the first {which[0].name!r}")
 
@@ -103,13 +112,7 @@ def _convert(options: argparse.Namespace) -> int:
     return len(scenes)
 
 
-def _read(path: Path, form: str, seconds: int, repair: bool) -> "list[Scene]":
-    from envs.formats import encounter_file
-    from envs.formats.encounter_exchange import scenes_of, scenes_of_tracks
-    from envs.formats.lincoln_file import read_lincoln, tracks_of
-    from envs.formats.track_files import read_daidalus
-    from envs.traffic.tracks import summed
-
+def _read(path: Path, form: str, seconds: int, repair: bool) -> list[Scene]:
     if form == ".csv":
         return scenes_of(*encounter_file.read(path), seconds)
     if form == ".json":
@@ -124,13 +127,7 @@ def _read(path: Path, form: str, seconds: int, repair: bool) -> "list[Scene]":
     return scenes_of_tracks(recorded)
 
 
-def _write(options: argparse.Namespace, scenes: "list[Scene]") -> None:
-    from envs.encounters import EncounterError
-    from envs.formats import encounter_file
-    from envs.formats.encounter_exchange import check_same, daidalus_text, lincoln_objects, rows_of_scenes
-    from envs.traffic.track_units import FOOT
-    from envs.traffic.tracks import TrackError
-
+def _write(options: argparse.Namespace, scenes: list[Scene]) -> None:
     target, form = options.target, options.target.suffix
     altitude = None if options.altitude_ft is None else options.altitude_ft * FOOT
     longest = max(len(scene.tracks[0].time) for scene in scenes) - 1

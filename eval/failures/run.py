@@ -4,20 +4,21 @@ import argparse
 import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.config.load import Parser
 from envs.edge.files import written
+from envs.formats import encounter_file
+from envs.intruder import Intent
+from envs.outcome import Rules
+from eval.flights.chunks import picked
 from eval.plots import save as picture_folder
 from eval.plots.style import spread
+from eval.report.flights import Replayed, evaluation_of, fly_again
+from eval.report.folder import read_run
 from eval.runner.options import whole
-
-if TYPE_CHECKING:
-    from envs.outcome import Rules
-    from eval.report.flights import Replayed
-
 
 _DESCRIPTION = """\
 Group the encounters in which a run of eval.monte_carlo failed and that are not proven unresolvable, by how they failed
@@ -108,12 +109,6 @@ def described(group: Group, table: Mapping[str, np.ndarray]) -> dict[str, Any]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Group and draw the failures of a run and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
-    from envs.formats import encounter_file
-    from envs.intruder import Intent
-    from eval.flights.chunks import picked
-    from eval.report.flights import evaluation_of, fly_again
-    from eval.report.folder import read_run
-
     run = read_run(options.run)
     evaluation = evaluation_of(run, options.policy)
     picture_folder.create(options.out)
@@ -158,7 +153,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _title(number: int, group: "Group", table: "Mapping[str, np.ndarray]") -> str:
+def _title(number: int, group: Group, table: Mapping[str, np.ndarray]) -> str:
     closest, angle = table["min_separation_m"][number], abs(table["relative_heading_deg"][number])
     digits = 2 if group.how == "near miss" else 0  # of centimetres, where they decide
     return (
@@ -166,7 +161,7 @@ def _title(number: int, group: "Group", table: "Mapping[str, np.ndarray]") -> st
     )
 
 
-def _sheet(flights: "Sequence[Replayed]", titles: Sequence[str], rules: "Rules") -> Any:
+def _sheet(flights: Sequence[Replayed], titles: Sequence[str], rules: Rules) -> Any:
     """Return the figure of flights, each beside one that would have succeeded; None of no flight."""
     from eval.plots.flight_sheet import Panel, sheet
 

@@ -8,12 +8,11 @@ from typing import Any
 from agents.config.figures import save_figure
 from agents.config.load import ConfigError
 from envs.edge.files import check_space, write_file
+from eval.runner.outputs import check_unused
 
 
 def create(folder: Path, needed: int = 2_000_000) -> None:
     """Make a folder that is new, or take one that is empty, with room for so many bytes; else ``ConfigError``."""
-    from eval.runner.outputs import check_unused
-
     check_space(folder, needed, "the files of this command")
     check_unused(folder)
     try:

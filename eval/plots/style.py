@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
-from matplotlib.lines import Line2D
 
 BLUE, SKY, GREEN, ORANGE, VERMILION, GREY = "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#8C8C8C"
 # In the order in which they are drawn: what matters comes last and lies on top.
@@ -41,8 +40,10 @@ def tidy(axes: Any, grid: Literal["x", "y", "both"] = "y") -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def sample(label: str, **style: Any) -> Line2D:
+def sample(label: str, **style: Any) -> Any:
     """Return a line or a mark for a legend."""
+    from matplotlib.lines import Line2D
+
     return Line2D([], [], label=label, **style)
 
 

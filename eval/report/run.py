@@ -4,16 +4,19 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from agents.config.load import ConfigError, Parser
+from agents.config.progress import Progress
 from envs.edge.files import written
+from envs.edge.installation import versions
+from eval.report.data import Choice, choose, flight_data, page_data, points
+from eval.report.flights import evaluation_of, fly_again
+from eval.report.folder import Run, read_run
+from eval.report.page import page
 from eval.runner.options import whole
-
-if TYPE_CHECKING:
-    from eval.report.data import Choice
-    from eval.report.folder import Run
-
 
 _DESCRIPTION = """\
 Write report.html into a folder that eval.monte_carlo wrote: the numbers with their intervals, the figures, and the
@@ -33,8 +36,6 @@ _MOST_WITNESSES = 100
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the report of the command line and return the exit status; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
-    from eval.report.folder import read_run
-
     run = read_run(options.folder)
     for number in options.show:
         if number >= len(run.kinds):
@@ -68,13 +69,7 @@ def _numbers(text: str) -> list[int]:
     return list(dict.fromkeys(int(part) for part in parts))
 
 
-def _made(run: "Run", options: argparse.Namespace) -> str:
-    import numpy as np
-
-    from envs.edge.installation import versions
-    from eval.report.data import choose, page_data, points
-    from eval.report.page import page
-
+def _made(run: Run, options: argparse.Namespace) -> str:
     if len(options.show) > options.tracks:
         raise ConfigError(f"--show: {len(options.show)} encounters; expected at most --tracks {options.tracks}")
     chosen = choose(run, options.tracks, options.show)
@@ -85,17 +80,12 @@ def _made(run: "Run", options: argparse.Namespace) -> str:
     return page(run, chosen, page_data(run, shown, flights), by)
 
 
-def _flights(run: "Run", chosen: "Sequence[Choice]", policy: Path | None) -> dict[int, dict[str, Any]]:
+def _flights(run: Run, chosen: Sequence[Choice], policy: Path | None) -> dict[int, dict[str, Any]]:
     """Fly the chosen encounters and return what the page shows of each, by number, as many as fit."""
-    from eval.report.data import flight_data
-    from eval.report.flights import evaluation_of, fly_again
-
     numbers = [int(number) for choice in chosen for number in choice.numbers]
     resolvable = run.table["verdict"] != "unresolvable"
     failed = [number for number in numbers if run.kinds[number] != "success" and resolvable[number]]
     evaluation = evaluation_of(run, policy)
-    from agents.config.progress import Progress
-
     flights: dict[int, dict[str, Any]] = {}
     with Progress("encounters").start(len(numbers)) as progress:
         for flight in fly_again(run, evaluation, numbers, set(failed[:_MOST_WITNESSES])):
