@@ -79,7 +79,7 @@ def takeoff(own: VehicleState, manoeuvre: Manoeuvre) -> Flight:
     return Flight(own, manoeuvre.turn, never, never)
 
 
-def fly(
+def decided(
     flight: Flight,
     manoeuvre: Manoeuvre,
     time: float,
@@ -88,8 +88,8 @@ def fly(
     mask: Any,
     rules: Rules,
     limits: Limits,
-) -> Flight:
-    """Fly one step of escapes ``[M]``.
+) -> tuple[tuple[Any, Any], Flight]:
+    """Return the action of one step of the escapes, ``[M]`` twice in [-1, 1], and the escapes after it, not yet moved.
 
     Args:
         time: at the beginning of the step, s after the start.
@@ -108,9 +108,22 @@ def fly(
     goal_turn, goal_throttle = _to_goal(own, goal, time, manoeuvre.throttle_home, rules, limits)
     turn = np.where(returning, goal_turn, escape_turn)
     throttle = np.where(returning, goal_throttle, escape_throttle)
-    acceleration, yaw_rate = commands((throttle, turn / full_turn), limits, np)
-    moved = advance(own, acceleration, yaw_rate, rules.dt, limits, np)
-    return Flight(moved, to_turn - escape_turn, switched, returning)
+    return (throttle, turn / full_turn), Flight(own, to_turn - escape_turn, switched, returning)
+
+
+def fly(
+    flight: Flight,
+    manoeuvre: Manoeuvre,
+    time: float,
+    goal: tuple[Any, Any],
+    traffic: VehicleState,
+    mask: Any,
+    rules: Rules,
+    limits: Limits,
+) -> Flight:
+    """Fly one step of the escapes; arguments as of :func:`decided`."""
+    action, after = decided(flight, manoeuvre, time, goal, traffic, mask, rules, limits)
+    return after._replace(own=advance(flight.own, *commands(action, limits, np), rules.dt, limits, np))
 
 
 def fly_away(

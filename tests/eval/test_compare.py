@@ -35,7 +35,7 @@ from eval.compare.deciders import REFERENCE, WITNESS, Comparison, Entry, baselin
 from eval.flights import chunks, simulate
 from eval.flights import recorded as recorded_flights
 from eval.flights.chunks import Evaluation, Pilot
-from eval.flights.optimal import WitnessSearch, ended, fly_witnesses, followed
+from eval.flights.optimal import Witness, WitnessSearch, fly_witnesses
 from eval.flights.simulate import OUTCOMES
 from eval.stats.paired import mcnemar_exact, pairs, tango
 from tests.support import fly_recorded, recorded
@@ -329,20 +329,6 @@ def test_a_batch_without_any_witness_flies_too(starts: Encounter, flown: Any) ->
     np.testing.assert_array_equal(paths.own.x[:, 0], flown[1].own.x[: len(paths.own.x), 1])
 
 
-@pytest.mark.parametrize("name", ["circle", "multi"])
-def test_ended_counts_as_the_simulation_does(name: str) -> None:
-    starts = numbered(scenario(name, PAPER, **SHORT), 5, 0, 40)
-    aircraft = PAPER._replace(t_max=100.0)
-    decider = BASELINES["mvp_speed"](PAPER)
-    counted, paths = fly_recorded(starts, decider, aircraft, endless=True)
-    recounted = ended(starts, paths, aircraft)
-    assert 0 < (recounted.outcome == OUTCOMES.index("reached")).sum() < 40
-    assert recounted.reversals.max() > 0
-    for field, ours, theirs in zip(recounted._fields, recounted, counted, strict=True):
-        np.testing.assert_array_equal(ours, theirs, err_msg=field)
-        assert ours.dtype == theirs.dtype
-
-
 def test_a_witness_row_does_not_depend_on_its_company() -> None:
     made = comparison_of(scenario("multi", PAPER, intruders=(2, 3), radius=(3_000.0, 4_000.0)), REFERENCE)
     together, apart = comparison.columns(made, 0, 6), comparison.columns(made, 4, 1)
@@ -372,11 +358,11 @@ def test_a_recorded_intruder_is_known_to_its_end(starts: Encounter, flown: Any) 
 def test_a_manoeuvre_is_not_stopped_by_a_loss(starts: Encounter, best: Found) -> None:
     # An escape of one encounter, flown in another, where it saves nothing.
     wrong = take(best.manoeuvre, np.full(2, np.flatnonzero(np.isfinite(best.arrival))[0]))
-    paths = followed(take(starts, [1, 5]), wrong, QUICK)
-    flights = ended(take(starts, [1, 5]), paths, QUICK)
+    lost = take(starts, [1, 5])
+    flights = simulate.fly(lost, Witness(lost, wrong, np.ones(2, bool), QUICK), QUICK, endless=True)
     assert (flights.min_separation < QUICK.separation).all()
     assert (flights.duration > flights.time_of_min_separation).all()
-    assert len(paths.own.x) > 30
+    assert flights.duration.min() > 30.0
 
 
 def test_the_command_says_how_much_longer_than_the_witness(
