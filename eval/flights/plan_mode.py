@@ -12,9 +12,9 @@ from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.follower import PERIOD
 from envs.kinematics import VehicleState
-from envs.perception import carried_back, perceive
 from envs.trees import take
 from envs.waypoints import at, legs
+from envs.world import begin, perceived
 from eval.flights.plan_flight import SUBSTEPS, Flown, Tally, fly_step, request_of, takeoff
 from eval.flights.trajectories import TrajectoryRecorder
 
@@ -30,11 +30,7 @@ def perceived_at_start(encounters: Encounter, dt: float, noise: Any = None) -> V
 
     The noise of the sensors is ``[4, N, K]``, None for perfect knowledge; ``dt`` is the time step, s.
     """
-    seen = encounters.intruders
-    if noise is None:
-        return seen
-    earlier = carried_back(seen, dt, np), carried_back(seen, 2.0 * dt, np)
-    return perceive(seen, *earlier, encounters.sensor, noise, dt, np)
+    return perceived(begin(encounters, np, history_dt=dt), noise, dt, np)
 
 
 def plan_at_start(

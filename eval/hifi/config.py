@@ -10,9 +10,6 @@ from envs import draws
 from envs.c208.conditions import TURBULENCE, Conditions, Loading
 from eval.config import FILE, MonteCarloConfig
 
-VEHICLES = ("c208_ex", "c208", "point_mass", "surrogate")
-"""What flies."""
-
 _CHUNK = 8
 _FACTORS = ("inertia_factor", "drag_factor", "lift_slope_factor")
 _STREAM = 1 << 40  # of the draws; the lower ones belong to starts and to the sensors' noise by step
@@ -113,10 +110,8 @@ class HifiConfig(MonteCarloConfig):
 
     # Recorded intruders fly over the ground, and here all aircraft fly in the air mass.
     files: ClassVar[tuple[str, ...]] = (FILE,)
-    modes: ClassVar[tuple[str, ...]] = ("plan", "closed", "assured")
-    baselines: ClassVar[tuple[str, ...]] = ("none",)
 
-    mode: str = Field(default="plan", json_schema_extra={"expected": "plan, closed or assured"})
+    mode: Literal["plan", "closed", "assured"] = "plan"  # pyright: ignore[reportIncompatibleVariableOverride]
     """What decides: plan, the planner once at the start, then the plan is followed; closed, the network alone, once
     a second; assured, the plan under a monitor that asks for new plans and falls back to a backup."""
     vehicle: Literal["c208_ex", "c208", "point_mass", "surrogate"] = "c208_ex"
@@ -164,13 +159,8 @@ def drawn(family: ConditionConfig, seed: int, number: int, takeoff_weight: float
     wind, direction = _between(family.wind_mps, u[0]), 2.0 * math.pi * u[1]
     east, north = wind * math.cos(direction), wind * math.sin(direction)
     weights = (takeoff_weight, takeoff_weight) if family.weight_lb is None else family.weight_lb
-    loading = Loading(
-        weight=_between(weights, u[2]),
-        centre_of_gravity=_between(family.centre_of_gravity, u[3]),
-        inertia_factor=_between(family.inertia_factor, u[4]),
-        drag_factor=_between(family.drag_factor, u[5]),
-        lift_slope_factor=_between(family.lift_slope_factor, u[6]),
-    )
+    ranges = (weights, family.centre_of_gravity, family.inertia_factor, family.drag_factor, family.lift_slope_factor)
+    loading = Loading(*map(_between, ranges, u[2:7]))
     kinds = family.turbulence
     kind: Any = kinds[min(int(u[7] * len(kinds)), len(kinds) - 1)]
     conditions = Conditions(loading, east, north, kind, int(u[8] * 2**31))

@@ -34,7 +34,7 @@ class Pilot(Protocol):
     def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
         """Decide at the beginning of a second by states over the ground as believed, of the intruders ``[1, K]``."""
 
-    def commands(self, own: VehicleState, time: float) -> tuple[float, float]:
+    def commands(self, state: VehicleState, time: float) -> tuple[float, float]:
         """Return acceleration (m/s^2) and turn rate (rad/s) of the track for the coming period."""
         ...
 

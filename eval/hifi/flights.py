@@ -48,7 +48,7 @@ class Campaign(NamedTuple):
     aircraft: Aircraft  # that decisions and plans are made for; its time step is 1 s
     mode: str  # plan, closed or assured
     options: Options
-    vehicle: str  # that flies, one of eval.hifi.config.VEHICLES
+    vehicle: str  # that flies, a key of eval.hifi.vehicle.VARIANT_OF
     family: ConditionConfig  # of the conditions
     viewer: FlightGear | None = None  # of vehicles in JSBSim
 

@@ -24,23 +24,11 @@ from eval.flights.plan_flight import route_of
 from eval.hifi.wind import Route, plan_for
 
 
-class Follower:
+class Follower(Guide):
     """Follows the path of a plan that was made at the start."""
-
-    def __init__(self, path: Path, gains: Lookahead) -> None:
-        self._guide = Guide(path, gains)
-
-    @property
-    def late(self) -> float:
-        """How much later than planned the aircraft was at its place, s."""
-        return self._guide.late
 
     def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
         """Do nothing: the plan is decided."""
-
-    def commands(self, own: VehicleState, time: float) -> tuple[float, float]:
-        """Return acceleration and turn rate of the track."""
-        return self._guide.commands(own, time)
 
 
 class Closed:
@@ -64,9 +52,9 @@ class Closed:
         acceleration, yaw_rate = commands(action, self._limits, np)
         self._held = float(acceleration), float(yaw_rate)
 
-    def commands(self, own: VehicleState, time: float) -> tuple[float, float]:
+    def commands(self, state: VehicleState, time: float) -> tuple[float, float]:
         """Return acceleration and turn rate of the track."""
-        return ground_commands(through_air(own, self._frame, time), *self._held, self._frame)
+        return ground_commands(through_air(state, self._frame, time), *self._held, self._frame)
 
 
 class Assured:
@@ -134,10 +122,10 @@ class Assured:
         self.backup_seconds += int(monitor.on_backup[0])
         self._follow()
 
-    def commands(self, own: VehicleState, time: float) -> tuple[float, float]:
+    def commands(self, state: VehicleState, time: float) -> tuple[float, float]:
         """Return acceleration and turn rate of the track."""
         assert self._guide is not None  # every second begins with a decision
-        return self._guide.commands(own, time)
+        return self._guide.commands(state, time)
 
     def _follow(self) -> None:
         """Build the guidance anew where something else is to be flown than before."""

@@ -8,54 +8,38 @@ import numpy as np
 from agents.planner.options import speed_range
 from envs import draws
 from envs.c208.air_mass import Wind, air_commands, over_ground, through_air
-from envs.c208.facts import VARIANTS, value
+from envs.c208.facts import FOOT, POUND, VARIANTS, value
 from envs.c208.flightgear import FlightGear
 from envs.c208.guidance import LOOKAHEAD, Lookahead
 from envs.c208.point_mass import PointMassVehicle
-from envs.c208.propulsion import DENSITY_0
+from envs.c208.propulsion import DENSITY_0, density_at
 from envs.c208.vehicle import C208Vehicle
-from envs.follower import KinematicVehicle
+from envs.follower import KinematicVehicle, Vehicle
 from envs.kinematics import Limits, VehicleState
 from eval.hifi.config import Drawn
 
 VARIANT_OF = {"c208_ex": "ex", "c208": "675", "point_mass": "ex", "surrogate": "ex"}  # Cessna behind each vehicle
 PROMPT = Lookahead(turn=0.0, speed=0.0)  # guidance of a vehicle without lags
 
-_POUND, _FOOT, _KNOT = 4.4482216, 0.3048, 0.514444
+_KNOT = 0.514444  # m/s
 _STREAM = (1 << 40) + 2  # of the navigation's errors
 _CORRELATION = 60.0  # of the navigation's errors, s
 _LONGEST = 1_200  # s for which they are drawn
 
 
-class Airborne(Protocol):
-    """A vehicle in flight."""
-
-    @property
-    def state(self) -> VehicleState:
-        """Over the ground, plain floats."""
-        ...
+class Airborne(Vehicle, Protocol):
+    """A vehicle in flight over the ground, its state in plain floats."""
 
     @property
     def altitude(self) -> float:
         """Above the sea, m."""
         ...
 
-    def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
-        """Fly on under an acceleration (m/s^2) and a turn rate (rad/s) of the track."""
 
-
-class _Cessna:
-    def __init__(self, own: VehicleState, variant: str, drawn: Drawn, viewer: FlightGear | None) -> None:
-        self._vehicle = C208Vehicle(own, variant, drawn.air, drawn.altitude, viewer)
-        self.step, self.show = self._vehicle.step, self._vehicle.show
-
-    @property
-    def state(self) -> VehicleState:
-        return self._vehicle.state
-
+class _Cessna(C208Vehicle):
     @property
     def altitude(self) -> float:
-        return self._vehicle.measured.altitude
+        return self.measured.altitude
 
 
 class _Kinematic:
@@ -116,7 +100,7 @@ def begin(kind: str, own: VehicleState, drawn: Drawn, limits: Limits, viewer: Fl
         return _Kinematic(own, limits, wind, drawn.altitude)
     if kind == "point_mass":
         return PointMassVehicle(own, VARIANT_OF[kind], wind, drawn.altitude)
-    return _Cessna(own, VARIANT_OF[kind], drawn, viewer)
+    return _Cessna(own, VARIANT_OF[kind], drawn.air, drawn.altitude, viewer)
 
 
 def reach_of(kind: str, limits: Limits, drawn: Drawn) -> tuple[float, float]:
@@ -126,9 +110,9 @@ def reach_of(kind: str, limits: Limits, drawn: Drawn) -> tuple[float, float]:
     """
     if kind == "surrogate":
         return speed_range(limits)
-    density = DENSITY_0 * (1.0 - 0.0065 * drawn.altitude / 288.15) ** 4.25588
-    weight = (drawn.air.loading.weight or takeoff_weight(kind)) * _POUND
-    area = value("wing_area") * _FOOT**2
+    density = density_at(drawn.altitude)
+    weight = (drawn.air.loading.weight or takeoff_weight(kind)) * POUND
+    area = value("wing_area") * FOOT**2
     stall = math.sqrt(2.0 * weight / (density * area * value("lift_max")))
     return stall, value("speed_max_operating") * _KNOT * math.sqrt(DENSITY_0 / density)
 

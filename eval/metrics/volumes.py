@@ -19,22 +19,18 @@ from eval.flights.trajectories import Trajectories
 class Volume(NamedTuple):
     """A volume; with ``tau`` 0 a cylinder around the aircraft."""
 
-    name: str
     horizontal: float  # radius and largest horizontal miss distance (DMOD = HMD), m
     vertical: float  # half height, m
     tau: float = 0.0  # modified tau within which a predicted miss below horizontal counts, s
     source: str = ""
 
 
-VOLUMES: dict[str, Volume] = {
-    volume.name: volume
-    for volume in (
-        Volume("nmac", 500.0 * FOOT, 100.0 * FOOT, source="near mid-air collision, RTCA DO-365"),
-        Volume("do365_en_route", 0.66 * NAUTICAL_MILE, 450.0 * FOOT, 35.0, "well clear, RTCA DO-365 phase 1"),
-        Volume("do365_terminal", 1_500.0 * FOOT, 450.0 * FOOT, source="well clear in a terminal area, RTCA DO-365"),
-        Volume("do365_non_cooperative", 2_200.0 * FOOT, 450.0 * FOOT, source="well clear, RTCA DO-365"),
-        Volume("f3442", 2_000.0 * FOOT, 250.0 * FOOT, source="well clear of a small UAS, ASTM F3442"),
-    )
+VOLUMES = {
+    "nmac": Volume(500.0 * FOOT, 100.0 * FOOT, source="near mid-air collision, RTCA DO-365"),
+    "do365_en_route": Volume(0.66 * NAUTICAL_MILE, 450.0 * FOOT, 35.0, "well clear, RTCA DO-365 phase 1"),
+    "do365_terminal": Volume(1_500.0 * FOOT, 450.0 * FOOT, source="well clear in a terminal area, RTCA DO-365"),
+    "do365_non_cooperative": Volume(2_200.0 * FOOT, 450.0 * FOOT, source="well clear, RTCA DO-365"),
+    "f3442": Volume(2_000.0 * FOOT, 250.0 * FOOT, source="well clear of a small UAS, ASTM F3442"),
 }
 """The standards' volumes by name."""
 

@@ -232,7 +232,7 @@ def test_the_standards_volumes() -> None:
 
 
 def test_modified_tau_by_hand() -> None:
-    volume = Volume("by hand", 1_000.0, 100.0, 35.0)
+    volume = Volume(1_000.0, 100.0, 35.0)
     # Head-on at 100 m/s: (r^2 - D^2) / (100 r) = 35 at r = 3765.6 m.
     reach = 1_750.0 + math.sqrt(1_750.0**2 + 1_000.0**2)
     assert lost(volume, seen(reach - 1.0, 0, -100, 0))[0]
@@ -261,7 +261,7 @@ def test_a_loss_is_what_the_standard_defines(x, y, vx, vy, name) -> None:
 
 
 def test_severity_by_hand() -> None:
-    volume = Volume("by hand", 1_000.0, 100.0, 35.0)
+    volume = Volume(1_000.0, 100.0, 35.0)
     # A collision course at half the reach, level: only the range has not been penetrated fully.
     assert severity(volume, seen(0, 0, -100, 0))[0] == pytest.approx(1.0)
     reach = 1_750.0 + math.sqrt(1_750.0**2 + 1_000.0**2)
