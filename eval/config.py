@@ -55,9 +55,8 @@ class PlannerConfig(Strict):
 
     def options(self, aircraft: Aircraft) -> Options:
         """Return this as the planner takes it: manoeuvres inside both the aircraft's limits and the vehicle's."""
-        changes: dict[str, Any] = {name: getattr(self, name) for name in ("direct", "goals", "exhaustive")}
-        given = {name: getattr(self, name) for name in ("rejoin_by", "fallback_cost_threshold")}
-        changes |= {name: value for name, value in given.items() if value is not None}
+        names = {"direct", "goals", "exhaustive", "rejoin_by", "fallback_cost_threshold"}
+        changes: dict[str, Any] = self.model_dump(include=names, exclude_none=True)
         if self.margin is not None:
             changes["requirement"] = Requirement(aircraft.separation, self.margin)
         radius = aircraft.goal_radius if self.goal_radius is None else self.goal_radius

@@ -31,10 +31,8 @@ class Assured(NamedTuple):
     """How encounters went; fields ``[N]``."""
 
     flown: Flown
-    replans: np.ndarray
-    """New plans asked for, int32."""
-    backup: np.ndarray
-    """Time on the backup, s."""
+    replans: np.ndarray  # new plans asked for, int32
+    backup: np.ndarray  # time on the backup, s
 
 
 def fly_assured(

@@ -5,7 +5,6 @@ on the process that works on it or on what it has worked on before.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property, reduce
 from pathlib import Path
@@ -33,11 +32,9 @@ from eval.flights.sources import Source, drawn
 class Evaluation(NamedTuple):
     """All that the result of an evaluation follows from; can be sent to another process."""
 
-    policy: Path | None
-    """File of the policy; None for the shipped one."""
+    policy: Path | None  # file of the policy; None for the shipped one
     source: Source
-    names: tuple[str, ...] | None
-    """Names of the encounters of a file."""
+    names: tuple[str, ...] | None  # names of the encounters of a file
     seed: int
     aircraft: Aircraft
     mode: str = "policy"
@@ -46,8 +43,7 @@ class Evaluation(NamedTuple):
     """How plans are made and flown, in the other modes; None: as is usual for the aircraft."""
     baseline: str = "none"
     """One of :data:`agents.baselines.BASELINES` that decides in the policy's place in mode policy; none: the policy."""
-    backend: str = "numpy"
-    """What computes the policy's decisions in mode policy: numpy or jax."""
+    backend: str = "numpy"  # what computes the policy's decisions in mode policy: numpy or jax
 
     @property
     def options(self) -> Options:
@@ -65,16 +61,12 @@ class Evaluation(NamedTuple):
         return self.aircraft.limits
 
 
-@dataclass(frozen=True)
 class Pilot:
     """An evaluation with its policy, for the evaluation's aircraft."""
 
-    evaluation: Evaluation
-    policy: Policy
-
-    def __post_init__(self) -> None:
-        adapted = self.policy.for_aircraft(self.evaluation.aircraft, outside="allow")
-        object.__setattr__(self, "policy", adapted)
+    def __init__(self, evaluation: Evaluation, policy: Policy) -> None:
+        self.evaluation = evaluation
+        self.policy = policy.for_aircraft(evaluation.aircraft, outside="allow")
 
     @classmethod
     def load(cls, evaluation: Evaluation) -> "Pilot":

@@ -28,8 +28,7 @@ class Flown(NamedTuple):
     """How plans were flown; fields ``[N]``."""
 
     flights: Flights
-    error: np.ndarray
-    """Largest distance from where the plan was at the time, m; 0 without a plan."""
+    error: np.ndarray  # largest distance from where the plan was at the time, m; 0 without a plan
     whole_separation: np.ndarray
     """Smallest distance to any intruder from the request to the plan's end, m; nan without a plan."""
 
@@ -43,30 +42,21 @@ class Air(NamedTuple):
     mask: Any
     goal_x: Any
     goal_y: Any
-    side: Any
-    """Of the last turn: -1, 0 or 1."""
-    ends: Any
-    """What comes later than this is not judged, s after the start."""
+    side: Any  # of the last turn: -1, 0 or 1
+    ends: Any  # what comes later than this is not judged, s after the start
 
 
 class Step(NamedTuple):
     """What one time step of flight along legs brought; fields ``[M]``."""
 
     own: VehicleState
-    separation: Any
-    """Smallest distance to any intruder, m."""
-    nearest: Any
-    """Smallest distance to the goal, m."""
-    reached: Any
-    """Time since the beginning of the step at which the goal's radius was entered, s; nan if it was not."""
-    path: Any
-    """Length flown, m."""
-    error: Any
-    """Largest distance from where the plan was at the time, m."""
-    side: Any
-    """Side of the last turn: -1, 0 or 1."""
-    reversals: Any
-    """How often the turn changed side."""
+    separation: Any  # smallest distance to any intruder, m
+    nearest: Any  # smallest distance to the goal, m
+    reached: Any  # time since the beginning of the step at which the goal's radius was entered, s; nan if it was not
+    path: Any  # length flown, m
+    error: Any  # largest distance from where the plan was at the time, m
+    side: Any  # side of the last turn: -1, 0 or 1
+    reversals: Any  # how often the turn changed side
 
 
 def request_of(encounters: Encounter, aircraft: Aircraft, intruders: VehicleState | None = None) -> Request:

@@ -30,10 +30,8 @@ class Track(NamedTuple):
 class Recorded(NamedTuple):
     """Flights of M encounters."""
 
-    starts: Encounter
-    """``[M]``."""
-    plans: Plans | None
-    """Made at the start, ``[M]``; None in mode policy."""
+    starts: Encounter  # ``[M]``
+    plans: Plans | None  # made at the start, ``[M]``; None in mode policy
     flights: Flights
     trajectories: Trajectories
 

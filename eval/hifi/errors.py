@@ -29,18 +29,12 @@ _SEARCH = 3  # steps towards the point abeam
 class Errors(NamedTuple):
     """Errors of one flight; T periods, S whole seconds of the policy's own flight in the surrogate."""
 
-    cross_track: np.ndarray
-    """Distance from the path over the ground, m, positive to its left, ``[T + 1]``."""
-    along_track: np.ndarray
-    """Distance ahead of where the plan is at the time, along the path, m, ``[T + 1]``."""
-    late: np.ndarray
-    """How much later than planned the aircraft is at its place, s, ``[T + 1]``."""
-    position: np.ndarray
-    """Distance from where the plan is at the time, m, ``[T + 1]``: the flight-technical error."""
-    definition: np.ndarray
-    """Path-definition error, m, ``[S]``; empty where the plan is not the policy's."""
-    total: np.ndarray
-    """Total error, m, ``[S]``."""
+    cross_track: np.ndarray  # distance from the path over the ground, m, positive to its left, ``[T + 1]``
+    along_track: np.ndarray  # distance ahead of where the plan is at the time, along the path, m, ``[T + 1]``
+    late: np.ndarray  # how much later than planned the aircraft is at its place, s, ``[T + 1]``
+    position: np.ndarray  # distance from where the plan is at the time, m, ``[T + 1]``: the flight-technical error
+    definition: np.ndarray  # path-definition error, m, ``[S]``; empty where the plan is not the policy's
+    total: np.ndarray  # total error, m, ``[S]``
 
 
 def against(flight: Flight, legs: Legs, wind: Wind, surrogate: VehicleState | None = None) -> Errors:

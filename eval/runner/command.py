@@ -46,14 +46,11 @@ class Command(NamedTuple):
     prepared: Callable[[Any, argparse.Namespace], tuple[Any, Any, tuple[str, ...]]]
     """(configuration, options) -> work, the configuration but for its chunks resolved, packages that rows depend on."""
     prepare: Callable[[Any, Any], Any]
-    columns: Callable[[Any, int, int], dict[str, Any]]
-    """With ``prepare``: of :class:`eval.runner.payload.Task`."""
+    columns: Callable[[Any, int, int], dict[str, Any]]  # with ``prepare``: of :class:`eval.runner.payload.Task`
     summarised: Callable[[Mapping[str, Any], Any, Any], dict[str, Any]]
     """(table, configuration, work) -> what the summary says of the flights."""
-    drawn: Callable[[Path, Mapping[str, Any], Any], list[Path]]
-    """(folder, table, work) -> files of the figures."""
-    shown: Callable[[Mapping[str, Any]], None]
-    """Prints a summary."""
+    drawn: Callable[[Path, Mapping[str, Any], Any], list[Path]]  # (folder, table, work) -> files of the figures
+    shown: Callable[[Mapping[str, Any]], None]  # prints a summary
 
 
 def run(command: Command, options: argparse.Namespace) -> int:

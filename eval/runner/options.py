@@ -5,18 +5,16 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from agents.config.load import AIRCRAFT, ConfigError, file_of, load
+from agents.policy.inference import Policy
+from envs.aircraft import Aircraft
+from eval.config import PREFIXES, MonteCarloConfig
+from eval.flights.chunks import Evaluation
+from eval.flights.sources import Source, most_intruders, read_source
 
-if TYPE_CHECKING:
-    from agents.policy.inference import Policy
-    from envs.aircraft import Aircraft
-    from eval.config import MonteCarloConfig
-    from eval.flights.chunks import Evaluation
-
-
-Config = TypeVar("Config", bound="MonteCarloConfig")
+Config = TypeVar("Config", bound=MonteCarloConfig)
 
 
 def whole(least: int, most: int | None = None) -> Callable[[str], int]:
@@ -87,8 +85,6 @@ def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, 
         keys: key of the configuration by the option's name.
         prefix: what stands for ``--set: `` in messages about options that have names of their own.
     """
-    from eval.config import PREFIXES
-
     path = options.config
     if options.resume and options.out is None:
         raise ConfigError("--resume: expected --out with the folder of the run")
@@ -120,10 +116,8 @@ def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, 
         raise ConfigError(str(problem) if options.set else str(problem).replace("--set: ", prefix, 1)) from None
 
 
-def named_policy(config: "MonteCarloConfig") -> "Policy":
+def named_policy(config: MonteCarloConfig) -> Policy:
     """Load the policy that a configuration names; ``ConfigError``: it is not the expected one."""
-    from agents.policy.inference import Policy
-
     policy = Policy.load(config.policy)
     check_digest(config.policy, policy.sha256, config.policy_sha256, "key policy_sha256")
     return policy
@@ -135,36 +129,27 @@ def check_digest(path: Path | None, found: str, wanted: str | None, option: str)
         raise ConfigError(f"policy {path or 'that ships'} has SHA-256 {found}, expected {wanted} ({option})")
 
 
-def named_source(
-    config: "MonteCarloConfig", aircraft: "Aircraft"
-) -> "tuple[Any, tuple[str, ...] | None, dict[str, Any]]":
+def named_source(config: MonteCarloConfig, aircraft: Aircraft) -> tuple[Source, tuple[str, ...] | None, dict[str, Any]]:
     """Return scenario or encounters, names of the encounters of a file, and what is resolved thereby.
 
     A file that is not the expected one, or holds fewer than are wanted, raises ``ConfigError``.
     """
-    from eval.flights.sources import read_source
-
     source, names = read_source(config, aircraft)
+    count = len(names) if names is not None and config.encounters is None else config.wanted
     if config.file is None:
-        return source, names, {"encounters": config.wanted}
+        return source, names, {"encounters": count}
     digest = hashlib.sha256(config.file.read_bytes()).hexdigest()
     if config.scenario_sha256 not in (None, digest):
         raise ConfigError(
             f"{config.file} has SHA-256 {digest}, expected {config.scenario_sha256} (key scenario_sha256)"
         )
-    if names is None:
-        return source, names, {"scenario_sha256": digest, "encounters": config.wanted}
-    count = len(names) if config.encounters is None else config.encounters
-    if count > len(names):
+    if names is not None and count > len(names):
         raise ConfigError(f"encounters is {count}; expected at most {len(names)}, as many as {config.file} holds")
     return source, names, {"scenario_sha256": digest, "encounters": count}
 
 
-def named_evaluation(config: "MonteCarloConfig") -> "tuple[Evaluation, Policy, dict[str, Any]]":
+def named_evaluation(config: MonteCarloConfig) -> tuple[Evaluation, Policy, dict[str, Any]]:
     """Return what a configuration names: what is flown, the policy as its file has it, and what is resolved thereby."""
-    from eval.flights.chunks import Evaluation
-    from eval.flights.sources import most_intruders
-
     policy = named_policy(config)
     aircraft = config.flown_aircraft(policy)
     source, names, resolved = named_source(config, aircraft)
