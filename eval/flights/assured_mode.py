@@ -14,14 +14,12 @@ from agents.planner.planner import Plans, plan_many
 from agents.planner.request import Options, Request
 from agents.planner.traffic import Traffic
 from agents.policy.inference import Policy
-from envs import intruder
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.follower import PERIOD
-from envs.perception import carried_back, perceive
 from envs.trees import take
-from eval.flights.plan_flight import SUBSTEPS, Air, Flown, Tally, fly_step, request_of, route_of, takeoff
-from eval.flights.plan_mode import perceived_at_start
+from envs.world import State, begin, perceived
+from eval.flights.plan_flight import SUBSTEPS, Air, Flown, Tally, fly_step, request_of, route_of
 from eval.flights.trajectories import TrajectoryRecorder
 
 _GOAL = 1  # number of the goal among the route's points
@@ -65,54 +63,47 @@ def fly_assured(
     tally = Tally(count, aircraft, endless=endless)
     replans, backup = np.zeros(count, np.int32), np.zeros(count, np.int32)
     rows, reached = np.arange(count), np.zeros(count, dtype=bool)
-    first = Traffic.straight(perceived_at_start(encounters, dt, None if noise is None else noise(0)), encounters.mask)
+    air = Air(begin(encounters, np, history_dt=dt), np.zeros(count), np.full(count, aircraft.t_max))
+    first = Traffic.straight(perceived(air.state, None if noise is None else noise(0), dt, np), encounters.mask)
     monitor = assurance.start(count, encounters.mask.shape[1], thresholds)
     made = plans.proposals
     monitor = assurance.activate(monitor, rows, made.knots, made.safe, 0.0, first, thresholds)
-    air = takeoff(encounters, np.full(count, aircraft.t_max))
-    seen = encounters.intruders
-    previous, sensor = (carried_back(seen, dt, np), carried_back(seen, 2.0 * dt, np)), encounters.sensor
     tracks: Tracks | None = None
     # Whether what is flown passes over the goal, or gets there too late.
     short = made.goal > _GOAL
     for number in range(tally.steps):
-        time = number * dt
-        seen, known = air.traffic.vehicle, dict[str, Any]()
+        time, state, known = number * dt, air.state, dict[str, Any]()
+        seen = perceived(state, None if noise is None else noise(number)[:, rows], dt, np)
         if noise is not None:
-            seen = perceive(seen, *previous, sensor, noise(number)[:, rows], dt, np)
-            tracks = follow(tracks, seen, sensor.position_std, sensor.velocity_std, dt)
+            tracks = follow(tracks, seen, state.sensor.position_std, state.sensor.velocity_std, dt)
             seen, known = tracks.state, tracks.errors
-        given = assurance.inputs(time, air.own, seen, air.mask, **known)
+        given = assurance.inputs(time, state.own, seen, state.mask, **known)
         monitor, decision = assurance.step(monitor, given, thresholds)
-        make = _planner(asked, decision, air, aircraft, policy)
+        make = _planner(asked, decision, state, aircraft, policy)
         left = aircraft.t_max - time
         monitor, short[rows], new = renewed(monitor, decision, short[rows], reached[rows], left, make, thresholds)
         replans[rows] += new
         backup[rows] += monitor.on_backup
-        following = intruder.step(air.traffic, air.intent, time, dt, np)
         references = assurance.references(monitor, time, PERIOD * dt, SUBSTEPS)
-        flown = fly_step(air, following, references, number, aircraft, options.limits)
+        air, flown = fly_step(air, references, aircraft, options.limits)
         tally.add(rows, flown, number + 1)
         reached[rows] |= ~np.isnan(flown.reached)
         if recorder is not None:
-            recorder.append(rows, flown.own, following.vehicle, flown.separation)
-        previous = (air.traffic.vehicle, previous[0])
-        air = air._replace(own=flown.own, traffic=following, side=flown.side)
+            recorder.append(rows, air.state.own, air.state.intruders.vehicle, flown.separation)
         on = flown.separation >= (0.0 if endless else aircraft.separation)
         if not on.all():
-            rows, air, monitor, asked, previous, sensor = take((rows, air, monitor, asked, previous, sensor), on)
-            tracks = None if tracks is None else take(tracks, on)
+            rows, air, monitor, asked, tracks = take((rows, air, monitor, asked, tracks), on)
         if rows.size == 0:
             break
     return Assured(tally.flown(), replans, backup * dt)
 
 
-def _planner(asked: Request, decision: Decision, air: Air, aircraft: Aircraft, policy: Policy) -> Planner:
+def _planner(asked: Request, decision: Decision, state: State, aircraft: Aircraft, policy: Policy) -> Planner:
     """Return what plans from the middle of flights: to the goal from where they are, or along the route."""
 
     def plans(rows: Any, options: Options, kind: int) -> Proposals:
         own, traffic = take((decision.own, decision.traffic), rows)
-        direct = own, air.goal_x[rows], air.goal_y[rows], aircraft
+        direct = own, state.goal_x[rows], state.goal_y[rows], aircraft
         route = take(asked[2:], rows) if kind == ALONG else route_of(*direct)
         return plan_many(Request(own, traffic, *route), policy, options, floats=True).proposals
 

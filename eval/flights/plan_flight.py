@@ -14,10 +14,10 @@ from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.follower import PERIOD, gains, offset, steer
-from envs.intruder import Intent, IntruderState
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import distance, leg_separation
 from envs.trees import column
+from envs.world import State, move_intruders
 from eval.flights.simulate import OUTCOMES, Flights, reversal_rate, turned_to
 
 SUBSTEPS = round(1.0 / PERIOD)
@@ -34,14 +34,9 @@ class Flown(NamedTuple):
 
 
 class Air(NamedTuple):
-    """Flights in progress; fields ``[M]``, of intruders ``[M, K]``."""
+    """Flights in progress; fields ``[M]``."""
 
-    own: VehicleState
-    traffic: IntruderState
-    intent: Intent
-    mask: Any
-    goal_x: Any
-    goal_y: Any
+    state: State
     side: Any  # of the last turn: -1, 0 or 1
     ends: Any  # what comes later than this is not judged, s after the start
 
@@ -49,13 +44,11 @@ class Air(NamedTuple):
 class Step(NamedTuple):
     """What one time step of flight along legs brought; fields ``[M]``."""
 
-    own: VehicleState
     separation: Any  # smallest distance to any intruder, m
     nearest: Any  # smallest distance to the goal, m
     reached: Any  # time since the beginning of the step at which the goal's radius was entered, s; nan if it was not
     path: Any  # length flown, m
     error: Any  # largest distance from where the plan was at the time, m
-    side: Any  # side of the last turn: -1, 0 or 1
     reversals: Any  # how often the turn changed side
 
 
@@ -84,22 +77,18 @@ def route_of(own: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft) ->
     return x, y, np.full(len(x), x.shape[1])
 
 
-def fly_step(
-    air: Air, following: IntruderState, references: VehicleState, number: int, aircraft: Aircraft, limits: Limits
-) -> Step:
+def fly_step(air: Air, references: VehicleState, aircraft: Aircraft, limits: Limits) -> tuple[Air, Step]:
     """Fly one time step through states to be flown through, ``[M]``.
 
     Args:
         air: at the beginning of the step.
-        following: the intruders at its end, ``[M, K]``.
         references: what to fly through at the beginning and after every period, ``[SUBSTEPS + 1, M]``.
-        number: of the step; the first is 0.
         aircraft: of the ownship.
         limits: of the vehicle that follows.
     """
-    own, side, mask, other = air.own, air.side, air.mask, air.traffic.vehicle
-    dt, feedback, straight = aircraft.dt, gains(aircraft.dt), reversal_rate(aircraft.limits)
-    period = PERIOD * dt
+    state, side, dt = air.state, air.side, aircraft.dt
+    own, other, following = state.own, state.intruders.vehicle, move_intruders(state, dt, np)
+    period, feedback, straight = PERIOD * dt, gains(dt), reversal_rate(aircraft.limits)
     turn = wrap(following.vehicle.heading - other.heading, np)
     separation, nearest = np.full(own.x.shape, np.inf), np.full(own.x.shape, np.inf)
     reached, error, path = np.full(own.x.shape, np.nan), np.zeros(own.x.shape), np.zeros(own.x.shape)
@@ -113,9 +102,11 @@ def fly_step(
         # Over a step the intruder's controller holds its yaw rate.
         other_next = advance(other, other.speed * 0.0, turn / dt, period, intruder.COASTING, np)
         apart = leg_separation(column(own), column(moved), other, other_next, period, np)
-        flown = ((number + (step + 1) * PERIOD) * dt <= air.ends + 1e-6)[:, None]
-        separation = np.minimum(separation, np.min(np.where(mask & flown, apart, np.inf), axis=-1, initial=np.inf))
-        to_goal = distance(air.goal_x - moved.x, air.goal_y - moved.y, np)
+        flown = ((state.steps + (step + 1) * PERIOD) * dt <= air.ends + 1e-6)[:, None]
+        separation = np.minimum(
+            separation, np.min(np.where(state.mask & flown, apart, np.inf), axis=-1, initial=np.inf)
+        )
+        to_goal = distance(state.goal_x - moved.x, state.goal_y - moved.y, np)
         entered = np.isnan(reached) & (to_goal <= aircraft.goal_radius)
         reached = np.where(entered, (step + 1) * PERIOD * dt, reached)
         nearest = np.minimum(nearest, to_goal)
@@ -124,21 +115,9 @@ def fly_step(
         side, reversed_ = turned_to(yaw_rate, side, straight)
         reversals += reversed_
         own, other = moved, other_next
-    return Step(own, separation, nearest, reached, path, error, side, reversals)
-
-
-def takeoff(encounters: Encounter, ends: Any) -> Air:
-    """Return the flights at the start of encounters ``[N]``, to be judged until ``ends``, s, ``[N]``."""
-    return Air(
-        encounters.own,
-        intruder.start(encounters.intruders, np),
-        encounters.intent,
-        encounters.mask,
-        encounters.goal_x,
-        encounters.goal_y,
-        np.zeros(len(encounters.goal_x)),
-        ends,
-    )
+    previous = None if state.previous is None else (state.intruders.vehicle, state.previous[0])
+    state = state._replace(own=own, intruders=following, steps=state.steps + 1.0, previous=previous)
+    return Air(state, side, air.ends), Step(separation, nearest, reached, path, error, reversals)
 
 
 class Tally:

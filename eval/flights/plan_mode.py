@@ -7,7 +7,6 @@ import numpy as np
 from agents.planner.options import Options
 from agents.planner.planner import Plans, plan_many
 from agents.policy.inference import Policy
-from envs import intruder
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.follower import PERIOD
@@ -15,7 +14,7 @@ from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import at, legs
 from envs.world import begin, perceived
-from eval.flights.plan_flight import SUBSTEPS, Flown, Tally, fly_step, request_of, takeoff
+from eval.flights.plan_flight import SUBSTEPS, Air, Flown, Tally, fly_step, request_of
 from eval.flights.trajectories import TrajectoryRecorder
 
 SOURCES = ("none", "policy", "fallback")
@@ -67,17 +66,15 @@ def fly_once(
     tally, dt, count = Tally(len(encounters.goal_x), aircraft, endless=endless), aircraft.dt, 0
     rows = np.flatnonzero(plans.proposals.last >= 0)
     begun, knots = take((encounters, plans.proposals.knots), rows)
-    air, curves = takeoff(begun, knots.time[:, -1]), legs(knots)
+    air, curves = Air(begin(begun, np), np.zeros(rows.size), knots.time[:, -1]), legs(knots)
     while rows.size:
-        following = intruder.step(air.traffic, air.intent, count * dt, dt, np)
         states = (at(curves, (count + step * PERIOD) * dt) for step in range(SUBSTEPS + 1))
         references = VehicleState(*(np.stack(field) for field in zip(*states, strict=True)))
-        flown = fly_step(air, following, references, count, aircraft, options.limits)
+        air, flown = fly_step(air, references, aircraft, options.limits)
         count += 1
         tally.add(rows, flown, count)
         if recorder is not None and count <= tally.steps:
-            recorder.append(rows, flown.own, following.vehicle, flown.separation)
-        air = air._replace(own=flown.own, traffic=following, side=flown.side)
+            recorder.append(rows, air.state.own, air.state.intruders.vehicle, flown.separation)
         on = air.ends > count * dt
         if not on.all():
             rows, air, curves = take((rows, air, curves), on)

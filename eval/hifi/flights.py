@@ -36,8 +36,6 @@ from eval.hifi.pilots import Assured, Closed, Follower
 from eval.hifi.vehicle import Navigation, begin, lookahead_of, reach_of, takeoff_weight
 from eval.hifi.wind import Made, Route, plan_for, unflyable
 
-_ASSURED_ENDS, _CLOSED_ENDS = ("violation",), ("violation", "goal")
-
 
 class Campaign(NamedTuple):
     """All that the flights of a run follow from; can be sent to another process."""
@@ -69,12 +67,12 @@ class Flown(NamedTuple):
     """A flight and all that is known of it."""
 
     scene: Scene
-    made: Made | None  # the plan; None in mode closed
-    legs: Legs | None  # of the plan, in the air mass; None without one
-    flight: Flight | None  # None where it could not begin
-    errors: Errors | None  # against the plan, in mode plan
-    problem: str | None  # why it could not begin
-    pilot: Pilot | None
+    made: Made | None = None  # the plan; None in mode closed
+    legs: Legs | None = None  # of the plan, in the air mass; None without one
+    flight: Flight | None = None  # None where it could not begin
+    errors: Errors | None = None  # against the plan, in mode plan
+    problem: str | None = None  # why it could not begin
+    pilot: Pilot | None = None
 
 
 def prepared(campaign: Campaign, policy: Policy) -> tuple[Campaign, Policy]:
@@ -108,28 +106,27 @@ def scene_of(campaign: Campaign, number: int) -> Scene:
 def flown(campaign: Campaign, policy: Policy, number: int) -> Flown:
     """Fly one flight."""
     scene = scene_of(campaign, number)
-    goal = float(scene.route.x[1]), float(scene.route.y[1])
-    gains = lookahead_of(campaign.vehicle)
+    aircraft, whole = campaign.aircraft, round(campaign.aircraft.t_max)
     if campaign.mode == "closed":
-        pilot: Pilot = Closed(policy, campaign.aircraft.limits, goal, scene.encounter.mask, scene.frame)
-        flight, problem = _fly(campaign, scene, number, pilot, round(campaign.aircraft.t_max), _CLOSED_ENDS)
-        return Flown(scene, None, None, flight, None, problem, pilot)
+        goal = float(scene.route.x[1]), float(scene.route.y[1])
+        pilot: Pilot = Closed(policy, aircraft.limits, goal, scene.encounter.mask, scene.frame)
+        flight, problem = _fly(campaign, scene, number, pilot, whole, ("violation", "goal"))
+        return Flown(scene, flight=flight, problem=problem, pilot=pilot)
     made, known = _planned(campaign, scene, policy)
-    if made.problem is not None:
-        return Flown(scene, made, None, None, None, made.problem, None)
-    whole = int(made.plans.proposals.last[0]) >= 0
-    curves = legs(take(made.plans.proposals.knots, 0)) if whole else None
-    if curves is not None:
-        wrong = unflyable(curves, reach_of(campaign.vehicle, campaign.aircraft.limits, scene.drawn))
-        if wrong is not None:
-            return Flown(scene, made, curves, None, None, wrong, None)
+    curves, problem = None, made.problem
+    if problem is None and int(made.plans.proposals.last[0]) >= 0:
+        curves = legs(take(made.plans.proposals.knots, 0))
+        problem = unflyable(curves, reach_of(campaign.vehicle, aircraft.limits, scene.drawn))
+    elif problem is None and campaign.mode == "plan":
+        problem = "the planner knows no way back to the route"
+    if problem is not None:
+        return Flown(scene, made, curves, problem=problem)
     if campaign.mode == "assured":
         pilot = _assured(campaign, scene, made.plans, known, policy)
-        flight, problem = _fly(campaign, scene, number, pilot, round(campaign.aircraft.t_max), _ASSURED_ENDS)
-        return Flown(scene, made, curves, flight, None, problem, pilot)
-    if curves is None:
-        return Flown(scene, made, None, None, None, "the planner knows no way back to the route", None)
-    pilot = Follower(Track(curves, scene.frame), gains)
+        flight, problem = _fly(campaign, scene, number, pilot, whole, ("violation",))
+        return Flown(scene, made, curves, flight, problem=problem, pilot=pilot)
+    assert curves is not None
+    pilot = Follower(Track(curves, scene.frame), lookahead_of(campaign.vehicle))
     until = math.ceil(float(curves.time[-1] + curves.duration[-1]))
     flight, problem = _fly(campaign, scene, number, pilot, until, ())
     surrogate = None
