@@ -114,10 +114,7 @@ class TrafficConfig(Strict):
             if not least <= low <= high <= most:
                 raise ConfigError(f"{key} is [{low:g}, {high:g}]; expected [low, high] within {least:g} to {most:g}")
         if self.cpa_time[1] > self.ahead:
-            raise ConfigError(
-                f"cpa_time is up to {self.cpa_time[1]:g} s; expected at most {self.ahead:g} s, when the goal is "
-                "reached (ahead)"
-            )
+            raise ConfigError(f"cpa_time is up to {self.cpa_time[1]:g} s; expected at most ahead, {self.ahead:g} s")
         return self
 
 

@@ -183,13 +183,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--allowed", type=real(0.01, 0.9), metavar="PART", default=0.1, help=allowed)
     add("--depth", type=whole(0, 30), metavar="N", default=12, help="cuts of a box in two (default: 12)")
     add("--seed", type=whole(0, 2**63), metavar="N", default=0, help="of scenes and samples (default: 0)")
-    add(
-        "--vnnlib",
-        type=whole(0, 10_000),
-        metavar="N",
-        default=0,
-        help="also write network.onnx and N boxes (default: 0)",
-    )
+    also = "also write network.onnx and N boxes (default: 0)"
+    add("--vnnlib", type=whole(0, 10_000), metavar="N", default=0, help=also)
     return parser
 
 

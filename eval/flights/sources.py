@@ -68,10 +68,8 @@ def read_model_traffic(path: Path, how: TrafficConfig, aircraft: Aircraft) -> Mo
     numbers |= {name: value for name, value in how if value is not None}
     low, high = numbers["own_speed"]
     if low < limits.speed_min or high > limits.speed_max:
-        raise EncounterError(
-            f"own_speed is [{low:g}, {high:g}] m/s; expected a range within {limits.speed_min:g} to "
-            f"{limits.speed_max:g} m/s, the ownship's limits"
-        )
+        reach = f"{limits.speed_min:g} to {limits.speed_max:g} m/s, the ownship's limits"
+        raise EncounterError(f"own_speed is [{low:g}, {high:g}] m/s; expected a range within {reach}")
     return ModelTraffic(read_model(path), aircraft, **numbers)
 
 

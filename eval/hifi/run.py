@@ -68,13 +68,9 @@ def _prepared(config: HifiConfig, options: argparse.Namespace) -> tuple[Campaign
     viewer = None
     if options.flightgear is not None:
         if config.vehicle not in ("c208_ex", "c208"):
-            raise ConfigError(
-                f"--flightgear: vehicle is {config.vehicle}; expected c208_ex or c208, which JSBSim flies"
-            )
+            raise ConfigError(f"--flightgear: vehicle is {config.vehicle}; expected c208_ex or c208, as JSBSim flies")
         if options.scheduler is not None or options.workers not in (None, 1):
-            raise ConfigError(
-                "--flightgear shows one flight at a time; expected no --scheduler, and no --workers but 1"
-            )
+            raise ConfigError("--flightgear shows single flights; expected no --scheduler, and no --workers but 1")
         viewer = flightgear_at(options.flightgear, paced=True)
         config = config.model_copy(update={"workers": 1})
     campaign, config = campaign_of(config)

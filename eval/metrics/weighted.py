@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from eval.stats.intervals import clopper_pearson, number, percentiles, resampled_sums
+from eval.stats.paired import pairs
 
 _FEW_EVENTS = 10  # events without the resolver below which a ratio says little
 
@@ -57,14 +58,9 @@ def ratio(
     Raises:
         ValueError: shapes or types do not fit, a weight is negative or not finite, or all are 0.
     """
-    event, event_without = np.asarray(event), np.asarray(event_without)
-    if event.ndim != 1 or event.shape != event_without.shape or event.dtype != bool or event_without.dtype != bool:
-        raise ValueError(
-            f"expected two bool arrays [N] of one length, got {event.dtype} {list(event.shape)} and "
-            f"{event_without.dtype} {list(event_without.shape)}"
-        )
-    weight = _weights(weights, len(event))
-    counts = int(event.sum()), int(event_without.sum()), len(event)
+    cells = pairs(event, event_without)
+    counts = cells.both + cells.first_only, cells.both + cells.second_only, sum(cells)
+    weight = _weights(weights, counts[2])
     effective = _effective(weight)
     without = float(weight @ event_without)
     if without == 0.0:

@@ -58,19 +58,11 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.monte_carlo", description=_DESCRIPTION, epilog=_EPILOG)
     first_options(parser)
     add = parser.add_argument
-    add(
-        "--mode",
-        metavar="MODE",
-        help="what decides: policy (the network once a second), plan (planned once, then followed) or assured "
-        "(planned, monitored and planned again); default: policy",
-    )
+    modes = "policy (once a second), plan (once, then followed), assured (monitored, planned again); default: policy"
+    add("--mode", metavar="MODE", help=f"what decides: {modes}")
     add("--scenario", metavar="NAME", help="a name, file:PATH, tracks:PATH or lincoln:PATH (default: circle)")
-    add(
-        "--repair",
-        action="store_const",
-        const="true",
-        help="drop and fill what is wrong in recorded tracks, and say what was done (default: refuse such files)",
-    )
+    repair = "drop and fill what is wrong in recorded tracks, and say what was done (default: refuse such files)"
+    add("--repair", action="store_const", const="true", help=repair)
     add("--encounters", type=whole(1), metavar="N", help="how many (default: 10000, or all of a file's)")
     add("--seed", type=whole(0), metavar="N", help="of encounters, sensor noise and bootstrap (default: 0)")
     add("--baseline", metavar="NAME", help="decides in the policy's place: rules, mvp or mvp_speed (default: none)")

@@ -55,9 +55,7 @@ def evaluation_of(run: Run, policy_path: Any = None) -> Evaluation:
     try:
         return named_evaluation(config)[0]
     except ConfigError as problem:
-        raise ConfigError(
-            f"{problem}, as in the run (--policy names its policy; --tracks 0 makes the page without tracks)"
-        ) from None
+        raise ConfigError(f"{problem}, as in the run (--policy names its policy; --tracks 0 flies nothing)") from None
 
 
 def fly_again(run: Run, evaluation: Evaluation, numbers: Sequence[int], witnesses: set[int]) -> Iterator[Replayed]:

@@ -44,16 +44,12 @@ def read_run(folder: Path) -> Run:
         if not (folder / name).is_file():
             begun = (folder / "parts").is_dir()
             hint = f"; finish the run with python -m eval.monte_carlo --resume --out {folder}" if begun else ""
-            raise ConfigError(
-                f"{folder} holds no {name}, expected a folder that eval.monte_carlo wrote to its end{hint}"
-            )
+            raise ConfigError(f"{folder} holds no {name}, expected a finished run of eval.monte_carlo{hint}")
     summary, config = _summary(folder / _SUMMARY), load(MonteCarloConfig, folder / _CONFIG)
     for key in ("seed", "mode", "policy_sha256"):
         if summary.get(key) != getattr(config, key):
-            raise ConfigError(
-                f"{folder}: {key} is {summary.get(key)!r} in {_SUMMARY} and {getattr(config, key)!r} in {_CONFIG}, "
-                "expected files of the same run"
-            )
+            both = f"{summary.get(key)!r} in {_SUMMARY} and {getattr(config, key)!r} in {_CONFIG}"
+            raise ConfigError(f"{folder}: {key} is {both}, expected files of the same run")
     table = read_table(folder / _TABLE, "a table of encounters", RunFolder.schema)
     for name in _COLUMNS:
         if name not in table:
@@ -73,9 +69,7 @@ def _summary(path: Path) -> dict[str, Any]:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as problem:
-        raise ConfigError(
-            f"{path}: cannot be read as JSON ({problem}), expected a summary of eval.monte_carlo"
-        ) from None
+        raise ConfigError(f"{path}: cannot be read as JSON ({problem}), expected a run's summary") from None
     version = found.get("schema_version") if isinstance(found, dict) else None
     if version != SCHEMA_VERSION:
         raise ConfigError(f"{path}: schema_version is {version!r}, expected {SCHEMA_VERSION}")

@@ -54,9 +54,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.report", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
     add("folder", type=Path, metavar="DIR", help="folder of the run; report.html in it is replaced")
-    add(
-        "--tracks", type=whole(0, 100_000), default=1_000, metavar="N", help="most encounters to replay (default: 1000)"
-    )
+    most = "most encounters to replay (default: 1000)"
+    add("--tracks", type=whole(0, 100_000), default=1_000, metavar="N", help=most)
     add("--show", type=_numbers, default=[], metavar="N,...", help="numbers of encounters to replay in any case")
     add("--policy", type=Path, metavar="FILE", help="policy file, if it has moved (default: as in config.yaml)")
     return parser
@@ -93,9 +92,8 @@ def _flights(run: Run, chosen: Sequence[Choice], policy: Path | None) -> dict[in
             progress.show(len(flights), "flown again", 0.0)
     differing = sum("differs" in flight for flight in flights.values())
     if differing:
+        why = "another machine or other versions; they are marked on the page"
         print(
-            f"warning: {differing} of {len(flights)} flights ended otherwise than the table says "
-            "(another kind of machine or other versions); they are marked on the page",
-            file=sys.stderr,
+            f"warning: {differing} of {len(flights)} flights end otherwise than in the table ({why})", file=sys.stderr
         )
     return flights

@@ -65,16 +65,11 @@ class Cluster:
         # Workers come and go meanwhile; those that have gone need not fit.
         found: Any = self._client.run(versions, *expected, on_error="return")
         for worker, answer in sorted(found.items()):
-            if isinstance(answer, ImportError):
-                raise ConfigError(
-                    f"--scheduler {self._address}: worker {worker} cannot import the toolkit ({answer}), "
-                    "expected the same versions as here to be installed there"
-                )
             unlike = differences(expected, answer) if isinstance(answer, dict) else ""
+            unlike = f"no toolkit ({answer})" if isinstance(answer, ImportError) else unlike
             if unlike:
-                raise ConfigError(
-                    f"--scheduler {self._address}: worker {worker} has {unlike}, expected the same versions everywhere"
-                )
+                where = f"--scheduler {self._address}: worker {worker}"
+                raise ConfigError(f"{where} has {unlike}, expected the same versions everywhere")
 
     def fly(
         self, task: Task, work: Any, sha256: str, chunks: Iterable[Chunk], stopped: Callable[[], bool]
@@ -126,10 +121,8 @@ class Cluster:
         except (InputError, WorkerError):
             raise
         except KilledWorker:
-            last = chunk.first + chunk.size - 1
-            raise WorkerError(
-                f"several workers have died that had encounters {chunk.first}..{last} to fly (out of memory?)"
-            ) from None
+            part = f"{chunk.first}..{chunk.first + chunk.size - 1}"
+            raise WorkerError(f"several workers have died that had encounters {part} to fly (out of memory?)") from None
         except (OSError, CancelledError):
             raise self._lost() from None
         except Exception as problem:
@@ -185,9 +178,9 @@ def _greet(address: str) -> None:
         kind = answer.get("type")
     # A stranger's bytes can break the reading of them in any way.
     except Exception:
+        wanted = "expected the address that dask scheduler prints when it starts"
         raise ConfigError(
-            f"--scheduler {address}: no Dask scheduler answers within {_ANSWER_S:g} s, expected the address that "
-            "dask scheduler prints when it starts"
+            f"--scheduler {address}: no Dask scheduler answers within {_ANSWER_S:g} s, {wanted}"
         ) from None
     if kind != "Scheduler":
         raise ConfigError(f"--scheduler {address}: is the address of a {kind}, expected that of a Dask scheduler")

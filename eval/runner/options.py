@@ -48,21 +48,12 @@ def real(low: float, high: float, unit: str = "") -> Callable[[str], float]:
 def first_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that a command begins with: configuration and policy."""
     add = parser.add_argument
-    add(
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="YAML file with what differs from the defaults, or a name: monte_carlo",
-    )
+    add("--config", type=Path, metavar="FILE", help="YAML file with what differs from the defaults")
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of the configuration")
     add("--help-keys", action="store_true", help="list every key of the configuration, and exit")
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
-    add(
-        "--aircraft",
-        type=Path,
-        metavar="FILE",
-        help="YAML file, or a name: c208, jet, light, paper, uas (default: the policy's own)",
-    )
+    names = "c208, jet, light, paper, uas"
+    add("--aircraft", type=Path, metavar="FILE", help=f"YAML file, or a name: {names} (default: the policy's own)")
     add("--allow-outside-domain", action="store_true", help="fly what the policy was not trained for, too")
     add("--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have, 64 hex digits (default: any)")
 
@@ -139,10 +130,9 @@ def named_source(config: MonteCarloConfig, aircraft: Aircraft) -> tuple[Source, 
     if config.file is None:
         return source, names, {"encounters": count}
     digest = hashlib.sha256(config.file.read_bytes()).hexdigest()
-    if config.scenario_sha256 not in (None, digest):
-        raise ConfigError(
-            f"{config.file} has SHA-256 {digest}, expected {config.scenario_sha256} (key scenario_sha256)"
-        )
+    wanted = config.scenario_sha256
+    if wanted not in (None, digest):
+        raise ConfigError(f"{config.file} has SHA-256 {digest}, expected {wanted} (key scenario_sha256)")
     if names is not None and count > len(names):
         raise ConfigError(f"encounters is {count}; expected at most {len(names)}, as many as {config.file} holds")
     return source, names, {"scenario_sha256": digest, "encounters": count}

@@ -76,10 +76,8 @@ class RunFolder:
         before, now = _plain(load(self.model, path)), _plain(self._config)
         for key in now:
             if before[key] != now[key]:
-                raise ConfigError(
-                    f"--resume: {key} is {now[key]!r}, expected {before[key]!r} as in {path}; "
-                    "use another --out for another evaluation"
-                )
+                other = f"{key} is {now[key]!r}, expected {before[key]!r} as in {path}"
+                raise ConfigError(f"--resume: {other}; use another --out for another evaluation")
 
     def done(self) -> set[int]:
         """Return the first encounters of the chunks that are stored; other versions made them: ``ConfigError``."""
@@ -95,10 +93,8 @@ class RunFolder:
             except (OSError, pa.ArrowException):
                 continue  # not one of ours, or damaged: it is flown again
             if found != self._identity():
-                raise ConfigError(
-                    f"--resume: {path} was made with other versions of the toolkit, numpy or jax; "
-                    "expected the same as now, or another --out"
-                )
+                made = f"{path} was made with other versions of the toolkit, numpy or jax"
+                raise ConfigError(f"--resume: {made}; expected the same as now, or another --out")
             stored.add(int(path.stem))
         return stored
 

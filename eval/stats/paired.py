@@ -32,10 +32,8 @@ def pairs(first: np.ndarray, second: np.ndarray) -> Pairs:
     """
     first, second = np.asarray(first), np.asarray(second)
     if first.ndim != 1 or first.shape != second.shape or first.dtype != bool or second.dtype != bool:
-        raise ValueError(
-            f"expected two bool arrays [N] of one length, got {first.dtype} {list(first.shape)} "
-            f"and {second.dtype} {list(second.shape)}"
-        )
+        found = " and ".join(f"{each.dtype} {list(each.shape)}" for each in (first, second))
+        raise ValueError(f"expected two bool arrays [N] of one length, got {found}")
     cells = np.bincount(2 * first.astype(int) + second.astype(int), minlength=4).tolist()
     return Pairs(both=cells[3], first_only=cells[2], second_only=cells[1], neither=cells[0])
 

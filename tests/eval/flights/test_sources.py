@@ -253,7 +253,7 @@ def test_weighted_intervals_cover() -> None:
         (
             ["--scenario", "lincoln:MODEL", "--set", "changes.cpa_time=[9, 300]"],
             ConfigError,
-            "when the goal is reached",
+            "expected at most ahead",
         ),
         (
             ["--scenario", "lincoln:MODEL", "--set", "changes.own_speed=[20, 60]"],
