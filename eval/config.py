@@ -250,11 +250,7 @@ class MonteCarloConfig(Strict):
         return self.chunk or -(-share // -(-share // largest))
 
     def sampled(self, aircraft: Aircraft) -> Scenario:
-        """Return the sampled scenario of an aircraft with its changes.
-
-        Raises:
-            ConfigError: a change names an unknown number or a value outside its range.
-        """
+        """Return the sampled scenario of an aircraft; ``ConfigError``: a change is of no number or out of range."""
         try:
             return self._sampled().scenario(aircraft)
         except ConfigError as problem:

@@ -47,15 +47,11 @@ def fly_assured(
     """Fly encounters ``[N]`` with the monitor until the time limit or a violation.
 
     Args:
-        encounters: ``[N]``, float64.
-        plans: what was planned at the start, ``[N]``.
-        policy: decides.
-        aircraft: of the ownship.
-        options: of the planner; their limits are those of the vehicle.
+        encounters, plans: ``[N]``, float64, and what was planned at their start.
+        policy, aircraft, options: of the planner; the options' limits are those of the vehicle.
         noise: of the sensors by step, ``[4, N, K]``: monitor and planner then see tracks of such reports; None: the
             intruders are known perfectly.
-        recorder: takes the trajectories.
-        endless: whether a loss of separation is no violation.
+        recorder, endless: takes the trajectories; whether a loss of separation is no violation.
     """
     count, dt = len(encounters.goal_x), aircraft.dt
     thresholds = Thresholds.for_plans(options)

@@ -70,11 +70,7 @@ class Pilot:
 
     @classmethod
     def load(cls, evaluation: Evaluation) -> "Pilot":
-        """Return the evaluation with its policy.
-
-        Raises:
-            PolicyFileError: the policy file cannot be used.
-        """
+        """Return the evaluation with its policy; ``PolicyFileError``: the policy file cannot be used."""
         return cls(evaluation, Policy.load(evaluation.policy))
 
     @cached_property
@@ -88,11 +84,7 @@ class Pilot:
 
 
 def picked(evaluation: Evaluation, numbers: Iterable[int]) -> Encounter:
-    """Return the encounters with these numbers, at least one, ``[M]``.
-
-    Raises:
-        EncounterError: one of them meets the scenario's conditions in none of its attempts.
-    """
+    """Return the encounters with these numbers, at least one, ``[M]``; raises as :func:`eval.flights.sources.drawn`."""
     return reduce(joined, (drawn(evaluation.source, evaluation.seed, int(number), 1)[0] for number in numbers))
 
 

@@ -53,14 +53,9 @@ class Step(NamedTuple):
 
 
 def request_of(encounters: Encounter, aircraft: Aircraft, intruders: VehicleState | None = None) -> Request:
-    """Return what a planner is asked at the start of encounters ``[N]``.
+    """Return what a planner is asked at the start of encounters ``[N]``, with intruders as believed, or as they are.
 
     The route runs from the start to the goal, then over a point every 5 separations on the same line to 45 beyond it.
-
-    Args:
-        encounters: ``[N]``.
-        aircraft: of the ownship.
-        intruders: as the ownship believes them to be, ``[N, K]``; None: as they are.
     """
     traffic = Traffic.straight(encounters.intruders if intruders is None else intruders, encounters.mask)
     own = encounters.own
@@ -78,13 +73,9 @@ def route_of(own: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft) ->
 
 
 def fly_step(air: Air, references: VehicleState, aircraft: Aircraft, limits: Limits) -> tuple[Air, Step]:
-    """Fly one time step through states to be flown through, ``[M]``.
+    """Fly one time step through ``references`` at its beginning and after every period, ``[SUBSTEPS + 1, M]``.
 
-    Args:
-        air: at the beginning of the step.
-        references: what to fly through at the beginning and after every period, ``[SUBSTEPS + 1, M]``.
-        aircraft: of the ownship.
-        limits: of the vehicle that follows.
+    The limits are those of the vehicle that follows, not those of the ownship's decisions.
     """
     state, side, dt = air.state, air.side, aircraft.dt
     own, other, following = state.own, state.intruders.vehicle, move_intruders(state, dt, np)

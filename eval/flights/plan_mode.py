@@ -25,10 +25,7 @@ STATUSES = ("unresolved", "safe")
 
 
 def perceived_at_start(encounters: Encounter, dt: float, noise: Any = None) -> VehicleState:
-    """Return the intruders as the ownship knows them at the start, ``[N, K]``.
-
-    The noise of the sensors is ``[4, N, K]``, None for perfect knowledge; ``dt`` is the time step, s.
-    """
+    """Return the intruders as known at the start, ``[N, K]``, by the sensors' noise ``[4, N, K]``; dt in s."""
     return perceived(begin(encounters, np, history_dt=dt), noise, dt, np)
 
 
@@ -49,19 +46,11 @@ def fly_once(
     *,
     endless: bool = False,
 ) -> Flown:
-    """Fly the plans of encounters ``[N]``, float64, once, to their ends.
+    """Fly the plans of encounters, ``[N]`` both, float64, once, to their ends; recorded until the time limit.
 
-    An encounter counts as reached if the goal was by the time limit and the separation kept until then. An unresolved
-    plan is flown as an advisory trajectory, but is no success even if it arrives. Without a trajectory there is no
-    flight, and the separation is not a number.
-
-    Args:
-        encounters: ``[N]``.
-        plans: of them, ``[N]``.
-        aircraft: of the ownship.
-        options: with the limits of the vehicle that follows.
-        recorder: takes the flights step by step until the time limit.
-        endless: whether a loss of separation is no violation.
+    An encounter counts as reached if the goal was by the time limit and the separation kept until then (in endless
+    flights it need not be). An unresolved plan is flown as an advisory trajectory, but is no success even if it
+    arrives. Without a trajectory there is no flight, and the separation is not a number.
     """
     tally, dt, count = Tally(len(encounters.goal_x), aircraft, endless=endless), aircraft.dt, 0
     rows = np.flatnonzero(plans.proposals.last >= 0)

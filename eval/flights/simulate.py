@@ -117,9 +117,7 @@ def fly(
     """Fly encounters to their end; the decider acts once per time step.
 
     Args:
-        encounters: the starts, ``[N]``, float64.
-        decider: sees all intruders of each encounter and the goal.
-        aircraft: of the ownship.
+        encounters, decider, aircraft: starts, ``[N]``, float64; what decides for the ownship.
         noise: the sensors' noise by step, ``[4, N, K]``; None for perfect knowledge of the intruders.
         recorder: takes the trajectories (about 150 bytes an encounter and step).
         endless: whether flights go on after a loss of separation.

@@ -39,12 +39,7 @@ Source: TypeAlias = Scenario | Encounter | Replay | ModelTraffic
 def read_source(config: MonteCarloConfig, aircraft: Aircraft) -> tuple[Source, tuple[str, ...] | None]:
     """Return what a configuration names, and the names of the encounters where it is a finite number of them.
 
-    Args:
-        config: of the run.
-        aircraft: of the ownship.
-
-    Raises:
-        ConfigError, EncounterError, TrackError: the file cannot be used.
+    A file that cannot be used raises ``ConfigError``, ``EncounterError`` or ``TrackError``.
     """
     if config.file is None:
         return config.sampled(aircraft), None
@@ -58,11 +53,7 @@ def read_source(config: MonteCarloConfig, aircraft: Aircraft) -> tuple[Source, t
 
 
 def read_model_traffic(path: Path, how: TrafficConfig, aircraft: Aircraft) -> ModelTraffic:
-    """Return the traffic of a model's file.
-
-    Raises:
-        EncounterError: the file cannot be used, or the ownship's speeds are not all within its limits.
-    """
+    """Return the traffic of a model's file; a bad one, or own speeds beyond the limits, raise ``EncounterError``."""
     limits, unit = aircraft.limits, aircraft.separation
     numbers = {"own_speed": (limits.speed_min, limits.speed_max), "miss": unit, "min_initial_separation": unit}
     numbers |= {name: value for name, value in how if value is not None}
@@ -76,8 +67,7 @@ def read_model_traffic(path: Path, how: TrafficConfig, aircraft: Aircraft) -> Mo
 def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
     """Return the encounters of a file of recorded tracks; its name's end and its beginning say of which kind it is.
 
-    Raises:
-        TrackError: the file cannot be used, or none of its encounters can be flown.
+    A file that cannot be used, or of which no encounter can be flown, raises ``TrackError``.
     """
     weights: Mapping[str, float] | None = None
     repairs = Repairs()
@@ -102,8 +92,7 @@ def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
 def drawn(source: Source, seed: int, first: int, count: int) -> tuple[Encounter, np.ndarray]:
     """Return the encounters ``first .. first + count - 1`` and their weights, 1 where there are none.
 
-    Raises:
-        EncounterError: one of them meets the scenario's conditions in none of its attempts.
+    One that meets the scenario's conditions in none of its attempts raises ``EncounterError``.
     """
     if isinstance(source, ModelTraffic):
         return encounters_with(source, seed, first, count)

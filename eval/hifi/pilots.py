@@ -62,10 +62,8 @@ class Assured:
 
     Args:
         plans, known: made at the start, and the intruders that it was made with, ``[1, K]``.
-        route: over the ground.
-        policy: makes new plans.
-        rules: of the task.
-        thresholds: of the monitor.
+        route, rules: over the ground, and of the task.
+        policy, thresholds: of new plans and of the monitor.
         flown: wind that is reckoned with, gains of the guidance, and the quality of the intruders' reports, of which
             tracks are made; None where they are the truth.
     """

@@ -89,11 +89,7 @@ class Navigation:
 def begin(kind: str, own: VehicleState, drawn: Drawn, limits: Limits, viewer: FlightGear | None = None) -> Airborne:
     """Return a vehicle, a key of :data:`VARIANT_OF`, at the beginning of its flight over the ground.
 
-    A viewer shows the Cessna.
-
-    Raises:
-        StartError: the aircraft cannot fly so slowly or so fast.
-        FlightError: it does not survive the time before the start.
+    A viewer shows the Cessna; ``FlightError``: the aircraft cannot fly so, or is lost before the start.
     """
     wind = drawn.air.wind_east, drawn.air.wind_north
     if kind == "surrogate":

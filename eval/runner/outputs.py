@@ -157,8 +157,7 @@ def arrow_table(columns: Mapping[str, np.ndarray]) -> Any:
 def read_table(path: Path, what: str, schema: bytes | None = None) -> dict[str, np.ndarray]:
     """Return the columns of a file; equal words are one object, not one a row.
 
-    Raises:
-        ConfigError: it is not as expected: cannot be read, or its metadata name another schema than the one given.
+    A file that cannot be read, or is of another schema than the one given, raises ``ConfigError``.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq

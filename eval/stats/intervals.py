@@ -26,8 +26,7 @@ class Interval(NamedTuple):
 def clopper_pearson(count: int, total: int, confidence: float = 0.95) -> tuple[float, float]:
     """Return the exact two-sided interval of a binomial share (Clopper and Pearson, 1934); of no trials: [0, 1].
 
-    Raises:
-        ValueError: an argument is out of its range.
+    An argument out of its range raises ``ValueError``.
     """
     if not 0 <= count <= total:
         raise ValueError(f"count {count} is outside 0..{total}")
