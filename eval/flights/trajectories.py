@@ -6,6 +6,7 @@ import numpy as np
 
 from envs.encounters import Encounter
 from envs.kinematics import VehicleState
+from envs.trees import mapped
 
 
 class Trajectories(NamedTuple):
@@ -20,13 +21,12 @@ class Trajectories(NamedTuple):
 def until(flown: Trajectories, end: np.ndarray, dt: float) -> Trajectories:
     """Return trajectories of steps of dt, s, without what comes after the step in which ``end``, s, ``[N]``, falls."""
     after = np.arange(len(flown.own.x))[:, None] > np.ceil(end / dt)
-    late = after[1:, :, None]
-    return Trajectories(
-        VehicleState(*(np.where(after, np.nan, field) for field in flown.own)),
-        VehicleState(*(np.where(after[..., None], np.nan, field) for field in flown.intruders)),
-        np.where(late, np.nan, flown.action),
-        np.where(late[..., 0], np.nan, flown.separation),
-    )
+
+    def cut(field: np.ndarray) -> np.ndarray:
+        late = after[-len(field) :]  # steps are one fewer than states
+        return np.where(late if field.ndim == 2 else late[..., None], np.nan, field)
+
+    return mapped(cut, flown)
 
 
 class TrajectoryRecorder:

@@ -6,6 +6,7 @@ are distances at the same time; beside them stand the usual errors across the pa
 """
 
 import math
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,12 +14,10 @@ import numpy as np
 from agents.planner.options import Options
 from agents.planner.request import Request
 from agents.planner.rollout import roll
-from agents.planner.traffic import predicted
 from agents.policy.inference import Policy
-from envs.backend import FLOATS
 from envs.c208.air_mass import Wind, over_ground
 from envs.follower import PERIOD, offset
-from envs.kinematics import VehicleState, advance, commands
+from envs.kinematics import VehicleState
 from envs.waypoints import Legs, at
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi.flight import Flight
@@ -77,18 +76,9 @@ def rolled(request: Request, goal: int, policy: Policy, options: Options) -> Veh
 
     It leads to the route's point ``goal`` and ends where the planner took over: the way back was clear, or it is there.
     """
-    state = VehicleState(*(float(field[0]) for field in request.own))
-    to = float(request.route_x[0, goal]), float(request.route_y[0, goal])
-    until = float(roll(request, np.array([goal]), policy, options, floats=True).time[0])
-    limits, dt = options.manoeuvre, options.aircraft.dt
-    states = [state]
-    for step in range(0 if math.isnan(until) else round(until / dt)):
-        seen = predicted(request.traffic, step * dt)
-        others = [VehicleState(*(float(f[0, k]) for f in seen)) for k in np.flatnonzero(request.traffic.mask[0])]
-        action = policy.command_one(state, others, *to)
-        state = advance(state, *commands(action, limits, FLOATS), dt, limits, FLOATS)
-        states.append(state)
-    return VehicleState(*(np.array(field) for field in zip(*states, strict=True)))
+    flown = roll(request, np.array([goal]), policy, replace(options, spacing=1), floats=True)
+    end, dt = float(flown.time[0]), options.aircraft.dt
+    return VehicleState(*(field[0, : 1 if math.isnan(end) else round(end / dt) + 1] for field in flown.knots))
 
 
 def _at(legs: Legs, time: Any) -> VehicleState:

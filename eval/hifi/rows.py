@@ -21,6 +21,13 @@ from eval.runner.outputs import RunFolder
 HIFI_OUTCOMES = ("reached", "violation", "timeout", "failed", "refused")
 """How a flight can end: ``failed`` is an aircraft lost, ``refused`` one that never began, both with a reason."""
 
+ERRORS = (
+    *("cross_track_rms_m", "cross_track_max_m", "along_track_max_m", "late_max_s", "position_error_max_m"),
+    *("position_error_to_goal_m", "accumulated_m_s", "path_definition_max_m", "total_error_max_m"),
+    "altitude_error_max_m",
+)
+"""Columns of the errors against the plan."""
+
 _NAN = math.nan
 
 
@@ -111,14 +118,9 @@ def _bound(campaign: Campaign, one: Flown) -> str:
 
 def _errors(one: Flown) -> dict[str, Any]:
     """Return the errors against the plan; nan where there is none or it was not flown to its end."""
-    keys = (
-        *("cross_track_rms_m", "cross_track_max_m", "along_track_max_m", "late_max_s", "position_error_max_m"),
-        *("position_error_to_goal_m", "accumulated_m_s", "path_definition_max_m", "total_error_max_m"),
-        "altitude_error_max_m",
-    )
     errors, flight = one.errors, one.flight
     if errors is None or flight is None or one.legs is None or flight.failure is not None:
-        return dict.fromkeys(keys, _NAN)
+        return dict.fromkeys(ERRORS, _NAN)
     # The last second of a flight may lie beyond the plan's end.
     within = PERIOD * np.arange(errors.late.size) <= one.legs.time[-1] + one.legs.duration[-1] + 1e-9
     position = errors.position[within]
@@ -133,7 +135,7 @@ def _errors(one: Flown) -> dict[str, Any]:
         errors.total.max() if errors.total.size else _NAN,
         np.abs(flight.altitude - one.scene.drawn.altitude).max(),
     )
-    return dict(zip(keys, (float(value) for value in values), strict=True))
+    return dict(zip(ERRORS, (float(value) for value in values), strict=True))
 
 
 def _scene(campaign: Campaign, one: Flown) -> dict[str, Any]:

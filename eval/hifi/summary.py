@@ -8,17 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from eval.hifi.rows import HIFI_OUTCOMES
+from eval.hifi.rows import ERRORS, HIFI_OUTCOMES
 from eval.stats.intervals import quantiles, share
 
 _SHARES = (0.5, 0.95, 0.99, 1.0)
 _COVERED = 0.99  # share of the flights that a margin covers
 _ROUNDING = 5.0  # m, to which a margin is rounded up
-_ERRORS = (
-    *("cross_track_rms_m", "cross_track_max_m", "along_track_max_m", "late_max_s", "position_error_max_m"),
-    *("position_error_to_goal_m", "path_definition_max_m", "total_error_max_m", "altitude_error_max_m"),
-    "separation_loss_m",
-)
+_ERRORS = (*(name for name in ERRORS if name != "accumulated_m_s"), "separation_loss_m")
 
 
 def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, Any]:
