@@ -17,8 +17,8 @@ from envs.encounters import Encounter
 from envs.follower import PERIOD
 from envs.kinematics import VehicleState, advance
 from envs.outcome import Rules
-from envs.perception import carried_back, perceive
 from envs.relative import leg_separation
+from envs.world import begin, move_intruders, perceived
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi.vehicle import Airborne, Navigation
 
@@ -55,52 +55,42 @@ class Traffic:
     """The intruders of one encounter ``[1]`` in an air mass that the wind carries: true motion, and reports.
 
     The noise of the sensors is by second, ``[4, 1, K]``; None for perfect knowledge. ``watch`` is called after every
-    period with the intruders that exist.
+    period with the intruders that exist, ``mask [1, K]``.
     """
 
     def __init__(
         self, encounter: Encounter, wind: Wind, noise: Any = None, watch: Callable[[VehicleState], None] | None = None
     ) -> None:
-        self._intent, self._mask, self._sensor = encounter.intent, encounter.mask, encounter.sensor
+        self._state, self.mask = begin(encounter, np, history_dt=1.0), encounter.mask
         self._wind, self._noise, self._watch, self._clock = wind, noise, watch, 0
-        self._state = intruder.start(encounter.intruders, np)
-        seen = encounter.intruders
-        self._previous = carried_back(seen, 1.0, np), carried_back(seen, 2.0, np)
-
-    @property
-    def mask(self) -> Any:
-        """Which intruders exist, ``[1, K]``."""
-        return self._mask
 
     def ground(self) -> VehicleState:
         """Return the intruders over the ground, ``[1, K]``."""
-        return over_ground(self._state.vehicle, self._wind, float(self._clock))
+        return over_ground(self._state.intruders.vehicle, self._wind, float(self._clock))
 
     def reported(self) -> VehicleState:
         """Return the intruders over the ground as reported, ``[1, K]``."""
-        now = self._state.vehicle
-        if self._noise is not None:
-            now = perceive(now, *self._previous, self._sensor, self._noise(self._clock), 1.0, np)
-        return over_ground(now, self._wind, float(self._clock))
+        noise = None if self._noise is None else self._noise(self._clock)
+        return over_ground(perceived(self._state, noise, 1.0, np), self._wind, float(self._clock))
 
     def second(self) -> VehicleState:
         """Move on by a second and return the states at its beginning and after every period, ``[P + 1, K]``."""
-        began, clock = self._state.vehicle, float(self._clock)
-        following = intruder.step(self._state, self._intent, clock, 1.0, np)
+        state, clock = self._state, float(self._clock)
+        began, following = state.intruders.vehicle, move_intruders(state, 1.0, np)
         # Over a second the intruder's controller holds its yaw rate.
         turn = wrap(following.vehicle.heading - began.heading, np)
         times = PERIOD * np.arange(SUBSTEPS + 1)[:, None]
         moved = advance(began, began.speed * 0.0, turn, times, intruder.COASTING, np)
         whole = VehicleState(*(np.broadcast_to(field, (SUBSTEPS + 1, turn.shape[-1])) for field in moved))
-        self._previous = began, self._previous[0]
-        self._state = following
+        previous = None if state.previous is None else (began, state.previous[0])
+        self._state = state._replace(intruders=following, steps=state.steps + 1.0, previous=previous)
         self._clock += 1
         return over_ground(whole, self._wind, clock + times)
 
     def show(self, whole: VehicleState, period: int) -> None:
         """Let the watch see a period of what :meth:`second` returned."""
         if self._watch is not None:
-            self._watch(VehicleState(*(field[period, self._mask[0]] for field in whole)))
+            self._watch(VehicleState(*(field[period, self.mask[0]] for field in whole)))
 
 
 def fly(
