@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -440,6 +441,10 @@ def test_help_is_complete_and_imports_nothing_heavy() -> None:
     assert "default: 10000" in done.stdout
     assert "plan" in done.stdout
     assert done.stderr.strip() == "[]"
+
+
+def test_every_baseline_can_be_named() -> None:
+    assert get_args(MonteCarloConfig.model_fields["baseline"].annotation) == tuple(BASELINES)
 
 
 def test_keys_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
