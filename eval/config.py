@@ -235,7 +235,7 @@ class MonteCarloConfig(Strict):
         aircraft = policy.aircraft if self.aircraft is None else self.aircraft.aircraft()
         return policy.for_aircraft(aircraft, outside="allow" if self.allow_outside_domain else "refuse").aircraft
 
-    def backend_for(self, policy: Policy, encounters: int) -> str:
+    def backend_for(self, policy: Policy, encounters: int) -> Literal["numpy", "jax"]:
         """Return what computes the policy's decisions, numpy or jax."""
         if self.backend != "auto":
             return self.backend

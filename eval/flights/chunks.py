@@ -5,6 +5,7 @@ on the process that works on it or on what it has worked on before.
 """
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property, reduce
 from pathlib import Path
@@ -61,12 +62,16 @@ class Evaluation(NamedTuple):
         return self.aircraft.limits
 
 
+@dataclass(frozen=True)
 class Pilot:
     """An evaluation with its policy, for the evaluation's aircraft."""
 
-    def __init__(self, evaluation: Evaluation, policy: Policy) -> None:
-        self.evaluation = evaluation
-        self.policy = policy.for_aircraft(evaluation.aircraft, outside="allow")
+    evaluation: Evaluation
+    policy: Policy
+
+    def __post_init__(self) -> None:
+        adapted = self.policy.for_aircraft(self.evaluation.aircraft, outside="allow")
+        object.__setattr__(self, "policy", adapted)
 
     @classmethod
     def load(cls, evaluation: Evaluation) -> "Pilot":

@@ -160,7 +160,7 @@ def drawn(family: ConditionConfig, seed: int, number: int, takeoff_weight: float
     east, north = wind * math.cos(direction), wind * math.sin(direction)
     weights = (takeoff_weight, takeoff_weight) if family.weight_lb is None else family.weight_lb
     ranges = (weights, family.centre_of_gravity, family.inertia_factor, family.drag_factor, family.lift_slope_factor)
-    loading = Loading(*map(_between, ranges, u[2:7]))
+    loading = Loading._make((*map(_between, ranges, u[2:7]), False))
     kinds = family.turbulence
     kind: Any = kinds[min(int(u[7] * len(kinds)), len(kinds) - 1)]
     conditions = Conditions(loading, east, north, kind, int(u[8] * 2**31))
