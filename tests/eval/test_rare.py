@@ -10,6 +10,7 @@ from scipy.special import ndtr
 from scipy.stats import genpareto
 
 from agents.config.load import ConfigError
+from agents.planner.options import Options
 from envs.aircraft import PAPER
 from envs.draws import uniforms
 from envs.edge.command import run_cli
@@ -18,7 +19,6 @@ from envs.formats import encounter_file
 from envs.outcome import RULES
 from envs.relative import straight_cpa
 from envs.trees import column
-from eval.config import usual_setting
 from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import ByPolicy, Direct, fly
@@ -152,9 +152,9 @@ def test_the_value_is_the_separation_of_the_flight(policy, mode: str) -> None:
     elif mode == "none":
         expected = fly(starts, Direct(PAPER), PAPER).min_separation
     else:
-        setting = usual_setting(PAPER)
-        plans = plan_at_start(starts, policy, PAPER, setting)
-        expected = fly_once(starts, plans, PAPER, setting).flights.min_separation
+        options = Options.for_aircraft(PAPER)
+        plans = plan_at_start(starts, policy, PAPER, options)
+        expected = fly_once(starts, plans, PAPER, options).flights.min_separation
     np.testing.assert_array_equal(values[inside], expected[inside])
     assert (values < RULES.separation).any() or mode == "plan"
 
