@@ -178,7 +178,6 @@ JUSTIFIED = {
     "agents/assurance/inputs.py": "bounds of what a message may hold",
     "agents/planner/separation.py": "seconds",
     "agents/planner/request.py": "bounds of what a request may hold",
-    "ros_bridge/core/adapters.py": "bounds of what a message may hold",
     "ros_bridge/core/conversions.py": "bounds of what a message may hold",
     "ros_bridge/transport/parameters.py": "ranges and defaults of parameters",
     "ros_bridge/core/tracks.py": "of receivers",
