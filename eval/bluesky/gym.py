@@ -103,7 +103,8 @@ class Pilot:
             until = to_goal[:, None] / speed
             here, there = (advance(each, 0.0, 0.0, until, limits, np) for each in (direct, others))
             clear = (leg_separation(direct, here, others, there, until, np) >= separation).all(axis=1)
-            flies = flies & (to_goal >= _units().reached) & ~(clear & (np.abs(off) < 0.1))
+            ends = step * _STEP % _units().period == 0.0  # the environment ends between two actions only
+            flies = flies & ~((to_goal < _units().reached) & ends) & ~(clear & (np.abs(off) < 0.1))
             flies &= drift < drift.min(initial=np.inf, where=~flies & (nearest >= separation))  # others are beaten
             if not flies.any():
                 break
