@@ -49,11 +49,8 @@ def renewed(
     """Plan where the monitor asks for it, and where a better kind of plan may be had than the one that is flown.
 
     Args:
-        monitor: after its step, ``[N]``.
-        decision: of that step, ``[N]``.
         short: whether the plan that is flown passes over the goal, or gets there too late, ``[N]``.
-        reached: whether the goal was reached, ``[N]``.
-        left: time until it is missed, s.
+        reached: whether the goal was reached, ``[N]``; ``left``: seconds until it is missed.
 
     Returns:
         The monitors, ``short`` of what they fly now, and which have asked for a plan, ``[N]``.

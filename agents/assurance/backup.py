@@ -37,20 +37,13 @@ _BLOCK = 256  # aircraft searched for at once
 class Backup(NamedTuple):
     """Backups; fields ``[N]``."""
 
-    course: Any
-    """To turn onto, rad in [-pi, pi)."""
-    speed: Any
-    """To reach, m/s."""
-    knots: Knots
-    """``[N, B]``, their times from when the backup was refreshed."""
-    legs: Legs
-    """Between them."""
-    started: Any
-    """When that was, on the monitor's clock, s; nan where there has never been one."""
-    clearance: Any
-    """Smallest distance less the required one over the horizon, m."""
-    safe: Any
-    """Whether the validator found nothing wrong but its own resolution, bool."""
+    course: Any  # to turn onto, rad in [-pi, pi)
+    speed: Any  # to reach, m/s
+    knots: Knots  # [N, B], their times from when the backup was refreshed
+    legs: Legs  # between them
+    started: Any  # when that was, on the monitor's clock, s; nan where there has never been one
+    clearance: Any  # smallest distance less the required one over the horizon, m
+    safe: Any  # whether the validator found nothing wrong but its own resolution, bool
 
 
 def flown(own: VehicleState, course: Any, speed: Any, thresholds: Thresholds) -> Knots:

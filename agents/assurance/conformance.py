@@ -44,12 +44,7 @@ def judged(
 ) -> tuple[Any, Any, dict[str, Any]]:
     """Measure the present second against the plan; a cause begins beyond its threshold and ends below a share of it.
 
-    Args:
-        monitor: of the second before, ``[N]``.
-        memory: of the present second.
-        own: present states, ``[N]``.
-        traffic: the intruders now, ``[N, K]``.
-        causes: that are known already, ``[N]``.
+    Monitors are of the second before, all else of the present one, ``[N]`` and of the intruders ``[N, K]``.
 
     Returns:
         The leaky sums ``[N, 3]``, all causes ``[N]``, and what was measured, by the names of a decision's fields.

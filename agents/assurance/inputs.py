@@ -49,32 +49,19 @@ class Inputs(NamedTuple):
 class Memory(NamedTuple):
     """The last good reports; fields ``[N]``, of intruders ``[N, K]``."""
 
-    time: Any
-    """Of the last step, s; -inf before the first."""
+    time: Any  # of the last step, s; -inf before the first
     own: VehicleState
-    own_time: Any
-    """Time of the own report, s; -inf before the first."""
-    intruders: VehicleState
-    """``[N, K]``."""
-    seen: Any
-    """Times of the intruders' reports, s, ``[N, K]``; -inf before the first."""
-    turn_rate: Any
-    """From the last two reports, rad/s, ``[N, K]``."""
+    own_time: Any  # time of the own report, s; -inf before the first
+    intruders: VehicleState  # [N, K]
+    seen: Any  # times of the intruders' reports, s, [N, K]; -inf before the first
+    turn_rate: Any  # from the last two reports, rad/s, [N, K]
     position_std: Any
     velocity_std: Any
-    drift: Drift
-    """``[N, K]``."""
+    drift: Drift  # [N, K]
 
 
 def inputs(time: Any, own: VehicleState, intruders: VehicleState, mask: Any = None, **more: Any) -> Inputs:
-    """Return inputs ``[N]``, ages and standard deviations 0 where they are not given.
-
-    Args:
-        time: s, ``[N]`` or a scalar.
-        intruders: ``[N, K]``.
-        mask: which of them exist, ``[N, K]``; None: all.
-        **more: other fields of :class:`Inputs`.
-    """
+    """Return inputs ``[N]``, those of intruders ``[N, K]``; what is not given is 0, and every intruder exists."""
     each, pairs = np.shape(own.x), np.shape(intruders.x)
     given = {
         "own_age": np.zeros(each),

@@ -26,22 +26,18 @@ ANY = Limits(-np.inf, np.inf, -np.inf, np.inf, np.inf)
 class Course(NamedTuple):
     """What is flown, ready to be looked ahead on; fields ``[N, ...]``."""
 
-    knots: Knots
-    """``[N, L + 1]``, their times on the plan's clock."""
-    legs: Legs
-    """``[N, L]``."""
-    bow: Any
-    """Largest distance of each leg from uniform motion along its chord, m, ``[N, L]``; an upper bound."""
+    knots: Knots  # [N, L + 1], their times on the plan's clock
+    legs: Legs  # [N, L]
+    bow: Any  # largest distance of each leg from uniform motion along its chord, m, [N, L]; an upper bound
 
 
 class Outlook(NamedTuple):
     """What the rest of a plan holds; fields ``[N, K]``."""
 
+    # Smallest distance less what uncertainty grows to, m: a lower bound, exact to 5 mm below the level of interest; inf
+    # for absent intruders and after the plan's end.
     separation: Any
-    """Smallest distance less what uncertainty grows to, m: a lower bound; inf for absent intruders and after the
-    plan's end. Exact to 5 mm where it is below the level of interest."""
-    loss: Any
-    """When the separation first falls below the level of interest, s from now; inf where it does not."""
+    loss: Any  # when the separation first falls below the level of interest, s from now; inf where it does not
 
 
 def course(knots: Knots, legs: Legs) -> Course:
@@ -59,13 +55,10 @@ def course(knots: Knots, legs: Legs) -> Course:
 
 
 def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: float) -> Outlook:
-    """Look ahead on the rest of plans ``[N]``.
+    """Look ahead on the rest of plans ``[N]``, ``since`` seconds on their clocks, against intruders ``[N, K]`` now.
 
-    Args:
-        since: present time on the plans' clocks, s, ``[N]``.
-        traffic: the intruders now, ``[N, K]``.
-        level: separations of interest, m, ``[N, K]``; larger ones are bounded coarsely.
-        sigmas: of the growing uncertainty that are taken off the separation.
+    Separations above ``level``, m, ``[N, K]``, are bounded coarsely; so many sigmas of what uncertainty grows by are
+    taken off.
     """
     shape = traffic.mask.shape
     found = Outlook(np.full(shape, np.inf), np.full(shape, np.inf))

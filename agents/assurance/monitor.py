@@ -26,15 +26,12 @@ from envs.waypoints import Knots, at, legs
 def activate(
     monitor: Monitor, rows: Any, knots: Knots, safe: Any, time: Any, traffic: Traffic, thresholds: Thresholds
 ) -> Monitor:
-    """Begin to watch plans ``[M]`` in some rows of monitors ``[N]``.
+    """Begin to watch plans ``[M]`` in the rows numbered ``[M]`` of monitors ``[N]``, requested at a time, s, ``[M]``.
 
     Only a safe plan is flown; a row with another plan has none and flies its backup from the next step on.
 
     Args:
-        rows: which of them, numbers ``[M]``.
         knots: state at the request and the waypoints, ``[M, W + 1]``; nan where there is no plan.
-        safe: whether the planner called them safe, ``[M]``.
-        time: of the request on the monitor's clock, s, ``[M]`` or a scalar.
         traffic: the intruders that the plans were made with, ``[M, K]``.
     """
     usable, plan = _usable(knots, safe, thresholds)
@@ -94,17 +91,11 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
 def answer(
     monitor: Monitor, rows: Any, number: Any, knots: Knots, safe: Any, thresholds: Thresholds
 ) -> tuple[Monitor, Any]:
-    """Hand in what the planner answered ``[M]`` to some rows of monitors ``[N]``.
+    """Hand in what the planner answered to requests, ``[M]``, to rows of monitors ``[N]``, each row once.
 
     A plan is taken up only if it is SAFE, answers the last request (so that it is not older than the active one),
     and is still safe against the intruders as they are now. An answer to another request changes nothing; one that
     cannot be flown leads to BACKUP if the rest of the active plan is not safe, else to DENIED.
-
-    Args:
-        rows: which of them, numbers ``[M]``, each once.
-        number: of the requests that are answered (:class:`Decision`), ``[M]``.
-        knots: state at the request and the waypoints, ``[M, W + 1]``; nan where there is no plan.
-        safe: whether the planner called them safe, ``[M]``.
 
     Returns:
         The monitors, and which of the plans are flown now, ``[M]``.
@@ -134,13 +125,7 @@ def answer(
 
 
 def references(monitor: Monitor, time: Any, dt: float, count: int) -> VehicleState:
-    """Return the states to be flown through at ``time``, ``time + dt``, ..., ``[count + 1, N]``; IDLE rows get any.
-
-    Args:
-        time: on the monitor's clock, s, ``[N]`` or a scalar.
-        dt: between the states, s.
-        count: how many of them after the first.
-    """
+    """Return the states to be flown through at a time, s, and every ``dt`` after it, ``[count + 1, N]``; IDLE: any."""
     when = np.broadcast_to(np.asarray(time, dtype=float), monitor.state.shape)
     result = VehicleState(*(np.zeros((count + 1, when.size)) for _ in range(4)))
     for rows, curves, starts in (

@@ -23,31 +23,22 @@ _SPEED = 0.02  # change of velocity that is always allowed, in the ownship's gre
 class Tolerance(NamedTuple):
     """By how much places may differ from what velocities make of them."""
 
-    least: Any
-    """m."""
-    share: float
-    """Of the way flown."""
-    sigmas: float
-    """Of the declared noise."""
+    least: Any  # m
+    share: float  # of the way flown
+    sigmas: float  # of the declared noise
 
 
 class Drift(NamedTuple):
     """Where the comparison of each intruder began, and until when it is not believed; fields ``[N, K]``."""
 
-    began: Any
-    """s; -inf before the first report."""
-    x: Any
-    """Place then, m."""
+    began: Any  # s; -inf before the first report
+    x: Any  # place then, m
     y: Any
-    position_std: Any
-    """Of that report, m."""
-    flown_x: Any
-    """Integral of the reported velocities since, m."""
+    position_std: Any  # of that report, m
+    flown_x: Any  # integral of the reported velocities since, m
     flown_y: Any
-    rate_until: Any
-    """s; -inf where its velocity has never changed faster than it can."""
-    place_until: Any
-    """The same for places that contradict velocities."""
+    rate_until: Any  # s; -inf where its velocity has never changed faster than it can
+    place_until: Any  # the same for places that contradict velocities
 
 
 def unknown(shape: tuple[int, ...]) -> Drift:
@@ -57,11 +48,9 @@ def unknown(shape: tuple[int, ...]) -> Drift:
 
 
 def difference(moved: tuple[Any, Any], flown: tuple[Any, Any], noise: Any, allows: Tolerance) -> tuple[Any, Any]:
-    """Return how far a displacement is from the integral of the velocities, and what is allowed, m; ``[...]``.
+    """Return how far displacements are from the integrals of the velocities, and what is allowed, m, ``[...]``.
 
-    Args:
-        moved, flown: the two, east and north, m.
-        noise: one sigma of their difference, m.
+    The noise is one sigma of the difference, m.
     """
     way = np.maximum(np.hypot(*moved), np.hypot(*flown))
     off = np.hypot(moved[0] - flown[0], moved[1] - flown[1])
@@ -79,9 +68,7 @@ def followed(
     """Return the comparison with one more report of each intruder, ``[N, K]``.
 
     Args:
-        drift: as of the reports before.
-        before: the last good reports, with one sigma of their positions, m, and velocities, m/s.
-        report: the new ones likewise.
+        before: the last good reports, with one sigma of their positions, m, and velocities, m/s; ``report`` likewise.
         time: of the reports before and of the new ones, s; -inf where there is none before.
         good: which of the new ones are finite, in range and in order, bool.
     """

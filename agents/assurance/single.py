@@ -67,11 +67,9 @@ class Watch:
     """A monitor of one aircraft, never changed in place."""
 
     monitor: Monitor
-    names: tuple[str, ...]
-    """Of the intruders, by place."""
+    names: tuple[str, ...]  # of the intruders, by place
     thresholds: Thresholds
-    ask: Ask | None = None
-    """The last request."""
+    ask: Ask | None = None  # the last request
 
 
 def begin(thresholds: Thresholds) -> Watch:
@@ -80,13 +78,7 @@ def begin(thresholds: Thresholds) -> Watch:
 
 
 def activate(watch: Watch, plan: Plan, own: VehicleState, intruders: Mapping[str, Intruder], time: float) -> Watch:
-    """Begin to watch a plan; one that is not SAFE is not flown, the backup is.
-
-    Args:
-        own: state at the request.
-        intruders: of the request, by name.
-        time: of the request on the monitor's clock, s.
-    """
+    """Begin to watch a plan, with states and time, s, of its request; of one that is not SAFE the backup is flown."""
     watch = _placed(watch, (*watch.names, *(name for name in intruders if name not in watch.names)))
     given, age = reported([intruders.get(name, Intruder(_NOWHERE)) for name in watch.names])
     traffic = advanced(given._replace(mask=np.array([[name in intruders for name in watch.names]], dtype=bool)), age)
@@ -104,15 +96,7 @@ def step(
     own_age: float = 0.0,
     gone: Sequence[str] = (),
 ) -> tuple[Watch, Verdict]:
-    """Judge one second.
-
-    Args:
-        time: now, s.
-        own: last reported state; None: missing.
-        intruders: last reports by name.
-        own_age: of the own state, s.
-        gone: names of intruders that do not count any more.
-    """
+    """Judge one second, s, by the last reports; ``own`` is None where it is missing, ``gone`` do not count any more."""
     names = (*(name for name in watch.names if name not in gone), *(n for n in intruders if n not in watch.names))
     watch = _placed(watch, names)
     seen, age = reported([intruders.get(name, Intruder(_MISSING)) for name in names])

@@ -26,17 +26,12 @@ class Tracks(NamedTuple):
     """Estimates of intruders; fields ``[...]``."""
 
     state: VehicleState
-    count: Any
-    """Reports since the track began."""
-    drift_x: Any
-    """Running mean of the velocity's deviations, m/s."""
+    count: Any  # reports since the track began
+    drift_x: Any  # running mean of the velocity's deviations, m/s
     drift_y: Any
-    position_variance: Any
-    """Of the estimates, per axis, m^2, for aircraft on straight courses."""
-    velocity_variance: Any
-    """m^2/s^2."""
-    covariance: Any
-    """Of the two, m^2/s."""
+    position_variance: Any  # of the estimates, per axis, m^2, for aircraft on straight courses
+    velocity_variance: Any  # m^2/s^2
+    covariance: Any  # of the two, m^2/s
 
     @property
     def errors(self) -> dict[str, Any]:
@@ -51,12 +46,9 @@ def begin(report: VehicleState, position_std: Any, velocity_std: Any) -> Tracks:
 
 
 def follow(tracks: Tracks | None, report: VehicleState, position_std: Any, velocity_std: Any, dt: float) -> Tracks:
-    """Return the tracks (None: there are none) with one more report of each intruder, ``[...]``.
+    """Return the tracks (None: there are none) with reports ``dt`` seconds later, ``[...]``.
 
-    Args:
-        position_std: one sigma of reported positions, per axis, m; broadcastable to ``[...]``.
-        velocity_std: one sigma of reported velocities, per axis, m/s.
-        dt: time since the reports before, s.
+    The standard deviations are those of the reports, per axis, m and m/s.
     """
     if tracks is None:
         return begin(report, position_std, velocity_std)

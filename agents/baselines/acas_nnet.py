@@ -45,14 +45,11 @@ class NnetError(InputError):
 class Network:
     """A feed-forward network with ReLU between its layers."""
 
-    weights: tuple[np.ndarray, ...]
-    """``[out, in]`` each."""
+    weights: tuple[np.ndarray, ...]  # [out, in] each
     biases: tuple[np.ndarray, ...]
-    low: np.ndarray
-    """Of the inputs ``[I]``; what lies outside is clipped."""
+    low: np.ndarray  # of the inputs [I]; what lies outside is clipped
     high: np.ndarray
-    mean: np.ndarray
-    """Of the inputs and, last, of all outputs, ``[I + 1]``."""
+    mean: np.ndarray  # of the inputs and, last, of all outputs, [I + 1]
     span: np.ndarray
 
     def __call__(self, inputs: np.ndarray) -> np.ndarray:
@@ -102,11 +99,7 @@ class AdvisoryLogic:
     aircraft: Aircraft
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return actions ``[M, 2]`` that hold the speed, and the advisories to remember.
-
-        Raises:
-            ValueError: something of the sight is not finite.
-        """
+        """Return actions ``[M, 2]`` that hold the speed, and the advisories to remember; a ValueError: not finite."""
         inputs = self._inputs(checked(sight))
         scores = np.empty((len(memory), len(ADVISORIES)))
         for previous in range(len(ADVISORIES)):

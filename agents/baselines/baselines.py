@@ -1,8 +1,7 @@
 """Deciders to compare with: what an aircraft does without a resolver, by the rules of the air, or by geometry.
 
-All see the same as a policy does, all intruders at once, decide at every time step and return actions of the same
-contract. They steer to the goal while nothing is in the way; what they do otherwise makes the difference. ``speed`` of
-the two that resolve says whether they may change it: most published resolvers hold it.
+All see what a policy does, all intruders at once, and return actions of the same contract. They steer to the goal while
+nothing is in the way. ``speed`` of the two that resolve says whether they may change it: most resolvers hold it.
 """
 
 import math
@@ -28,14 +27,11 @@ class Sight(NamedTuple):
     """What a decider sees of encounters in progress; own fields ``[M]``, those of intruders ``[M, K]``."""
 
     own: VehicleState
-    intruders: VehicleState
-    """As reported, not as they are."""
-    mask: np.ndarray
-    """Which of the K intruders exist, bool."""
+    intruders: VehicleState  # as reported, not as they are
+    mask: np.ndarray  # which of the K intruders exist, bool
     goal_x: np.ndarray
     goal_y: np.ndarray
-    left: float
-    """Time that is left to reach the goal, s."""
+    left: float  # time that is left to reach the goal, s
 
 
 class Baseline(Protocol):

@@ -9,8 +9,7 @@ from envs.edge.files import written
 def save_figure(figure: Any, path: Path, dpi: int = 150) -> list[Path]:
     """Write a figure of matplotlib as ``path.png`` and ``path.svg`` and return their paths; may raise an OSError.
 
-    Args:
-        dpi: of the PNG and of what the SVG holds as pixels, 1/inch.
+    The PNG, and what the SVG holds as pixels, have ``dpi`` of them an inch.
     """
     import matplotlib as mpl
 

@@ -15,12 +15,9 @@ LOCK = ".lock"
 
 @contextmanager
 def locked(folder: Path, option: str = "--out") -> Generator[None]:
-    """Make a folder if it is not there and hold it for this process alone.
+    """Make a folder if it is not there and hold it for this process alone; ``option`` names it in messages.
 
     The system releases the lock when the process ends, however it ends (``flock``). A forked child shares the lock.
-
-    Args:
-        option: by which the command line names the folder, for the messages.
 
     Raises:
         ConfigError: another process has it, or it cannot be written.

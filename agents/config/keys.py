@@ -98,7 +98,7 @@ def _short(expected: str) -> str:
 
 
 def field_at(model: type[BaseModel], path: Sequence[str | int]) -> FieldInfo | type[BaseModel] | None:
-    """Return the field that a path of keys and list indices leads to, the model itself for an empty path, or None.
+    """Return the field that a path of keys and list indices leads to; the model for an empty path; None: there is none.
 
     Where a path ends inside a list or tuple of plain values, the answer is the field that holds it.
     """

@@ -50,11 +50,7 @@ class Strict(BaseModel):
 def file_of(path: Path, kind: str = "*.yaml") -> Path:
     """Return the file that a path means, or that ships under a name without folder and suffix, such as ``quick``.
 
-    Args:
-        kind: where the names of this kind stand in ``configs/``.
-
-    Raises:
-        ConfigError: no such configuration ships.
+    Names of a kind stand in ``configs/``. Raises a ConfigError where none of that name ships.
     """
     if path.is_file() or path.suffix or path.name != str(path):
         return path
@@ -85,14 +81,9 @@ def load(model: type[Model], path: Path | None = None, overrides: Sequence[str] 
 
 
 def validated(model: type[Model], values: Any, path: Path | None = None, named: Sequence[list[str]] = ()) -> Model:
-    """Return plain values as a configuration.
+    """Return plain values, of a file, as a configuration; raise a ConfigError where a key or a value is not valid.
 
-    Args:
-        path: of the file that they are from.
-        named: paths of the keys that the command line changed.
-
-    Raises:
-        ConfigError: a key or a value is not valid.
+    ``named`` are the paths of the keys that the command line changed.
     """
     try:
         return model.model_validate(values, context={"folder": Path() if path is None else path.parent})

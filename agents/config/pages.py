@@ -20,12 +20,7 @@ def with_tables(page: str, tables: Sequence[str]) -> str:
 def write_tables(program: str, description: str | None, tables: Mapping[str, Sequence[str]]) -> None:
     """Write the tables of pages, by the name of the page's file, in the directory that the command line names.
 
-    Args:
-        program: such as ``python -m rlcas_jax.reference``.
-        description: what ``--help`` says.
-
-    Raises:
-        ConfigError: the directory lacks a page.
+    Program and description are what ``--help`` says. Raises a ConfigError where the directory lacks a page.
     """
     parser = Parser(prog=program, description=description)
     parser.add_argument("directory", type=Path, metavar="DIR", help="where the pages are: docs/reference")

@@ -28,8 +28,6 @@ class Progress:
         Args:
             unit: its name, plural.
             silence_s: least time between two plain lines, s.
-            stream: where to; standard error by default.
-            clock: seconds from any origin.
         """
         self._unit, self._quiet, self._silence = unit, quiet, silence_s
         self._stream = sys.stderr if stream is None else stream
@@ -39,12 +37,9 @@ class Progress:
         self._unsaid = ""
 
     def start(self, total: int, done: float = 0, word: str = "") -> Self:
-        """Begin.
+        """Begin a whole of so many units, some of them done where a run goes on.
 
-        Args:
-            total: of the whole, in units.
-            done: in units, where a run goes on.
-            word: what happens until the first figures come, such as ``compiling``.
+        The word says what happens until the first figures come, such as ``compiling``.
         """
         self._total, self._shown = total, self._clock()
         if not self._quiet and self._stream.isatty():

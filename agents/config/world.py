@@ -68,10 +68,7 @@ class VehicleConfig(Strict):
 
 
 class AircraftConfig(VehicleConfig):
-    """The ownship and its task, inline, as the path of a file, or as the name of one that ships, such as `uas`.
-
-    A path is looked for beside the configuration file first and then in the working directory.
-    """
+    """The ownship and its task, inline, as the path of a file, or as the name of one that ships, such as `uas`."""
 
     KIND: ClassVar = AIRCRAFT
 

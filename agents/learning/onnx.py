@@ -55,11 +55,7 @@ class ExportError(InputError):
 
 
 def model(content: PolicyFile) -> Any:
-    """Return the ``onnx.ModelProto`` of a policy, checked by onnx; equal policies give equal bytes.
-
-    Raises:
-        ModuleNotFoundError: the extra ``onnx`` is not installed.
-    """
+    """Return the ``onnx.ModelProto`` of a policy, checked by onnx; equal policies give equal bytes."""
     onnx: Any = importlib.import_module("onnx")
     converter: Any = importlib.import_module("jax2onnx")
     function, shapes = _decision(content)
@@ -78,11 +74,8 @@ def network_part(policy: Policy) -> Any:
     """Return the ``onnx.ModelProto`` of the network for one intruder behind its derived inputs, for verifiers.
 
     Gemm, Tanh and one Add, from ``inputs`` ``[N, 53]`` to ``action`` ``[N, 2]``: before the clip, and as the scene is
-    seen mirrored (:mod:`agents.policy.set_features`: what describes the ownship, then the intruder).
-
-    Raises:
-        InputError: the policy has not one layer for each intruder.
-        ModuleNotFoundError: the extra ``onnx`` is not installed.
+    seen mirrored (:mod:`agents.policy.set_features`: what describes the ownship, then the intruder). Raises an
+    InputError where the policy has not one layer for each intruder.
     """
     check_one_layer(policy)
     onnx: Any = importlib.import_module("onnx")
@@ -132,10 +125,7 @@ def inputs_of(content: PolicyFile) -> dict[str, np.ndarray]:
 
 
 def export(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> float:
-    """Write the ONNX model of a policy file, whole or not at all; a file that is there is replaced.
-
-    Returns:
-        The largest difference of an action from the policy's parity vectors.
+    """Write the ONNX model of a policy file, whole or not at all; return the largest difference on its parity vectors.
 
     Raises:
         PolicyFileError: the policy file is refused.

@@ -61,10 +61,7 @@ def steps(rules: Rules) -> int:
 
 
 def tracks(encounter: Encounter, count: int, rules: Rules) -> VehicleState:
-    """Fly the true intruders alone (they react to nothing); return their states before and after each step.
-
-    Fields ``[count + 1, ..., K]``.
-    """
+    """Fly the intruders alone (they react to nothing); return their states about the steps, ``[count + 1, ..., K]``."""
     flown = start(encounter.intruders, np)
     states = [flown.vehicle]
     for index in range(count):
@@ -91,11 +88,7 @@ def decided(
 ) -> tuple[tuple[Any, Any], Flight]:
     """Return the action of one step of the escapes, ``[M]`` twice in [-1, 1], and the escapes after it, not yet moved.
 
-    Args:
-        time: at the beginning of the step, s after the start.
-        goal: its position, m, ``[M]`` each.
-        traffic: the true intruders now, ``[M, K]``, and which of them exist.
-        limits: of the ownship; floats.
+    The time is that of the step's beginning, s; the goal's position ``[M]`` twice, m; traffic and mask ``[M, K]``.
     """
     own = flight.own
     returning = flight.returning.copy()
@@ -129,14 +122,10 @@ def fly(
 def fly_away(
     flight: Flight, manoeuvre: Manoeuvre, first: int, count: int, dt: float, limits: Limits
 ) -> tuple[VehicleState, Flight]:
-    """Fly several steps of escapes ``[M]`` as :func:`fly` does, but for the way to the goal, which is the caller's.
+    """Fly ``count`` steps of ``dt`` seconds of escapes ``[M]`` as :func:`fly` does, from step number ``first`` on.
 
-    Until it turns back, headings and speeds of an escape follow from its manoeuvre alone, and the
-    displacements of all steps are found at once.
-
-    Args:
-        flight: at the beginning of step number ``first``; its heading need not be wrapped.
-        count: of steps of ``dt`` seconds.
+    The way to the goal is the caller's: until it turns back, headings and speeds of an escape follow from its manoeuvre
+    alone, and the displacements of all steps are found at once.
 
     Returns:
         The states at the beginning and after every step, ``[count + 1, M]``, and the escapes at the end, their

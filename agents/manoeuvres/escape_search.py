@@ -34,12 +34,9 @@ SPREAD = Manoeuvre(np.radians(12.0), 0.7, 6.0, np.radians(25.0), 0.7, 12.0, 0.06
 class Flown(NamedTuple):
     """How escapes ended; fields ``[M]``."""
 
-    arrival: Any
-    """Time at which the goal was reached, s; nan if it was not."""
-    separation: Any
-    """Smallest distance to any intruder until then, m."""
-    path: Any
-    """Length flown until the circle around the goal was entered, m; nan if it was not."""
+    arrival: Any  # time at which the goal was reached, s; nan if it was not
+    separation: Any  # smallest distance to any intruder until then, m
+    path: Any  # length flown until the circle around the goal was entered, m; nan if it was not
 
 
 class Found(NamedTuple):
@@ -108,11 +105,9 @@ def fly_out(
     scoring: bool = False,
     first: bool = True,
 ) -> Flown:
-    """Fly escapes ``[M]`` to their ends.
+    """Fly escapes ``[M]`` of encounters ``[N]`` to their ends, against intruders ``[T + 1, N, K]``.
 
     Args:
-        encounter: ``[N]``.
-        traffic: its intruders' states ``[T + 1, N, K]``.
         which: number of the encounter that each escape belongs to, ``[M]``.
         scoring: go on after a violation, to learn by how much it was missed; otherwise an escape is dropped there.
         first: without scoring, drop all of an encounter's escapes as soon as one of them has reached the goal.

@@ -22,42 +22,28 @@ class Source(Enum):
 
     POLICY = "policy"
     FALLBACK = "fallback"
-    NONE = "none"
-    """There is no trajectory at all."""
+    NONE = "none"  # there is no trajectory at all
 
 
 class Kind(Enum):
     """What is wrong with a plan or a request."""
 
-    NOT_FINITE = "not_finite"
-    """A waypoint is not a number."""
-    COUNT = "count"
-    """There are not as many waypoints as asked for."""
-    TIMES = "times"
-    """Times do not increase."""
-    INDICES = "indices"
-    """Indices are not unique, or one before the last is the route's."""
-    OFF_ROUTE = "off_route"
-    """The last waypoint is not a point of the route."""
-    LEG = "leg"
-    """No curve joins two waypoints."""
+    NOT_FINITE = "not_finite"  # a waypoint is not a number
+    COUNT = "count"  # there are not as many waypoints as asked for
+    TIMES = "times"  # times do not increase
+    INDICES = "indices"  # indices are not unique, or one before the last is the route's
+    OFF_ROUTE = "off_route"  # the last waypoint is not a point of the route
+    LEG = "leg"  # no curve joins two waypoints
     SPEED = "speed"
     ACCELERATION = "acceleration"
     TURN_RATE = "turn_rate"
-    SEPARATION = "separation"
-    """The plan comes closer to an intruder than required."""
-    NO_REJOIN = "no_rejoin"
-    """The route was not rejoined in time."""
-    GOAL_BEHIND = "goal_behind"
-    """No point of the route lies ahead."""
-    GOAL_TOO_FAR = "goal_too_far"
-    """No point of the route can be reached in time."""
-    ROUTE_TOO_SHORT = "route_too_short"
-    """The route ends before the plan does, and may not be extended."""
-    DEADLINE = "deadline"
-    """The computation ended before everything was searched."""
-    START_IN_VIOLATION = "start_in_violation"
-    """An intruder is closer than the separation at the request already."""
+    SEPARATION = "separation"  # the plan comes closer to an intruder than required
+    NO_REJOIN = "no_rejoin"  # the route was not rejoined in time
+    GOAL_BEHIND = "goal_behind"  # no point of the route lies ahead
+    GOAL_TOO_FAR = "goal_too_far"  # no point of the route can be reached in time
+    ROUTE_TOO_SHORT = "route_too_short"  # the route ends before the plan does, and may not be extended
+    DEADLINE = "deadline"  # the computation ended before everything was searched
+    START_IN_VIOLATION = "start_in_violation"  # an intruder is closer than the separation at the request already
 
 
 class RequestError(ValueError):
@@ -99,11 +85,9 @@ class Reason:
 class Excluded:
     """An intruder that the plan takes no account of."""
 
-    number: int
-    """Its place in the request."""
+    number: int  # its place in the request
     reason: str
-    until: float
-    """Until when it stays out of the way, s after the request."""
+    until: float  # until when it stays out of the way, s after the request
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,13 +18,9 @@ ON_ROUTE = 1e-3
 def audit(
     waypoints: Sequence[Waypoint], route: Sequence[RoutePoint], *, count: int, extended: bool = False
 ) -> list[Reason]:
-    """Return what is wrong with waypoints, in the order in which they are flown.
+    """Return what is wrong with ``count`` published waypoints, in the order in which they are flown.
 
-    Args:
-        waypoints: as they are published.
-        route: of the request.
-        count: how many waypoints there have to be.
-        extended: whether the plan may end beyond the route, on the straight line of its last leg.
+    ``extended`` says whether the plan may end beyond the route, on the straight line of its last leg.
     """
     found = []
     if len(waypoints) != count:

@@ -22,24 +22,14 @@ REVERSAL_WEIGHT = 0.1
 class Proposals(NamedTuple):
     """Plans with findings, cost and clearance; fields ``[N]``."""
 
-    knots: Knots
-    """The request and the waypoints, ``[N, W + 1]``; nan where there is no whole plan."""
-    goal: Any
-    """Number of the route's point at which it is rejoined; -1 without a plan."""
-    last: Any
-    """Number of the route's point that ends the plan; -1 without one; beyond the route's own where it was extended."""
-    findings: Findings
-    """Of the validator; everything is wrong with what is no plan, clearance -inf."""
-    too_short: Any
-    """Whether the route ended too soon for this plan or one that it was chosen from, bool."""
-    rejoin_time: Any
-    """s; nan without a plan."""
-    path: Any
-    """Length until the rejoining, m; nan without a plan."""
-    cost: Any
-    """m; inf without a plan. Length until the rejoining beyond the straight line, a quarter of what the time beyond
-    the straight line at the present speed would cover, and a tenth of the separation for each change of the turn's
-    side."""
+    knots: Knots  # the request and the waypoints, [N, W + 1]; nan where there is no whole plan
+    goal: Any  # number of the route's point at which it is rejoined; -1 without a plan
+    last: Any  # number of the route's point that ends the plan; -1 without one; beyond the route's own if extended
+    findings: Findings  # of the validator; everything is wrong with what is no plan, clearance -inf
+    too_short: Any  # whether the route ended too soon for this plan or one that it was chosen from, bool
+    rejoin_time: Any  # s; nan without a plan
+    path: Any  # length until the rejoining, m; nan without a plan
+    cost: Any  # m; inf without a plan: path beyond the straight line, and the two weights above
 
     @property
     def safe(self) -> Any:
@@ -61,12 +51,7 @@ def empty(count: int, waypoints: int) -> Proposals:
 
 
 def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) -> Proposals:
-    """Complete manoeuvres ``[M]`` to plans and validate them.
-
-    Args:
-        request: of each manoeuvre, ``[M]``.
-        goal: number of the route's point that each leads to, ``[M]``.
-    """
+    """Complete the manoeuvres ``[M]`` of requests to plans for the goals numbered ``[M]``, and validate them."""
     whole = complete(request, rollout, goal, options)
     rows = np.flatnonzero(whole.last >= 0)
     proposals = empty(goal.size, options.waypoints)._replace(too_short=whole.too_short)
@@ -86,10 +71,7 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
 
 
 def keep_best(best: Proposals, rows: Any, plans: Proposals) -> Any:
-    """Write the best of plans ``[M]`` into the best so far ``[N]``, in place, where it is better.
-
-    Args:
-        rows: number of the request of each plan, ``[M]``.
+    """Write the best of plans ``[M]`` of requests numbered ``rows`` into the best so far ``[N]``, where it is better.
 
     Returns:
         The numbers of the requests that have a better plan now.

@@ -35,14 +35,7 @@ def certificate(
     own_altitude: Altitude | None,
     options: Options,
 ) -> bytes:
-    """Return the certificate of a plan.
-
-    Args:
-        own: state of the ownship, floats.
-        intruders: as they were reported.
-        published: the plan's waypoints.
-        excluded: the intruders that the plan takes no account of.
-    """
+    """Return the certificate of a plan for a state of floats and reports; ``excluded`` intruders do not count."""
     out = {one.number for one in excluded}
     reports = [one if isinstance(one, Intruder) else Intruder(one) for one in intruders]
     kept = [report for number, report in enumerate(reports) if number not in out]

@@ -31,15 +31,11 @@ class Completed(NamedTuple):
     too_short: Any
     rejoin_time: Any
     path: Any
-    reversals: Any
-    """Changes of the turn's side until the rejoining."""
+    reversals: Any  # changes of the turn's side until the rejoining
 
 
 def complete(request: Request, rollout: Rollout, goal: Any, options: Options) -> Completed:
-    """Complete manoeuvres ``[N]`` to plans that rejoin at points number ``goal``, ``[N]``.
-
-    Turns between the points have the turn rate of :func:`task_of`.
-    """
+    """Complete manoeuvres ``[N]`` to plans that rejoin at points number ``goal``, ``[N]``."""
     task, extend, extension = task_of(options), options.extend_route, _EXTENSION * options.aircraft.separation
     finished_by = options.last_free + _SPARE * options.aircraft.dt
     count, most = request.route_x.shape

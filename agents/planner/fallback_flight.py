@@ -33,31 +33,20 @@ class Flown(NamedTuple):
     """Manoeuvres flown until the way back is clear; fields ``[M]``."""
 
     rollout: Rollout
-    clearance: Any
-    """Smallest distance to any intruder less the required one, until then, m; an estimate."""
+    clearance: Any  # smallest distance to any intruder less the required one, until then, m; an estimate
 
 
 class Effort(NamedTuple):
     """When manoeuvres are given up."""
 
-    least: float
-    """Below this clearance, m."""
-    enough: int
-    """Once so many of a request's manoeuvres have ended well, the others are."""
-    longest: float = np.inf
-    """Latest time at which a manoeuvre may turn back, s."""
-    budget: Budget = Budget()
-    """Ends the flight of all."""
+    least: float  # below this clearance, m
+    enough: int  # once so many of a request's manoeuvres have ended well, the others are
+    longest: float = np.inf  # latest time at which a manoeuvre may turn back, s
+    budget: Budget = Budget()  # ends the flight of all
 
 
 def fly_out(request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, options: Options, effort: Effort) -> Flown:
-    """Fly manoeuvres ``[M]`` until the direct way to the goal is clear.
-
-    Args:
-        goal: number of the point that each request ``[N]`` is to be rejoined at, ``[N]``.
-        which: number of the request of each manoeuvre, ``[M]``.
-        effort: when manoeuvres are given up.
-    """
+    """Fly manoeuvres ``[M]`` of requests ``which`` until the direct way to the goal, a number ``[N]``, is clear."""
     least, enough, longest, budget = effort
     task, stride, smoothing = task_of(options), stride_of(options), options.smoothing
     last = int(min(task.until, longest) / stride + 1e-9)

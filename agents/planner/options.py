@@ -61,10 +61,8 @@ def comfort_limits(decisions: Limits, vehicle: Limits) -> Limits:
     """Return limits of manoeuvres that leave the legs a reserve: smoothing between waypoints takes more than was flown.
 
     The gentlest curve to the same end as an acceleration (or turn) that stops inside the leg begins with up to 4/3
-    of it. A twentieth of the greatest speed is always kept: what stands still cannot turn.
-
-    Raises:
-        ValueError: limits of decisions and of the legs (the vehicle's) have no speeds in common.
+    of it. A twentieth of the greatest speed is always kept: what stands still cannot turn. Raises a ValueError where
+    the limits of decisions and of the vehicle have no speeds in common.
     """
     both = within(decisions, vehicle)
     return Limits(
@@ -120,14 +118,10 @@ class Options:
 
     @classmethod
     def for_aircraft(cls, aircraft: Aircraft, vehicle: Limits | None = None, **changes: Any) -> "Options":
-        """Return the usual options for an aircraft.
+        """Return the usual options for an aircraft, but for some changes.
 
-        Args:
-            vehicle: what the legs must obey; None: the aircraft's limits with the paper's reserve.
-            **changes: other fields.
-
-        Raises:
-            ValueError: aircraft and vehicle have no speeds in common.
+        The legs obey the vehicle; None: the aircraft's limits with the paper's reserve. Raises a ValueError if the two
+        have no speeds in common.
         """
         limits = vehicle_limits(aircraft.limits) if vehicle is None else vehicle
         usual: dict[str, Any] = {

@@ -89,15 +89,10 @@ def _of_domain(intruders: Sequence[VehicleState | Intruder]) -> dict[str, list[f
 
 
 def plan_many(request: Request, policy: Policy, options: Options, *, floats: bool = False) -> Plans:
-    """Plan many requests ``[N]``, each as if it were alone, and without a deadline.
+    """Plan many requests ``[N]``, in range, each as if it were alone, and without a deadline.
 
-    Args:
-        request: taken as it is: in range, with two points of the route at least.
-        floats: roll the policy in plain floats, one request after the other: ten times faster for one, and rounded
-            differently.
-
-    Raises:
-        RequestError: a number is not finite.
+    With ``floats`` the policy is rolled one request after the other in plain floats: ten times faster for one, and
+    rounded differently. Raises a RequestError where a number is not finite.
     """
     finite(request)
     return _planned(request, eligible(request, options), policy, options, Budget(), floats=floats)

@@ -32,10 +32,8 @@ class Plans(NamedTuple):
     """Answers to many requests; fields ``[N]``."""
 
     proposals: Proposals
-    source: Any
-    """0 none, 1 policy, 2 fallback; int8."""
-    policy_safe: Any
-    """Whether the policy's own plan for the next point was safe, bool."""
+    source: Any  # 0 none, 1 policy, 2 fallback; int8
+    policy_safe: Any  # whether the policy's own plan for the next point was safe, bool
 
 
 def published(
@@ -52,9 +50,7 @@ def published(
 
     Args:
         next_goal: number of the first point of the route that may be rejoined at; -1: there is none.
-        excluded: intruders that were left out.
-        kept: numbers of the others.
-        skipped: what was not searched.
+        kept: numbers of the intruders that were not left out.
     """
     best = take(plans.proposals, 0)
     waypoints = _waypoints(best, route)
@@ -106,13 +102,7 @@ def rechecked(
     options: Options,
     own_altitude: Altitude | None = None,
 ) -> Plan:
-    """Return a plan as checked ``late`` seconds after its request: SAFE only if it still is from the present state on.
-
-    Args:
-        own: present state of the ownship.
-        intruders: as reported by now.
-        route: what is left of it.
-    """
+    """Return a plan as checked ``late`` seconds after its request, by what is there then: SAFE only if it still is."""
     if not plan.safe or late <= 0.0:
         return plan
     least = JOIN * options.aircraft.dt

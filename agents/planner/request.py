@@ -60,11 +60,9 @@ class Request(NamedTuple):
 
     own: VehicleState
     traffic: Traffic
-    route_x: Any
-    """m."""
+    route_x: Any  # m
     route_y: Any
-    points: Any
-    """How many points each route has."""
+    points: Any  # how many points each route has
 
 
 def checked(

@@ -28,31 +28,22 @@ _AHEAD = 32  # time steps for which the intruders are predicted at once; most fl
 class Rollout(NamedTuple):
     """Where manoeuvres lead; fields ``[N]``, those of knots ``[N, S]``."""
 
-    knots: VehicleState
-    """At each waypoint's time, the first at the request, ``[N, S]``; nan after the end."""
-    end: VehicleState
-    """State at which the way back is clear, or the goal within the radius; nan where neither happened in time."""
-    time: Any
-    """When that is, s; nan where it was not."""
-    direct: Any
-    """Whether the goal still lies ahead, on the direct way, bool."""
-    path: Any
-    """Length flown until the end, m."""
-    turn_sign: Any
-    """Of the last turn: 1 left, -1 right, 0 none."""
-    reversals: Any
-    """How often the turn changed side."""
+    knots: VehicleState  # at each waypoint's time, the first at the request, [N, S]; nan after the end
+    end: VehicleState  # where the way back is clear, or the goal within the radius; nan where neither was in time
+    time: Any  # when that is, s; nan where it was not
+    direct: Any  # whether the goal still lies ahead, on the direct way, bool
+    path: Any  # length flown until the end, m
+    turn_sign: Any  # of the last turn: 1 left, -1 right, 0 none
+    reversals: Any  # how often the turn changed side
 
 
 def roll(
     request: Request, goal: Any, policy: Policy, options: Options, budget: Budget | None = None, *, floats: bool = False
 ) -> Rollout:
-    """Roll the policy ahead, ``[N]``.
+    """Roll the policy ahead to the points of the route numbered ``goal``, ``[N]``.
 
-    Args:
-        goal: number of the route's point that each request leads to, ``[N]``.
-        budget: ends the flight in plain floats; None: nothing does.
-        floats: roll one request after the other in plain floats: faster for fewer than about a hundred.
+    With ``floats`` one request after the other, in plain floats, until the budget ends: faster for fewer than about a
+    hundred.
     """
     rows, traffic, count = np.arange(goal.size), request.traffic, goal.size
     goal_x, goal_y = request.route_x[rows, goal], request.route_y[rows, goal]

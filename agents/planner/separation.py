@@ -20,15 +20,10 @@ _STRAIGHT = 1e-30  # rad/s of a turn that is none
 
 
 def same_flight(reports: Traffic, age: Any, traffic: Traffic) -> Any:
-    """Return whether intruders as of the request fly on as their reports say, ``[N, K]``.
+    """Return whether intruders as of the request fly on as their reports, of some age (s) then, say, ``[N, K]``.
 
     They are looked at where they stand, half-way through the turn, at its end and long after it: two arcs of one rate
     through the same points are the same, two straight lines too.
-
-    Args:
-        reports: as of the reports' own times.
-        age: of the reports at the request, s.
-        traffic: what plans are made and checked with, as of the request.
     """
     said, used = (mapped(np.ravel, given) for given in (reports, traffic))
     turn = used.turn_time[:, None]
@@ -44,10 +39,8 @@ def chords(
 ) -> tuple[Any, Any]:
     """Return a lower bound and an attained value of the distance from intruders ``[n, K]``, m, ``[n, A, K]``.
 
-    Args:
-        begin, length: of the parts, s, ``[n, A]``.
-        start, end: own positions there, m, ``[n, A]`` each.
-        pull: largest relative acceleration, m/s^2, broadcasts against ``[n, A, K]``.
+    The parts begin at some times and last some seconds, ``[n, A]``, between own positions, m, ``[n, A]`` each; ``pull``
+    is the largest relative acceleration, m/s^2, and broadcasts against ``[n, A, K]``.
     """
     x0, y0 = _relative(start, begin, traffic)
     x1, y1 = _relative(end, begin + length, traffic)

@@ -57,14 +57,10 @@ def predicted(traffic: Traffic, time: Any) -> VehicleState:
 
 
 def advanced(reports: Traffic, age: Any) -> Traffic:
-    """Return the intruders at the request from reports of some age: moved along their turns, which then last less.
+    """Return the intruders ``[..., K]`` at the request from reports of an age, s: turned on, below 0 moved back.
 
     The spreads stay those of the reports: one error of the velocity lasts from the report on, so that what it adds
     before the request and after it must not be added like independent errors (:func:`uncertainty`).
-
-    Args:
-        reports: as of the reports' own times, ``[..., K]``; each turn lasts ``turn_time`` from there.
-        age: of the reports at the request, s, ``[..., K]``; below 0 the report is moved back along its arc.
     """
     if not np.any(age):
         return reports._replace(state=reports.state._replace(heading=wrap(reports.state.heading, np)))

@@ -36,24 +36,17 @@ CHECKS = ("not_finite", "times", "leg", "speed", "acceleration", "turn_rate", "s
 class Findings(NamedTuple):
     """What is wrong with plans; arrays over ``[N]`` plans and C = ``len(CHECKS)`` checks."""
 
-    wrong: Any
-    """bool, ``[N, C]``."""
-    leg: Any
-    """Number of the first leg at fault, ``[N, C]``; -1 where nothing is wrong."""
-    time: Any
-    """When it begins to be wrong, s, ``[N, C]``; nan where nothing is."""
-    x: Any
-    """Where that is, m, ``[N, C]``."""
+    wrong: Any  # bool, [N, C]
+    leg: Any  # number of the first leg at fault, [N, C]; -1 where nothing is wrong
+    time: Any  # when it begins to be wrong, s, [N, C]; nan where nothing is
+    x: Any  # where that is, m, [N, C]
     y: Any
-    intruder: Any
-    """Number of the intruder that is too close first, ``[N]``; -1 where none is."""
+    intruder: Any  # number of the intruder that is too close first, [N]; -1 where none is
+    # Smallest distance to any intruder, m, [N]; inf without any, nan if not finite. Never too large; too small by at
+    # most 5 mm on legs of 20 s, and by what longer turns in longer legs add.
     min_separation: Any
-    """Smallest distance to any intruder, m, ``[N]``; inf without any, nan if not finite. Never too large; too small by
-    at most 5 mm on legs of 20 s, and by what longer turns in longer legs add."""
-    time_of_min_separation: Any
-    """s, ``[N]``; nan without one."""
-    clearance: Any
-    """Smallest distance less the required one at the time, m, ``[N]``; negative exactly where that check fails."""
+    time_of_min_separation: Any  # s, [N]; nan without one
+    clearance: Any  # smallest distance less the required one at the time, m, [N]; negative where that check fails
 
     @property
     def safe(self) -> Any:
@@ -88,7 +81,6 @@ def validate(
     Args:
         knots: state at the request and published waypoints, ``[N, W]``.
         traffic: the intruders at the request, ``[N, K]``.
-        limits: that every leg must obey.
         curves: the legs of the knots, if they are known already.
     """
     knots = Knots(*(np.asarray(field, dtype=float) for field in knots))

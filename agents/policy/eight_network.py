@@ -24,11 +24,7 @@ _BLOCK = 256  # rows at a time, whose activations stay in cache; changes no bit
 
 
 class EightNetwork:
-    """The deterministic network of a policy file of schema 1, an :class:`agents.policy.inference.Decider`.
-
-    Attributes:
-        layers: kernel ``[in, out]`` and bias ``[out]`` of the hidden layers and the head.
-    """
+    """The deterministic network of a policy file of schema 1; ``layers``: kernel ``[in, out]``, bias ``[out]``."""
 
     def __init__(self, content: PolicyFile, dtype: DTypeLike) -> None:
         """Take the tensors of a file; float32 or float64 is the precision of the products."""

@@ -44,9 +44,7 @@ def mirror_sign(observation: list[Any], feature_set: str, xp: Any) -> Any:
 def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
     """Return the inputs of the network's first layer, :func:`size` times ``[...]``, all within about [-3, 3].
 
-    Args:
-        observation: the eight components of the contract, ``[...]`` each.
-        feature_set: one of :data:`FEATURE_SETS`.
+    They are derived from the eight components of the contract, ``[...]`` each, by one of :data:`FEATURE_SETS`.
     """
     size(feature_set)
     if feature_set == "none":

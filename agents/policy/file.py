@@ -131,12 +131,9 @@ def claims(path: str | os.PathLike[str]) -> bool:
 
 
 def parse(data: bytes, source: str) -> PolicyFile:
-    """Check the bytes of a policy file and return its content; arrays are read-only.
+    """Check the bytes of a policy file, whose name is for messages, and return its content; arrays are read-only.
 
     The parity vectors are returned, not evaluated: that takes the network (:class:`agents.inference.Policy`).
-
-    Args:
-        source: name of the file for messages.
 
     Raises:
         PolicyFileError: the bytes are no policy file of this schema, or are damaged, inconsistent or not finite.
@@ -172,11 +169,7 @@ def serialise(policy: PolicyFile) -> bytes:
 
 
 def write(path: str | os.PathLike[str], policy: PolicyFile) -> None:
-    """Write a policy file atomically: readers see the old file or the whole new one, even after a power cut.
-
-    Raises:
-        PolicyFileError: the content would be refused on reading, or the file cannot be written.
-    """
+    """Write a policy file, whole or not at all, even in a power cut; raise a PolicyFileError where it cannot be."""
     data = serialise(policy)
     try:
         write_file(path, data)

@@ -50,11 +50,7 @@ class Policy:
     """
 
     def __init__(self, content: PolicyFile, dtype: DTypeLike = np.float32, *, source: str = "policy") -> None:
-        """Build the network and compare it with the file's parity vectors.
-
-        Args:
-            dtype: float32 or float64.
-            source: name of the file for messages.
+        """Build the network, in float32 or float64, and compare it with the file's parity vectors.
 
         Raises:
             PolicyFileError: the network does not give the actions that the training framework gave.

@@ -44,15 +44,9 @@ def scene(
     separation: Any,
     xp: Any,
 ) -> Scene:
-    """Return the scene of states in SI units.
+    """Return the scene of states ``[...]`` and ``[..., K]`` in SI units; of absent intruders anything finite.
 
-    Args:
-        own: ``[...]``.
-        intruders: ``[..., K]``; of absent ones anything finite.
-        present: which of them exist, bool ``[..., K]``.
-        goal_x, goal_y: m, ``[...]``.
-        limits: of the ownship, floats or ``[...]``.
-        separation: required, m, float or ``[...]``.
+    Limits and required separation are floats or ``[...]``.
     """
     length, speed = 1.0 / separation, 1.0 / limits.speed_max
     sine, cosine = sincos(own.heading, xp)

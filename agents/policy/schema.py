@@ -107,8 +107,6 @@ def new_metadata(  # noqa: PLR0913 - it describes a file
         limits: of the vehicle that the policy was trained for; floats, SI.
         config: the resolved training configuration, of JSON types.
         score: mean sparse reward per encounter, None if it was not evaluated.
-        versions: of the software that made the policy.
-        of_set: for the feature set ``set``.
 
     Raises:
         PolicyFileError: something of it is of a type, or a value, that a policy file cannot hold.

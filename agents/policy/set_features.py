@@ -35,11 +35,7 @@ class SetInputs(NamedTuple):
 
 
 def set_inputs(seen: Scene, xp: Any) -> SetInputs:
-    """Return the inputs for scenes ``[...]`` with K >= 1 places for intruders; all within about [-3, 3].
-
-    Args:
-        seen: not mirrored.
-    """
+    """Return the inputs for scenes ``[...]``, not mirrored, with K >= 1 intruders' places; all within about [-3, 3]."""
     seen, sign = mirrored(seen, xp)
     # Manoeuvres along the last axis: there numpy adds up a row in the same order whatever the number of rows.
     kept = xp.stack(list(escapes.kept(seen, xp)), axis=-1)
@@ -60,11 +56,9 @@ def set_inputs(seen: Scene, xp: Any) -> SetInputs:
 
 
 def set_inputs_of_one(seen: Scene, kept: np.ndarray) -> tuple[list[float], list[list[float]]]:
-    """Return the inputs for one mirrored scene of plain floats: for the ownship, and a list for each intruder.
+    """Return the inputs for one mirrored scene of plain floats: for the ownship, and a list for each intruder present.
 
-    Args:
-        seen: intruder fields are lists of those present.
-        kept: what :func:`agents.policy.escapes.kept` gives of it, ``[22]``.
+    ``kept`` is what :func:`agents.policy.escapes.kept` gives of it, ``[22]``.
     """
     spare = soft((kept - 1.0) * (1.0 / KEPT_UNIT), np)
     advice = _advice(spare, escapes.steering_of_one(seen), np)

@@ -31,7 +31,7 @@ _SCENES = 256  # at a time, whose numbers stay in cache; changes no bit
 
 
 class SetNetwork:
-    """The deterministic network of a policy file of schema 2, an :class:`agents.policy.inference.Decider`."""
+    """The deterministic network of a policy file of schema 2."""
 
     def __init__(self, content: PolicyFile, dtype: DTypeLike) -> None:
         """Take the tensors of a file; float32 or float64 is the precision in which the scene is evaluated."""

@@ -2,11 +2,8 @@
 
 An encounter is resolvable if some control history within the limits keeps the separation until it reaches the goal
 within ``rules.t_max`` (the definition of policy mode). Success of a decider is judged against all encounters that are
-not *proven* unresolvable, so that a weak search here can never flatter it.
-
-``classify`` stops at the first escape that works. :func:`agents.resolvability.witness.least_cost` looks for the
-shortest, and :func:`agents.resolvability.causal_bound.causal` says what can be achieved without knowing the intruders'
-intents; both are slower.
+not *proven* unresolvable, so that a weak search here can never flatter it. ``classify`` stops at the first escape that
+works; :func:`agents.resolvability.witness.least_cost` looks for the shortest.
 """
 
 from enum import IntEnum
@@ -37,18 +34,12 @@ class Method(IntEnum):
     """What decided it."""
 
     NONE = 0
-    SOLVED_ELSEWHERE = 1
-    """The caller said so."""
-    SEARCH = 2
-    """A witness was found."""
-    START = 3
-    """Proof: it starts in violation."""
-    CONTAINMENT = 4
-    """Proof: one intruder's disc contains everything that can be reached at one time."""
-    SPLITTING = 5
-    """Proof: the same for each of several sets of control histories."""
-    GOAL = 6
-    """Proof: the goal is out of reach in time."""
+    SOLVED_ELSEWHERE = 1  # the caller said so
+    SEARCH = 2  # a witness was found
+    START = 3  # proof: it starts in violation
+    CONTAINMENT = 4  # proof: one intruder's disc contains everything that can be reached at one time
+    SPLITTING = 5  # proof: the same for each of several sets of control histories
+    GOAL = 6  # proof: the goal is out of reach in time
 
 
 class Resolvability(NamedTuple):
@@ -71,14 +62,10 @@ class Resolvability(NamedTuple):
 class Replay(NamedTuple):
     """The flight of a witness, T steps."""
 
-    time: Any
-    """s, ``[T + 1]``."""
-    own: VehicleState
-    """``[T + 1]``."""
-    intruders: VehicleState
-    """``[T + 1, K]``."""
-    separation: Any
-    """Smallest distance to any intruder during each step, m, ``[T]``."""
+    time: Any  # s, [T + 1]
+    own: VehicleState  # [T + 1]
+    intruders: VehicleState  # [T + 1, K]
+    separation: Any  # smallest distance to any intruder during each step, m, [T]
 
 
 def classify(
@@ -112,8 +99,7 @@ def classify(
 def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limits) -> Replay:
     """Fly the witness of one encounter, both without a leading axis (``take(encounters, 7)``), until that ends.
 
-    Raises:
-        ValueError: there is no witness (its parameters are nan).
+    Raises a ValueError where there is none (its parameters are nan).
     """
     if not np.all(np.isfinite(witness)):
         raise ValueError("the encounter has no witness: its manoeuvre is not finite")

@@ -24,10 +24,8 @@ def outside(supports: Any, x: float, y: float, radius: float) -> tuple[Any, Any]
 
     A point of a polygon on the disc's edge can be moved both ways along its tangent without entering the disc. So the
     hull's corners are the polygon's corners outside the disc and the points where its sides cross the disc's edge. A
-    polygon inside the union of two discs is so emptied by the one after the other.
-
-    Returns:
-        Supports of the hulls, and whether anything is left, bool ``[M]`` (supports of what is empty stay).
+    polygon inside the union of two discs is so emptied by the one after the other. Returned is also whether anything is
+    left, bool ``[M]`` (supports of what is empty stay).
     """
     corner_x, corner_y = corners(supports)
     corner_x, corner_y = corner_x - x, corner_y - y

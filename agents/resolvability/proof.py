@@ -48,18 +48,13 @@ _ANY = Limits(-math.inf, math.inf, -math.inf, math.inf, math.inf)
 class Ahead(NamedTuple):
     """What a proof needs of encounters; fields ``[N, ...]``."""
 
-    speed: Any
-    """Initial, m/s, ``[N]``."""
-    start_distance: Any
-    """To the nearest intruder at the start, m, ``[N]``."""
-    x: Any
-    """Intruders in the ownship's initial frame at the test times, m, ``[N, K, T]``; far off where absent."""
+    speed: Any  # initial, m/s, [N]
+    start_distance: Any  # to the nearest intruder at the start, m, [N]
+    x: Any  # intruders in the ownship's initial frame at the test times, m, [N, K, T]; far off where absent
     y: Any
-    goal_x: Any
-    """Goal in the same frame, m, ``[N]``."""
+    goal_x: Any  # goal in the same frame, m, [N]
     goal_y: Any
-    out_of_reach: Any
-    """Whether the goal cannot be reached in time, bool ``[N]``."""
+    out_of_reach: Any  # whether the goal cannot be reached in time, bool [N]
 
 
 def look_ahead(encounter: Encounter, rules: Rules, limits: Limits) -> Ahead:

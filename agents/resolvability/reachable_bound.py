@@ -38,11 +38,9 @@ def delta(rules: Rules, limits: Limits) -> float:
 class Funnel(NamedTuple):
     """Bounds on control histories at times 0, step, 2 step, ...; fields ``[..., T]``."""
 
-    turn_low: Any
-    """Heading less the initial heading, not wrapped, rad."""
+    turn_low: Any  # heading less the initial heading, not wrapped, rad
     turn_high: Any
-    speed_low: Any
-    """m/s."""
+    speed_low: Any  # m/s
     speed_high: Any
 
 
@@ -106,12 +104,8 @@ def support(
 
     The integrand changes at no more than L = speed_max yaw_rate_max + acceleration_max per second, so that its
     integral over a cell exceeds the trapezium by at most L step^2 / 4 - (change)^2 / (4 L), which is added: below
-    0.0036 m a cell at 0.05 s, or 1.8 m over 25 s. If it only grows, it exceeds it by at most |change| step / 2.
-
-    Args:
-        funnel: ``[..., T]``, its times ``step`` seconds apart.
-        directions: rad from the initial heading, ``[..., D]``.
-        growing: the funnel never narrows (true of :func:`root`).
+    0.0036 m a cell at 0.05 s, or 1.8 m over 25 s. If it only grows (true of :func:`root`), it exceeds it by at most
+    |change| step / 2. The funnel ``[..., T]`` has times ``step`` seconds apart, directions are rad, ``[..., D]``.
     """
     rate = towards(mapped(lambda bound: bound[..., None, :], funnel), directions[..., None])
     change = rate[..., 1:] - rate[..., :-1]

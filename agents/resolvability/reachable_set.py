@@ -20,29 +20,21 @@ from envs.trees import column, take
 class States(NamedTuple):
     """Sets of states at one time; fields ``[M]``, in the frame of the ownship's start."""
 
-    turn_low: Any
-    """Heading less the initial heading, not wrapped, rad."""
+    turn_low: Any  # heading less the initial heading, not wrapped, rad
     turn_high: Any
-    speed_low: Any
-    """m/s."""
+    speed_low: Any  # m/s
     speed_high: Any
-    supports: Any
-    """Of the positions, ``[M, D]``, m."""
+    supports: Any  # of the positions, [M, D], m
 
 
 class Cells(NamedTuple):
     """How finely states are divided. It decides how strong a proof is, not whether it holds."""
 
-    turn: float
-    """rad."""
-    speed: float
-    """m/s."""
-    place: float
-    """m."""
-    tests: int
-    """Test times in a segment."""
-    most: int
-    """Sets at one time, beyond which the proof is given up."""
+    turn: float  # rad
+    speed: float  # m/s
+    place: float  # m
+    tests: int  # test times in a segment
+    most: int  # sets at one time, beyond which the proof is given up
 
 
 def last_time(
