@@ -24,19 +24,14 @@ class AircraftError(InputError):
 
 
 class Aircraft(NamedTuple):
-    """An aircraft and its task; floats, so that they can be data of a compiled function."""
+    """An aircraft and its task, SI units; floats, so that they can be data of a compiled function."""
 
     limits: Limits
-    separation: Any
-    """Required horizontal separation D, m."""
-    goal_radius: Any
-    """Distance from the goal at which the ownship has rejoined its route, m."""
-    traffic_speed_max: Any
-    """Greatest speed of the traffic, m/s."""
-    dt: Any
-    """Time step of decisions, s."""
-    t_max: Any
-    """Duration after which the route counts as missed, s; a whole number of steps."""
+    separation: Any  # required horizontal separation D, m
+    goal_radius: Any  # distance from the goal at which the ownship has rejoined its route, m
+    traffic_speed_max: Any  # greatest speed of the traffic, m/s
+    dt: Any  # time step of decisions, s
+    t_max: Any  # duration after which the route counts as missed, s; a whole number of steps
 
     @property
     def time_unit(self) -> Any:
@@ -49,15 +44,12 @@ class Aircraft(NamedTuple):
 
 
 class Ratios(NamedTuple):
-    """The limits without dimension; floats or ``[...]``."""
+    """The limits in units of the separation D and of ``speed_max``; floats or ``[...]``."""
 
-    speed_min: Any
-    """In ``speed_max``."""
-    acceleration_min: Any
-    """In ``speed_max``^2 / D, negative."""
+    speed_min: Any  # in speed_max
+    acceleration_min: Any  # in speed_max^2 / D, negative
     acceleration_max: Any
-    turn_radius: Any
-    """Of the circle at ``speed_max`` and the greatest yaw rate, in D."""
+    turn_radius: Any  # of the circle at speed_max and the greatest yaw rate, in D
 
 
 def ratios(limits: Limits, separation: Any) -> Ratios:

@@ -24,17 +24,15 @@ class EncounterError(InputError):
 
 
 class Encounter(NamedTuple):
-    """One or many starts; own fields ``[...]``, intruder fields ``[..., K]``."""
+    """One or many starts, SI units; own fields ``[...]``, intruder fields ``[..., K]``."""
 
     own: VehicleState
     goal_x: Any
     goal_y: Any
     intruders: VehicleState
-    mask: Any
-    """Which of the K intruders exist, bool ``[..., K]``."""
+    mask: Any  # which of the K intruders exist, bool [..., K]
     intent: Intent
-    sensor: Sensor
-    """Quality of the intruders' reports, ``[..., 1]`` each."""
+    sensor: Sensor  # quality of the intruders' reports, [..., 1] each
 
 
 MOST_INTRUDERS = 64
@@ -58,40 +56,25 @@ class Scenario:
     """A family of encounters around a common conflict point (the paper's "circle" and DESIGN's variants).
 
     Ownship and intruders start so far from the centre that they would meet there at the same time; then every
-    start is displaced. Pairs (low, high) are ranges of a uniform draw. :func:`scenario` makes them.
+    start is displaced. Pairs (low, high) are ranges of a uniform draw; SI units. :func:`scenario` makes them.
     """
 
     name: str
-    aircraft: Aircraft
-    """The ownship; what a scenario does not state otherwise is scaled by it."""
-    radius: tuple[float, float]
-    """Distance of the ownship from the centre, m; the goal lies as far on the other side."""
-    own_speed: tuple[float, float]
-    """m/s."""
-    intruder_speed: tuple[float, float]
-    """m/s."""
-    displacement: float
-    """Each start is moved by up to this in x and in y, m; headings and goal stay."""
-    min_initial_separation: float
-    """Starts closer than this, m, are redrawn; 0 keeps them all."""
-    course_difference: tuple[float, float] = (-math.pi, math.pi)
-    """Intruder's course less own course, rad clockwise."""
-    conflicts_closer_than: float = math.inf
-    """Only starts whose straight courses pass closer than this, m, are kept."""
-    intruders: tuple[int, int] = (1, 1)
-    """Fewest and most intruders."""
-    turn_rate: float = 0.0
-    """Largest rate of each intruder's one turn, rad/s; 0: it flies straight."""
-    heading_change: float = math.radians(120.0)
-    """Largest heading change of that turn, rad."""
-    position_std: float = 0.0
-    """Noise of reported positions, one sigma per axis, m."""
-    velocity_std: float = 0.0
-    """Noise of reported velocities, one sigma per axis, m/s."""
-    latency: tuple[float, float] = (0.0, 0.0)
-    """Age of the reports, s."""
-    attempts: int = 8
-    """How many draws an encounter has to meet the conditions."""
+    aircraft: Aircraft  # the ownship; what a scenario does not state otherwise is scaled by it
+    radius: tuple[float, float]  # distance of the ownship from the centre, m; the goal lies as far on the other side
+    own_speed: tuple[float, float]  # m/s
+    intruder_speed: tuple[float, float]  # m/s
+    displacement: float  # each start is moved by up to this in x and in y, m; headings and goal stay
+    min_initial_separation: float  # starts closer than this, m, are redrawn; 0 keeps them all
+    course_difference: tuple[float, float] = (-math.pi, math.pi)  # intruder's course less own course, rad clockwise
+    conflicts_closer_than: float = math.inf  # only starts whose straight courses pass closer than this, m, are kept
+    intruders: tuple[int, int] = (1, 1)  # fewest and most intruders
+    turn_rate: float = 0.0  # largest rate of each intruder's one turn, rad/s; 0: it flies straight
+    heading_change: float = math.radians(120.0)  # largest heading change of that turn, rad
+    position_std: float = 0.0  # noise of reported positions, one sigma per axis, m
+    velocity_std: float = 0.0  # noise of reported velocities, one sigma per axis, m/s
+    latency: tuple[float, float] = (0.0, 0.0)  # age of the reports, s
+    attempts: int = 8  # how many draws an encounter has to meet the conditions
 
     @property
     def dimensions(self) -> int:

@@ -20,16 +20,12 @@ _STEPS = 3  # of the search for the nearest point; each one squares what is left
 
 
 class Gains(NamedTuple):
-    """Of the feedback."""
+    """Gains of the feedback, SI units and radians."""
 
-    along: float = 0.25
-    """Acceleration per distance ahead, 1/s^2 (natural frequency 0.5 rad/s)."""
-    speed: float = 1.0
-    """Acceleration per speed error, 1/s."""
-    across: float = 0.25
-    """Lateral acceleration per distance to the left, 1/s^2."""
-    heading: float = 1.0
-    """Yaw rate per heading error, 1/s."""
+    along: float = 0.25  # acceleration per distance ahead, 1/s^2 (natural frequency 0.5 rad/s)
+    speed: float = 1.0  # acceleration per speed error, 1/s
+    across: float = 0.25  # lateral acceleration per distance to the left, 1/s^2
+    heading: float = 1.0  # yaw rate per heading error, 1/s
 
 
 GAINS = Gains()
@@ -93,18 +89,13 @@ def steer(
 
 
 class Deviation(NamedTuple):
-    """Errors of a state against a plan; fields ``[...]``."""
+    """Errors of a state against a plan; fields ``[...]``, SI units and radians."""
 
-    cross_track: Any
-    """Distance from the path, m, positive to its left."""
-    along_track: Any
-    """Distance ahead of where the plan is now, along the path, m; negative when behind."""
-    time: Any
-    """How much later than planned the aircraft is at its place, s; negative when early."""
-    heading: Any
-    """Against the path's heading there, rad, positive to the left."""
-    speed: Any
-    """Against the plan's speed there, m/s."""
+    cross_track: Any  # distance from the path, m, positive to its left
+    along_track: Any  # distance ahead of where the plan is now, along the path, m; negative when behind
+    time: Any  # how much later than planned the aircraft is at its place, s; negative when early
+    heading: Any  # against the path's heading there, rad, positive to the left
+    speed: Any  # against the plan's speed there, m/s
 
 
 def offset(state: VehicleState, reference: VehicleState) -> tuple[Any, Any]:

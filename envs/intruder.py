@@ -33,29 +33,18 @@ GAINS = Gains()
 
 
 class Intent(NamedTuple):
-    """A planned change of course; fields ``[..., K]``."""
+    """A planned change of course; fields ``[..., K]``, s, rad and rad/s."""
 
-    onset: Any
-    """s after the start; the controller notices it at its next step."""
-    heading_change: Any
-    """rad, positive to the left, within +-pi; 0 for a passive intruder."""
-    turn_rate: Any
-    """Largest turn rate used, rad/s, positive."""
+    onset: Any  # s after the start; the controller notices it at its next step
+    heading_change: Any  # rad, positive to the left, within +-pi; 0 for a passive intruder
+    turn_rate: Any  # largest turn rate used, rad/s, positive
 
 
-class Recording(NamedTuple):
+class Recording(VehicleState):
     """A flight that is known already, in the place of an :class:`Intent`; fields ``[..., K, T + 1]``, numpy.
 
     Row 0 is the start, and the rows are one time step apart. After the last one the intruder flies straight on.
     """
-
-    x: Any
-    """m."""
-    y: Any
-    heading: Any
-    """rad."""
-    speed: Any
-    """m/s."""
 
 
 class IntruderState(NamedTuple):
@@ -64,10 +53,8 @@ class IntruderState(NamedTuple):
     vehicle: VehicleState
     waypoint_x: Any
     waypoint_y: Any
-    error: Any
-    """Heading error of the step before, rad."""
-    error_sum: Any
-    """Sum of the heading errors, rad times steps."""
+    error: Any  # heading error of the step before, rad
+    error_sum: Any  # sum of the heading errors, rad times steps
 
 
 def start(vehicle: VehicleState, xp: Any) -> IntruderState:

@@ -12,31 +12,22 @@ from envs.angles import sincos, wrap
 
 
 class VehicleState(NamedTuple):
-    """Position, heading and speed of one or many aircraft; every field has the batch shape ``[...]``."""
+    """Position, heading and speed of one or many aircraft, SI units and radians; fields ``[...]``."""
 
-    x: Any
-    """East position, m."""
-    y: Any
-    """North position, m."""
-    heading: Any
-    """Direction of the velocity, rad counter-clockwise from east, in [-pi, pi)."""
-    speed: Any
-    """Speed along the heading, m/s."""
+    x: Any  # east position, m
+    y: Any  # north position, m
+    heading: Any  # direction of the velocity, rad counter-clockwise from east, in [-pi, pi)
+    speed: Any  # speed along the heading, m/s
 
 
 class Limits(NamedTuple):
-    """What a vehicle can do; floats, or arrays that broadcast against the state."""
+    """What a vehicle can do, SI units and radians; floats, or arrays that broadcast against the state."""
 
-    speed_min: Any
-    """m/s."""
-    speed_max: Any
-    """m/s."""
-    acceleration_min: Any
-    """Strongest deceleration, m/s^2, negative."""
-    acceleration_max: Any
-    """m/s^2."""
-    yaw_rate_max: Any
-    """Largest turn rate to either side, rad/s."""
+    speed_min: Any  # m/s
+    speed_max: Any  # m/s
+    acceleration_min: Any  # strongest deceleration, m/s^2, negative
+    acceleration_max: Any  # m/s^2
+    yaw_rate_max: Any  # largest turn rate to either side, rad/s
 
 
 SURROGATE = Limits(50.0, 100.0, -0.5, 0.5, math.radians(3.0))

@@ -49,14 +49,11 @@ def observe(own: VehicleState, intruder: VehicleState, goal_x: Any, goal_y: Any,
 
 
 class SetObservation(NamedTuple):
-    """An observation of several intruders."""
+    """An observation of several intruders: ``[..., 4]``, ``[..., K, 4]`` and ``[..., K]``, numbers in [-1, 1]."""
 
-    own: Any
-    """Own speed, own heading, bearing and distance to the goal, ``[..., 4]`` in [-1, 1]."""
-    traffic: Any
-    """Speed, heading, bearing and distance of each intruder, ``[..., K, 4]`` in [-1, 1]; 0 where there is none."""
-    mask: Any
-    """Which of the K exist, bool ``[..., K]``."""
+    own: Any  # own speed, own heading, bearing and distance to the goal
+    traffic: Any  # speed, heading, bearing and distance of each intruder; 0 where there is none
+    mask: Any  # which of the K exist, bool
 
 
 def observe_set(
@@ -128,8 +125,7 @@ class Decoded(NamedTuple):
     own_speed: Any
     intruder_x: Any
     intruder_y: Any
-    intruder_vx: Any
-    """Velocity over the ground, not relative to the ownship, m/s."""
+    intruder_vx: Any  # velocity over the ground, not relative to the ownship, m/s
     intruder_vy: Any
     goal_x: Any
     goal_y: Any

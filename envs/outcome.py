@@ -4,16 +4,12 @@ from typing import Any, NamedTuple
 
 
 class Rules(NamedTuple):
-    """Numbers of the task; floats, so that they can be data of a compiled function."""
+    """Numbers of the task, SI units; floats, so that they can be data of a compiled function."""
 
-    dt: Any = 1.0
-    """Time step, s."""
-    t_max: Any = 300.0
-    """Duration after which the route counts as missed, s."""
-    separation: Any = 1000.0
-    """Required horizontal separation, m."""
-    goal_radius: Any = 500.0
-    """Distance from the goal at which the ownship has rejoined its route, m (the paper leaves it open)."""
+    dt: Any = 1.0  # time step, s
+    t_max: Any = 300.0  # duration after which the route counts as missed, s
+    separation: Any = 1000.0  # required horizontal separation, m
+    goal_radius: Any = 500.0  # where the ownship has rejoined its route, m (the paper leaves it open)
     reward_violation: Any = -100.0
     reward_goal: Any = 100.0
     reward_timeout: Any = -10.0

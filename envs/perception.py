@@ -12,14 +12,11 @@ from envs.relative import distance
 
 
 class Sensor(NamedTuple):
-    """Quality of the intruder's reports; floats or ``[..., 1]``."""
+    """Quality of the intruder's reports, SI units; floats or ``[..., 1]``."""
 
-    position_std: Any = 0.0
-    """One sigma per axis, m."""
-    velocity_std: Any = 0.0
-    """One sigma per axis, m/s."""
-    latency: Any = 0.0
-    """Age of a report when it is used, s, at most two time steps."""
+    position_std: Any = 0.0  # one sigma per axis, m
+    velocity_std: Any = 0.0  # one sigma per axis, m/s
+    latency: Any = 0.0  # age of a report when it is used, s, at most two time steps
 
 
 def carried_back(state: VehicleState, seconds: float, xp: Any) -> VehicleState:

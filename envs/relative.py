@@ -17,12 +17,10 @@ def bearing(own: VehicleState, x: Any, y: Any, xp: Any) -> Any:
 
 
 class StraightCpa(NamedTuple):
-    """Closest point of approach if both aircraft fly on straight at constant speed; fields ``[...]``."""
+    """Closest point of approach if both aircraft fly on straight at constant speed; fields ``[...]``, s and m."""
 
-    time: Any
-    """s from now, 0 if the range is opening already."""
-    distance: Any
-    """m."""
+    time: Any  # s from now, 0 if the range is opening already
+    distance: Any  # m
 
 
 def straight_cpa(own: VehicleState, other: VehicleState, xp: Any) -> StraightCpa:

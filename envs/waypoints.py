@@ -31,64 +31,47 @@ _WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(4)[1]
 
 @dataclass(frozen=True, slots=True)
 class Waypoint:
-    """A point of a plan."""
+    """A point of a plan, SI units and radians."""
 
-    index: int
-    """Unique among the plan's waypoints and the route's points."""
-    x: float
-    """East, m."""
-    y: float
-    """North, m."""
-    heading: float
-    """Direction of the velocity over the ground, rad counter-clockwise from east, in [-pi, pi)."""
-    speed: float
-    """Ground speed, m/s."""
-    time: float
-    """s after the request."""
+    index: int  # unique among the plan's waypoints and the route's points
+    x: float  # east, m
+    y: float  # north, m
+    heading: float  # direction of the velocity over the ground, rad counter-clockwise from east, in [-pi, pi)
+    speed: float  # ground speed, m/s
+    time: float  # s after the request
 
 
 @dataclass(frozen=True, slots=True)
 class RoutePoint:
-    """A point of the route that the aircraft had filed."""
+    """A point of the route that the aircraft had filed, m."""
 
     index: int
-    x: float
-    """East, m."""
-    y: float
-    """North, m."""
+    x: float  # east, m
+    y: float  # north, m
 
 
 class Knots(NamedTuple):
-    """States with their times as arrays: where legs begin and end; fields ``[..., W]``."""
+    """States with their times as arrays: where legs begin and end; fields ``[..., W]``, SI units."""
 
     x: Any
     y: Any
     heading: Any
     speed: Any
-    time: Any
-    """s, increasing along the last axis."""
+    time: Any  # s, increasing along the last axis
 
 
 class Legs(NamedTuple):
-    """Curves between consecutive knots; fields ``[...]``, those of arcs ``[..., ARCS]``."""
+    """Curves between consecutive knots, SI units and radians; fields ``[...]``, those of arcs ``[..., ARCS]``."""
 
-    time: Any
-    """At the beginning, s, ``[...]``."""
-    duration: Any
-    """s, ``[...]``."""
-    miss: Any
-    """Distance between the end of the curve and the knot, m, ``[...]``; see :data:`CLOSED`."""
-    x: Any
-    """East position at the beginning of each arc, m, ``[..., ARCS]``."""
+    time: Any  # at the beginning, s
+    duration: Any  # s
+    miss: Any  # distance between the end of the curve and the knot, m (see CLOSED)
+    x: Any  # at the beginning of each arc, m
     y: Any
-    heading: Any
-    """At the beginning of each arc, rad, not wrapped, so that differences are turns, ``[..., ARCS]``."""
-    speed: Any
-    """At the beginning of each arc, m/s, ``[..., ARCS]``."""
-    yaw_rate: Any
-    """Of each arc, rad/s, ``[..., ARCS]``."""
-    acceleration: Any
-    """Of each arc, m/s^2, ``[..., ARCS]``."""
+    heading: Any  # there, rad, not wrapped, so that differences are turns
+    speed: Any  # there, m/s
+    yaw_rate: Any  # of each arc, rad/s
+    acceleration: Any  # of each arc, m/s^2
 
 
 def knots(own: VehicleState, waypoints: Sequence[Waypoint], time: float = 0.0) -> Knots:

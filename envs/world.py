@@ -23,8 +23,7 @@ class World(NamedTuple):
     """Parameters of the world, all of them data."""
 
     rules: Rules
-    aircraft: Aircraft
-    """The ownship."""
+    aircraft: Aircraft  # the ownship
 
     @property
     def limits(self) -> Limits:
@@ -38,34 +37,24 @@ class State(NamedTuple):
     own: VehicleState
     goal_x: Any
     goal_y: Any
-    intruders: Any
-    """:class:`envs.intruder.IntruderState`; of plain floats a tuple of them."""
-    mask: Any
-    """Which intruders exist, bool; a tuple of plain floats holds existing ones only."""
+    intruders: Any  # envs.intruder.IntruderState; of plain floats a tuple of them
+    mask: Any  # which intruders exist, bool; a tuple of plain floats holds existing ones only
     intent: Any
-    sensor: Sensor
-    """``[..., 1]`` or plain floats."""
-    previous: tuple[Any, Any] | None
-    """Intruders' vehicles one and two steps ago; None where no report is late."""
-    steps: Any
-    """Steps taken since the start."""
-    ended: Any
-    """Whether the last step ended the encounter, bool."""
-    required_separation: Any = None
-    """By which each encounter is judged, m; None: that of the rules."""
+    sensor: Sensor  # [..., 1] or plain floats
+    previous: tuple[Any, Any] | None  # intruders' vehicles one and two steps ago; None where no report is late
+    steps: Any  # steps taken since the start
+    ended: Any  # whether the last step ended the encounter, bool
+    required_separation: Any = None  # by which each encounter is judged, m; None: that of the rules
 
 
 class StepResult(NamedTuple):
-    """Evaluation of a step; fields ``[...]``."""
+    """Evaluation of a step; fields ``[...]``, distances in m."""
 
     outcome: Outcome
     reward: Any
-    separations: Any
-    """Smallest distance to each intruder during the step, m, ``[..., K]``."""
-    separation: Any
-    """Smallest distance to any intruder during the step, m."""
-    goal_distance: Any
-    """At the end of the step, m."""
+    separations: Any  # smallest distance to each intruder during the step, m, [..., K]
+    separation: Any  # smallest distance to any intruder during the step, m
+    goal_distance: Any  # at the end of the step, m
 
 
 def begin(encounter: Encounter, xp: Any, *, history_dt: Any = None, required_separation: Any = None) -> State:

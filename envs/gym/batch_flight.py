@@ -17,10 +17,8 @@ class Setting(NamedTuple):
     """What a step is compiled for; plain numbers only."""
 
     world: World
-    noisy: bool
-    """Whether reports are noisy or late."""
-    intruders: int
-    """That an observation shows: one by its eight numbers, more as a set."""
+    noisy: bool  # whether reports are noisy or late
+    intruders: int  # that an observation shows: one by its eight numbers, more as a set
 
     @property
     def history_dt(self) -> float | None:

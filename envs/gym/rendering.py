@@ -36,24 +36,16 @@ _VERDICTS = {
 
 
 class Scene(NamedTuple):
-    """An encounter up to now, with T + 1 moments of K intruders."""
+    """An encounter up to now, with T + 1 moments of K intruders; SI units and radians."""
 
-    own: np.ndarray
-    """x, y (m), heading (rad), speed (m/s), ``[T + 1, 4]``."""
-    intruders: np.ndarray
-    """The same of each intruder, ``[T + 1, K, 4]``."""
-    separations: np.ndarray
-    """Smallest distance to each during the step that ends at that moment, m, ``[T + 1, K]``."""
-    goal: tuple[float, float]
-    """m."""
-    goal_radius: float
-    """m."""
-    required: float
-    """Separation below which a trail turns red, m."""
-    time: float
-    """s since the start."""
-    outcome: str
-    """``flying``, ``goal``, ``violation`` or ``timeout``."""
+    own: np.ndarray  # x, y (m), heading (rad), speed (m/s), [T + 1, 4]
+    intruders: np.ndarray  # the same of each intruder, [T + 1, K, 4]
+    separations: np.ndarray  # smallest distance to each during the step that ends at that moment, m, [T + 1, K]
+    goal: tuple[float, float]  # m
+    goal_radius: float  # m
+    required: float  # separation below which a trail turns red, m
+    time: float  # s since the start
+    outcome: str  # as in info
     title: str = ""
 
 
