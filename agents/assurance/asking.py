@@ -1,7 +1,7 @@
 """Plans from the middle of flights, for the loops that fly: what is tried, one after the other, and when again.
 
-A plan that is SAFE while the intruders fly on as they do may leave no room for a turn of theirs, pass over the goal or
-reach it too late. So the best is tried first, and again every few seconds while something less is flown.
+A plan that is SAFE now may leave no room for a turn of an intruder, pass over the goal or reach it too late. So the
+best is tried first, and again every few seconds while something less is flown.
 """
 
 from collections.abc import Callable

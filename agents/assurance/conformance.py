@@ -13,9 +13,7 @@ from envs.follower import deviation
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
 
-_NOISE = 3.0
-"""Standard deviations of what the plan expected and of what is believed now by which an intruder may also be off."""
-
+_NOISE = 3.0  # sigmas of what the plan expected and of what is believed now by which an intruder may also be off
 _REPORTS = Cause.INTRUDER_MISSING | Cause.INTRUDER_OUT_OF_ORDER  # causes that do not lie in the plan
 
 

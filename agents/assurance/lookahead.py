@@ -1,23 +1,20 @@
 """The outlook: how close the rest of a plan comes to the intruders as they fly now.
 
-A lower bound, in three steps, each only where the one before does not decide: whole legs against their chords, arcs
-against theirs, and parts of :data:`FINE` of an arc. Where two aircraft move on curves, the relative motion leaves the
-chord between two times h apart by at most a h^2 / 8, a being the largest relative acceleration; of a whole leg the
-bow is measured once, when the plan arrives.
+A lower bound as the validator's (:mod:`agents.planner.validator`), in three steps, each only where the one before does
+not decide: whole legs against their chords, arcs against theirs, and parts of :data:`FINE` of an arc. Of a whole leg
+the bow is measured once, when the plan arrives.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.planner.separation import FINE
 from agents.planner.traffic import Traffic, predicted, uncertainty
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import distance
 from envs.trees import column, take
 from envs.waypoints import ARCS, Knots, Legs
-
-FINE = 32
-"""Parts of an arc: 0.06 s of a leg of 20 s, 4 mm of uncertainty."""
 
 ANY = Limits(-np.inf, np.inf, -np.inf, np.inf, np.inf)
 """No limits, where the controls respect them already."""

@@ -95,9 +95,9 @@ WANTING = (
 """A new plan is wanted."""
 
 
+# Share of the sigmas planned with that must be left before a new plan is asked for: what is believed of an intruder
+# wanders inside its uncertainty, and a plan that needs all of it would be void with every second report.
 _KEPT = 0.5
-"""Share of the sigmas planned with that must be left before a new plan is asked for: what is believed of an intruder
-wanders inside its uncertainty, and a plan that needs all of it would be void with every second report."""
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,8 @@ from envs.trees import mapped
 
 _POSITION_GAIN, _VELOCITY_GAIN = 0.3, 0.15
 _DRIFT_GAIN = 0.3  # of the running mean of the velocity's deviations
+# Sigmas of a report beyond which a deviation, or their running mean, is no noise; wrongly for one in a thousand.
 _JUMP_POSITION, _JUMP_VELOCITY, _DRIFT = 4.8, 4.2, 1.9
-"""Standard deviations of a report beyond which one deviation, or their running mean, is no noise: about one report in
-a thousand is taken for a manoeuvre wrongly."""
 
 
 class Tracks(NamedTuple):

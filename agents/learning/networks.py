@@ -55,10 +55,7 @@ class Trunk(nn.Module):
 
 
 class Actor(nn.Module):
-    """Gaussian policy: the mean is a function of the observation, the standard deviation is learned apart.
-
-    The mean is not squashed; deciders clip it to [-1, 1].
-    """
+    """Gaussian policy: a mean, which deciders clip to [-1, 1], of the observation, and a standard deviation apart."""
 
     hidden: tuple[int, ...] = (256, 256)
     feature_set: str = "cpa"

@@ -32,8 +32,7 @@ OPSET = 21
 """Of the operators, domain ``ai.onnx``."""
 
 _IR = 10  # version of the format that belongs to this set of operators; runtimes refuse later ones
-_TOLERANCE = 1e-4
-"""Largest difference of an action from the parity vectors, which are of double precision; the model is of single."""
+_TOLERANCE = 1e-4  # of actions from the parity vectors, which are of double precision; the model is of single
 
 _DESCRIPTION = """\
 Write a policy as an ONNX model, float32, N and K free, derived inputs and clip included. A policy for any number of

@@ -47,13 +47,7 @@ class Kind(Enum):
 
 
 class RequestError(ValueError):
-    """A request that cannot be planned for; the message says what, where and what was expected.
-
-    Attributes:
-        field: what is wrong, such as ``own.speed`` or ``intruders[1].x``.
-    """
-
-    field: str
+    """A request that cannot be planned for; the message says what was expected of ``field``, such as ``own.speed``."""
 
     def __init__(self, field: str, problem: str) -> None:
         super().__init__(f"{field} {problem}")

@@ -1,7 +1,6 @@
 """What is published, checked once more: the waypoints under indices of their own, the last one a point of the route.
 
-The validator judges knots; this looks at the waypoints as published, and at the route of the request. It
-shares nothing with the modules that write them.
+The validator judges knots; this looks at the waypoints, and shares nothing with the modules that write them.
 """
 
 import math

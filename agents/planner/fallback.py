@@ -1,11 +1,9 @@
 """The fallback: a family of extremal manoeuvres, searched for the safe plan of least cost.
 
-The manoeuvres are those of :mod:`agents.manoeuvres.escape_manoeuvre` (turn left or right by any amount, then straight;
-accelerate, hold, decelerate; begin later; rejoin by the shortest turn as soon as the way is clear), flown against the
-predicted intruders (:mod:`agents.planner.fallback_flight`). Those that stay clear on the way are ranked by cost, and
-the first few completed and validated like any other plan. They stay within the surrogate's limits at first; where that
-yields nothing, within those that the legs may have, and with more of them; at the end the nearest misses are refined by
-random changes, each judged by the validator itself.
+The manoeuvres of :mod:`agents.manoeuvres.escape_manoeuvre` are flown against the predicted intruders. Those that stay
+clear on the way are ranked by cost, and the first few completed and validated like any other plan. They stay within the
+surrogate's limits at first; where that yields nothing, within those that the legs may have, and with more of them; at
+the end the nearest misses are refined by random changes, each judged by the validator itself.
 """
 
 from dataclasses import replace
@@ -31,6 +29,9 @@ _SOON = 150.0  # time steps by which the manoeuvres of the quick stages turn bac
 _ENOUGH = 12  # manoeuvres of a request that end well
 _JUDGED = 16  # manoeuvres that are validated at once where there is a deadline
 _PATIENCE, _PROGRESS = 3, 0.2  # rounds of the refinement, and the part of what is missing that they must bring
+_FIRST = concatenated(*STAGES[:2])
+# Also manoeuvres that do not turn back before the intruder has passed.
+_SEEDS = concatenated(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
 
 
 def search(request: Request, goal: Any, options: Options, budget: Budget) -> Proposals:
@@ -133,13 +134,6 @@ def _improve(
         owners = which[rows]
         plans = evaluate(take(request, owners), take(rollout, rows), goal[owners], options)
         keep_best(best, part[owners], plans)
-
-
-_FIRST = concatenated(*STAGES[:2])
-
-
-_SEEDS = concatenated(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
-"""Also manoeuvres that do not turn back before the intruder has passed."""
 
 
 def _parts(rows: Any, each: int) -> list[Any]:

@@ -13,10 +13,7 @@ from agents.planner.validator import LONGEST
 from envs.aircraft import Aircraft, AircraftError, new_aircraft
 from envs.kinematics import FASTEST, Limits, within
 
-_MARGIN = 2e-5
-"""Largest distance of the follower from the curve that it flies on the true limits' kinematics, in separations, rounded
-up (measured: docs/explanation/planner.md)."""
-
+_MARGIN = 2e-5  # separations that the follower leaves the curve by, rounded up (docs/explanation/planner.md)
 _ORDINARY = 0.0524  # rad of turn in a time step, to which margins and resolutions were measured
 _RESERVE = 0.75  # of turn rate and acceleration, for curves that take 4/3 of what was flown
 _TURN_SHARE = 2.0 / 3.0  # of the turn rate, for turns along the route
@@ -109,8 +106,7 @@ class Options:
     extend_route: bool = False
     """Whether a route that ends before the plan may be extended in its last direction."""
     vertical_filter: float = 600.0
-    """Predicted vertical separation beyond which an intruder is left out, m; it follows from no number of the
-    aircraft's, all of which are horizontal."""
+    """Predicted vertical separation beyond which an intruder is left out, m; no number of the aircraft gives it."""
     exhaustive: bool = True
     """Whether the last, slow stages of the fallback are tried before giving up."""
     deadline_s: float = 0.050

@@ -1,7 +1,6 @@
 """What leaves the planner: the best plan of a request as waypoints, SAFE or with the reasons why not.
 
-SAFE is decided here and nowhere else: the validator has found nothing wrong with the plan's knots, and the audit
-nothing with the waypoints as they are published.
+SAFE is decided here and nowhere else: by the validator for the plan's knots, by the audit for what is published.
 """
 
 from collections.abc import Sequence
@@ -22,8 +21,7 @@ from envs.waypoints import Knots, RoutePoint, Waypoint
 from envs.waypoints import knots as knots_of
 
 JOIN = 5
-"""Least time to the waypoint at which a late plan is joined, in time steps: a shorter leg would make a hard turn of
-any error."""
+"""Least time to the waypoint at which a late plan is joined, time steps; a shorter leg turns hard on any error."""
 
 _SOURCES = (Source.NONE, Source.POLICY, Source.FALLBACK)
 

@@ -16,10 +16,7 @@ from envs.kinematics import FASTEST, VehicleState
 from envs.waypoints import RoutePoint
 
 _FARTHEST = 1e6  # coordinates beyond this, m, belong to no local frame, whatever the aircraft
-
-_MOST_TURN = 32.0
-"""Of an intruder's declared turn, rad: so far the rounding of positions is bounded (proofs/Rounding.g)."""
-
+_MOST_TURN = 32.0  # rad of a declared turn: so far the rounding of positions is bounded (proofs/Rounding.g)
 _LONGEST_EXTENSION = 5.0  # of a route's last leg, separations
 
 

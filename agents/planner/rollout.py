@@ -1,9 +1,8 @@
 """The policy flown ahead in the surrogate: from the request until the way back to the route is clear, or it is back.
 
 The same functions of the core twice: over plain floats for one request, where arrays of one element would cost ten
-times their arithmetic, and over arrays for many. Intruders fly as predicted (:mod:`agents.planner.traffic`); the policy
-sees all of them at every time step. Every few steps the direct way to the goal is looked at; once it is
-clear, the policy has done its work (:mod:`agents.manoeuvres.direct_to_goal`).
+times their arithmetic, and over arrays for many. The policy sees all intruders, as predicted, at every time step. Every
+few steps the direct way to the goal is looked at; once it is clear, the policy has done its work.
 """
 
 import math

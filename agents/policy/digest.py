@@ -14,10 +14,10 @@ def canonical(document: Any) -> str:
 
 
 def digest(tensors: Mapping[str, np.ndarray], document: Mapping[str, Any]) -> str:
-    """Return the SHA-256 (hex) over all tensors and the metadata.
+    """Return the SHA-256 (hex) over all tensors, in the order of their names, and the metadata.
 
-    Hashed are, for each tensor in the order of its name, the canonical JSON of ``[name, dtype, shape]``, a line
-    feed and its bytes (little-endian, C order); then the canonical JSON of the metadata without ``sha256``.
+    Hashed are the canonical JSON of each ``[name, dtype, shape]``, a line feed and its bytes (little-endian, C order);
+    then the canonical JSON of the metadata without ``sha256``.
     """
     total = hashlib.sha256()
     for name in sorted(tensors):

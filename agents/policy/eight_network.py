@@ -1,7 +1,4 @@
-"""The network of schema 1 in numpy: eight numbers of the most critical intruder and the goal to an action.
-
-A single decision takes a path of plain floats, because array overhead would cost ten times its arithmetic.
-"""
+"""The network of schema 1 in numpy: eight numbers of the most critical intruder and the goal to an action."""
 
 from collections.abc import Sequence
 from copy import copy

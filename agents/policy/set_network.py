@@ -1,8 +1,7 @@
-"""The network for any number of intruders, in numpy: scenes to actions.
+"""The network for any number of intruders, in numpy: scenes to actions (:class:`agents.learning.networks.Trunk`).
 
-The layers are those of :class:`agents.learning.networks.Trunk`: each intruder through the encoder, the greatest of each
-number, then the trunk. Every row is a vector product of its own, because BLAS rounds the rows of a matrix product by
-the size of their batch: a scene gives the same bits in any company.
+Every row is a vector product of its own, because BLAS rounds the rows of a matrix product by the size of their batch: a
+scene gives the same bits in any company.
 """
 
 from collections.abc import Sequence

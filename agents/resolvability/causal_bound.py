@@ -1,9 +1,8 @@
 """The causal bound: what an oracle achieves that sees the present exactly and knows nothing of the future.
 
-At every time step it sees positions, headings and speeds of all, and the turn of the step before; intents are hidden
-from it. It simulates escapes (:mod:`agents.manoeuvres.escape_manoeuvre`) against several futures of the intruders
-and follows the one that keeps most distance in them. What it solves, a decider without foresight can solve: a lower
-bound of what such deciders can achieve, as the clairvoyant search's is an upper one.
+At every time step it sees all states and the turn of the step before. It simulates escapes against several futures of
+the intruders and follows the one that keeps most distance in them. What it solves, a decider without foresight can
+solve: a lower bound of what such deciders can achieve, as the clairvoyant search's is an upper one.
 """
 
 from typing import Any, NamedTuple

@@ -1,10 +1,9 @@
 """Proofs that no control history resolves an encounter.
 
 A violation cannot be avoided if at some time, before the encounter can have ended at the goal, everything that the
-ownship can reach lies inside one intruder's disc. If the whole does not, its parts may, each at its own time and in
-its own intruder's disc: the states that are still clear of all of them are followed
-(:mod:`agents.resolvability.reachable_set`), or the control histories are split in two by their heading or speed at some
-time, again and again.
+ownship can reach lies inside one intruder's disc. If the whole does not, its parts may: the states that are still clear
+of all discs are followed (:mod:`agents.resolvability.reachable_set`), or the control histories are split in two by
+their heading or speed at some time, again and again.
 """
 
 import math

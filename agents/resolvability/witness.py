@@ -1,8 +1,7 @@
 """The least-cost witness: the shortest flight known that resolves an encounter.
 
-All escapes of the search that work, not only the first to arrive, and a family that stays near the direct route are
-flown; the shortest of them breed a local refinement, a differential evolution whose draws are fixed. What comes out is
-an escape like any other and is replayed by :func:`agents.resolvability.replay`.
+All escapes of the search that work, and a family that stays near the direct route, are flown; the shortest of them
+breed a local refinement, a differential evolution whose draws are fixed.
 """
 
 from typing import Any
@@ -33,13 +32,11 @@ from envs.trees import scatter, take
 SECOND = 1e-3
 """Cost of a second of flight, m: of flights of the same length the earlier arrival is the better, for any aircraft."""
 
-_MARGIN = 1e-6  # required beyond the separation, m, so that a replay whose sums round otherwise keeps it too
-
 ROUNDS = 40
 """Of the refinement."""
 
-_ELITES, _CHILDREN, _DECAY = 12, 48, 0.9
-"""Of the refinement: flights kept, offspring a round, factor a round on the spread of the changes."""
+_ELITES, _CHILDREN, _DECAY = 12, 48, 0.9  # flights kept, offspring a round, factor a round on the spread of the changes
+_MARGIN = 1e-6  # required beyond the separation, m, so that a replay whose sums round otherwise keeps it too
 
 _THROTTLES = (-1.0, 0.0, 1.0)
 _NEAR_DEG = (0.0, 4.0, -4.0, 9.0, -9.0, 16.0, -16.0, 30.0, -30.0)
