@@ -28,22 +28,14 @@ _SIGNIFICANT = 3.0  # sigmas that an estimated turn must differ from straight fl
 class Inputs(NamedTuple):
     """What a step is given; fields ``[N]``, of intruders ``[N, K]``; what is missing is nan."""
 
-    time: Any
-    """Now, on the monitor's clock, s."""
-    own: VehicleState
-    """As last reported."""
-    own_age: Any
-    """Of that report, s."""
-    intruders: VehicleState
-    """As last reported, each in a place of its own as long as it exists, ``[N, K]``."""
-    age: Any
-    """Of those reports, s, ``[N, K]``."""
-    mask: Any
-    """Which intruders exist, bool, ``[N, K]``; one that is updated away here is forgotten."""
-    position_std: Any
-    """One sigma per axis, m, ``[N, K]``."""
-    velocity_std: Any
-    """One sigma per axis, m/s, ``[N, K]``."""
+    time: Any  # now, on the monitor's clock, s
+    own: VehicleState  # as last reported
+    own_age: Any  # of that report, s
+    intruders: VehicleState  # as last reported, each in a place of its own as long as it exists, [N, K]
+    age: Any  # of those reports, s, [N, K]
+    mask: Any  # which intruders exist, bool, [N, K]; one that is updated away here is forgotten
+    position_std: Any  # one sigma per axis, m, [N, K]
+    velocity_std: Any  # one sigma per axis, m/s, [N, K]
 
 
 class Memory(NamedTuple):

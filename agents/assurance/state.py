@@ -17,16 +17,11 @@ from envs.waypoints import legs
 class State(IntEnum):
     """Of a monitor."""
 
-    IDLE = 0
-    """There is no plan to watch."""
-    MONITORING = 1
-    """The plan is flown, and nothing is wrong."""
-    REPLAN_REQUESTED = 2
-    """The plan is flown, and a new one is wanted."""
-    DENIED = 3
-    """Inputs are missing, or no plan was found while the present one is still safe."""
-    BACKUP = 4
-    """The backup is flown until there is a safe plan."""
+    IDLE = 0  # there is no plan to watch
+    MONITORING = 1  # the plan is flown, and nothing is wrong
+    REPLAN_REQUESTED = 2  # the plan is flown, and a new one is wanted
+    DENIED = 3  # inputs are missing, or no plan was found while the present one is still safe
+    BACKUP = 4  # the backup is flown until there is a safe plan
 
 
 class Flown(IntEnum):
@@ -40,62 +35,38 @@ class Flown(IntEnum):
 class Monitor(NamedTuple):
     """The state of monitors; fields ``[N, ...]``, so that :func:`envs.trees.take` picks rows."""
 
-    state: Any
-    """Code of :class:`State`, int8."""
-    on_backup: Any
-    """Whether the backup is flown, bool; kept while nothing can be seen."""
-    causes: Any
-    """Bits of :class:`agents.assurance.thresholds.Cause`, int32."""
+    state: Any  # code of State, int8
+    on_backup: Any  # whether the backup is flown, bool; kept while nothing can be seen
+    causes: Any  # bits of Cause, int32
     memory: Memory
-    plan: Course
-    """The active plan; a placeholder where there is none."""
-    started: Any
-    """When the active plan was requested, s."""
-    expected: Traffic
-    """The intruders that the active plan was made with, ``[N, K]``."""
-    sums: Any
-    """Leaky sums of cross-track (m s), along-track (m s) and time error (s s), ``[N, 3]``."""
-    requested: Any
-    """Number of the last request."""
-    requested_at: Any
-    """When it went out, s; -inf before the first."""
-    answered: Any
-    """Number of the last request that was answered."""
-    request_traffic: Traffic
-    """The intruders of the last request, ``[N, K]``."""
+    plan: Course  # the active plan; a placeholder where there is none
+    started: Any  # when the active plan was requested, s
+    expected: Traffic  # the intruders that the active plan was made with, [N, K]
+    sums: Any  # leaky sums of cross-track (m s), along-track (m s) and time error (s s), [N, 3]
+    requested: Any  # number of the last request
+    requested_at: Any  # when it went out, s; -inf before the first
+    answered: Any  # number of the last request that was answered
+    request_traffic: Traffic  # the intruders of the last request, [N, K]
     backup: Backup
 
 
 class Decision(NamedTuple):
     """What the monitor wants and why; fields ``[N]``."""
 
-    state: Any
-    """Code of :class:`State`, int8."""
-    fly: Any
-    """Code of :class:`Flown`, int8."""
-    replan: Any
-    """Whether a plan is requested now, bool: from ``own``, against ``traffic``, as request ``number``."""
+    state: Any  # code of State, int8
+    fly: Any  # code of Flown, int8
+    replan: Any  # whether a plan is requested now, bool: from own, against traffic, with the number below
     number: Any
-    causes: Any
-    """Bits of :class:`agents.assurance.thresholds.Cause`, int32."""
-    own: VehicleState
-    """Present states, dead-reckoned."""
-    traffic: Traffic
-    """The intruders now, dead-reckoned, with the turns that their reports show, ``[N, K]``."""
-    cross_track: Any
-    """Error against the plan, m, positive to its left."""
-    along_track: Any
-    """m, positive ahead."""
-    time_error: Any
-    """s, positive when late."""
-    intruder_position: Any
-    """Largest deviation of an intruder from its prediction, m."""
-    intruder_velocity: Any
-    """m/s."""
-    separation: Any
-    """Predicted separation of the rest of the plan, less the own distance from it, m; a lower bound."""
-    loss: Any
-    """When that rest falls below what is required, s from now; inf where it does not."""
+    causes: Any  # bits of Cause, int32
+    own: VehicleState  # present states, dead-reckoned
+    traffic: Traffic  # the intruders now, dead-reckoned, with the turns that their reports show, [N, K]
+    cross_track: Any  # error against the plan, m, positive to its left
+    along_track: Any  # m, positive ahead
+    time_error: Any  # s, positive when late
+    intruder_position: Any  # largest deviation of an intruder from its prediction, m
+    intruder_velocity: Any  # m/s
+    separation: Any  # predicted separation of the rest of the plan, less the own distance from it, m; a lower bound
+    loss: Any  # when that rest falls below what is required, s from now; inf where it does not
 
 
 def start(count: int, intruders: int, thresholds: Thresholds) -> Monitor:

@@ -17,14 +17,10 @@ _PARTS = 4  # of the turn, each judged on its chord
 class Task(NamedTuple):
     """What manoeuvres are flown for and with; plain numbers."""
 
-    limits: Limits
-    """Of the ownship."""
-    radius: float
-    """Of the goal, m."""
-    until: float
-    """Latest time at the goal, s."""
-    turn_rate: float
-    """Of turns on the way back, rad/s."""
+    limits: Limits  # of the ownship
+    radius: float  # of the goal, m
+    until: float  # latest time at the goal, s
+    turn_rate: float  # of turns on the way back, rad/s
 
 
 def arc_end(state: VehicleState, arc: Any, length: Any) -> tuple[Any, Any]:

@@ -25,34 +25,23 @@ REGARDLESS = -1e9
 class Manoeuvre(NamedTuple):
     """Parameters of one escape; fields ``[...]``, float64."""
 
-    turn: Any
-    """Heading change at full rate from the start, rad, positive to the left."""
-    throttle: Any
-    """Acceleration at first, in [-1, 1] of the limits."""
-    switch: Any
-    """Time at which the second turn is added to what is left of the first and the throttle changes, s."""
-    turn_after: Any
-    """Second turn, rad."""
-    throttle_after: Any
-    """Acceleration from the switch on, in [-1, 1]."""
-    resume: Any
-    """Earliest time at which the aircraft turns onto the goal, s."""
-    slack: Any
-    """The way to the goal is clear if it keeps the separation plus this, m, from the traffic's straight courses."""
-    throttle_home: Any
-    """Acceleration on the way to the goal, in [-1, 1]; full wherever time gets short."""
+    turn: Any  # heading change at full rate from the start, rad, positive to the left
+    throttle: Any  # acceleration at first, in [-1, 1] of the limits
+    switch: Any  # time at which the second turn is added to what is left of the first and the throttle changes, s
+    turn_after: Any  # second turn, rad
+    throttle_after: Any  # acceleration from the switch on, in [-1, 1]
+    resume: Any  # earliest time at which the aircraft turns onto the goal, s
+    slack: Any  # what the way to the goal keeps beyond the separation, m, from the traffic's straight courses
+    throttle_home: Any  # acceleration on the way to the goal, in [-1, 1]; full wherever time gets short
 
 
 class Flight(NamedTuple):
     """An escape in progress; fields ``[...]``."""
 
     own: VehicleState
-    to_turn: Any
-    """What is left of the turn, rad."""
-    switched: Any
-    """Whether the second part has begun, bool."""
-    returning: Any
-    """Whether the aircraft is on the way to the goal, bool."""
+    to_turn: Any  # what is left of the turn, rad
+    switched: Any  # whether the second part has begun, bool
+    returning: Any  # whether the aircraft is on the way to the goal, bool
 
 
 def steps(rules: Rules) -> int:

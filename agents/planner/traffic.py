@@ -12,20 +12,13 @@ from envs.kinematics import VehicleState
 class Traffic(NamedTuple):
     """Intruders of one or many requests; fields ``[..., K]``."""
 
-    state: VehicleState
-    """At the time of the request."""
-    mask: Any
-    """Which of the K intruders count, bool."""
-    turn_rate: Any
-    """With which each goes on turning, rad/s, positive to the left."""
-    turn_time: Any
-    """For how long it does, s; straight ahead after that."""
-    position_std: Any
-    """One sigma of the position, per axis, at the time of the report, m."""
-    velocity_std: Any
-    """One sigma of the velocity, per axis, m/s."""
-    age: Any
-    """Of the report at the request, s: for so long the velocity's error has moved the position already."""
+    state: VehicleState  # at the time of the request
+    mask: Any  # which of the K intruders count, bool
+    turn_rate: Any  # with which each goes on turning, rad/s, positive to the left
+    turn_time: Any  # for how long it does, s; straight ahead after that
+    position_std: Any  # one sigma of the position, per axis, at the time of the report, m
+    velocity_std: Any  # one sigma of the velocity, per axis, m/s
+    age: Any  # of the report at the request, s: for so long the velocity's error has moved the position already
 
     @classmethod
     def straight(cls, state: VehicleState, mask: Any = None) -> "Traffic":
@@ -37,12 +30,9 @@ class Traffic(NamedTuple):
 class Requirement(NamedTuple):
     """How far the plan must stay from the intruders."""
 
-    separation: float
-    """Never less than this, m."""
-    margin: float = 0.0
-    """Added to it for what the follower leaves of the plan, m."""
-    sigmas: float = 2.0
-    """How many sigmas of the predicted position are added."""
+    separation: float  # never less than this, m
+    margin: float = 0.0  # added to it for what the follower leaves of the plan, m
+    sigmas: float = 2.0  # how many sigmas of the predicted position are added
 
 
 def predicted(traffic: Traffic, time: Any) -> VehicleState:

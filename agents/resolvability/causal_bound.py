@@ -42,16 +42,11 @@ _FAMILY = concatenated(STAGES[0], COARSE)
 class Causal(NamedTuple):
     """Flights of the oracle; fields ``[N]``."""
 
-    outcome: Any
-    """Code, an index into :data:`OUTCOMES`, int8."""
-    separation: Any
-    """Smallest distance to any intruder, m."""
-    arrival: Any
-    """Time at which the goal was reached, s; nan if it was not."""
-    path: Any
-    """Length flown until the end, m."""
-    own: VehicleState
-    """The ownship's flight, ``[T + 1, N]``, a state a step; nan after the end."""
+    outcome: Any  # code, an index into OUTCOMES, int8
+    separation: Any  # smallest distance to any intruder, m
+    arrival: Any  # time at which the goal was reached, s; nan if it was not
+    path: Any  # length flown until the end, m
+    own: VehicleState  # the ownship's flight, [T + 1, N], a state a step; nan after the end
 
     @property
     def solved(self) -> Any:

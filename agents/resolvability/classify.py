@@ -45,18 +45,12 @@ class Method(IntEnum):
 class Resolvability(NamedTuple):
     """Verdicts; fields ``[N]``."""
 
-    verdict: Any
-    """:class:`Verdict`, int8."""
-    method: Any
-    """:class:`Method`, int8."""
-    witness: Manoeuvre
-    """Parameters of an escape that works; nan where none was searched for or found."""
-    arrival: Any
-    """Time at which the witness reaches the goal, s; nan without one."""
-    separation: Any
-    """Smallest distance of the witness to any intruder, m; nan without one."""
-    proof_time: Any
-    """Time by which any control history has failed, s; nan without a proof."""
+    verdict: Any  # Verdict, int8
+    method: Any  # Method, int8
+    witness: Manoeuvre  # parameters of an escape that works; nan where none was searched for or found
+    arrival: Any  # time at which the witness reaches the goal, s; nan without one
+    separation: Any  # smallest distance of the witness to any intruder, m; nan without one
+    proof_time: Any  # time by which any control history has failed, s; nan without a proof
 
 
 class Replay(NamedTuple):
