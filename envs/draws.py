@@ -6,17 +6,9 @@ _WORDS_PER_COUNT = 4  # Philox gives four 64-bit words per counter value
 
 
 def uniforms(seed: int, first: int, count: int, shape: tuple[int, ...], stream: int = 0) -> np.ndarray:
-    """Return unit-uniform draws for the encounters ``first .. first + count - 1``.
+    """Return draws in [0, 1) for the encounters ``first .. first + count - 1`` of a seed >= 0, ``[count, *shape]``.
 
-    Args:
-        seed: of the run, >= 0.
-        first: number of the first encounter.
-        count: how many encounters.
-        shape: of the draws that one encounter takes.
-        stream: independent sets of draws for one encounter.
-
-    Returns:
-        Float64 in [0, 1), ``[count, *shape]``.
+    One encounter takes draws of a shape; each stream is an independent set of them.
     """
     wanted = int(np.prod(shape))
     counts = -(-wanted // _WORDS_PER_COUNT)

@@ -65,13 +65,9 @@ class KinematicVehicle:
 
 
 def guidance(legs: Legs, state: VehicleState, time: Any, dt: float = PERIOD, gains: Gains = GAINS) -> tuple[Any, Any]:
-    """Return the acceleration (m/s^2) and yaw rate (rad/s) for the coming period, ``[...]`` each.
+    """Return the acceleration (m/s^2) and yaw rate (rad/s) for the coming period of ``dt`` s, ``[...]`` each.
 
-    Args:
-        legs: of the plan, ``[..., L]``.
-        state: of the aircraft, ``[...]``.
-        time: on the plan's clock, s, ``[...]`` or a scalar.
-        dt: control period, s.
+    The plan's legs are ``[..., L]``, the time is on its clock, s.
     """
     return steer(at(legs, time), at(legs, time + dt), state, dt, gains)
 
@@ -106,15 +102,10 @@ def offset(state: VehicleState, reference: VehicleState) -> tuple[Any, Any]:
 
 
 def deviation(legs: Legs, state: VehicleState, time: Any) -> Deviation:
-    """Compare a state with the plan.
+    """Compare a state ``[...]`` with the legs ``[..., L]`` of a plan at a time on its clock, s.
 
     The point of the path abeam of the aircraft is found from where the plan is now, by its speed; the errors of path
     and time are so kept apart on curves too.
-
-    Args:
-        legs: of the plan, ``[..., L]``.
-        state: of the aircraft, ``[...]``.
-        time: on the plan's clock, s, ``[...]`` or a scalar.
     """
     abeam = time + np.zeros(np.shape(state.x))
     for _ in range(_STEPS):

@@ -55,11 +55,9 @@ def within(first: Limits, second: Limits) -> Limits:
 
 
 def commands(action: Any, limits: Limits, xp: Any) -> tuple[Any, Any]:
-    """Translate an action into an acceleration (m/s^2) and a yaw rate (rad/s).
+    """Return the acceleration (m/s^2) and yaw rate (rad/s) that an action, a pair of ``[...]``, asks for.
 
-    Args:
-        action: a pair of ``[...]`` in [-1, 1] (acceleration, yaw rate; values beyond are clipped).
-        limits: full deflection of either component.
+    Its components are parts of the limits in [-1, 1]; values beyond are clipped.
     """
     throttle = xp.clip(action[0], -1.0, 1.0)
     steering = xp.clip(action[1], -1.0, 1.0)

@@ -36,13 +36,7 @@ def observe(own: VehicleState, intruder: VehicleState, goal_x: Any, goal_y: Any,
 
     Own speed is scaled from the aircraft's lowest to its highest, the intruder's from 0 to the traffic's highest,
     distances from 0 to 20 separations; angles are divided by pi (bearings relative to the own heading). What lies
-    outside is clipped.
-
-    Args:
-        own: ownship, ``[...]``.
-        intruder: the intruder to be seen, ``[...]``.
-        goal_x, goal_y: goal position, m, ``[...]``.
-        aircraft: floats, or fields ``[...]``.
+    outside is clipped. All arguments are ``[...]``, the goal in m, the aircraft ``[...]`` or floats.
     """
     mine, other = _own_parts(own, goal_x, goal_y, aircraft, xp), _traffic_parts(own, intruder, aircraft, xp)
     return _stacked([mine[0], mine[1], other[0], other[1], other[2], other[3], mine[2], mine[3]], xp)
@@ -61,12 +55,7 @@ def observe_set(
 ) -> SetObservation:
     """Return the observation of several intruders and the goal, scaled as by :func:`observe`; arrays only.
 
-    Args:
-        own: ownship, ``[...]``.
-        intruders: ``[..., K]``.
-        mask: which of them exist, bool ``[..., K]``.
-        goal_x, goal_y: goal position, m, ``[...]``.
-        aircraft: floats, or fields ``[...]``.
+    The intruders are ``[..., K]``, their mask says which of them exist; the rest is ``[...]``.
 
     Raises:
         ValueError: the mask has another shape than the intruders.
@@ -165,12 +154,8 @@ def criticality(own: VehicleState, intruders: VehicleState, aircraft: Aircraft, 
 
     The rank is the time until the range falls below 1.5 separations on straight courses, tenths of the aircraft's time
     unit (s for the paper's); where it does not, 10^4 plus the predicted distance at the closest approach, thousandths
-    of a separation; where it is below already, that distance less the 1.5 separations, which is negative.
-
-    Args:
-        own: ownship with fields ``[..., 1]``.
-        intruders: fields ``[..., K]``.
-        aircraft: of the ownship; floats, or fields ``[..., 1]``.
+    of a separation; where it is below already, that distance less the 1.5 separations, which is negative. Ownship and
+    aircraft are ``[..., 1]``, the intruders ``[..., K]``.
     """
     radius = 1.5 * aircraft.separation
     length = 1_000.0 / aircraft.separation

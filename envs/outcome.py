@@ -31,15 +31,9 @@ class Outcome(NamedTuple):
 
 
 def judge(separation: Any, goal_distance: Any, time: Any, rules: Rules, xp: Any) -> Outcome:
-    """Judge a step.
+    """Judge a step by its smallest separation (m) and by goal distance (m) and time (s) at its end, ``[...]``.
 
     A violation outweighs everything else in the same step; the goal outweighs the time limit.
-
-    Args:
-        separation: smallest distance to any intruder during the step, m, ``[...]``.
-        goal_distance: distance to the goal at the end of the step, m, ``[...]``.
-        time: time since the start at the end of the step, s, ``[...]``.
-        rules: the task's numbers.
     """
     violation = separation < rules.separation
     reached = xp.logical_and(goal_distance <= rules.goal_radius, xp.logical_not(violation))

@@ -37,11 +37,7 @@ def check_number(seed: int, first: int) -> None:
 
 
 def report_noise(seed: int, number: int, step: int, intruders: int) -> np.ndarray:
-    """Return the noise of the reports that one encounter's ownship has at the beginning of a step (0, 1, ...).
-
-    Returns:
-        Standard normal draws of x, y, vx, vy, ``[4, K]``.
-    """
+    """Return the noise of one encounter's reports at a step (0, 1, ...): standard normal, x, y, vx, vy, ``[4, K]``."""
     # Stream 0 makes the starts.
     return draws.normals(seed, number, 1, (4, intruders), stream=step + 1)[0]
 

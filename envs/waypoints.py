@@ -159,12 +159,7 @@ def legs(knots: Knots) -> Legs:
 
 
 def at(legs: Legs, time: Any) -> VehicleState:
-    """Return the state on the curves at a time, ``[...]``; before and after them their first and last arc go on.
-
-    Args:
-        legs: ``[..., L]``.
-        time: s, ``[...]`` or a scalar.
-    """
+    """Return the state on legs ``[..., L]`` at a time (s), ``[...]``; their first and last arc go on beyond them."""
     begun = np.sum(np.asarray(time)[..., None] >= legs.time[..., 1:], axis=-1)
     number = np.broadcast_to(begun, np.shape(legs.time)[:-1])[..., None]
     began, duration = (np.take_along_axis(field, number, -1)[..., 0] for field in (legs.time, legs.duration))

@@ -87,11 +87,9 @@ def begin(encounter: Encounter, xp: Any, *, history_dt: Any = None, required_sep
 
 
 def step(state: State, action: tuple[Any, Any], world: World, xp: Any) -> tuple[State, StepResult]:
-    """Advance encounters by one time step (Algorithm 1 of the paper).
+    """Advance encounters ``[...]`` by one time step under an action of :func:`envs.kinematics.commands`.
 
-    Args:
-        state: ``[...]``.
-        action: acceleration and yaw rate as fractions of the limits, ``[...]`` each, clipped to [-1, 1].
+    (Algorithm 1 of the paper.)
     """
     # Update the intruders: their controllers compute the controls, then the vehicles move.
     intruders = move_intruders(state, world.rules.dt, xp)
@@ -111,13 +109,7 @@ def move_intruders(state: State, dt: float, xp: Any) -> Any:
 
 
 def evaluate(state: State, own: VehicleState, intruders: Any, rules: Rules, xp: Any) -> tuple[State, StepResult]:
-    """Return the state with the vehicles moved by one time step, and the evaluation of that step.
-
-    Args:
-        state: before the step, ``[...]``.
-        own: ownship after it, ``[...]``.
-        intruders: after it, ``[..., K]``.
-    """
+    """Return the state ``[...]`` before a step with the vehicles that it has moved, and the evaluation of the step."""
     if state.required_separation is not None:
         rules = rules._replace(separation=state.required_separation)
     before, after, dt = beside((state.own, own, rules.dt))
@@ -140,7 +132,6 @@ def perceived(state: State, noise: Any, dt: Any, xp: Any) -> Any:
     """Return the intruders as the ownship believes them to be, ``[..., K]``.
 
     Args:
-        state: ``[...]``.
         noise: standard normal draws of the reports, ``[4, ..., K]``, or of plain floats a sequence of K times 4; None
             for perfect knowledge.
         dt: time step, s; reports are at most two of them old.
@@ -163,12 +154,9 @@ def observe(state: State, aircraft: Aircraft, noise: Any = None, *, xp: Any) -> 
 def observe_set(
     state: State, aircraft: Aircraft, noise: Any = None, count: int | None = None, *, xp: Any
 ) -> SetObservation:
-    """Return the observation of several intruders and the goal; arrays only.
+    """Return the observation of several intruders and the goal, by the noise of :func:`perceived`; arrays only.
 
-    Args:
-        state: ``[...]``.
-        noise: as of :func:`perceived`.
-        count: of the most critical ones to be seen, in their order; None: all K as they come.
+    Seen are the ``count`` most critical ones, in their order; None: all K as they come.
     """
     seen, mask = perceived(state, noise, aircraft.dt, xp), state.mask
     if count is not None:

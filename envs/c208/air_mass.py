@@ -17,10 +17,7 @@ NO_WIND: Wind = (0.0, 0.0)
 
 
 def through_air(state: VehicleState, wind: Wind, time: Any) -> VehicleState:
-    """Return a state over the ground, ``[...]`` or plain floats, as the air mass sees it, ``time`` s after 0.
-
-    Heading and speed are those in the air.
-    """
+    """Return a state over the ground, ``[...]`` or plain floats, as the air mass sees it, ``time`` s after 0."""
     east, north = wind
     if east == 0.0 and north == 0.0:
         return state
@@ -40,9 +37,7 @@ def over_ground(state: VehicleState, wind: Wind, time: Any) -> VehicleState:
 def air_commands(state: VehicleState, acceleration: float, yaw_rate: float, wind: Wind) -> tuple[float, float]:
     """Return an acceleration (m/s^2) and a turn rate (rad/s) of the track as those of the path through the air.
 
-    The acceleration as a vector is the same in both frames; only what it is resolved along differs.
-
-    The state is over the ground, in plain floats.
+    The acceleration as a vector is the same in both frames. The state is over the ground, in plain floats.
     """
     if wind == NO_WIND:
         return acceleration, yaw_rate

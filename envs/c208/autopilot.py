@@ -69,14 +69,9 @@ class Controls(NamedTuple):
 
 
 class Autopilot:
-    """Holds an altitude and flies demanded accelerations; remembers integrals, filters and servos.
+    """Holds an altitude (m) in air of a density (kg/m^3) and flies demanded accelerations.
 
-    Args:
-        variant: of the aircraft.
-        loading: as believed by the autopilot; weight is measured, the rest nominal.
-        altitude: to hold, m.
-        density: of the air there, kg/m^3.
-        begin: the equilibrium in which it takes over.
+    It remembers integrals, filters and servos and takes over in the equilibrium ``begin``.
     """
 
     def __init__(self, variant: Variant, loading: Loading, altitude: float, density: float, begin: Trim) -> None:
@@ -108,15 +103,12 @@ class Autopilot:
         self._servo_share = 1.0 - math.exp(-value("servo_bandwidth") * TICK)
         self._servo_step = math.radians(value("servo_rate")) * TICK
 
-    def stall_speed(self, measured: Measured, load: float = 1.0) -> float:
-        """Return the true airspeed of the stall at a load factor, m/s."""
-        return math.sqrt(2.0 * load * measured.weight / (measured.density * self._area * self._top_lift))
+    def stall_speed(self, measured: Measured) -> float:
+        """Return the true airspeed of the stall in level flight, m/s."""
+        return math.sqrt(2.0 * measured.weight / (measured.density * self._area * self._top_lift))
 
     def fly(self, measured: Measured, along: float, left: float) -> Controls:
-        """Return the controls for the coming period from the accelerations demanded, m/s^2.
-
-        They are those along the flight path through the air and, horizontal, across it.
-        """
+        """Return the controls for the coming period from accelerations along the path through the air and across it."""
         m = measured
         speed = max(m.airspeed, 30.0)
         pressure = 0.5 * m.density * speed * speed

@@ -35,11 +35,7 @@ def _jsbsim() -> Any:
 
 
 class Fdm:
-    """A JSBSim executive with one aircraft.
-
-    Args:
-        variant: name in :data:`envs.c208.facts.VARIANTS`.
-        loading: weight and other differences from the files that ship.
+    """A JSBSim executive with one aircraft, a variant of :data:`envs.c208.facts.VARIANTS` under a loading.
 
     Raises:
         FdmError: the variant is unknown, a file is missing, or JSBSim does not load the aircraft.

@@ -36,12 +36,9 @@ LOOKAHEAD = Lookahead()
 
 
 class Path:
-    """A plan's legs as plain floats, which give the state over the ground at a time in microseconds.
+    """A plan's legs ``[L]`` as plain floats, which give the state over the ground at a time in microseconds.
 
-    Args:
-        legs: of one plan, ``[L]``.
-        wind: of the air mass that the plan was made in; the legs are carried along with it.
-        began: time at which the plan's clock was 0, s; the frames coincide at time 0.
+    The wind carries the legs along from time 0 on; the plan's clock was 0 at the time ``began``, s.
     """
 
     def __init__(self, legs: Legs, wind: Wind = NO_WIND, began: float = 0.0) -> None:
@@ -56,19 +53,16 @@ class Path:
 
     def at(self, time: float) -> VehicleState:
         """Return the state at a time; before and after the plan its first and last arc go on."""
-        return over_ground(self._within(time - self._began), self._wind, time)
-
-    def _within(self, time: float) -> VehicleState:
-        """Return the state in the plan's own frame and on its own clock."""
-        index = max(bisect.bisect_right(self._begins, time) - 1, 0)
+        clock = time - self._began
+        index = max(bisect.bisect_right(self._begins, clock) - 1, 0)
         x, y, heading, speed, acceleration, yaw_rate = self._arcs[index]
         state = VehicleState(x, y, wrap(heading, FLOATS), speed)
-        seconds = time - self._begins[index]
+        seconds = clock - self._begins[index]
         # The closed form of an arc holds for turns of less than a radian.
         pieces = max(1, math.ceil(abs(yaw_rate * seconds)))
         for _ in range(pieces):
             state = advance(state, acceleration, yaw_rate, seconds / pieces, _UNBOUNDED, FLOATS)
-        return state
+        return over_ground(state, self._wind, time)
 
 
 class Guide:

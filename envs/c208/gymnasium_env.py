@@ -28,11 +28,8 @@ class C208Env(DeconflictionEnv):
     its lags, as far as its power and its wing allow. ``info`` also holds ``altitude`` and ``airspeed``. A flight
     that the aircraft does not survive raises :class:`envs.c208.vehicle.FlightError`.
 
-    Args:
-        scenario: name or Scenario.
-        variant: name in :data:`envs.c208.facts.VARIANTS`.
-        conditions: of every flight; the seed of the turbulence is that of the encounter's number added to its own.
-        settings: the others of :class:`envs.gym.gymnasium_env.DeconflictionEnv`.
+    ``variant`` is a name in :data:`envs.c208.facts.VARIANTS`. The conditions hold for every flight, but to the seed of
+    the turbulence the encounter's number is added. The other settings are those of the surrogate's environment.
     """
 
     def __init__(

@@ -23,14 +23,9 @@ _LONGEST = 0.05  # of an integration step, s
 
 
 class PointMassVehicle:
-    """A point mass with the aircraft's drag and thrust; satisfies :class:`envs.follower.Vehicle`.
+    """A point mass with the aircraft's drag, thrust and greatest weight; satisfies :class:`envs.follower.Vehicle`.
 
-    Args:
-        state: over the ground, at the beginning.
-        variant: name in :data:`envs.c208.facts.VARIANTS`; its greatest weight.
-        wind: velocity of the air towards east and north, m/s.
-        altitude: to hold, m.
-        start_altitude: at the beginning, m; None: the one to hold.
+    It begins in a state over the ground, at ``start_altitude`` (None: the one to hold), and holds ``altitude``, m.
 
     Raises:
         ValueError: the state is not finite, or the variant unknown.

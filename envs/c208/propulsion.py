@@ -66,12 +66,9 @@ def tables(variant: Variant) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Curve:
-    """A function of one number, tabulated at 241 equal steps and constant beyond them; faster than numpy's for one.
+    """A function of one number by its values ``y`` at increasing ``x``, ``[N]``; faster than numpy's for one.
 
-    Args:
-        x: increasing, ``[N]``.
-        y: values there, ``[N]``.
-        low: where the steps begin, x[0] by default; they end at x[-1].
+    It is tabulated at 241 equal steps from ``low``, x[0] by default, to x[-1], and constant beyond them.
     """
 
     def __init__(self, x: np.ndarray, y: np.ndarray, low: float | None = None) -> None:

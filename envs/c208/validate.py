@@ -130,10 +130,9 @@ def _performance() -> Iterator[Verdict]:
 
 
 def modes(speed: float) -> dict[str, tuple[float, float]]:
-    """Return the EX's modes of level flight at a true airspeed (m/s), reference altitude.
+    """Return the EX's modes of level flight at a true airspeed (m/s), reference altitude, by their names.
 
-    Returns:
-        By name the undamped frequency, rad/s (of a real eigenvalue its size), and the damping ratio (1 or -1).
+    Each is the undamped frequency, rad/s (of a real eigenvalue its size), and the damping ratio (1 or -1).
     """
     # A throw-away executive: JSBSim's linearisation leaves the engine changed.
     fdm = Fdm()

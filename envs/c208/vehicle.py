@@ -40,14 +40,8 @@ class C208Vehicle:
     """One flight of the true aircraft; satisfies :class:`envs.follower.Vehicle`.
 
     Commands over the ground are reached with the lags of engine and roll, for which :mod:`envs.c208.guidance` looks
-    ahead. ``state`` is that over the ground now, ``measured`` what the autopilot sees.
-
-    Args:
-        state: at the beginning, over the ground; a flight of 20 s before it is not seen.
-        variant: name in :data:`envs.c208.facts.VARIANTS`.
-        conditions: loading, wind and turbulence.
-        altitude: held, m above the sea.
-        viewer: that shows the flight from its start on.
+    ahead. ``state`` is that over the ground now, ``measured`` what the autopilot sees. A flight of 20 s before the
+    first state is not seen. ``altitude`` is held, m above the sea; a viewer shows the flight from its start on.
 
     Raises:
         StartError: the aircraft cannot fly so slowly or so fast at the start.

@@ -33,11 +33,7 @@ class Setting(NamedTuple):
 
 @partial(jax.jit, static_argnums=3)
 def begin(encounter: Encounter, key: jax.Array, tick: int, setting: Setting) -> tuple[State, jax.Array]:
-    """Begin encounters ``[N]``.
-
-    Args:
-        encounter: the starts, float32.
-        tick: number of the call under this key.
+    """Begin encounters ``[N]``, float32, in the call number ``tick`` under a key.
 
     Returns:
         The state and, packed as float32 ``[N, S + 2]``: observation (S), distance to the nearest intruder and to the

@@ -22,12 +22,7 @@ from envs.world import State
 
 
 def begin(encounter: Encounter, dt: float) -> State:
-    """Return the start of one encounter without absent intruders.
-
-    Args:
-        encounter: own fields are scalars, intruder fields ``[K]``.
-        dt: time step, s.
-    """
+    """Return the start of one encounter, intruders ``[K]``, without the absent ones, for a time step of ``dt`` s."""
     present = np.flatnonzero(encounter.mask)
 
     def each(tree: Any) -> Any:
@@ -44,19 +39,12 @@ step = partial(world.step, xp=EXACT_FLOATS)
 
 
 def observe(state: State, aircraft: Aircraft, noise: np.ndarray | None = None) -> np.ndarray:
-    """Return the observation of the most critical intruder, float32 ``[8]``.
-
-    Args:
-        noise: standard normal draws ``[4, K]`` of the reports; None for perfect knowledge.
-    """
+    """Return the observation of the most critical intruder, float32 ``[8]``, by the noise ``[4, K]`` or None."""
     return np.array(world.observe(state, aircraft, _listed(noise), xp=EXACT_FLOATS), dtype=np.float32)
 
 
 def observe_set(state: State, count: int, aircraft: Aircraft, noise: np.ndarray | None = None) -> SetObservation:
-    """Return the observation of the ``count`` most critical intruders, the most critical first, numpy.
-
-    Arguments as of :func:`observe`.
-    """
+    """Return the observation of the ``count`` most critical intruders, the most critical first, numpy."""
     perceived = world.perceived(state, _listed(noise), aircraft.dt, EXACT_FLOATS)
     own, seen = VehicleState(*map(np.float64, state.own)), VehicleState(*np.array(perceived).T)
     seen, mask = observation.ranked(own, seen, np.array(state.mask), count, aircraft, np)

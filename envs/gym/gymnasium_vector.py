@@ -43,19 +43,11 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
     takes ``scenario`` as the single environment does and ``encounter``: the first number, or an Encounter with
     N rows. Noise of reports comes from the device's own generator, so it is not the single environment's.
 
-    Args:
-        num_envs: N.
-        scenario: name or Scenario.
-        aircraft: the ownship; all else is scaled by it.
-        intruders: K that an observation shows.
-        rules: of the task; None: the aircraft's.
-        render_mode: None; pictures are the single environment's.
+    ``num_envs`` is N; the other arguments are the single environment's, which also makes pictures.
 
     Raises:
         ValueError: ``num_envs`` is below 1; an EncounterError for an impossible scenario or encounter.
-        gymnasium.error.Error: UnsupportedMode for a render mode, ResetNeeded for a step before the first reset,
-            InvalidAction for actions of a wrong shape or that are not finite.
-        gymnasium.error.ClosedEnvironmentError: a reset or step after close.
+        gymnasium.error.Error: as of the single environment; ClosedEnvironmentError for a reset or step after close.
     """
 
     def __init__(
@@ -126,13 +118,9 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         return self._shaped(host[:, :size]), self._infos(self._min_separation, host[:, size + 1])
 
     def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Fly on for one time step and begin anew what has ended.
+        """Fly on for one time step under actions ``[N, 2]`` and begin anew what has ended.
 
-        Args:
-            actions: ``[N, 2]``.
-
-        Returns:
-            Observations ``[N, ...]``, rewards float64 ``[N]``, terminations and truncations bool ``[N]``, and infos.
+        Rewards are float64 ``[N]``, terminations and truncations bool ``[N]``.
         """
         self._check_open()
         if self._state is None:

@@ -8,11 +8,7 @@ from envs.gym.rendering import Drawing, Scene
 
 
 class Window:
-    """A window that shows scenes at a steady pace.
-
-    Args:
-        size: side of the picture, pixels.
-        fps: frames a second that :meth:`show` waits for; inf for as fast as possible.
+    """A window that shows scenes of ``size`` pixels a side at ``fps`` frames a second.
 
     Raises:
         gymnasium.error.UnsupportedMode: there is no display, or no interactive matplotlib backend.
