@@ -38,16 +38,7 @@ class Encounter(NamedTuple):
 MOST_INTRUDERS = 64
 """Most intruders of an encounter: far more than one ownship meets, and cheap to hold."""
 
-SCENARIOS = (
-    "circle",
-    "crossing_left",
-    "crossing_right",
-    "head_on",
-    "same_course",
-    "maneuvering",
-    "noisy",
-    "multi",
-)
+SCENARIOS = ("circle", "crossing_left", "crossing_right", "head_on", "same_course", "maneuvering", "noisy", "multi")
 """The scenarios by name."""
 
 
@@ -157,14 +148,10 @@ def _check(chosen: Scenario) -> None:
 
 
 def sample(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
-    """Turn unit-uniform draws into encounters.
+    """Turn draws ``[A, N, D]`` in [0, 1), D = ``scenario.dimensions``, into encounters ``[N]``.
 
-    Args:
-        draws: ``[A, N, D]`` in [0, 1) with D = ``scenario.dimensions``: A attempts of which each encounter takes
-            the first that meets the scenario's conditions.
-
-    Returns:
-        The encounters ``[N]`` and whether each meets the conditions (where not, its last attempt stands).
+    Each takes the first of A attempts that meets the scenario's conditions, else its last. Also returned is whether it
+    meets them.
     """
     encounter, accepted = _attempt(scenario, draws[0], xp)
     for attempt in range(1, draws.shape[0]):
@@ -195,21 +182,21 @@ def _attempt(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
     shared = [draws[:, i] for i in range(7)]
     each = [draws[:, 7 + i * most : 7 + (i + 1) * most] for i in range(7)]
 
-    radius = _between(scenario.radius, shared[0])
-    course = _between((-math.pi, math.pi), shared[1])
-    speed = _between(scenario.own_speed, shared[2])
+    radius = between(scenario.radius, shared[0])
+    course = between((-math.pi, math.pi), shared[1])
+    speed = between(scenario.own_speed, shared[2])
     sine, cosine = sincos(course, xp)
     goal_x, goal_y = radius * cosine, radius * sine
     shift = (-scenario.displacement, scenario.displacement)
-    own = VehicleState(_between(shift, shared[3]) - goal_x, _between(shift, shared[4]) - goal_y, course, speed)
+    own = VehicleState(between(shift, shared[3]) - goal_x, between(shift, shared[4]) - goal_y, course, speed)
 
-    intruder_course = wrap(course[:, None] - _between(scenario.course_difference, each[0]), xp)
-    intruder_speed = _between(scenario.intruder_speed, each[1])
+    intruder_course = wrap(course[:, None] - between(scenario.course_difference, each[0]), xp)
+    intruder_speed = between(scenario.intruder_speed, each[1])
     sine, cosine = sincos(intruder_course, xp)
     back = (radius / speed)[:, None] * intruder_speed
     intruders = VehicleState(
-        _between(shift, each[2]) - back * cosine,
-        _between(shift, each[3]) - back * sine,
+        between(shift, each[2]) - back * cosine,
+        between(shift, each[3]) - back * sine,
         intruder_course,
         intruder_speed,
     )
@@ -219,7 +206,7 @@ def _attempt(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
 
     seen_by = VehicleState(*(field[:, None] for field in own))
     cpa = straight_cpa(seen_by, intruders, xp)
-    turn_rate = _between((-scenario.turn_rate, scenario.turn_rate), each[4])
+    turn_rate = between((-scenario.turn_rate, scenario.turn_rate), each[4])
     intent = Intent(
         onset=1.2 * cpa.time * each[5],
         heading_change=xp.copysign((scenario.heading_change if scenario.turn_rate else 0.0) * each[6], turn_rate),
@@ -231,7 +218,7 @@ def _attempt(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
     sensor = Sensor(
         scenario.position_std * ones,
         scenario.velocity_std * ones,
-        _between(scenario.latency, shared[6])[:, None],
+        between(scenario.latency, shared[6])[:, None],
     )
     apart = distance(intruders.x - seen_by.x, intruders.y - seen_by.y, xp)
     meets = xp.logical_and(apart >= scenario.min_initial_separation, cpa.distance < scenario.conflicts_closer_than)
@@ -239,6 +226,7 @@ def _attempt(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
     return Encounter(own, goal_x, goal_y, intruders, mask, intent, sensor), accepted
 
 
-def _between(bounds: tuple[float, float], draw: Any) -> Any:
+def between(bounds: tuple[float, float], draw: Any) -> Any:
+    """Return what unit-uniform draws are in a range."""
     low, high = bounds
     return low + (high - low) * draw

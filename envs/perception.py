@@ -41,7 +41,6 @@ def perceive(
             has not lasted so long, the present state carried back along its course (:func:`carried_back`).
         sensor: its latency must not exceed ``2 dt``.
         noise: standard normal draws, four components ``[...]`` each (x, y, vx, vy).
-        dt: duration of a step, s.
     """
     steps = sensor.latency * (1.0 / dt)
     recent = xp.clip(steps, 0.0, 1.0)

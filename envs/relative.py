@@ -40,11 +40,7 @@ def leg_separation(
     relative acceleration. Its minimum is found on the chord and improved by one Newton step, then compared with
     both ends. Against a 1 ms simulation of turning aircraft the result is good to 0.05 m at 1 s from 100 m apart on
     (0.2 m from 10 m on, 2 m below).
-
-    Args:
-        own, own_next: ownship before and after the step, ``[...]``.
-        other, other_next: the other aircraft before and after it, ``[...]``.
-        dt: duration of the step, s.
+    The step of ``dt`` s leads each aircraft ``[...]`` to its next state.
     """
     x0, y0 = other.x - own.x, other.y - own.y
     chord_x, chord_y = other_next.x - own_next.x - x0, other_next.y - own_next.y - y0

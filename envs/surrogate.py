@@ -33,13 +33,9 @@ def restart(state: State, fresh: State) -> State:
 
 
 def redraw_pool(key: jax.Array, scenarios: list[Scenario], weights: list[float], rows: int, count: int) -> Encounter:
-    """Sample a pool of starts from a mixture of scenarios, ``[rows, count]``.
+    """Sample a pool of starts, ``[rows, count]``, from a mixture of scenarios by their probabilities.
 
-    Args:
-        scenarios: the mixture's components; those with fewer intruders get absent ones.
-        weights: their probabilities, summing to 1.
-        rows: rows of the pool, one used per step.
-        count: encounters a row.
+    Scenarios with fewer intruders than others get absent ones. A row is used per step.
     """
     total = rows * count
     most = max(scenario.intruders[1] for scenario in scenarios)

@@ -92,13 +92,7 @@ def legs(knots: Knots) -> Legs:
 
     The controls follow from Gauss-Newton steps on the end position, whose minimum-norm solution is known in closed
     form; heading and speed at the end are met exactly. Each leg is solved by itself: results do not depend on
-    what else is in the arrays.
-
-    Args:
-        knots: ``[..., W]``, float64, finite, times increasing.
-
-    Returns:
-        Legs ``[..., W - 1]``.
+    what else is in the arrays. Knots ``[..., W]``, float64, finite, times increasing, give legs ``[..., W - 1]``.
     """
     shape = np.shape(knots.time)
     start = [np.asarray(field)[..., :-1].reshape(-1) for field in knots]

@@ -74,11 +74,7 @@ class FlightGear(NamedTuple):
 
 
 def flightgear_at(address: str, *, paced: bool) -> FlightGear:
-    """Return the FlightGear at ``HOST:PORT``.
-
-    Raises:
-        ConfigError: that is no address, or its host cannot be resolved.
-    """
+    """Return the FlightGear at ``HOST:PORT``; a ConfigError where that is no address or cannot be resolved."""
     host, _, port = address.rpartition(":")
     wanted = "expected HOST:PORT with a port of 1 to 65534, such as localhost:5550"
     if not host or not port.isdecimal() or not 0 < int(port) < 65535:

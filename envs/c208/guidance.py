@@ -100,11 +100,7 @@ class Guide:
 def follow(
     vehicle: Vehicle, path: Path, until: float, gains: Lookahead = LOOKAHEAD
 ) -> tuple[list[VehicleState], list[float]]:
-    """Fly a plan from its beginning and return the state and the lateness (s) after every period.
-
-    Raises:
-        FlightError: of the vehicle.
-    """
+    """Fly a plan from its beginning and return the state and the lateness (s) after every period."""
     guide, states, late = Guide(path, gains), [], []
     for number in range(round(until / PERIOD)):
         acceleration, turn = guide.commands(vehicle.state, number * PERIOD)

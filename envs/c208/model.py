@@ -43,11 +43,7 @@ def stall_angle(slope_factor: float = 1.0) -> float:
 
 
 def aircraft(variant: Variant, loading: Loading = NOMINAL) -> str:
-    """Return the text of a JSBSim aircraft.
-
-    Raises:
-        ValueError: the loading is outside what the model stands for.
-    """
+    """Return the text of a JSBSim aircraft; a ValueError for a loading outside what the model stands for."""
     checked(loading)
     weight = loading.weight or variant.takeoff_weight
     chord, leading_edge = value("mean_chord"), value("mean_chord_leading_edge")

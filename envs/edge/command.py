@@ -80,10 +80,7 @@ def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
 
     Bad input (:class:`InputError`) ends with one line on stderr and status 2; a missing extra, a full disk and what
     no machine holds with one line and status 1; Ctrl-C with 130. Everything else is a defect and keeps its traceback.
-
-    Args:
-        main: returns the exit status, None counts as 0; or its name, ``package.module:function``, which is imported
-            under the guard.
+    ``main`` returns the status (None: 0) or is a name, ``package.module:function``, to be imported under the guard.
     """
     try:
         status = _run(main)

@@ -51,35 +51,21 @@ def written(target: str | os.PathLike[str]) -> Generator[Path, None, None]:
 
 
 def write_file(target: str | os.PathLike[str], content: str | bytes) -> None:
-    """Write a text, in UTF-8 and with line feeds alone, or bytes as :func:`written` does.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write a text, in UTF-8 and with line feeds alone, or bytes; atomic and with the errors of :func:`written`."""
     with written(target) as path:
         path.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def check_regular(path: str | os.PathLike[str]) -> None:
-    """Refuse what is not a regular file: a named pipe, a device, a folder.
-
-    Raises:
-        OSError: there is no such file, or it is not a regular one.
-    """
+    """Raise an OSError where there is no such file or it is no regular one: a named pipe, a device, a folder."""
     if not stat.S_ISREG(Path(path).stat().st_mode):
         raise OSError(errno.EINVAL, "not a regular file", os.fspath(path))
 
 
 def check_space(folder: Path, needed: int, what: str) -> None:
-    """Refuse an output folder on a disk with too little room, before anything is computed.
+    """Raise a ConfigError where the disk of an output folder, new or not, has less room than needed, bytes.
 
-    Args:
-        folder: that exists already or not.
-        needed: bytes, generously.
-        what: they are for, such as ``10000 rows``.
-
-    Raises:
-        ConfigError: there are fewer.
+    ``what`` says what the room is for, such as ``10000 rows``.
     """
     there = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
     disk = shutil.disk_usage(there)

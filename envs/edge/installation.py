@@ -31,12 +31,7 @@ _OF_PACKAGE = {"rlcas_jax": "train", "ros_bridge": "ros"}
 
 
 def extra_of(module: str | None, command: str) -> str | None:
-    """Return the extra that installs a module, None where none does.
-
-    Args:
-        module: that is missing.
-        command: dotted name of the command that needs it, for modules that several extras install.
-    """
+    """Return the extra that installs a module, None where none does; by the command where several extras do."""
     top = (module or "").partition(".")[0]
     found = next((extra for extra, modules in EXTRAS.items() if top in modules), None)
     return _OF_PACKAGE.get(command.partition(".")[0], found) if found == "report" else found

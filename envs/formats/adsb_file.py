@@ -34,11 +34,7 @@ _GROUND = frozenset(("onground", "on_ground", "onGround"))
 
 
 def is_adsb(path: str | os.PathLike[str]) -> bool:
-    """Return whether a JSON file begins like one of reports: an ``icao24`` stands in its first 4096 characters.
-
-    Raises:
-        TrackError: it cannot be read.
-    """
+    """Return whether an ``icao24`` is in a JSON file's first 4096 characters; a TrackError if it cannot be read."""
     return '"icao24"' in text_of(os.fspath(path))[:4096]
 
 

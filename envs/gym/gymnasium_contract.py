@@ -26,11 +26,7 @@ def has_display() -> bool:
 
 
 def observation_space(intruders: int) -> spaces.Space[Any]:
-    """Return the space of an observation that shows so many intruders: float32 ``[8]`` for one, else a ``Dict``.
-
-    Raises:
-        EncounterError: the number is out of range.
-    """
+    """Return the space of an observation: float32 ``[8]`` for one intruder, a ``Dict`` for more (at most 64)."""
     if isinstance(intruders, bool) or not isinstance(intruders, int) or not 1 <= intruders <= MOST_INTRUDERS:
         raise EncounterError(f"intruders is {intruders!r}; expected a whole number from 1 to {MOST_INTRUDERS}")
     if intruders == 1:
@@ -57,11 +53,7 @@ def action_space() -> spaces.Box:
 
 
 def family(wanted: str | Scenario, aircraft: Aircraft) -> Scenario:
-    """Return the scenario meant by a name or given as such.
-
-    Raises:
-        EncounterError: there is none of that name, or it is another aircraft's.
-    """
+    """Return the scenario meant; an EncounterError where there is none of that name or it is another aircraft's."""
     if isinstance(wanted, str):
         return scenario(wanted, aircraft)
     if not isinstance(wanted, Scenario):
@@ -72,11 +64,7 @@ def family(wanted: str | Scenario, aircraft: Aircraft) -> Scenario:
 
 
 def checked_world(aircraft: Aircraft, rules: Rules | None) -> World:
-    """Return the world of an aircraft, by its own rules or others with its time step.
-
-    Raises:
-        EncounterError: the rules have another time step.
-    """
+    """Return the world of an aircraft, by its own rules or others; an EncounterError for another time step."""
     chosen = aircraft.rules() if rules is None else rules
     if chosen.dt != aircraft.dt:
         raise EncounterError(f"rules.dt is {chosen.dt:g} s; expected {aircraft.dt:g} s, the aircraft's time step")
@@ -84,11 +72,7 @@ def checked_world(aircraft: Aircraft, rules: Rules | None) -> World:
 
 
 def checked_options(options: dict[str, Any] | None) -> dict[str, Any]:
-    """Return the options of a reset with an encounter's number as int.
-
-    Raises:
-        EncounterError: an option is unknown or of a wrong type.
-    """
+    """Return the options of a reset, or raise an EncounterError for one that is unknown or of a wrong type."""
     chosen = dict(options or {})
     for key in chosen:
         if key not in _OPTIONS:
@@ -104,11 +88,7 @@ def checked_options(options: dict[str, Any] | None) -> dict[str, Any]:
 
 
 def checked_actions(action: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Return actions as float32 of a shape.
-
-    Raises:
-        gymnasium.error.InvalidAction: the shape is another one, or a value is not a finite number.
-    """
+    """Return actions as float32, or raise an InvalidAction for another shape or what is not finite."""
     try:
         numbers = np.asarray(action, dtype=np.float32)
     except (TypeError, ValueError):

@@ -70,11 +70,7 @@ class EncounterModel(NamedTuple):
     rates: np.ndarray  # chance a second that a value is drawn anew inside its bin, of each initial variable
 
     def place(self, name: str) -> int:
-        """Return the place of an initial variable.
-
-        Raises:
-            ValueError: there is none of this name.
-        """
+        """Return the place of an initial variable; a ValueError where there is none of this name."""
         return [variable.name for variable in self.initial].index(name)
 
 

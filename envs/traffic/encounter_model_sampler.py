@@ -76,13 +76,10 @@ def sample_model(model: EncounterModel, draws: np.ndarray, seconds: int) -> Samp
 
 
 def flown(model: EncounterModel, sampled: Sampled, speed_max: float) -> VehicleState:
-    """Fly what was drawn, from the origin and eastward.
+    """Fly what was drawn, from the origin and eastward; fields ``[M, T + 1]``.
 
     Each second's acceleration and turn rate are flown exactly. A first speed beyond the limits stays until it is
     commanded inwards.
-
-    Returns:
-        Fields ``[M, T + 1]``.
     """
     edges = model.boundaries[model.place(SPEED)]
     assert edges is not None  # the reader refuses it

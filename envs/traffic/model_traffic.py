@@ -25,7 +25,7 @@ import numpy as np
 from envs import draws as numbers
 from envs.aircraft import Aircraft
 from envs.angles import wrap
-from envs.encounters import Encounter, EncounterError
+from envs.encounters import Encounter, EncounterError, between
 from envs.intruder import Recording
 from envs.kinematics import FASTEST, VehicleState, advance
 from envs.relative import distance, leg_separation
@@ -101,10 +101,10 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
     most = traffic.aircraft.traffic_speed_max
     sampled = sample_model(traffic.model, uniform[:, _OWN_DRAWS:], traffic.duration)
     track = flown(traffic.model, sampled, most)
-    speed = _between(traffic.own_speed, uniform[:, 0])
+    speed = between(traffic.own_speed, uniform[:, 0])
     course, turned = (wrap(2.0 * np.pi * uniform[:, i], np) for i in (1, 2))
-    time = _between(traffic.cpa_time, uniform[:, 3])
-    miss = _between((-traffic.miss, traffic.miss), uniform[:, 4])
+    time = between(traffic.cpa_time, uniform[:, 3])
+    miss = between((-traffic.miss, traffic.miss), uniform[:, 4])
 
     second = np.minimum(time.astype(int), traffic.duration - 1)
     # What the speed did, not what was drawn: it may have been held at a limit.
@@ -161,8 +161,3 @@ def _at_steps(recording: VehicleState, dt: float) -> VehicleState:
 
 def _rotated(x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle)
-
-
-def _between(bounds: tuple[float, float], draw: np.ndarray) -> np.ndarray:
-    low, high = bounds
-    return low + (high - low) * draw

@@ -42,12 +42,9 @@ def replay(
 ) -> Replay:
     """Return recorded encounters as the evaluation flies them.
 
-    Args:
-        encounters: name, the ownship's track and those of its intruders, each at least a second long.
-        aircraft: the ownship; encounters outside its speeds or its traffic's are left out, with the reason.
-        ahead: the goal lies so many seconds ahead on the ownship's first course, at its first speed.
-        weights: of the encounters by name; None: 1 each.
-        repairs: what was done to the tracks.
+    Each is a name, the ownship's track and those of its intruders, at least a second long; the goal lies ``ahead``
+    seconds ahead on the ownship's first course. Those outside the speeds of the aircraft or its traffic are left out,
+    with the reason. Weights are by name; None: 1 each.
 
     Raises:
         TrackError: none of the encounters can be flown.

@@ -15,11 +15,7 @@ _MOST_PARTS = 10_000_000  # lists and objects in a JSON file
 
 
 def text_of(source: str, error: type[Exception] = TrackError) -> str:
-    """Return the text of a file in UTF-8, with or without a byte order mark, plain or gzipped.
-
-    Args:
-        error: what is raised where it cannot be read.
-    """
+    """Return the text of a file in UTF-8, with or without a byte order mark, plain or gzipped, or raise the error."""
     try:
         check_regular(source)
         with Path(source).open("rb") as file:

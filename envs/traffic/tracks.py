@@ -53,24 +53,13 @@ def summed(repairs: Sequence[Repairs]) -> Repairs:
 
 
 def at_times(track: Track, times: np.ndarray) -> Track:
-    """Return a track at other times ``[T']`` by straight lines between its rows.
-
-    Raises:
-        TrackError: a time lies outside the track.
-    """
+    """Return a track at other times ``[T']`` by straight lines between its rows; a TrackError for times outside."""
     times = np.asarray(times, np.float64)
     if not (np.isfinite(times).all() and times.min() >= track.time[0] and times.max() <= track.time[-1]):
         covered = f"covers {track.time[0]:g} to {track.time[-1]:g} s"
         raise TrackError(f"track {track.name!r} {covered}, expected {times.min():g} to {times.max():g} s")
-    fields = {
-        name: np.interp(times, track.time, getattr(track, name)) for name in Track._fields if name not in _NOT_BY_LINES
-    }
-    extra = {name: np.interp(times, track.time, _unwrapped(name, values)) for name, values in track.extra.items()}
-    return Track(name=track.name, time=times, extra=extra, **fields)
-
-
-_NOT_BY_LINES = ("name", "time", "extra")
-
-
-def _unwrapped(name: str, values: np.ndarray) -> np.ndarray:
-    return np.unwrap(values) if name == "heading" else values
+    extra = {name: np.unwrap(values) if name == "heading" else values for name, values in track.extra.items()}
+    x, y, altitude, vx, vy, rate, *others = (
+        np.interp(times, track.time, values) for values in (*track[2:8], *extra.values())
+    )
+    return Track(track.name, times, x, y, altitude, vx, vy, rate, dict(zip(extra, others, strict=True)))
