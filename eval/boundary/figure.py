@@ -11,7 +11,7 @@ from matplotlib.patches import Circle
 from agents.resolvability.classify import Verdict
 from envs.aircraft import Aircraft
 from eval.boundary.slices import Answers
-from eval.plots.style import BLUE, ORANGE, VERMILION, arrow, legend, sample
+from eval.plots.style import BLUE, GREY, ORANGE, VERMILION, arrow, legend, sample
 
 _KM = 1e-3
 _LEVELS = (0.4, 0.6, 0.8, 1.0, 1.2)  # separations
@@ -52,7 +52,7 @@ def _map(axes: Any, answers: Answers, figures: Mapping[str, Any], aircraft: Airc
     value, levels = answers.map_value[:, ::-1], [part * separation for part in _LEVELS]
     axes.contourf(across, up, value, levels=[0.0, *levels, 1e9], colors=_SHADES)
     others = [level for level in levels if level != separation]
-    thin = axes.contour(across, up, value, levels=others, colors="#8C8C8C", linewidths=0.6)
+    thin = axes.contour(across, up, value, levels=others, colors=GREY, linewidths=0.6)
     axes.clabel(thin, fmt="%.0f m", fontsize=7)
     for verdict, (_, style) in _STYLES.items():
         # The finer points would hide the boundary; only what is undecided is worth it.
@@ -73,11 +73,8 @@ def _map(axes: Any, answers: Answers, figures: Mapping[str, Any], aircraft: Airc
         behind = (-15.0 * math.cos(direction), -13.0 * math.sin(direction))
         aside: Any = {"xytext": behind, "ha": "right" if behind[0] < -5.0 else "center", "va": "center"}
         arrow(axes, place, direction, 0.6 * _KM * aircraft.time_unit * speed, name, **aside)
-    axes.set_aspect("equal")
-    axes.set_xlim(across[0], across[-1])
-    axes.set_ylim(up[0], up[-1])
-    axes.set_xlabel("to the right of the ownship, km")
-    axes.set_ylabel("ahead of the ownship, km")
+    axes.set(aspect="equal", xlim=across[[0, -1]], ylim=up[[0, -1]])
+    axes.set(xlabel="to the right of the ownship, km", ylabel="ahead of the ownship, km")
     axes.set_title(
         f"{cut.name}: own {cut.own_speed:g}, intruder {cut.intruder_speed:g} m/s, "
         f"{figures['course_difference_deg']:+.0f}°\n{figures['points']} points, "

@@ -53,7 +53,7 @@ class Solution(NamedTuple):
 def make_grid(limits: Limits, intruder_speed: float, separation: float, dt: float, cell: float) -> Grid:
     """Return a grid that contains all states from which the separation (m) from an intruder (m/s) cannot be kept.
 
-    Its time step, s, is a whole part of a half turn, else ``ValueError``; its nodes are a cell, m, apart.
+    A time step ``dt``, s, that is no whole part of a half turn raises ``ValueError``; nodes are a ``cell``, m, apart.
     """
     half_turn = math.pi / (limits.yaw_rate_max * dt)
     if abs(half_turn - round(half_turn)) > 1e-6:
@@ -61,8 +61,7 @@ def make_grid(limits: Limits, intruder_speed: float, separation: float, dt: floa
     fast, slow = (_time_aside(speed, limits.yaw_rate_max, separation) for speed in (limits.speed_max, limits.speed_min))
     clear = 1.1 * separation + max(limits.speed_max * fast, limits.speed_min * slow)
     ahead = clear + intruder_speed * slow
-    x = cell * np.arange(-math.ceil(clear / cell), math.ceil(ahead / cell) + 1)
-    y = cell * np.arange(-math.ceil(clear / cell), math.ceil(clear / cell) + 1)
+    x, y = (cell * np.arange(-math.ceil(clear / cell), math.ceil(end / cell) + 1) for end in (ahead, clear))
     heading = np.linspace(0.0, math.pi, round(half_turn) + 1)
     span = limits.speed_max - limits.speed_min
     speeds = max(round(span / (limits.acceleration_max * dt)), 1) + 1 if span else 1
@@ -89,8 +88,7 @@ def solve(grid: Grid, limits: Limits, intruder_speed: float, separation: float) 
         # In place: the iteration falls towards the same value from above, whatever the order.
         for index in np.ndindex(shape[:2]):
             old, new = value[index][inner, inner], _backup(value, index, steps, cell, margin)
-            fallen = np.max(old - new, where=new < 1.1 * separation, initial=0.0)
-            change = max(change, float(fallen))
+            change = float(np.max(old - new, where=new < 1.1 * separation, initial=change))
             old[:] = new
     return Solution(grid, value[..., inner, inner], limits, intruder_speed, separation, sweeps, change)
 
@@ -104,10 +102,8 @@ def value_at(solution: Solution, x: Any, y: Any, heading: float, speed: float) -
     """
     grid, limits = solution.grid, solution.limits
     own = VehicleState(np.asarray(x, float), np.asarray(y, float), heading, speed)
-    zero = 0.0 * (own.x + own.y)
-    there = VehicleState(zero, zero, zero, zero + solution.intruder_speed)
-    gone = there._replace(x=zero + solution.intruder_speed * grid.dt)
-    best = zero
+    best = 0.0 * (own.x + own.y)
+    there, gone = _intruder(best, solution.intruder_speed, grid.dt)
     for turn, thrust in _CONTROLS:
         acceleration = (limits.acceleration_min, limits.acceleration_max)[thrust]
         after = advance(own, acceleration, turn * limits.yaw_rate_max, grid.dt, limits, np)
@@ -145,15 +141,18 @@ def _step(grid: Grid, limits: Limits, intruder_speed: float, separation: float, 
     inside = [np.flatnonzero(np.abs(axis) <= CAP * separation) for axis in (grid.x, grid.y)]
     x, y = grid.x[inside[0], None], grid.y[None, inside[1]]
     near = np.empty((*speed.shape, x.size, y.size), np.float32)
-    zero = 0.0 * (x + y)
-    there = VehicleState(zero, zero, zero, zero + intruder_speed)
-    gone = there._replace(x=zero + intruder_speed * grid.dt)
+    there, gone = _intruder(0.0 * (x + y), intruder_speed, grid.dt)
     for index in np.ndindex(speed.shape):
         begun = VehicleState(x, y, heading[index], speed[index])
         ended = VehicleState(x + moved.x[index], y + moved.y[index], moved.heading[index], moved.speed[index])
         near[index] = leg_separation(begun, ended, there, gone, grid.dt, np)
     box = (slice(inside[0][0], inside[0][-1] + 1), slice(inside[1][0], inside[1][-1] + 1))
     return _Step(turn, shift, low, part, near, box)
+
+
+def _intruder(zero: Any, speed: float, dt: float) -> tuple[VehicleState, VehicleState]:
+    there = VehicleState(zero, zero, zero, zero + speed)
+    return there, there._replace(x=zero + speed * dt)
 
 
 def _backup(value: Any, index: tuple[int, ...], steps: list[_Step], cell: float, margin: int) -> Any:

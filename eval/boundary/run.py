@@ -5,6 +5,7 @@ import math
 import sys
 import time
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,8 @@ GRIDS = {
     "coarse": ((12, 0.12), (12, 0.06)),
     "default": ((12, 0.06), (24, 0.03)),
     "fine": ((12, 0.04), (24, 0.02)),
-}
-"""Time steps of a half turn, and cell (separations), of the two grids whose difference gives the error, the finer one
-last."""
-
-_SLICES = (
+}  # time steps of a half turn, and cell (separations), of two grids, the finer one last: the difference is the error
+_SLICES = (  # name, own and intruder's speed (0: the ownship's least, 1: its greatest), difference of the courses, deg
     ("head-on", 0.5, 0.5, 180.0),
     ("crossing from the left", 0.5, 0.5, 90.0),
     ("shallow crossing", 0.5, 0.5, 30.0),
@@ -32,25 +30,21 @@ _SLICES = (
     ("slow against fast", 0.0, 1.0, 135.0),
     ("overtaking", 1.0, 0.0, 0.0),
 )
-"""Name, own and intruder's speed (0: the ownship's least, 1: its greatest), and difference of the courses, degrees."""
 
 _DESCRIPTION = """\
 Ask twice from where one straight intruder can still be avoided, and draw both answers: by dynamic programming on a
 grid (Hamilton-Jacobi reachability), and by agents.resolvability, whose proofs and witnesses know of no grid.
 
-A slice fixes both speeds and the difference of the courses; the intruder's place at the start varies. Without --slice
-six slices are asked. The goal lies 12 separations straight ahead.
-
-Written to --out: boundary.json and the figure boundary.png and .svg. Disagreements are points that one side says can
-be avoided and the other cannot, by more than the grid's error: there must be none."""
+A slice fixes both speeds and the difference of the courses; without --slice six are asked. Written to --out:
+boundary.json, boundary.png and .svg. Disagreements are points that one side says can be avoided and the other cannot,
+by more than the grid's error: there must be none."""
 
 _EPILOG = """\
 examples:
   python -m eval.boundary --out runs/boundary
   python -m eval.boundary --slice 60 90 120 --slice 60 90 -45 --spacing 100 --out runs/mine
 
-The grid's headings are 7.5 degrees apart, its speeds 1.25 m/s for the paper's aircraft; at nodes that both grids share
-(15 degrees, 2.5 m/s) nothing is lost by interpolation, elsewhere the stated error is larger."""
+At nodes that both grids share (15 degrees and, for the paper's aircraft, 2.5 m/s) the stated error is smallest."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -64,18 +58,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise ConfigError(f"--spacing: {spacing:g} m; expected {0.02 * separation:g} to {0.5 * separation:g} m")
     picture_folder.create(options.out)
     begun = time.perf_counter()
-    grids = [
-        (round(math.pi / aircraft.limits.yaw_rate_max / steps, 9), cell * separation)
-        for steps, cell in GRIDS[options.grid]
-    ]
+    half_turn = math.pi / aircraft.limits.yaw_rate_max
+    grids = tuple((round(half_turn / steps, 9), cell * separation) for steps, cell in GRIDS[options.grid])
     found: dict[int, tuple[Answers, dict[str, Any]]] = {}
-    solutions: dict[float, list[Solution]] = {}
+    solved = lru_cache(1)(_solved)  # one at a time bounds the memory
     for number, cut in sorted(enumerate(cuts), key=lambda one: one[1].intruder_speed):
-        if cut.intruder_speed not in solutions:
-            solutions.clear()  # one at a time bounds the memory
-            print(f"solving the grids for an intruder at {cut.intruder_speed:g} m/s", file=sys.stderr)
-            solutions[cut.intruder_speed] = [_solution(cut.intruder_speed, *grid, aircraft) for grid in grids]
-        coarse, fine = solutions[cut.intruder_speed]
+        coarse, fine = solved(cut.intruder_speed, grids, aircraft)
         print(f"judging {cut.name}", file=sys.stderr)
         answers = judge(cut, fine, coarse, spacing, aircraft)
         grid = {"grid_nodes": fine.value.size, "grid_sweeps": fine.sweeps, "last_change_m": fine.change}
@@ -94,12 +82,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     }
     picture_folder.write(options.out, "boundary", result, boundary_figure(asked, aircraft), 110)
     for _, figures in asked:
-        print(
-            f"{figures['name']}: {figures['points']} points, {figures['resolvable']} resolvable, "
-            f"{figures['unresolvable']} unresolvable, {figures['undecided']} undecided; "
-            f"{sum(figures['disagreements'].values())} disagreements beyond the grid's error of "
-            f"{figures['grid_error_m']:.2f} m"
-        )
+        counts = ", ".join(f"{figures[name]} {name}" for name in ("points", "resolvable", "unresolvable", "undecided"))
+        beyond = f"disagreements beyond the grid's error of {figures['grid_error_m']:.2f} m"
+        print(f"{figures['name']}: {counts}; {sum(figures['disagreements'].values())} {beyond}")
     print(f"{disagreements} disagreements; written to {options.out}")
     return 1 if disagreements else 0
 
@@ -107,21 +92,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.boundary", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
+    cut: Any = {"action": "append", "nargs": 3, "type": float, "metavar": ("OWN", "INTRUDER", "COURSE"), "default": []}
     add(
-        "--slice",
-        action="append",
-        nargs=3,
-        type=float,
-        default=[],
-        metavar=("OWN", "INTRUDER", "COURSE"),
-        help="own speed, intruder's speed (m/s) and its course less the own one (degrees clockwise); may be repeated",
+        "--slice", help="speeds, m/s, and the intruder's course less the own one, deg clockwise; may be repeated", **cut
     )
-    add(
-        "--aircraft",
-        type=Path,
-        metavar="FILE",
-        help="YAML file of the ownship, or a name: uas (default: the paper's aircraft)",
-    )
+    add("--aircraft", type=Path, metavar="FILE", help="YAML file of the ownship, or a name (default: paper)")
     add("--spacing", type=float, metavar="M", help="of the raster of starts, m (default: 0.15 separations)")
     add("--grid", choices=tuple(GRIDS), default="default", help="resolution; fine takes 3 times as long")
     add("--out", type=Path, required=True, metavar="DIR", help="folder for what is written, new or empty")
@@ -148,14 +123,14 @@ def _slices(wanted: Sequence[Sequence[float]], aircraft: Aircraft) -> list[Slice
             ("course difference", course, -180.0, 180.0, "degrees"),
         ):
             if not low <= value <= high:
-                raise ConfigError(
-                    f"--slice: the {what} of {name} is {value:g} {unit}; expected {low:g} to {high:g} {unit}"
-                )
+                said = f"{value:g} {unit}; expected {low:g} to {high:g} {unit}"
+                raise ConfigError(f"--slice: the {what} of {name} is {said}")
     return [Slice(name, own, intruder, math.radians(course)) for name, own, intruder, course in named]
 
 
-def _solution(intruder_speed: float, dt: float, cell: float, aircraft: Aircraft) -> Solution:
+def _solved(intruder_speed: float, grids: tuple[tuple[float, float], ...], aircraft: Aircraft) -> list[Solution]:
+    print(f"solving the grids for an intruder at {intruder_speed:g} m/s", file=sys.stderr)
     asked = aircraft.limits, intruder_speed, aircraft.separation
-    found = solve(make_grid(*asked, dt, cell), *asked)
-    assert edge_value(found) > aircraft.separation, "a lost state touches the edge of the grid"
+    found = [solve(make_grid(*asked, *grid), *asked) for grid in grids]
+    assert min(map(edge_value, found)) > aircraft.separation, "a lost state touches the edge of the grid"
     return found

@@ -1,7 +1,6 @@
 """Slices of the state space: the boundary of what can be avoided, by two methods, and their comparison.
 
-A slice fixes both speeds and the courses; what varies is where the intruder starts. The frame is the ownship's at the
-start, x ahead and y to the left.
+The frame is the ownship's at the start, x ahead and y to the left.
 """
 
 import math
@@ -23,7 +22,6 @@ _GOAL_AHEAD = 12.0  # the goal straight ahead: far beyond the conflict, near eno
 _NEAR = 0.1  # values within this of the separation are near the boundary: there the errors are measured
 _CLOSE = 0.02  # values within this of it are asked for on the finer raster
 _MAP = 0.025  # distance of the points of the map
-
 _FINER = 5  # how many times finer that raster is
 _TURN = math.radians(1.5)  # in a time step at full rate
 _COURSES = np.radians(np.arange(-220.0, 220.1, 2.0))
@@ -33,7 +31,7 @@ _FLOWN = 400  # points near the boundary at which extremal flights are flown, in
 
 
 class Slice(NamedTuple):
-    """Both aircraft's velocities."""
+    """Both aircraft's velocities; what varies is where the intruder starts."""
 
     name: str
     own_speed: float  # m/s
@@ -106,9 +104,7 @@ def judge(cut: Slice, fine: Solution, coarse: Solution, spacing: float, aircraft
 
 
 def compare(answers: Answers, separation: float, spacing: float) -> dict[str, Any]:
-    """Return the figures of a slice, m and km^2; ``disagreements`` are to be 0.
-
-    An excess is the value less the separation: what the grid says can be kept beyond what is required.
+    """Return the figures of a slice, m and km^2; ``disagreements`` are to be 0, an excess is value less separation.
 
     The grid's error is the most that halving it changes near the boundary, or by which the value differs there from
     the best flight that was flown, if that is more: either alone can be small by chance.
@@ -118,8 +114,8 @@ def compare(answers: Answers, separation: float, spacing: float) -> dict[str, An
     halving = float(np.max(np.abs(answers.rough - answers.value), where=near, initial=0.0))
     off = (answers.value - answers.flown)[np.isfinite(answers.flown)]
     error = max(halving, float(np.max(np.abs(off), initial=0.0)))
-    won, lost = answers.verdict == Verdict.RESOLVABLE, answers.verdict == Verdict.UNRESOLVABLE
-    undecided = answers.verdict == Verdict.UNDECIDED
+    verdicts = Verdict.RESOLVABLE, Verdict.UNRESOLVABLE, Verdict.UNDECIDED
+    won, lost, undecided = (answers.verdict == verdict for verdict in verdicts)
     cell, map_cell = (spacing / 1_000.0) ** 2, (float(answers.map_x[1] - answers.map_x[0]) / 1_000.0) ** 2
     return {
         "name": answers.slice.name,
@@ -183,8 +179,7 @@ def best_separation(
     own_x, own_y = _fan(own_speed, limits, step, math.ceil(horizon / step))
     time = step * np.arange(own_x.shape[1])
     vx, vy = intruder_speed * math.cos(intruder_heading), intruder_speed * math.sin(intruder_heading)
-    left = (own_x - vx * time).astype(np.float32)
-    over = (own_y - vy * time).astype(np.float32)
+    left, over = ((own - v * time).astype(np.float32) for own, v in ((own_x, vx), (own_y, vy)))
     chord_x, chord_y = np.diff(left), np.diff(over)
     length = np.maximum(chord_x * chord_x + chord_y * chord_y, np.float32(1e-6))
     best = np.empty(np.shape(x))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import reduce
+from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,12 +39,15 @@ class Plans(NamedTuple):
     mode: str  # plan or assured
 
 
+Decider = Baseline | Plans | WitnessSearch
+
+
 class Entry(NamedTuple):
     """A participant of the comparison."""
 
     name: str
     kind: str  # policy, baseline, nnet or witness
-    decider: Baseline | Plans | WitnessSearch
+    decider: Decider
     sha256: str | None = None  # of a policy file
 
 
@@ -55,9 +59,9 @@ class Comparison(NamedTuple):
 
 
 def policy_entries(path: Path | None, name: str, aircraft: Aircraft, modes: Sequence[str] = ()) -> tuple[Entry, ...]:
-    """Return the entries of a policy file: as it is, and in the modes plan and assured, where they are named.
+    """Return the entries of a policy file (None: the one that ships): as it is, and in the modes that are named.
 
-    A ``.nnet`` file is a logic of which no plans are made. Without a path it is the policy that ships.
+    A ``.nnet`` file is a logic of which no plans are made.
     """
     if path is not None and path.suffix == ".nnet":
         return (Entry(name, "nnet", load_logic(path, aircraft)),)
@@ -102,31 +106,25 @@ def aircraft_of_all(policies: Sequence[Path], digests: Sequence[str]) -> Aircraf
 
     The digests, SHA-256, are those of each policy but the ``.nnet`` files, or none.
     """
-    files = [path for path in policies if path.suffix != ".nnet"] or ([] if policies else [None])
+    files = [path for path in policies or [None] if path is None or path.suffix != ".nnet"]
     if digests and len(digests) != len(files):
-        raise ConfigError(
-            f"--policy-sha256: given {len(digests)} times; expected once for each of {len(files)} policies"
-        )
-    loaded = {path: Policy.load(path) for path in files}
-    for path, digest in zip(files, digests, strict=False):
-        check_digest(path, loaded[path].sha256, digest, "--policy-sha256")
-    if not loaded:
-        return PAPER
-    first = loaded[files[0]].aircraft
-    for path, policy in loaded.items():
+        count = len(files)
+        raise ConfigError(f"--policy-sha256: given {len(digests)} times; expected once for each of {count} policies")
+    first = None
+    for path, digest in zip_longest(files, digests):
+        policy = Policy.load(path)
+        check_digest(path, policy.sha256, digest, "--policy-sha256")
+        first = first or policy.aircraft
         if policy.aircraft != first:
-            raise ConfigError(
-                f"--policy: {path} was trained for {policy.aircraft}, {files[0]} for {first}; "
-                "expected policies of the same aircraft"
-            )
-    return first
+            trained = f"{path} was trained for {policy.aircraft}, {files[0]} for {first}"
+            raise ConfigError(f"--policy: {trained}; expected policies of the same aircraft")
+    return first or PAPER
 
 
 def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndarray]:
     """Return the table of the encounters ``first .. first + count - 1``: columns of each entry, ``NAME.COLUMN``.
 
-    Flights go on after a loss of separation, to the goal or the time limit, because smaller volumes are judged too.
-    What counts as a violation is the same as in :mod:`eval.flights.simulate`: any loss before the end.
+    Flights go on after a loss of separation, because smaller volumes are judged too; any loss is a violation.
     """
     evaluation = comparison.evaluation
     aircraft = evaluation.aircraft
@@ -146,10 +144,7 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
 
 
 def _flown(
-    decider: Baseline | Plans | WitnessSearch,
-    starts: Encounter,
-    evaluation: Evaluation,
-    noise: Callable[[int], np.ndarray] | None,
+    decider: Decider, starts: Encounter, evaluation: Evaluation, noise: Callable[[int], np.ndarray] | None
 ) -> tuple[Flights, Trajectories]:
     """Fly encounters on after losses of separation; the trajectories end where each flight does."""
     if isinstance(decider, WitnessSearch):

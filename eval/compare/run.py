@@ -27,11 +27,7 @@ from eval.runner.command import Encounters
 from eval.runner.options import loaded, named_source, whole
 from eval.runner.outputs import arrow_table
 
-_DEFAULT_ENCOUNTERS = 1_000
 _KEYS = ("changes", "tracks", "scenario_sha256", "confidence", "resamples")
-_CHUNK = 500
-_SLOW_CHUNK = 100  # where the witness takes part: it takes minutes a thousand encounters, and progress is to be seen
-_FIGURE_BYTES, _ROW_BYTES = 1_000_000, 300  # what the figure takes on the disk, and each row of an entry, generously
 _DESCRIPTION = """\
 Fly policies and baselines through the same encounters and say how they differ, with intervals for paired samples.
 
@@ -41,21 +37,15 @@ of HorizontalCAS or ACAS Xu. With --mode plan its plans, made once at the start,
 plans under the run-time monitor.
 
 --baseline witness, flown only when asked for, is no resolver but a mark: the shortest flight known that resolves each
-encounter, searched for in knowledge of the intruders' whole future, without noise. Its success bounds from below what
-is possible; its path is the least known to be needed. A thousand encounters of one intruder take two minutes more.
+encounter, searched for in knowledge of the intruders' whole future. It takes two minutes for a thousand encounters.
 
-Scenarios: those of eval.monte_carlo; file:PATH for a CSV file of your own; tracks:PATH for recorded tracks, replayed:
-a .json file of Lincoln Laboratory's encounters or of ADS-B reports, or a .daa or .xyz file of DAIDALUS; lincoln:PATH
-for traffic drawn from a file of one of Lincoln Laboratory's encounter models.
-
-Written to --out, a new or empty folder: summary.json, encounters.parquet (a row an encounter) and compare.png, .svg
-(contents in docs/howto/compare.md). The differences are those of success from the first row's."""
+Scenarios are those of eval.monte_carlo: a name, file:PATH, tracks:PATH (recorded tracks, replayed) or lincoln:PATH.
+Written to --out: summary.json, encounters.parquet and compare.png, .svg (contents in docs/howto/compare.md)."""
 
 _EPILOG = """\
 examples:
   python -m eval.compare --out runs/compare
   python -m eval.compare --policy runs/a/policy.safetensors --policy runs/b/policy.safetensors --out runs/a_b
-  python -m eval.compare --scenario maneuvering --baseline mvp --encounters 2000 --out runs/turning
   python -m eval.compare --mode assured --baseline mvp_speed --baseline witness --encounters 300 --out runs/mark
   python -m eval.compare --scenario tracks:encounters.json --out runs/recorded
   python -m eval.compare --mode assured --set changes.own_speed=[50,70] --out runs/slow
@@ -70,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     config, comparison, total = _prepared(options)
     entries, evaluation = comparison
     out = options.out or Path("runs") / time.strftime("compare_%Y%m%d_%H%M%S")
-    picture_folder.create(out, _FIGURE_BYTES + _ROW_BYTES * total * len(entries))
+    picture_folder.create(out, 1_000_000 + 300 * total * len(entries))  # figure, and rows of an entry, generously
     say(evaluation.source)
     # One thread: the network's rows would be rounded otherwise with another.
     with threadpool_limits(1):
@@ -78,13 +68,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     weighted = bool((table["weight"] != 1.0).any())
     weights = table["weight"] if weighted else None
     found = Statistics(table, weights, config.confidence, config.resamples, config.seed)
+    keys = ("scenario", "changes", "seed", "confidence", "resamples")
     summary = {
         "schema_version": SCHEMA_VERSION,
-        "scenario": config.scenario,
-        "changes": config.changes,
-        "seed": config.seed,
-        "confidence": config.confidence,
-        "resamples": config.resamples,
+        **{key: getattr(config, key) for key in keys},
         "ahead_s": config.tracks.ahead if isinstance(evaluation.source, Replay) else None,
         "weighted": weighted,
         **found.summary(entries),
@@ -106,22 +93,12 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     many: Any = {"action": "append", "default": []}
     add("--policy", type=Path, metavar="FILE", help="policy file, may be repeated (default: the shipped one)", **many)
-    add(
-        "--policy-sha256",
-        metavar="DIGEST",
-        help="SHA-256 that the policy must have, once for each --policy in their order; a .nnet file has none",
-        **many,
-    )
+    add("--policy-sha256", metavar="DIGEST", help="SHA-256 of each --policy but .nnet files, in their order", **many)
     add("--baseline", metavar="NAME", help="of those above, may be repeated (default: all but witness)", **many)
     add("--mode", choices=("plan", "assured"), help="another way to fly policies; may be repeated", **many)
     add("--scenario", metavar="NAME", help="a name, file:PATH, tracks:PATH or lincoln:PATH (default: circle)")
     add("--set", metavar="KEY=VALUE", help="change a key, such as changes.own_speed=[50,70], may be repeated", **many)
-    add(
-        "--repair",
-        action="store_const",
-        const="true",
-        help="drop and fill what is wrong in recorded tracks, and say what was done",
-    )
+    add("--repair", action="store_const", const="true", help="drop and fill what is wrong in recorded tracks")
     add("--encounters", type=whole(1), metavar="N", help="how many (default: 1000, or all of a file's)")
     add("--seed", type=whole(0), metavar="N", help="of encounters, sensor noise and bootstrap (default: 0)")
     add("--out", type=Path, metavar="DIR", help="folder, new or empty (default: runs/compare_DATE_TIME)")
@@ -136,7 +113,7 @@ def _prepared(options: argparse.Namespace) -> tuple[MonteCarloConfig, Comparison
     keys = {"encounters": "encounters", "seed": "seed", "repair": "tracks.repair"}
     config = loaded(MonteCarloConfig, argparse.Namespace(**vars(options) | none), keys, "--")
     if config.encounters is None and not config.scenario.startswith((FILE, TRACKS)):
-        config = config.model_copy(update={"encounters": _DEFAULT_ENCOUNTERS})
+        config = config.model_copy(update={"encounters": 1_000})
     aircraft = aircraft_of_all(options.policy, options.policy_sha256)
     entries = entries_of(options.policy, options.mode, options.baseline, aircraft)
     source, names, resolved = named_source(config, aircraft)
@@ -149,7 +126,7 @@ def _prepared(options: argparse.Namespace) -> tuple[MonteCarloConfig, Comparison
 
 def _flown(comparison: Comparison, total: int) -> dict[str, np.ndarray]:
     parts = []
-    chunk = _SLOW_CHUNK if any(entry.kind == WITNESS for entry in comparison.entries) else _CHUNK
+    chunk = 100 if any(entry.kind == WITNESS for entry in comparison.entries) else 500  # progress is to be seen
     with Encounters(total) as progress:
         for first in range(0, total, chunk):
             size = min(chunk, total - first)

@@ -1,7 +1,4 @@
-"""From the table of a comparison to its numbers, a table for a person, and a figure.
-
-docs/howto/compare.md defines every key.
-"""
+"""From the table of a comparison to its numbers (docs/howto/compare.md), a table for a person, and a figure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -66,9 +63,7 @@ class Statistics(NamedTuple):
         means = {"path_excess_mean": "path_excess", "time_excess_mean_s": "time_excess_s"}
         means |= {"cross_track_max_mean_m": "cross_track_m"}
         return {
-            "name": entry.name,
-            "kind": entry.kind,
-            "sha256": entry.sha256,
+            **{key: getattr(entry, key) for key in ("name", "kind", "sha256")},
             "success_rate": share(np.count_nonzero(reached), total, self.confidence),
             "success_given_resolvable": share(np.count_nonzero(reached), possible, self.confidence),
             **{f"{name}_rate": share(count, total, self.confidence) for name, count in counts.items()},
@@ -132,18 +127,15 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
         "difference: of success from the first row's; p: McNemar's exact",
     ]
     if witness:
-        notes += [
-            "witness: the shortest flight known to resolve each encounter, found knowing the intruders' future: no "
-            "resolver, but a mark; where none is known it flies on as none does",
-            "over witness: path excess less the witness's, in points, where both succeed",
-        ]
+        notes.append(
+            "witness: the shortest flight known to resolve each encounter, in knowledge of the intruders' future"
+        )
+        notes.append("over witness: path excess less the witness's, in points, where both succeed")
     if summary["weighted"]:
         notes.append("the ratios are weighted by the file's weights; rates count each encounter once")
     notes += lines_about(summary)
-    # A warning of every entry is one of the sample: once is enough.
-    notes += sorted(
-        {f"{row['name']}: {warning}" for row in summary["entries"] for warning in row["risk_ratio"]["warnings"]}
-    )
+    warnings = ((row["name"], row["risk_ratio"]["warnings"]) for row in summary["entries"])
+    notes += sorted(f"{name}: {warning}" for name, said in warnings for warning in said)
     notes.append(f"files: {folder}: compare.png, compare.svg, encounters.parquet, summary.json")
     print_table(title, names, rows, notes, 240)
 
@@ -163,19 +155,14 @@ def draw(summary: Mapping[str, Any]) -> Figure:
     places = list(range(len(rows)))
     figure = Figure(figsize=(11.0, 1.7 + 0.42 * len(rows)), layout="constrained")
     ends, apart, cost = figure.subplots(1, 3, sharey=True, width_ratios=(1.5, 1.0, 0.8))
-    left = [0.0] * len(rows)
-    for key, label, colour in (
-        ("success_rate", "success", SKY),
-        ("timeout_rate", "time-out", ORANGE),
-        ("violation_rate", "violation", VERMILION),
-    ):
-        share = [100.0 * row[key]["value"] for row in rows]
-        ends.barh(places, share, left=left, color=colour, label=label, height=0.7)
-        left = [a + b for a, b in zip(left, share, strict=True)]
+    left = np.zeros(len(rows))
+    for key, colour in (("success", SKY), ("timeout", ORANGE), ("violation", VERMILION)):
+        part = 100.0 * np.array([row[f"{key}_rate"]["value"] for row in rows])
+        ends.barh(places, part, left=left, color=colour, label=key.replace("timeout", "time-out"), height=0.7)
+        left += part
     ends.set_yticks(places, names)
     ends.invert_yaxis()
-    ends.set_xlim(0.0, 100.0)
-    ends.set_xlabel("share of encounters, %")
+    ends.set(xlim=(0.0, 100.0), xlabel="share of encounters, %")
     ends.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
 
     zero = {"low": 0.0, "value": 0.0, "high": 0.0}
@@ -186,9 +173,8 @@ def draw(summary: Mapping[str, Any]) -> Figure:
                 axes.plot([low, high], [place, place], color=colour, linewidth=2.0)
                 axes.plot([value], [place], "o", color=colour)
     apart.axvline(0.0, color="#999999", linewidth=0.8)
-    apart.set_xlabel(f"success less that of {rows[0]['name']}, points")
-    cost.set_xlim(left=0.0)
-    cost.set_xlabel("mean path excess, %")
+    apart.set(xlabel=f"success less that of {rows[0]['name']}, points")
+    cost.set(xlim=(0.0, None), xlabel="mean path excess, %")
     for axes in (ends, apart, cost):
         tidy(axes, "x")
     title = f"{summary['encounters']} encounters, scenario {summary['scenario']}, seed {summary['seed']}"

@@ -35,6 +35,7 @@ class Advisory(NamedTuple):
     """A map; the intruder is in the middle of each of C by C cells."""
 
     scene: Scene
+    extent: float  # how far the map reaches to each side, m
     place: np.ndarray  # of the middles, the same to the right and ahead, m, [C]
     yaw_rate: np.ndarray  # commanded, rad/s, left positive, [C (ahead), C (right)]
     acceleration: np.ndarray  # commanded, m/s^2, [C (ahead), C (right)]
@@ -52,7 +53,7 @@ def advise(policy: Policy, scene: Scene, extent: float, cells: int, aircraft: Ai
     goal_y = zero + scene.goal_distance * math.cos(scene.goal_bearing)
     action = policy.command(own, column(intruder), np.ones((x.size, 1), bool), goal_x, goal_y)
     acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), aircraft.limits, np)
-    return Advisory(scene, place, yaw_rate.reshape(cells, cells), acceleration.reshape(cells, cells))
+    return Advisory(scene, extent, place, yaw_rate.reshape(cells, cells), acceleration.reshape(cells, cells))
 
 
 def relative_velocity(scene: Scene) -> tuple[float, float]:
@@ -74,10 +75,7 @@ def name_of(relative_heading: float) -> str:
 
 
 def chatter(policy: Policy, encounters: int, seed: int, aircraft: Aircraft) -> dict[str, Any]:
-    """Fly a policy through ``circle`` encounters 0, 1, ... of a seed and return how much its commands change.
-
-    Changes are from one time step to the next, over all steps of all flights.
-    """
+    """Fly ``circle`` encounters 0, 1, ... of a seed and return how much commands change from step to step."""
     starts = numbered(scenario("circle", aircraft), seed, 0, encounters)
     recorder = TrajectoryRecorder(starts)
     flights = fly(starts, ByPolicy(policy), aircraft, recorder=recorder)

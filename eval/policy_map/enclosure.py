@@ -97,12 +97,8 @@ class Form:
     @staticmethod
     def sqrt(form: "Form") -> "Form":
         """Return the square root of what is not negative, whatever its bounds."""
-        low, high = form.ends
-        return form.line(
-            *line_along(
-                np.maximum(low, 0.0), np.maximum(high, _FINE), np.sqrt, None, lambda k: [0.25 / (k + _FINE) ** 2]
-            )
-        )
+        low, high = np.maximum(form.ends[0], 0.0), np.maximum(form.ends[1], _FINE)
+        return form.line(*line_along(low, high, np.sqrt, None, lambda k: [0.25 / (k + _FINE) ** 2]))
 
     @staticmethod
     def abs(form: "Form") -> "Form":
@@ -175,19 +171,16 @@ def _kept(seen: Scene, middle: Any, half: Any) -> Form:
     """
     times, spans, step_x, step_y, own_x, own_y = (np.moveaxis(field, -1, 0) for field in escapes.paths(seen, np))
     share = (np.arange(_PARTS) + 1.0) / _PARTS - 1.0
-    knots = [
-        np.concatenate(
-            [
-                0.0 * end[..., :1],
-                (end[..., None] + step[..., None] * share).reshape(*end.shape[:2], -1 if len(end) else 0),
-            ],
-            -1,
-        )
-        for end, step in ((times, spans), (own_x, step_x), (own_y, step_y))
-    ]  # [N, 22, knots]
-    time = knots[0]
+
+    def knots(end: Any, step: Any) -> Any:
+        """Return times or places at the ends of all parts of chords, from 0 on, ``[N, 22, knots]``."""
+        parts = (end[..., None] + step[..., None] * share).reshape(*end.shape[:2], -1 if len(end) else 0)
+        return np.concatenate([0.0 * end[..., :1], parts], -1)
+
+    time = knots(times, spans)
+    flown = np.stack([knots(own_x, step_x), knots(own_y, step_y)], axis=-1)
     place, velocity = middle[:, None, None, :2], middle[:, None, None, 2:]
-    spot = place + velocity * time[..., None] - np.stack(knots[1:], axis=-1)  # of the intruder from the ownship
+    spot = place + velocity * time[..., None] - flown  # of the intruder from the ownship
     start, way = spot[:, :, :-1], np.diff(spot, axis=2)
     back = np.clip(-(start * way).sum(-1) / ((way * way).sum(-1) + _FINE), 0.0, 1.0)
     near = start + back[..., None] * way

@@ -42,7 +42,7 @@ def policy_map(advisories: Sequence[Advisory], aircraft: Aircraft, policy: str) 
     speeds: Any = "commanded acceleration, m/s²", _SPEED, scale, ("brake", "accelerate")
     for row, (label, colours, norm, ends) in zip(axes, (turns, speeds), strict=True):
         for panel, advisory in zip(row, advisories, strict=True):
-            edge = _extent_km(advisory)
+            edge = _KM * advisory.extent
             values = np.degrees(advisory.yaw_rate) if colours is _TURN else advisory.acceleration
             place: Any = {"extent": (-edge, edge, -edge, edge), "origin": "lower", "interpolation": "nearest"}
             panel.imshow(values, cmap=colours, norm=norm, **place)
@@ -70,7 +70,7 @@ def policy_map(advisories: Sequence[Advisory], aircraft: Aircraft, policy: str) 
 
 def _geometry(axes: Any, advisory: Advisory, aircraft: Aircraft) -> None:
     """Draw the aircraft, the required separation, the conflicts on straight courses and the goal."""
-    edge, scene = _extent_km(advisory), advisory.scene
+    edge, scene = _KM * advisory.extent, advisory.scene
     radius = _KM * aircraft.separation
     # Inside, the separation is lost already and the flight is over: the advice is shown faintly.
     axes.add_patch(Circle((0.0, 0.0), radius, facecolor="white", alpha=0.45, linewidth=0.0))
@@ -86,18 +86,14 @@ def _geometry(axes: Any, advisory: Advisory, aircraft: Aircraft) -> None:
             ends = np.stack([foot, foot + 3.0 * edge * back])
             axes.plot(*ends.T, color="black", path_effects=_HALO, **_EDGE)
         place = tuple(0.66 * edge / max(abs(back)) * back)
-    for start, heading, speed, name in (
-        ((0.0, 0.0), 0.0, scene.own_speed, "own"),
-        (place, scene.relative_heading, scene.intruder_speed, "intruder"),
-    ):
+    own, intruder = (0.0, scene.own_speed, "own"), (scene.relative_heading, scene.intruder_speed, "intruder")
+    for start, (heading, speed, name) in (((0.0, 0.0), own), (place, intruder)):
         way = _KM * _WAY * aircraft.time_unit * speed
         arrow(axes, start, heading + math.pi / 2.0, way, name, xytext=(6.0, -11.0), path_effects=_HALO)
     goal = np.array([-math.sin(scene.goal_bearing), math.cos(scene.goal_bearing)])
     tick = edge / max(abs(goal)) * np.stack([0.92 * goal, goal]).T
     axes.plot(*tick, color="black", linewidth=3.5, solid_capstyle="butt", path_effects=_WIDE_HALO, zorder=5.0)
-    axes.set_xlim(-edge, edge)
-    axes.set_ylim(-edge, edge)
-    axes.set_aspect("equal")
+    axes.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect="equal")
 
 
 def _handles(aircraft: Aircraft) -> list[Line2D]:
@@ -108,8 +104,3 @@ def _handles(aircraft: Aircraft) -> list[Line2D]:
         sample(f"velocity: way in {_WAY * aircraft.time_unit:.0f} s", color="black", marker="o", linewidth=2.0),
         sample("towards the goal", color="black", **tick),
     ]
-
-
-def _extent_km(advisory: Advisory) -> float:
-    """Return how far the map reaches, half a cell beyond the outermost middles, km."""
-    return _KM * float(advisory.place[-1]) * len(advisory.place) / (len(advisory.place) - 1)

@@ -25,12 +25,9 @@ _TOGETHER = 16  # boxes whose matrices stay in cache
 class Scenes(NamedTuple):
     """Scenes of one intruder in the ownship's frame, x ahead and y left, in separations D and greatest speeds V."""
 
-    pace: Any
-    """Own speed, ``[N]``."""
-    goal: Any
-    """x and y, ``[N, 2]``."""
-    state: Any
-    """x, y, vx, vy of the intruder, velocity over the ground, ``[N, 4]``."""
+    pace: Any  # own speed, [N]
+    goal: Any  # x and y, [N, 2]
+    state: Any  # x, y, vx, vy of the intruder, velocity over the ground, [N, 4]
 
 
 def answers(policy: Policy, scenes: Scenes) -> np.ndarray:
@@ -76,9 +73,8 @@ def decide(
         now, weight = now.of(doubtful), weight[doubtful]
         found[now.index[now.cuts >= depth]] = OPEN
         shift = 0.5 * now.size * np.eye(4)[weight.argmax(axis=-1)]
-        halves = [
-            now._replace(middle=now.middle + way * shift, size=now.size - shift, cuts=now.cuts + 1) for way in (-1, 1)
-        ]
+        now = now._replace(size=now.size - shift, cuts=now.cuts + 1)
+        halves = (now._replace(middle=now.middle + way * shift) for way in (-1, 1))
         queue = _Boxes(*(np.concatenate(fields) for fields in zip(queue, *halves, strict=True)))
         queue = queue.of(found[queue.index] == VERIFIED)
     return found
@@ -90,8 +86,7 @@ class _Boxes(NamedTuple):
     index: Any
     middle: Any
     size: Any
-    sign: Any
-    """How the scene is mirrored, 1 or -1: both are asked where the box holds both."""
+    sign: Any  # how the scene is mirrored, 1 or -1: both are asked where the box holds both
     cuts: Any
 
     def of(self, chosen: Any) -> "_Boxes":
@@ -141,11 +136,9 @@ def layers(policy: Policy) -> list[tuple[np.ndarray, np.ndarray]]:
     first = np.zeros((OWN + len(encoder), OWN + len(bias)))
     first[:OWN, :OWN], first[OWN:, OWN:] = np.eye(OWN), encoder
     hidden = range(len(policy.metadata["architecture"]["hidden"]))
-    return [
-        (first, np.append(np.zeros(OWN), bias)),
-        *((tensors[f"hidden_{number}/kernel"], tensors[f"hidden_{number}/bias"]) for number in hidden),
-        (tensors["head/kernel"][:, 1:], tensors["head/bias"][1:]),
-    ]
+    within = [(tensors[f"hidden_{number}/kernel"], tensors[f"hidden_{number}/bias"]) for number in hidden]
+    last = tensors["head/kernel"][:, 1:], tensors["head/bias"][1:]
+    return [(first, np.append(np.zeros(OWN), bias)), *within, last]
 
 
 def _sampled(policy: Policy, scenes: Scenes, half: Any, side: Any, seed: int) -> Any:

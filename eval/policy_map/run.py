@@ -23,8 +23,7 @@ _MOST_COLUMNS = 8
 
 _DESCRIPTION = """\
 Draw what a policy commands: the intruder's place around the ownship (at the origin, heading up), coloured by turn rate
-and by acceleration, a column for each relative heading. And measure the chatter of the commands and the heading
-reversals of flights.
+and by acceleration, a column for each relative heading. And measure chatter and heading reversals of flights.
 
 Written to --out: policy_map.png, policy_map.svg, policy_map.json (contents in docs/howto/failures.md)."""
 
@@ -49,12 +48,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with threadpool_limits(1):
         figure, found = _examine(policy, scenes, options)
     picture_folder.write(out, "policy_map", found, figure)
-    calm, turns = found["chatter"], found["chatter"]["reversals_per_flight"]
     print(
-        f"chatter, {calm['flights']} circle flights: yaw rate {calm['yaw_rate_change_deg_s_per_s']:.3f} deg/s and "
-        f"acceleration {calm['acceleration_change_m_s2_per_s']:.3f} m/s^2 per second; heading reversals per flight "
-        f"mean {turns['mean']:.2f}, 95 % {turns['p95']:.0f}, max {turns['max']:.0f}\nwritten to {out}"
+        "chatter, {flights} circle flights: yaw rate {yaw_rate_change_deg_s_per_s:.3f} deg/s and acceleration "
+        "{acceleration_change_m_s2_per_s:.3f} m/s^2 per second; heading reversals per flight mean {mean:.2f}, "
+        "95 % {p95:.0f}, max {max:.0f}".format(**found["chatter"], **found["chatter"]["reversals_per_flight"])
     )
+    print(f"written to {out}")
     return 0
 
 
@@ -70,13 +69,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--out", Path, "DIR", "folder, new or empty (default: runs/policy_map_DATE_TIME)")
     add("--own-speed", float, "M/S", "of the ownship (default: 3/4 of its greatest)")
     add("--intruder-speed", float, "M/S", "of the intruder (default: half of the traffic's greatest)")
-    add(
-        *("--relative-heading", angle, "DEG"),
-        "intruder's heading less the own one, counter-clockwise; may be repeated, a column each (default: 180, -90, 90 "
-        "and -30)",
-        action="append",
-    )
-    add("--goal-bearing", angle, "DEG", "of the goal from the own heading, counter-clockwise (default: 0)", 0.0)
+    heading = "intruder's less the own one; may be repeated, a column each (default: 180, -90, 90 and -30)"
+    add("--relative-heading", angle, "DEG", heading, action="append")
+    add("--goal-bearing", angle, "DEG", "of the goal from the own heading (default: 0)", 0.0)
     add("--goal-distance", float, "M", "of the goal (default: 8 required separations)")
     add("--extent", float, "M", "how far the map reaches to each side (default: 6 required separations)")
     add("--cells", whole(11, 1_001), "N", "along each side of the map (default: 181)", 181)
@@ -96,8 +91,8 @@ def _scenes(options: argparse.Namespace, aircraft: Aircraft) -> list[Scene]:
     ):
         value = default if getattr(options, name) is None else getattr(options, name)
         if not low <= value <= high:  # inverted for nan
-            option = f"--{name.replace('_', '-')}"
-            raise ConfigError(f"{option}: {value:g} {of}; expected {low:g} to {high:g} {of}")
+            said = f"{value:g} {of}; expected {low:g} to {high:g} {of}"
+            raise ConfigError(f"--{name.replace('_', '-')}: {said}")
         setattr(options, name, value)
     headings = options.relative_heading or HEADINGS
     if len(headings) > _MOST_COLUMNS:

@@ -29,8 +29,7 @@ class FlightProblem:
     ) -> None:
         """Take what flies in a mode: policy (once a second), plan (made at the start) or none (straight to the goal).
 
-        With ``resolvable_only`` proven unresolvable encounters do not count. Flights closer than ``closer_than``, m,
-        count, and go on after a loss of the required separation; None: those below the required one.
+        Flights closer than ``closer_than``, m, count, and go on after a loss; None: below the required separation.
         """
         scenario = pilot.evaluation.source
         if not isinstance(scenario, Scenario):

@@ -35,14 +35,11 @@ _STREAM = 0x7261_7265  # keeps the draws apart from those of other commands with
 _DESCRIPTION = """\
 Estimate how often the separation is lost where plain sampling would see it too rarely, by importance splitting: the
 draws of the encounters whose flights come closest are copied and moved, level by level of the smallest separation,
-until the required separation is lost. A pilot chooses the levels; independent repetitions then estimate without bias,
-and the interval comes from them.
-
-Without --resolvable-only the rate of all losses is estimated, and that of those not proven unresolvable beside it;
-with it, proven unresolvable encounters never count, so that all particles search where a decider can be blamed.
+until the required separation is lost. With --resolvable-only proven unresolvable encounters never count, so that all
+particles search where a decider can be blamed.
 
 Written to --out: rare.json, rare.png and .svg (the levels), tail.png and .svg (an extreme-value fit), config.yaml, and
-worst.csv: encounters that were lost, to be flown again by eval.monte_carlo --scenario file:worst.csv."""
+worst.csv: encounters that were lost, for eval.monte_carlo --scenario file:worst.csv (docs/howto/sensitivity.md)."""
 
 _EPILOG = """\
 examples:
@@ -72,11 +69,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"levels: {', '.join(f'{level:.0f}' for level in plan.levels)} m", file=sys.stderr)
         for number, rng in enumerate(others, 1):
             made.append(repetition(problem, plan, *sizes, rng))
-            said = f"repetition {number} of {options.repetitions}: {made[-1].probability[-1]:.3g}"
-            print(said, file=sys.stderr)
+            print(f"repetition {number} of {len(others)}: {made[-1].probability[-1]:.3g}", file=sys.stderr)
         blamed = [~problem.unresolvable(problem.sampled(one.last)[0]) for one in made]
-    found = _found(options, config, mode, plan, made, blamed) | {"policy_sha256": policy.sha256}
-    found |= described(evaluation.aircraft, policy) | {"wall_s": time.perf_counter() - begun}
+    asked = {"scenario": config.scenario, "changes": config.changes, "seed": config.seed}
+    found = {"schema_version": 1, "mode": mode, **asked, **_found(options, plan, made, blamed)}
+    found |= {"policy_sha256": policy.sha256} | described(evaluation.aircraft, policy)
+    found |= {"wall_s": time.perf_counter() - begun}
     # Equally many of each repetition.
     rows = [one.last[kept][: max(1, _WORST // len(made))] for one, kept in zip(made, blamed, strict=True)]
     if any(map(len, rows)):
@@ -100,22 +98,13 @@ def _parser() -> argparse.ArgumentParser:
     add("--scenario", metavar="NAME", help="a sampled scenario (default: circle)")
     add("--seed", type=whole(0), metavar="N", help="of all draws (default: 0)")
     add("--resolvable-only", action="store_true", help="proven unresolvable encounters do not count")
-    add(
-        "--closer-than",
-        type=real(1e-3, 1e6, "m"),
-        metavar="M",
-        help="count these; flights go on (default: the required separation)",
-    )
+    distance = real(1e-3, 1e6, "m")
+    add("--closer-than", type=distance, metavar="M", help="count these, and fly on (default: required separation)")
     add("--particles", type=whole(10), default=1_000, metavar="N", help="encounters at each level (default: 1000)")
     add("--moves", type=whole(1), default=5, metavar="N", help="steps of each at each level (default: 5)")
     add("--repetitions", type=whole(3), default=10, metavar="N", help="independent estimates (default: 10)")
     add("--confidence", type=real(0.5, 0.999999), default=0.95, metavar="P", help="of all intervals (default: 0.95)")
-    add(
-        "--encounters-per-hour",
-        type=real(1e-6, 1e4),
-        metavar="R",
-        help="of flight, stated by you: says losses an hour too (default: not said)",
-    )
+    add("--encounters-per-hour", type=real(1e-6, 1e4), metavar="R", help="of flight: says losses an hour, too")
     add("--out", type=Path, required=True, metavar="DIR", help="folder for what is written, new or empty")
     return parser
 
@@ -128,21 +117,14 @@ def _config(options: argparse.Namespace) -> tuple[MonteCarloConfig, str]:
     if mode not in _MODES:
         raise ConfigError(f"mode is {mode!r}; expected one of {', '.join(_MODES)}")
     if config.file is not None:
-        raise ConfigError(
-            f"--scenario: {config.scenario!r} is a file; expected a sampled scenario, whose draws can move"
-        )
+        raise ConfigError(f"--scenario: {config.scenario!r} is a file; expected a sampled scenario")
     return config, mode
 
 
 def _found(
-    options: argparse.Namespace,
-    config: MonteCarloConfig,
-    mode: str,
-    plan: Plan,
-    made: Sequence[Repetition],
-    blamed: Sequence[np.ndarray],
+    options: argparse.Namespace, plan: Plan, made: Sequence[Repetition], blamed: Sequence[Any]
 ) -> dict[str, Any]:
-    """Return the content of rare.json, without policy and wall time."""
+    """Return what rare.json says of the estimate."""
     by_level = np.stack([one.probability for one in made])
     first = np.concatenate([one.first for one in made])
     shares = np.array([np.mean(each) if each.size else 0.0 for each in blamed])
@@ -158,14 +140,9 @@ def _found(
                 "plain": share(np.count_nonzero(first < level), first.size, options.confidence),
             }
         )
-    rate = _estimate(by_level[:, -1], options.confidence)
+    rate = levels[-1]["rate"]
     error = rate["relative_error"]
     found = {
-        "schema_version": 1,
-        "mode": mode,
-        "scenario": config.scenario,
-        "changes": config.changes,
-        "seed": config.seed,
         "separation_m": plan.levels[-1],
         **{key: getattr(options, key) for key in ("resolvable_only", "particles", "moves", "repetitions")},
         "confidence": options.confidence,

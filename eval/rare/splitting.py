@@ -20,8 +20,7 @@ from envs.edge.command import InputError
 _MOST_LEVELS = 60
 _WANTED_ACCEPTANCE = 0.3
 _LARGEST_STEP, _SMALLEST_STEP = 0.9, 1e-3
-_SPREAD = 10.0
-"""Ratio of the largest to the smallest step of a stage: failures may lie in thin strips inside wide regions."""
+_SPREAD = 10.0  # ratio of the largest to the smallest step of a stage: failures may lie in thin strips
 _TRIES = 1_000
 
 
@@ -32,8 +31,7 @@ class SplittingError(InputError):
 class Problem(Protocol):
     """What is asked: how probable it is that a value of random draws lies below a threshold."""
 
-    dimensions: int
-    """Of the standard normal numbers that one particle takes."""
+    dimensions: int  # standard normal numbers that one particle takes
 
     def value(self, draws: np.ndarray) -> np.ndarray:
         """Return the values ``[N]`` of draws ``[N, dimensions]``.
@@ -55,8 +53,7 @@ class Repetition(NamedTuple):
     """One independent estimate; arrays ``[L]``, one entry a level."""
 
     probability: np.ndarray  # of a value below each level
-    acceptance: np.ndarray
-    """Share of the proposals taken below each level but the last, ``[L - 1]``; nan where none was left."""
+    acceptance: np.ndarray  # share of the proposals taken below each level but the last, [L - 1]; nan: none was left
     ancestors: int  # different first particles from which those below the last level descend
     evaluations: int
     first: np.ndarray  # values of the first particles: plain sampling, [N]
@@ -78,18 +75,15 @@ def pilot(
     levels: list[float] = []
     steps: list[float] = []
     while True:
-        wanted = np.partition(values, int(share * particles))[int(share * particles)]
+        wanted = np.sort(values)[int(share * particles)]
+        if wanted == np.inf:
+            wanted = np.max(values, where=np.isfinite(values), initial=-np.inf) + 1.0
         # A level on a plateau of equal values would let none pass.
         passing = np.count_nonzero(values < wanted)
-        if wanted <= threshold:
+        stuck = passing < 2 or bool(levels and wanted >= levels[-1]) or len(levels) == _MOST_LEVELS
+        if (wanted <= threshold or stuck) and np.any(values <= threshold):
             return Plan((*levels, threshold), tuple(steps), evaluations)
-        if not np.isfinite(wanted):
-            finite = values[np.isfinite(values)]
-            wanted = float(finite.max(initial=-np.inf)) + 1.0
-            passing = finite.size
-        if passing < 2 or (levels and wanted >= levels[-1]) or len(levels) == _MOST_LEVELS:
-            if np.any(values <= threshold):
-                return Plan((*levels, threshold), tuple(steps), evaluations)
+        if stuck:
             at = f"{levels[-1]:g}" if levels else "the beginning"
             raise SplittingError(
                 f"the pilot stops at level {at} after {len(levels)} levels, its particles being at {values.min():g} "

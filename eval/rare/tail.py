@@ -1,7 +1,7 @@
 """An extreme-value fit beside splitting: the smallest separations of plain sampling as a generalised Pareto tail.
 
-How far separations lie below a threshold is distributed so in the limit of low thresholds (Pickands, Annals of
-Statistics 3 (1975) 119). Diagnostics are fits that stay as the threshold falls, and quantiles on the diagonal.
+How far separations lie below a low threshold is distributed so (Pickands, Annals of Statistics 3 (1975) 119). A good
+fit stays as the threshold falls, and has its quantiles on the diagonal.
 """
 
 from collections.abc import Mapping

@@ -29,10 +29,7 @@ def points_of(found: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
 
 
 def detailed(found: Mapping[str, Any], title: str) -> Figure:
-    """Return success against a quantity or sweep.
-
-    Below it: how many encounters each bin holds, or the paired difference from the sweep's first value.
-    """
+    """Return success against a quantity, above the encounters of each bin, or a sweep, above the paired differences."""
     figure = Figure(figsize=(8.4, 6.4), layout="constrained")
     points, binned = points_of(found), "bins" in found
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3.2 if binned else 2.2, 1.0))
@@ -61,14 +58,13 @@ def overview(found: Sequence[Mapping[str, Any]], title: str) -> Figure:
 
 def _counts(axes: Any, points: Sequence[Mapping[str, Any]]) -> list[Patch]:
     """Draw how many encounters the bins hold, and of those without a resolver; return their legend."""
-    counts = {"encounters": ("#D5D5D5", [point["encounters"] for point in points])}
+    counts = [("encounters", "#D5D5D5", [point["encounters"] for point in points])]
     if "baseline_violation_rate" in points[0]:
         bare = [point["baseline_violation_rate"]["count"] for point in points]
-        counts["of which lost without a resolver"] = (GREY, bare)
-    for colour, heights in counts.values():
-        axes.bar(range(len(points)), heights, 0.94, align="edge", color=colour)
+        counts.append(("of which lost without a resolver", GREY, bare))
     axes.set_ylabel("encounters")
-    return [Patch(facecolor=colour, label=label) for label, (colour, _) in counts.items()]
+    places = range(len(points))
+    return [axes.bar(places, high, 0.94, align="edge", color=colour, label=name) for name, colour, high in counts]
 
 
 def _differences(axes: Any, points: Sequence[Mapping[str, Any]], unit: str) -> list[Patch]:
@@ -109,13 +105,9 @@ def _success(axes: Any, points: Sequence[Mapping[str, Any]], *, full: bool) -> N
 
 def _bars(axes: Any, places: np.ndarray, shares: Sequence[Mapping[str, Any]], **style: Any) -> None:
     """Draw shares that are known with their intervals, in percent."""
-    known = [
-        (at, *(100.0 * one[key] for key in ("value", "low", "high")))
-        for at, one in zip(places, shares, strict=True)
-        if one["value"] is not None
-    ]
-    at, value, low, high = np.array(known).reshape(-1, 4).T
-    axes.errorbar(at, value, np.maximum([value - low, high - value], 0.0), **style)
+    known = np.array([[one[key] for key in ("value", "low", "high")] for one in shares], float)  # nan: not known
+    value, low, high = 100.0 * known.T
+    axes.errorbar(places, value, np.maximum([value - low, high - value], 0.0), **style)
 
 
 def _legend(figure: Figure, points: Sequence[Mapping[str, Any]], more: Sequence[Any] = ()) -> None:

@@ -23,26 +23,19 @@ _SWEEPS = "sweeps"
 _DESCRIPTION = """\
 Draw success as a function of what it depends on, under the bound of what can be resolved at all, with exact intervals.
 
---run DIR      cuts the table of a finished run of eval.monte_carlo or eval.hifi into bins of what it varies: angle,
-               distance, time to conflict, speeds, number of intruders; of eval.hifi also wind and turbulence.
-               Nothing is flown.
---vary NAME    flies what a run holds fixed, a run for every value, all of them on the same encounters:
-                 position_std   noise of reported positions, m        (0, 10, 30, 60, 100)
-                 velocity_std   noise of reported velocities, m/s     (0, 1, 3, 6, 10)
-                 latency        age of the reports, s                 (0, 0.5, 1, 1.5, 2)
-                 turn_rate      largest turn rate of the intruder, deg/s (0, 0.5, 1, 2, 3)
-               NAME=V1,V2,... names values of one's own, rising; the first is what the others are compared with.
+--run DIR      cuts the table of a finished run of eval.monte_carlo or eval.hifi into bins of what it varies.
+--vary NAME    flies what a run holds fixed, a run for every value on the same encounters: position_std, m, velocity_std,
+               m/s, latency, s, or turn_rate of the intruder, deg/s. NAME=V1,V2,... names values of one's own, rising;
+               the first is what the others are compared with.
 
 Written to --out: sensitivity.json, a figure for each quantity (PNG and SVG), overview.png and .svg, and below sweeps/
-the folder of every run flown."""
+the folder of every run flown (contents in docs/howto/sensitivity.md)."""
 
 _EPILOG = """\
 examples:
   python -m eval.sensitivity --run runs/circle --out runs/circle_sensitivity
   python -m eval.sensitivity --vary position_std --vary latency=0,1,2 --encounters 2000 --out runs/noise
   python -m eval.sensitivity --vary turn_rate --mode assured --encounters 200 --out runs/turning
-  python -m eval.sensitivity --resume --vary turn_rate --mode assured --encounters 200 --out runs/turning
-  python -m eval.sensitivity --run runs/hifi_moderate --out runs/wind
 
 A run in mode assured flies plan and policy beside, so that its figures show all three."""
 
@@ -123,13 +116,8 @@ def _passed_on(options: argparse.Namespace) -> list[str]:
 def _found(options: argparse.Namespace, run: Run | None, sweeps: Sequence[Sweep]) -> dict[str, Any]:
     confidence = options.confidence
     bins = [binned(run, each, confidence) for each in quantities(run.aircraft).values()] if run else []
-    settings = {
-        "scenario": options.scenario or "circle",
-        "mode": options.mode or "policy",
-        "encounters": options.encounters or 1_000,
-        "seed": options.seed or 0,
-        "set": options.set,
-    }
+    usual = {"scenario": "circle", "mode": "policy", "encounters": 1_000, "seed": 0, "set": []}
+    settings = {name: getattr(options, name) or value for name, value in usual.items()}
     return {
         "schema_version": 2,
         "confidence": confidence,
@@ -153,10 +141,8 @@ def _draw(options: argparse.Namespace, found: dict[str, Any]) -> list[str]:
     titles = []
     for said, name, each in ((found["run"], "quantities", ""), (found["sweeps_settings"], "sweeps", " a value")):
         if said is not None:
-            count = f"{spaced(said['encounters'])} encounters{each}"
-            titles.append(
-                f"{said.get('folder', name)}: {count}, scenario {said.get('scenario')}, mode {said.get('mode')}"
-            )
+            what = f"scenario {said.get('scenario')}, mode {said.get('mode')}"
+            titles.append(f"{said.get('folder', name)}: {spaced(said['encounters'])} encounters{each}, {what}")
             for one in found[name]:
                 figures[f"{'vary_' if each else ''}{one['name']}"] = detailed(one, f"{titles[-1]}; {bars}")
     figures["overview"] = overview([*found["quantities"], *found["sweeps"]], "\n".join([*titles, bars]))
@@ -172,7 +158,5 @@ def _show(found: dict[str, Any]) -> None:
             place = f"{span:22}" if span else f"{cell['value']:g} {found['unit']:8} {mode:8}"
             rates = (success["success_given_resolvable"], success["success_rate"])
             given, every = (percent(rate, "{} % ({} .. {})", "none") for rate in rates)
-            print(
-                f"  {place} {given} of the resolvable, {every} of all {spaced(cell['encounters'])}, "
-                f"{100.0 * cell['unresolvable_rate']['value']:.2f} % proven unresolvable"
-            )
+            bound = f"{100.0 * cell['unresolvable_rate']['value']:.2f} % proven unresolvable"
+            print(f"  {place} {given} of the resolvable, {every} of all {spaced(cell['encounters'])}, {bound}")

@@ -34,7 +34,7 @@ PARAMETERS: dict[str, Parameter] = {
     "velocity_std": Parameter("m/s", (0, 1, 3, 6, 10), 50, "noise of reported velocities, one sigma per axis"),
     "latency": Parameter("s", (0, 0.5, 1, 1.5, 2), 2, "age of the reports"),
     "turn_rate": Parameter(
-        "deg/s", (0, 0.5, 1, 2, 3), 3, f"largest turn rate of the intruder, which turns once by up to {_TURN_DEG}°"
+        "deg/s", (0, 0.5, 1, 2, 3), 3, f"largest turn rate of the intruder, up to {_TURN_DEG}° once"
     ),
 }
 """What can be varied; each begins without the disturbance. Distances, angles and speeds vary in every run."""
@@ -75,10 +75,7 @@ def swept(text: str) -> Sweep:
 
 
 def fly(sweep: Sweep, arguments: Sequence[str], out: Path, *, resume: bool) -> int:
-    """Fly the run of every value into a folder of its own below ``out``, or go on with it.
-
-    Returned is the exit status of the first run that did not finish, else 0.
-    """
+    """Fly the run of every value below ``out``, or go on; return the status of the first that did not finish, or 0."""
     for value in sweep.values:
         sets = [part for key, text in changed(sweep.name, value).items() for part in ("--set", f"changes.{key}={text}")]
         status = run_quietly([*arguments, *sets], _folder(out, sweep.name, value), resume=resume)
@@ -92,10 +89,7 @@ def _folder(out: Path, name: str, value: float) -> Path:
 
 
 def collected(sweep: Sweep, out: Path, confidence: float) -> dict[str, Any]:
-    """Return what the runs of a sweep found, in JSON types.
-
-    Beside the rates of every value stands their difference from those of the first, encounter by encounter.
-    """
+    """Return in JSON types what the runs of a sweep found, and the paired differences from the first one's success."""
     parameter = PARAMETERS[sweep.name]
     runs = [read_run(_folder(out, sweep.name, value)) for value in sweep.values]
     first = successes(runs[0])
