@@ -71,8 +71,7 @@ def make_grid(limits: Limits, intruder_speed: float, separation: float, dt: floa
 def solve(grid: Grid, limits: Limits, intruder_speed: float, separation: float) -> Solution:
     """Iterate the value until it stays; arguments as of :func:`make_grid`.
 
-    Beyond the edge of the grid the separation counts as kept. That is right if :func:`edge_value` says that no lost
-    state touches the edge, since a state that leaves there can be safe from the edge on.
+    Beyond the edge of the grid the separation counts as kept: right if by :func:`edge_value` no lost state touches it.
     """
     cap = np.float32(CAP * separation)
     cell = float(grid.x[1] - grid.x[0])
@@ -194,10 +193,7 @@ def _place(where: float, nodes: Any) -> tuple[int, float]:
 
 def _between(pair: Any, part: float) -> Any:
     low, high = pair
-    mixed = high - low
-    mixed *= np.float32(part)
-    mixed += low
-    return mixed
+    return low + np.float32(part) * (high - low)
 
 
 def _folded(index: int, count: int) -> tuple[bool, int]:

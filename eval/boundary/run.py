@@ -93,9 +93,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.boundary", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
     cut: Any = {"action": "append", "nargs": 3, "type": float, "metavar": ("OWN", "INTRUDER", "COURSE"), "default": []}
-    add(
-        "--slice", help="speeds, m/s, and the intruder's course less the own one, deg clockwise; may be repeated", **cut
-    )
+    add("--slice", help="speeds, m/s, and intruder's course less the own, deg clockwise; may be repeated", **cut)
     add("--aircraft", type=Path, metavar="FILE", help="YAML file of the ownship, or a name (default: paper)")
     add("--spacing", type=float, metavar="M", help="of the raster of starts, m (default: 0.15 separations)")
     add("--grid", choices=tuple(GRIDS), default="default", help="resolution; fine takes 3 times as long")

@@ -170,10 +170,9 @@ def best_separation(
 ) -> Any:
     """Return the largest smallest distance of any flight of a fan within a horizon (s), m, ``[M]``: a lower bound.
 
-    To maximise the distance at one closest approach is, by Pontryagin's principle, to turn at full rate onto one course
-    and to hold it, at the strongest deceleration first (perhaps for no time) and then the strongest acceleration.
-
-    The ownship starts at the origin, heading along x; the intruder flies straight from (x, y), m, ``[M]``. m/s, rad.
+    By Pontryagin's principle the best flight turns at full rate onto one course and holds it, at the strongest
+    deceleration first (perhaps for no time) and then the strongest acceleration. The ownship starts at the origin,
+    heading along x; the intruder flies straight from (x, y), m, ``[M]``. m/s, rad.
     """
     step = _TURN / limits.yaw_rate_max
     own_x, own_y = _fan(own_speed, limits, step, math.ceil(horizon / step))

@@ -124,9 +124,8 @@ def bent(form: Form, curve: Callable[..., Any], slope: Any, critical: Callable[[
 def line_along(low: Any, high: Any, curve: Callable[..., Any], slope: Any, critical: Any) -> tuple[Any, Any, Any]:
     """Return slope and offset of a line along a curve from ``low`` to ``high``, and how far the curve is from it.
 
-    Args:
-        slope: of both ends; None: that of the chord.
-        critical: of a slope k, every x where curve(x) - k x has an extreme or a corner.
+    The slope is a function of both ends, None: the chord's; ``critical`` gives, for a slope k, every x where
+    curve(x) - k x has an extreme or a corner.
     """
     if slope is None:
         wide = high - low > 1e-9
@@ -141,11 +140,8 @@ def line_along(low: Any, high: Any, curve: Callable[..., Any], slope: Any, criti
 def derived_inputs(pace: Any, goal: Any, middle: Any, half: Any, ratios: Ratios) -> Form:
     """Return the 53 inputs of the network, ``[N, 53]``, of scenes that are seen as they are, not mirrored.
 
-    Args:
-        pace: own speed, ``[N]``.
-        goal: x and y, ``[N, 2]``.
-        middle: x, y, vx, vy of the intruder in the middle of the box, ``[N, 4]``; nearer than 20 D.
-        half: half widths of the box, ``[N, 4]``.
+    Own speed ``[N]`` and goal ``[N, 2]``; middle and half widths of the box of the intruder's x, y, vx, vy, ``[N, 4]``,
+    nearer than 20 D.
     """
     state: list[Any] = [Form(middle[:, i], half[:, i, None] * np.eye(4)[i], 0.0 * pace) for i in range(4)]
     x, y, vx, vy = middle.T[..., None]

@@ -46,12 +46,8 @@ def decide(
 ) -> np.ndarray:
     """Return of each scene whether the policy can turn to a side within an error of the intruder's state, ``[N]``.
 
-    Args:
-        half: the error, x, y, vx, vy, ``[4]``.
-        side: 1: to the left, -1: to the right, ``[N]``.
-        allowed: turn to that side that still counts as none, of the greatest yaw rate.
-        depth: how often a box is cut in two.
-        seed: of the sample.
+    The error ``half`` is of x, y, vx, vy, ``[4]``; a side is 1, left, or -1, right, ``[N]``. A turn up to ``allowed``
+    of the greatest yaw rate counts as none; a box is cut in two up to ``depth`` times; the seed is of the sample.
     """
     found = np.where(_sampled(policy, scenes, half, side, seed) > allowed, COUNTEREXAMPLE, VERIFIED)
     network = layers(policy)

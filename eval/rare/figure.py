@@ -16,9 +16,8 @@ def levels_figure(found: Mapping[str, Any]) -> Figure:
     figure = Figure(figsize=(8.8, 6.6), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
     every = np.array([each["rate"]["repetitions"] for each in levels])
-    for number, line in enumerate(every.T):
-        shown = np.where(line > 0.0, line, np.nan)
-        above.plot(place, shown, color="#B9D4E8", linewidth=0.9, label="each repetition" if number == 0 else None)
+    lines = above.plot(place, np.where(every > 0.0, every, np.nan), color="#B9D4E8", linewidth=0.9)
+    lines[0].set_label("each repetition")
     total = levels[0]["plain"]["total"]
     square = {"color": GREY, "marker": "s", "markersize": 7.0, "markerfacecolor": "none", "linestyle": ""}
     plain, ours = f"plain sampling ({total} flights, the first of all repetitions)", {"color": BLUE, "marker": "o"}
@@ -29,19 +28,16 @@ def levels_figure(found: Mapping[str, Any]) -> Figure:
         ends = [value - np.maximum(low, 1e-3 * value), high - value]
         above.errorbar(place[rates[:, 0] > 0.0], value, ends, label=label, capsize=2.5, **style)
     above.axvline(found["separation_m"], color=VERMILION, linewidth=1.4, linestyle="--", label="required separation")
-    above.set_yscale("log")
+    above.set(yscale="log", ylabel="probability of a smaller separation")
     if np.any(every > 0.0):  # an interval that reaches 0 goes to the edge
         above.set_ylim(0.3 * float(every[every > 0.0].min()), 1.5)
-    above.set_ylabel("probability of a smaller separation")
     above.legend(frameon=False, loc="lower right")
 
     share = [(each["level_m"], each["acceptance"]) for each in levels if each["acceptance"] is not None]
     if share:
         where, taken = zip(*share, strict=True)
         below.plot(where, 100.0 * np.array(taken), color=ORANGE, marker="o", markersize=4.0)
-    below.set_ylim(0.0, 100.0)
-    below.set_ylabel("steps taken, %")
-    below.set_xlabel("level of the smallest separation, m")
+    below.set(ylim=(0.0, 100.0), ylabel="steps taken, %", xlabel="level of the smallest separation, m")
     for axes in (above, below):
         tidy(axes, "both")
     what = ", proven unresolvable ones left out" if found["resolvable_only"] else ""

@@ -41,8 +41,8 @@ class FlightProblem:
         flawed = mode != "none" and (scenario.position_std or scenario.velocity_std or scenario.latency[1])
         steps = 0 if not flawed else 1 if mode == "plan" else round(self._aircraft.t_max / self._aircraft.dt)
         self._noise = (steps, 4, scenario.intruders[1])
+        # Draws of the start, then of the sensors' noise step by step where there is any.
         self.dimensions = scenario.dimensions + math.prod(self._noise)
-        """Draws of the start, then of the sensors' noise step by step where there is any."""
 
     def sampled(self, draws: np.ndarray) -> tuple[Encounter, np.ndarray]:
         """Return the encounters, ``[N]``, and which meet the scenario's conditions, bool ``[N]``."""

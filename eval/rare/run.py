@@ -141,7 +141,7 @@ def _found(
             }
         )
     rate = levels[-1]["rate"]
-    error = rate["relative_error"]
+    error, hourly = rate["relative_error"], options.encounters_per_hour
     found = {
         "separation_m": plan.levels[-1],
         **{key: getattr(options, key) for key in ("resolvable_only", "particles", "moves", "repetitions")},
@@ -153,9 +153,7 @@ def _found(
         "flights": sum(one.evaluations for one in made),
         "flights_of_the_pilot": plan.evaluations,
         "tail": fits(first, plan.levels[-1]),
-        "losses_per_hour": None
-        if options.encounters_per_hour is None
-        else {end: options.encounters_per_hour * rate[end] for end in ("value", "low", "high")},
+        "losses_per_hour": hourly and {end: hourly * rate[end] for end in ("value", "low", "high")},
         "plain_flights_for_the_same_error": (1.0 - rate["value"]) / rate["value"] / error**2 if error else None,
         "versions": versions("numpy", "scipy", "safetensors"),
     }

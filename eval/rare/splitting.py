@@ -1,14 +1,12 @@
 """Importance splitting: small probabilities as products of larger ones, in the space of the draws.
 
-The event {value < last level} is the end of a chain of nested events at falling levels. Particles that are below a
-level are copied until there are as many as before, moved by steps that leave their distribution below that level as it
-is, and counted at the next level. The product of the shares is an unbiased estimate where levels and steps are fixed in
-advance (F. Cerou, A. Guyader, Stochastic Analysis and Applications 25 (2007) 417; P. Del Moral, Feynman-Kac Formulae,
-2004), so that a pilot of its own chooses them and independent repetitions estimate.
+Particles below a level are copied until there are as many as before, moved by steps that leave their distribution
+below that level as it is, and counted at the next, lower level. The product of the shares is an unbiased estimate where
+levels and steps are fixed in advance (F. Cerou, A. Guyader, Stochastic Analysis and Applications 25 (2007) 417; P. Del
+Moral, Feynman-Kac Formulae, 2004), so that a pilot of its own chooses them and independent repetitions estimate.
 
-A step is a preconditioned Crank-Nicolson proposal: a particle's normal numbers are mixed with new ones, which leaves
-their distribution as it is in any number of dimensions (S. L. Cotter et al., Statistical Science 28 (2013) 424). It is
-taken where it stays below the level.
+A step is a preconditioned Crank-Nicolson proposal: a particle's normal numbers are mixed with new ones (S. L. Cotter et
+al., Statistical Science 28 (2013) 424). It is taken where it stays below the level.
 """
 
 from typing import NamedTuple, Protocol
@@ -63,12 +61,10 @@ class Repetition(NamedTuple):
 def pilot(
     problem: Problem, threshold: float, particles: int, moves: int, share: float, rng: np.random.Generator
 ) -> Plan:
-    """Choose levels that a given share of the N particles passes, and steps of which about a third are taken.
+    """Choose levels that a share of the particles passes, and steps of which about a third are taken.
 
-    The threshold is the last level; ``moves`` are the proposals for each particle and level.
-
-    Raises:
-        SplittingError: the values of the particles stop falling before the threshold.
+    ``moves`` are the proposals for each particle and level. Values that stop falling before the threshold, the last
+    level, raise ``SplittingError``.
     """
     draws, values = _first(problem, particles, rng)
     evaluations, step = particles, 0.5

@@ -15,7 +15,6 @@ from eval.runner.outputs import read_table
 from eval.stats.intervals import share
 
 _TABLES = ("encounters.parquet", "flights.parquet")
-_NEEDED = ("outcome", "verdict")
 _BESIDE = ("policy", "plan")
 
 
@@ -79,13 +78,10 @@ def read_run(path: Path) -> Run:
         aircraft, mode = aircraft_of(summary), str(summary["mode"])
     except (OSError, ValueError, TypeError, KeyError) as problem:
         raise ConfigError(f"{path}: summary.json cannot be read: {problem}; expected that of a finished run") from None
-    found = read_table(file, "the table of a run")
-    missing = [name for name in _NEEDED if name not in found]
+    table = read_table(file, "the table of a run")
+    missing = [name for name in ("outcome", "verdict") if name not in table]
     if missing:
         raise ConfigError(f"{file} has no column {missing[0]}; expected the table of a run")
-    wanted = {*_NEEDED, "weight", "baseline_outcome", *(f"{name}_outcome" for name in _BESIDE)}
-    wanted |= {each.column for each in quantities(aircraft).values()}
-    table = {name: column for name, column in found.items() if name in wanted}
     settings = {key: summary[key] for key in ("scenario", "seed", "mode", "policy_sha256", "vehicle") if key in summary}
     return Run(path, mode, table, aircraft, settings)
 
@@ -118,10 +114,7 @@ def rates(run: Run, chosen: np.ndarray, confidence: float) -> dict[str, Any]:
 
 
 def binned(run: Run, quantity: Quantity, confidence: float) -> dict[str, Any] | None:
-    """Return the bins of a quantity in JSON types; None where the run does not vary it or does not record it.
-
-    Bins without encounters and values that are not numbers are left out.
-    """
+    """Return the bins of a quantity that hold encounters, in JSON types; None: the run does not vary or record it."""
     if quantity.column not in run.table:
         return None
     cells = _cells(run.table[quantity.column], quantity)

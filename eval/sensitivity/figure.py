@@ -97,9 +97,8 @@ def _success(axes: Any, points: Sequence[Mapping[str, Any]], *, full: bool) -> N
     first = np.arange(len(points))
     axes.bar(first, top - bound, 1.0, bottom=bound, align="edge", color="#E3E3E3", zorder=1.0)
     axes.hlines(bound, first, first + 1, color="#555555", linewidth=1.3, zorder=2.0)
-    axes.set_ylim(floor, top)
-    axes.set_xlim(0, len(points))
-    axes.set_ylabel("share of encounters, %" if full else "success, %")
+    label = "share of encounters, %" if full else "success, %"
+    axes.set(ylim=(floor, top), xlim=(0, len(points)), ylabel=label)
     tidy(axes)
 
 

@@ -24,9 +24,9 @@ _DESCRIPTION = """\
 Draw success as a function of what it depends on, under the bound of what can be resolved at all, with exact intervals.
 
 --run DIR      cuts the table of a finished run of eval.monte_carlo or eval.hifi into bins of what it varies.
---vary NAME    flies what a run holds fixed, a run for every value on the same encounters: position_std, m, velocity_std,
-               m/s, latency, s, or turn_rate of the intruder, deg/s. NAME=V1,V2,... names values of one's own, rising;
-               the first is what the others are compared with.
+--vary NAME    flies what a run holds fixed, a run for every value on the same encounters: position_std (m),
+               velocity_std (m/s), latency (s) or the intruder's turn_rate (deg/s). NAME=V1,V2,... names values of
+               one's own, rising; the first is what the others are compared with.
 
 Written to --out: sensitivity.json, a figure for each quantity (PNG and SVG), overview.png and .svg, and below sweeps/
 the folder of every run flown (contents in docs/howto/sensitivity.md)."""
