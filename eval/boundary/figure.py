@@ -65,19 +65,15 @@ def _map(axes: Any, answers: Answers, figures: Mapping[str, Any], aircraft: Airc
     i, k = np.unravel_index(np.argmax(lost), lost.shape)
     start = (-_KM * answers.map_y[k], _KM * answers.map_x[i])
     cut = answers.slice
-    for place, heading, speed, name in (
-        ((0.0, 0.0), 0.0, cut.own_speed, "own"),
-        (start, cut.heading, cut.intruder_speed, "intruder"),
-    ):
+    own, intruder = (0.0, cut.own_speed, "own"), (cut.heading, cut.intruder_speed, "intruder")
+    for place, (heading, speed, name) in (((0.0, 0.0), own), (start, intruder)):
         direction = heading + math.pi / 2.0
         behind = (-15.0 * math.cos(direction), -13.0 * math.sin(direction))
         aside: Any = {"xytext": behind, "ha": "right" if behind[0] < -5.0 else "center", "va": "center"}
         arrow(axes, place, direction, 0.6 * _KM * aircraft.time_unit * speed, name, **aside)
     axes.set(aspect="equal", xlim=across[[0, -1]], ylim=up[[0, -1]])
     axes.set(xlabel="to the right of the ownship, km", ylabel="ahead of the ownship, km")
-    axes.set_title(
-        f"{cut.name}: own {cut.own_speed:g}, intruder {cut.intruder_speed:g} m/s, "
-        f"{figures['course_difference_deg']:+.0f}°\n{figures['points']} points, "
-        f"{sum(figures['disagreements'].values())} disagreements, {figures['undecided']} undecided",
-        fontsize=10,
-    )
+    name = f"{cut.name}: own {cut.own_speed:g}, intruder {cut.intruder_speed:g} m/s"
+    counts = f"{sum(figures['disagreements'].values())} disagreements, {figures['undecided']} undecided"
+    title = f"{name}, {figures['course_difference_deg']:+.0f}°\n{figures['points']} points, {counts}"
+    axes.set_title(title, fontsize=10)

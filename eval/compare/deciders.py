@@ -28,7 +28,6 @@ from eval.runner.options import check_digest
 
 REFERENCE = "none"  # the flight without a resolver, which is always flown: risk ratios need it
 WITNESS = "witness"  # name and kind of the entry that flies the least-cost witness: a mark, not a resolver
-_SEVERE = "do365_en_route"
 _NAMES = (*BASELINES, WITNESS)
 
 
@@ -163,7 +162,7 @@ def _columns(outcome: np.ndarray, flights: Flights, flown: Trajectories, mask: n
     seen = relative(flown)
     # After the end of a flight everything is nan; no number there, no loss.
     with np.errstate(invalid="ignore"):
-        penetration = np.where(np.isfinite(seen.x) & mask, severity(VOLUMES[_SEVERE], seen), 0.0)
+        penetration = np.where(np.isfinite(seen.x) & mask, severity(VOLUMES["do365_en_route"], seen), 0.0)
     return {
         "outcome": np.array(OUTCOMES, dtype=object)[outcome],
         "min_separation_m": flights.min_separation,
