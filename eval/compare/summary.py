@@ -127,10 +127,11 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
         "difference: of success from the first row's; p: McNemar's exact",
     ]
     if witness:
-        notes.append(
-            "witness: the shortest flight known to resolve each encounter, in knowledge of the intruders' future"
-        )
-        notes.append("over witness: path excess less the witness's, in points, where both succeed")
+        notes += [
+            "witness: the shortest flight known to resolve each encounter, found knowing the intruders' future: no "
+            "resolver, but a mark; where none is known it flies on as none does",
+            "over witness: path excess less the witness's, in points, where both succeed",
+        ]
     if summary["weighted"]:
         notes.append("the ratios are weighted by the file's weights; rates count each encounter once")
     notes += lines_about(summary)
