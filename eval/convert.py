@@ -24,6 +24,7 @@ from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_files import read_daidalus
 from envs.traffic.track_units import FOOT
 from envs.traffic.tracks import TrackError, summed
+from eval.runner.options import real, whole
 
 _DESCRIPTION = """\
 Turn encounters from one form of file into another; the names' ends say which:
@@ -52,10 +53,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise ConfigError(f"{path} ends in {path.suffix!r}; expected .csv, .json, .daa or .xyz")
     if options.target.exists():
         raise ConfigError(f"{options.target} is there already, expected a new file")
-    if not 10.0 <= options.ahead <= 3_600.0 or not 1 <= options.seconds <= 3_600:
-        raise ConfigError("--ahead: expected 10 to 3600 s, --seconds: 1 to 3600")
-    if options.altitude_ft is not None and not -2_000.0 <= options.altitude_ft <= 60_000.0:
-        raise ConfigError(f"--altitude-ft: {options.altitude_ft:g}; expected -2000 to 60000")
     count = _convert(options)
     print(f"{options.target}: {count} encounter{'s' if count != 1 else ''}")
     return 0
@@ -67,9 +64,11 @@ def _parser() -> argparse.ArgumentParser:
     add("source", type=Path, metavar="FROM", help="file to read")
     add("target", type=Path, metavar="TO", help="file to write, a new one")
     add("--encounter", metavar="NAME", help="convert this one alone (default: all)")
-    add("--altitude-ft", type=float, metavar="FT", help="of encounters that have no altitude")
-    add("--seconds", type=int, default=300, metavar="S", help="of encounters of ours that become tracks (default: 300)")
-    add("--ahead", type=float, default=220.0, metavar="S", help="goal, where the form has none (default: 220 s ahead)")
+    add("--altitude-ft", type=real(-2_000.0, 60_000.0, "ft"), metavar="FT", help="of encounters that have no altitude")
+    seconds = "of encounters of ours that become tracks (default: 300)"
+    add("--seconds", type=whole(1, 3_600), default=300, metavar="S", help=seconds)
+    ahead = "goal, where the form has none (default: 220 s ahead)"
+    add("--ahead", type=real(10.0, 3_600.0, "s"), default=220.0, metavar="S", help=ahead)
     add("--repair", action="store_true", help="drop and fill what is wrong in tracks, and say what was done")
     add("--lossy", action="store_true", help="leave out what the other form cannot hold, and name it")
     return parser

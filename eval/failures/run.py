@@ -113,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     evaluation = evaluation_of(run, options.policy)
     picture_folder.create(options.out)
     table = run.table
-    groups = grouped(table, evaluation.rules.separation)
+    groups = grouped(table, run.rules.separation)
     chosen = representatives(groups, options.cases)
     found = {
         "run": str(options.run),
@@ -136,7 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             encounter_file.write(options.out / "encounters.csv", starts, [str(number) for number in numbers])
     of = {number: group for group in groups for number in group.members.tolist()}
     flights = list(fly_again(run, evaluation, chosen, set(chosen))) if chosen else []
-    figure = _sheet(flights, [_title(one.number, of[one.number], table) for one in flights], evaluation.rules)
+    figure = _sheet(flights, [_title(one.number, of[one.number], table) for one in flights], run.rules)
     picture_folder.write(options.out, "failures", found, figure, 110)
     _show(found)
     print(f"files: {options.out}")

@@ -33,9 +33,7 @@ def aircraft_of(summary: Mapping[str, Any]) -> Aircraft:
 
 
 def lines_about(summary: Mapping[str, Any]) -> list[str]:
-    """Return what a table or a page says of :func:`described`; nothing where a summary of old does not know it."""
-    if "policy_aircraft" not in summary:
-        return []
+    """Return what a table or a page says of :func:`described`."""
     warning, line = summary["aircraft_warning"], f"aircraft: {_line(aircraft_of(summary))}"
     return [line, *([f"warning: {warning}"] if warning else [])]
 

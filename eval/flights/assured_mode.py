@@ -44,14 +44,10 @@ def fly_assured(
     recorder: TrajectoryRecorder | None = None,
     endless: bool = False,
 ) -> Assured:
-    """Fly encounters ``[N]`` with the monitor until the time limit or a violation.
+    """Fly encounters ``[N]``, float64, planned at their start, with the monitor until the time limit or a violation.
 
-    Args:
-        encounters, plans: ``[N]``, float64, and what was planned at their start.
-        policy, aircraft, options: of the planner; the options' limits are those of the vehicle.
-        noise: of the sensors by step, ``[4, N, K]``: monitor and planner then see tracks of such reports; None: the
-            intruders are known perfectly.
-        recorder, endless: takes the trajectories; whether a loss of separation is no violation.
+    With noise of the sensors by step, ``[4, N, K]``, monitor and planner see tracks of such reports. The limits of the
+    options are those of the vehicle. A recorder takes the trajectories; endless flights lose nothing.
     """
     count, dt = len(encounters.goal_x), aircraft.dt
     thresholds = Thresholds.for_plans(options)

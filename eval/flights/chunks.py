@@ -5,7 +5,6 @@ on the process that works on it or on what it has worked on before.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property, reduce
 from pathlib import Path
@@ -19,8 +18,6 @@ from agents.policy.inference import Policy
 from agents.resolvability.classify import Method, Verdict
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
-from envs.kinematics import Limits
-from envs.outcome import Rules
 from envs.starts import joined
 from eval.flights.assured_mode import fly_assured
 from eval.flights.compiled import Compiled
@@ -38,40 +35,22 @@ class Evaluation(NamedTuple):
     names: tuple[str, ...] | None  # names of the encounters of a file
     seed: int
     aircraft: Aircraft
-    mode: str = "policy"
-    """What decides: policy, the network once a step; plan, made at the start; assured, such a plan under a monitor."""
-    given: Options | None = None
-    """How plans are made and flown, in the other modes; None: as is usual for the aircraft."""
+    mode: str = "policy"  # what decides, as of eval.config.MonteCarloConfig, and so the last two
+    given: Options | None = None  # how plans are made and flown in the other modes; None: as usual for the aircraft
     baseline: str = "none"
-    """One of :data:`agents.baselines.BASELINES` that decides in the policy's place in mode policy; none: the policy."""
-    backend: str = "numpy"  # what computes the policy's decisions in mode policy: numpy or jax
+    backend: str = "numpy"
 
     @property
     def options(self) -> Options:
         """How plans are made and flown."""
         return Options.for_aircraft(self.aircraft) if self.given is None else self.given
 
-    @property
-    def rules(self) -> Rules:
-        """Of the task."""
-        return self.aircraft.rules()
 
-    @property
-    def limits(self) -> Limits:
-        """Of the ownship."""
-        return self.aircraft.limits
-
-
-@dataclass(frozen=True)
 class Pilot:
     """An evaluation with its policy, for the evaluation's aircraft."""
 
-    evaluation: Evaluation
-    policy: Policy
-
-    def __post_init__(self) -> None:
-        adapted = self.policy.for_aircraft(self.evaluation.aircraft, outside="allow")
-        object.__setattr__(self, "policy", adapted)
+    def __init__(self, evaluation: Evaluation, policy: Policy) -> None:
+        self.evaluation, self.policy = evaluation, policy.for_aircraft(evaluation.aircraft, outside="allow")
 
     @classmethod
     def load(cls, evaluation: Evaluation) -> "Pilot":

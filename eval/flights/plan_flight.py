@@ -112,11 +112,7 @@ def fly_step(air: Air, references: VehicleState, aircraft: Aircraft, limits: Lim
 
 
 class Tally:
-    """What flights have brought so far; arrays ``[N]``.
-
-    Attributes:
-        steps: until the time limit.
-    """
+    """What flights have brought so far, arrays ``[N]``, until the time limit ``steps`` away."""
 
     def __init__(self, count: int, aircraft: Aircraft, *, endless: bool = False) -> None:
         self._rules = aircraft.rules()

@@ -114,13 +114,10 @@ def fly(
     recorder: TrajectoryRecorder | None = None,
     endless: bool = False,
 ) -> Flights:
-    """Fly encounters to their end; the decider acts once per time step.
+    """Fly encounters ``[N]``, float64, to their end; the decider acts once per time step.
 
-    Args:
-        encounters, decider, aircraft: starts, ``[N]``, float64; what decides for the ownship.
-        noise: the sensors' noise by step, ``[4, N, K]``; None for perfect knowledge of the intruders.
-        recorder: takes the trajectories (about 150 bytes an encounter and step).
-        endless: whether flights go on after a loss of separation.
+    The sensors' noise is by step, ``[4, N, K]``, None for perfect knowledge of the intruders. A recorder takes the
+    trajectories (about 150 bytes an encounter and step); endless flights go on after a loss of separation.
     """
     count, rules = len(encounters.goal_x), aircraft.rules()
     kinds = {"outcome": np.int8, "reversals": np.int32}

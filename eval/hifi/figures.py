@@ -31,7 +31,7 @@ def draw_all(folder: Path, table: Mapping[str, np.ndarray], campaign: Campaign) 
     """Draw every figure of a run into its folder and return the paths."""
     flights = []
     with threadpool_limits(1):
-        loaded = prepared(campaign, Policy.load(campaign.policy))
+        loaded = prepared(campaign._replace(viewer=None), Policy.load(campaign.policy))
         for number in chosen(table):
             closest = table["min_separation_m"][number]
             apart = "" if np.isnan(closest) else f", {closest:.0f} m"

@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from agents.config.load import ConfigError, Parser
@@ -86,12 +85,6 @@ def _summary(table: Mapping[str, Any], config: HifiConfig, campaign: Campaign) -
     }
 
 
-def _draw(folder: Path, table: Mapping[str, Any], campaign: Campaign) -> list[Path]:
-    from eval.hifi.figures import draw_all
-
-    return draw_all(folder, table, campaign._replace(viewer=None))
-
-
 def _show(summary: Mapping[str, Any]) -> None:
     print(
         f"{summary['flights']} flights of {summary['vehicle']}, mode {summary['mode']}, scenario "
@@ -120,5 +113,5 @@ def _number(value: float | None) -> str:
 _KEYS = {"mode": "mode", "vehicle": "vehicle", "condition": "condition.name", "flights": "encounters"}
 _COMMAND = Command(
     *("hifi", "flights", HifiFolder, _KEYS | {"seed": "seed", "workers": "workers"}, ""),
-    *(_prepared, prepared, columns, _summary, _draw, _show),
+    *(_prepared, prepared, columns, _summary, "eval.hifi.figures", _show),
 )

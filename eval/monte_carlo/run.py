@@ -96,12 +96,6 @@ def _summary(table: Mapping[str, Any], config: MonteCarloConfig, evaluation: Eva
     }
 
 
-def _draw(folder: Path, table: Mapping[str, Any], evaluation: Evaluation) -> list[Path]:
-    from eval.plots.encounters import draw_all
-
-    return draw_all(folder, table, evaluation)
-
-
 def _show(summary: Mapping[str, Any]) -> None:
     decider = summary["mode"] if summary["baseline"] == "none" else f"baseline {summary['baseline']}"
     title = f"{spaced(summary['encounters'])} encounters, {decider}, scenario {summary['scenario']}"
@@ -116,5 +110,5 @@ def _show(summary: Mapping[str, Any]) -> None:
 _KEYS = {key: key for key in ("mode", "encounters", "seed", "baseline", "workers")} | {"repair": "tracks.repair"}
 _COMMAND = Command(
     *("monte_carlo", "encounters", RunFolder, _KEYS, "--"),
-    *(_prepared, Pilot, columns, _summary, _draw, _show),
+    *(_prepared, Pilot, columns, _summary, "eval.plots.encounters", _show),
 )

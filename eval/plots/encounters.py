@@ -29,8 +29,8 @@ def draw_all(folder: Path, table: Mapping[str, np.ndarray], evaluation: Evaluati
         flown = fly_recorded(pilot, numbers)
     figures = {
         "initial_conditions": initial_conditions(table),
-        "min_separation": separation_histogram(table, evaluation.rules.separation),
-        "trajectories": trajectory_sheet(table, numbers, flown, evaluation.rules),
+        "min_separation": separation_histogram(table, evaluation.aircraft.separation),
+        "trajectories": trajectory_sheet(table, numbers, flown, evaluation.aircraft.rules()),
     }
     return [path for name, figure in figures.items() for path in save_figure(figure, folder / name)]
 

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from agents.config.load import ConfigError
 from agents.resolvability.classify import replay
 from agents.resolvability.witness import least_cost
+from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.kinematics import commands
@@ -68,9 +69,9 @@ def fly_again(run: Run, evaluation: Evaluation, numbers: Sequence[int], witnesse
 
 
 def _batch(run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int]) -> Iterator[Replayed]:
-    evaluation, batch = pilot.evaluation, fly_recorded(pilot, numbers)
+    aircraft, batch = pilot.evaluation.aircraft, fly_recorded(pilot, numbers)
     starts, plans, flights, flown = batch
-    found = _witnesses(evaluation, starts, [i for i, number in enumerate(numbers) if number in wanted])
+    found = _witnesses(aircraft, starts, [i for i, number in enumerate(numbers) if number in wanted])
     for i, number in enumerate(numbers):
         track = batch.track(i)
         if not track.separation.size:
@@ -79,9 +80,9 @@ def _batch(run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int]) -> 
         same = OUTCOMES[flights.outcome[i]] == said and abs(flights.min_separation[i] - closest) <= _SAME
         plan, status = None, None
         if plans is None:
-            acceleration, yaw_rate = commands(flown.action[: track.separation.size, i].T, evaluation.limits, np)
+            acceleration, yaw_rate = commands(flown.action[: track.separation.size, i].T, aircraft.limits, np)
         else:
-            dt, made = evaluation.rules.dt, plans.proposals
+            dt, made = aircraft.dt, plans.proposals
             own = take(flown.own, (slice(0, track.separation.size + 1), i))
             acceleration, yaw_rate = np.diff(own.speed) / dt, wrap(np.diff(own.heading), np) / dt
             status = STATUSES[int(made.safe[i])]
@@ -90,11 +91,11 @@ def _batch(run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int]) -> 
         yield Replayed(number, track, acceleration, yaw_rate, bool(same), plan, status, found.get(i))
 
 
-def _witnesses(evaluation: Evaluation, starts: Encounter, rows: list[int]) -> dict[int, Witness]:
+def _witnesses(aircraft: Aircraft, starts: Encounter, rows: list[int]) -> dict[int, Witness]:
     """Return flights that resolve some of the encounters, by row; none where none is known."""
     if not rows:
         return {}
-    rules, limits = evaluation.rules, evaluation.limits
+    rules, limits = aircraft.rules(), aircraft.limits
     chosen = take(starts, np.array(rows))
     best = least_cost(chosen, rules, limits, rounds=ROUNDS)
     found = {}

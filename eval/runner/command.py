@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
@@ -49,7 +50,7 @@ class Command(NamedTuple):
     columns: Callable[[Any, int, int], dict[str, Any]]  # with ``prepare``: of :class:`eval.runner.payload.Task`
     summarised: Callable[[Mapping[str, Any], Any, Any], dict[str, Any]]
     """(table, configuration, work) -> what the summary says of the flights."""
-    drawn: Callable[[Path, Mapping[str, Any], Any], list[Path]]  # (folder, table, work) -> files of the figures
+    figures: str  # module with draw_all: (folder, table, work) -> files of the figures
     shown: Callable[[Mapping[str, Any]], None]  # prints a summary
 
 
@@ -94,7 +95,9 @@ def run(command: Command, options: argparse.Namespace) -> int:
                 "versions": versions("numpy", "safetensors", "pyarrow", "scipy", *packages),
             }
             write_file(folder.path / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
-            figures = command.drawn(folder.path, table, work) if config.figures else []
+            # Imported only now: matplotlib takes a second.
+            draw_all = import_module(command.figures).draw_all if config.figures else lambda *_: []
+            figures = draw_all(folder.path, table, work)
     command.shown(summary)
     print("\n".join(lines_about(summary)))
     if flown:

@@ -70,19 +70,17 @@ def last_options(parser: argparse.ArgumentParser, name: str) -> None:
 def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, str], prefix: str) -> Config:
     """Return the configuration: a file's or a begun run's values under those of the command line.
 
-    Args:
-        model: of the configuration.
-        options: with config, resume, out, policy, scenario, set and what ``keys`` names.
-        keys: key of the configuration by the option's name.
-        prefix: what stands for ``--set: `` in messages about options that have names of their own.
+    The options have config, resume, out, policy, scenario, set and what ``keys`` names: key of the configuration by the
+    option's name. The prefix stands for ``--set: `` in messages about options that have names of their own.
     """
     path = options.config
-    if options.resume and options.out is None:
-        raise ConfigError("--resume: expected --out with the folder of the run")
-    if path is None and options.resume:
-        path = options.out / "config.yaml"
-        if not path.is_file():
+    if options.resume:
+        if options.out is None:
+            raise ConfigError("--resume: expected --out with the folder of the run")
+        begun = options.out / "config.yaml"
+        if not begun.is_file():
             raise ConfigError(f"--resume: {options.out} holds no run (no config.yaml), expected one that was begun")
+        path = path or begun
     overrides = []
     if options.policy is not None:
         # Absolute, because a path of the command line is meant from the working directory.

@@ -38,17 +38,11 @@ def check_unused(path: Path) -> None:
 
 
 class RunFolder:
-    """The files of one evaluation.
+    """The files of one evaluation."""
 
-    Attributes:
-        model: of its configuration.
-        table: name of the file with a row an encounter.
-        schema: of that file, in its metadata.
-    """
-
-    model: type[MonteCarloConfig] = MonteCarloConfig
-    table: str = "encounters.parquet"
-    schema: bytes = b"monte_carlo 1"
+    model: type[MonteCarloConfig] = MonteCarloConfig  # of its configuration
+    table: str = "encounters.parquet"  # name of the file with a row an encounter
+    schema: bytes = b"monte_carlo 1"  # of that file, in its metadata
 
     def __init__(self, path: Path, config: MonteCarloConfig) -> None:
         """Name a folder and the configuration as resolved; nothing is touched before it is created or resumed."""
@@ -71,8 +65,6 @@ class RunFolder:
 
     def _check_same(self) -> None:
         path = self.path / _CONFIG
-        if not path.is_file():
-            raise ConfigError(f"--resume: {self.path} holds no run (no {_CONFIG}), expected one that was begun")
         before, now = _plain(load(self.model, path)), _plain(self._config)
         for key in now:
             if before[key] != now[key]:
@@ -108,27 +100,19 @@ class RunFolder:
 
     def finish(self) -> Mapping[str, np.ndarray]:
         """Join the parts, all of which must be there, and return the whole table."""
-        target = self.path / self.table
-        if not target.is_file():
-            with written(target) as path:
-                self._join(path)
-        shutil.rmtree(self.path / _PARTS, ignore_errors=True)
-        return read_table(target, "the table of this run")
-
-    def _join(self, path: Path) -> None:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        parts = sorted((self.path / _PARTS).glob("*.parquet"))
-        schema = pq.read_schema(parts[0]).with_metadata({b"rlcas_schema": self.schema})
-        with pq.ParquetWriter(path, schema) as writer:
-            held = schema.empty_table()
-            for part in parts:
-                held = pa.concat_tables([held, pq.read_table(part).replace_schema_metadata(schema.metadata)])
-                while held.num_rows >= _ROW_GROUP or (part is parts[-1] and held.num_rows > 0):
-                    # One array a column, so that the file does not show how the run was cut into chunks.
-                    writer.write_table(held.slice(0, _ROW_GROUP).combine_chunks(), row_group_size=_ROW_GROUP)
-                    held = held.slice(_ROW_GROUP)
+        target = self.path / self.table
+        if not target.is_file():
+            parts = sorted((self.path / _PARTS).glob("*.parquet"))
+            table = pa.concat_tables(pq.read_table(part).replace_schema_metadata() for part in parts)
+            # One array a column, so that the file does not show how the run was cut into chunks.
+            table = table.combine_chunks().replace_schema_metadata({b"rlcas_schema": self.schema})
+            with written(target) as path:
+                pq.write_table(table, path, row_group_size=_ROW_GROUP)
+        shutil.rmtree(self.path / _PARTS, ignore_errors=True)
+        return read_table(target, "the table of this run")
 
     def _identity(self) -> str:
         """Return a digest by which a stored part is known to belong to this run."""
