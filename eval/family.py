@@ -99,7 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return status
         summaries.append(json.loads((file.with_suffix("") / "summary.json").read_text(encoding="utf-8")))
     found = _found(options, aircraft, summaries) | {"policy_sha256": policy.sha256}
-    write_file(options.out / "family.json", json.dumps(found, indent=2, allow_nan=False) + "\n")
+    picture_folder.write(options.out, "family", found)
     _show(found, options.out)
     return 0
 

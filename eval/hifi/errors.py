@@ -18,6 +18,7 @@ from agents.policy.inference import Policy
 from envs.c208.air_mass import Wind, over_ground
 from envs.follower import PERIOD, offset
 from envs.kinematics import VehicleState
+from envs.trees import take
 from envs.waypoints import Legs, at
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi.flight import Flight
@@ -37,18 +38,15 @@ class Errors(NamedTuple):
 
 
 def against(flight: Flight, legs: Legs, wind: Wind, surrogate: VehicleState | None = None) -> Errors:
-    """Compare a flight with its plan.
+    """Compare a flight from the plan's time 0 on with the plan's legs ``[L]``, in an air mass with this wind.
 
-    Args:
-        flight: flown from the plan's time 0 on.
-        legs: of the plan, ``[L]``, in the air mass.
-        wind: of the air mass that the plan was made in.
-        surrogate: its flight in the air mass, second by second from time 0 on, ``[S]``; None: not known.
+    The surrogate's flight there is second by second from time 0 on, ``[S]``; None: not known.
     """
     clock = PERIOD * np.arange(flight.altitude.size)
 
     def planned(time: Any) -> VehicleState:
-        return over_ground(_at(legs, time), wind, time)
+        curves = Legs(*(np.broadcast_to(field, (time.size, *field.shape)) for field in legs))
+        return over_ground(at(curves, time), wind, time)
 
     own, now = flight.own, planned(clock)
     # Begun where the guidance was: a late aircraft on a winding path has several places abeam.
@@ -64,7 +62,7 @@ def against(flight: Flight, legs: Legs, wind: Wind, surrogate: VehicleState | No
     if surrogate is not None:
         seconds = np.arange(surrogate.x.size)
         count = min(seconds.size, (clock.size - 1) // SUBSTEPS + 1)
-        true = over_ground(VehicleState(*(field[:count] for field in surrogate)), wind, seconds[:count] * 1.0)
+        true = over_ground(take(surrogate, slice(count)), wind, seconds[:count] * 1.0)
         part = slice(None, count * SUBSTEPS, SUBSTEPS)
         definition = np.hypot(true.x - now.x[part], true.y - now.y[part])
         total = np.hypot(true.x - own.x[part], true.y - own.y[part])
@@ -72,15 +70,10 @@ def against(flight: Flight, legs: Legs, wind: Wind, surrogate: VehicleState | No
 
 
 def rolled(request: Request, goal: int, policy: Policy, options: Options) -> VehicleState:
-    """Return the surrogate's flight that a plan ``[1]`` of the policy was made from, second by second, ``[S]``.
+    """Return the surrogate's flight to the route's point ``goal`` that the policy's plan ``[1]`` was made from.
 
-    It leads to the route's point ``goal`` and ends where the planner took over: the way back was clear, or it is there.
+    It is second by second, ``[S]``, and ends where the planner took over.
     """
     flown = roll(request, np.array([goal]), policy, replace(options, spacing=1), floats=True)
     end, dt = float(flown.time[0]), options.aircraft.dt
     return VehicleState(*(field[0, : 1 if math.isnan(end) else round(end / dt) + 1] for field in flown.knots))
-
-
-def _at(legs: Legs, time: Any) -> VehicleState:
-    """Return the states on the legs of one plan at many times, ``[T]``."""
-    return at(Legs(*(np.broadcast_to(field, (time.size, *field.shape)) for field in legs)), time)

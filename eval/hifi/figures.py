@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 from threadpoolctl import threadpool_limits
 
 from agents.config.figures import save_figure
@@ -17,14 +16,17 @@ from envs.kinematics import VehicleState
 from envs.outcome import Rules
 from envs.trees import take
 from eval.flights.plan_flight import SUBSTEPS
+from eval.flights.recorded import Track
 from eval.hifi.errors import Errors
 from eval.hifi.flights import Campaign, Flown, flown, prepared
 from eval.plots.encounters import separation_histogram
-from eval.plots.style import BLUE, GREEN, GREY, ORANGE, VERMILION
+from eval.plots.flight_sheet import draw, explain
+from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION, sample
 
 _SHOWN = 4
 _KM = 1_000.0
 _AFTER = 60.0  # the rejoining that the track is shown for, s
+_WAYPOINT: dict[str, Any] = {"linestyle": "", "marker": "o", "color": "black", "markersize": 3, "fillstyle": "none"}
 
 
 def draw_all(folder: Path, table: Mapping[str, np.ndarray], campaign: Campaign) -> list[Path]:
@@ -47,10 +49,9 @@ def draw_all(folder: Path, table: Mapping[str, np.ndarray], campaign: Campaign) 
 
 def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
     """Return the numbers of the flights for the sheet: those that did not reach their goal first."""
-    order = np.argsort(table["outcome"] == "reached", kind="stable")
     # A refused flight has no track to show.
-    order = order[np.argsort(table["outcome"][order] == "refused", kind="stable")]
-    return [int(number) for number in order[:_SHOWN]]
+    order = np.lexsort((table["outcome"] == "reached", table["outcome"] == "refused"))
+    return order[:_SHOWN].tolist()
 
 
 def distributions(table: Mapping[str, np.ndarray]) -> Figure:
@@ -101,35 +102,28 @@ def sheet(flights: Sequence[tuple[str, Flown]], rules: Rules) -> Figure:
             below.tick_params(labelsize=7)
             below.grid(color="#EBEBEB", linewidth=0.5)
             below.set_xlabel("time, s" if row == len(rows) else "", fontsize=8)
+    explain(figure, rules, *([sample("waypoints", **_WAYPOINT)] if len(rows) > 1 else []))
     return figure
 
 
 def _track(axes: Any, one: Flown, rules: Rules) -> None:
     route = one.scene.route
-    axes.plot(route.x[:2] / _KM, route.y[:2] / _KM, color=GREY, linewidth=0.8, linestyle=":")
-    goal = float(route.x[1]) / _KM, float(route.y[1]) / _KM
-    axes.add_patch(Circle(goal, rules.goal_radius / _KM, color=GREEN, alpha=0.35, linewidth=0))
     rejoin = rules.t_max if one.made is None else float(one.made.plans.proposals.rejoin_time[0])
     # What comes later is the route, a straight line.
     end = round(rejoin + _AFTER) if np.isfinite(rejoin) else round(rules.t_max)
     if one.flight is not None:
-        own = take(one.flight.own, slice(None, end * SUBSTEPS + 1))
-        others = take(one.flight.intruders, slice(None, end + 1))
-        axes.plot(own.x / _KM, own.y / _KM, color=BLUE, linewidth=1.4, label="aircraft")
-        for k in np.flatnonzero(one.scene.encounter.mask[0]):
-            label = "intruder" if k == 0 else None
-            axes.plot(others.x[:, k] / _KM, others.y[:, k] / _KM, color=VERMILION, linestyle="--", label=label)
-            axes.plot(others.x[0, k] / _KM, others.y[0, k] / _KM, "s", color=VERMILION, markersize=4)
+        # The last second of an aircraft that was lost is not whole.
+        own = take(one.flight.own, slice(None, min(end, one.flight.separation.size) * SUBSTEPS + 1, SUBSTEPS))
+        others = take(one.flight.intruders, (slice(None, end + 1), one.scene.encounter.mask[0]))
+        traffic = np.stack([others.x.T, others.y.T], axis=1)
+        goal = float(route.x[1]), float(route.y[1])
+        draw(axes, Track(np.stack([own.x, own.y]), traffic, one.flight.separation[:end], goal), rules)
     if one.made is not None and one.legs is not None and one.errors is not None:
         knots = one.made.plans.proposals.knots
         shown = knots.time[0] <= end
         place = VehicleState(*(field[0, shown] for field in knots[:4]))
         over = over_ground(place, one.scene.frame, knots.time[0, shown])
-        axes.plot(over.x / _KM, over.y / _KM, "o", color="black", markersize=3, fillstyle="none", label="waypoints")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.tick_params(labelsize=7)
-    axes.grid(color="#EBEBEB", linewidth=0.5)
-    axes.legend(frameon=False, fontsize=7)
+        axes.plot(over.x / _KM, over.y / _KM, **_WAYPOINT)
 
 
 def _separation(axes: Any, one: Flown, rules: Rules) -> None:

@@ -18,6 +18,7 @@ from envs.follower import PERIOD
 from envs.kinematics import VehicleState, advance
 from envs.outcome import Rules
 from envs.relative import leg_separation
+from envs.trees import take
 from envs.world import begin, move_intruders, perceived
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi.vehicle import Airborne, Navigation
@@ -90,7 +91,7 @@ class Traffic:
     def show(self, whole: VehicleState, period: int) -> None:
         """Let the watch see a period of what :meth:`second` returned."""
         if self._watch is not None:
-            self._watch(VehicleState(*(field[period, self.mask[0]] for field in whole)))
+            self._watch(take(whole, (period, self.mask[0])))
 
 
 def fly(
@@ -103,15 +104,9 @@ def fly(
     until: int,
     ends: tuple[str, ...] = (),
 ) -> Flight:
-    """Fly until a time, the end of the aircraft, or, where that ends the flight, a violation or the goal.
+    """Fly until a time, at least 1 s, the end of the aircraft, or one of ``ends``: ``"violation"``, ``"goal"``.
 
-    Args:
-        vehicle, pilot, navigation: what is flown, what commands it, and how the own place is known.
-        traffic: its intruders, moved on by this.
-        goal: over the ground, m.
-        rules: of the task.
-        until: s, at least 1.
-        ends: what else ends the flight: ``"violation"``, ``"goal"``.
+    The navigation says how the own place is known, the traffic is moved on, the goal is over the ground, m.
     """
     states, altitudes, lates = [vehicle.state], [vehicle.altitude], [0.0]
     others, separations = [traffic.ground()], []
@@ -132,7 +127,7 @@ def fly(
         except FlightError as problem:
             failure = str(problem)
             break
-        others.append(VehicleState(*(field[-1:] for field in whole)))
+        others.append(take(whole, slice(-1, None)))
         separations.append(_apart(states[-SUBSTEPS - 1 :], whole, traffic.mask))
         near = math.hypot(goal[0] - states[-1].x, goal[1] - states[-1].y) <= rules.goal_radius
         if ("violation" in ends and separations[-1] < rules.separation) or ("goal" in ends and near):
@@ -152,7 +147,6 @@ def fly(
 def _apart(states: list[VehicleState], others: VehicleState, mask: Any) -> float:
     """Return the smallest distance to any intruder over a second, m."""
     own = VehicleState(*(np.array(field, dtype=float)[:, None] for field in zip(*states, strict=True)))
-    before, after = (VehicleState(*(field[part] for field in own)) for part in (slice(None, -1), slice(1, None)))
-    first, last = (VehicleState(*(field[part] for field in others)) for part in (slice(None, -1), slice(1, None)))
+    (before, first), (after, last) = (take((own, others), part) for part in (slice(None, -1), slice(1, None)))
     apart = leg_separation(before, after, first, last, PERIOD, np)
     return float(np.min(np.where(mask, apart, np.inf), initial=np.inf))

@@ -60,12 +60,8 @@ class Closed:
 class Assured:
     """A plan ``[1]``, in the air mass, under the run-time monitor, which asks for new plans and falls back to a backup.
 
-    Args:
-        plans, known: made at the start, and the intruders that it was made with, ``[1, K]``.
-        route, rules: over the ground, and of the task.
-        policy, thresholds: of new plans and of the monitor.
-        flown: wind that is reckoned with, gains of the guidance, and the quality of the intruders' reports, of which
-            tracks are made; None where they are the truth.
+    It was made at the start with the known intruders ``[1, K]``; the route is over the ground. ``flown``: wind that is
+    reckoned with, gains of the guidance, quality of the intruders' reports to be tracked (None: they are the truth).
     """
 
     def __init__(
@@ -109,7 +105,8 @@ class Assured:
         seen = through_air(seen, self._frame, float(clock))
         given = assurance.inputs(float(clock), one, seen, self._mask, **known)
         monitor, decision = assurance.step(self._monitor, given, self._thresholds)
-        self._reached |= self._near(own)
+        near = math.hypot(self._route.x[1] - own.x, self._route.y[1] - own.y) <= self._rules.goal_radius
+        self._reached |= near
         began, left, make = monitor.started, self._rules.t_max - clock, self._planner(clock, own, decision)
         monitor, self._short, asked = renewed(
             monitor, decision, self._short, self._reached, left, make, self._thresholds
@@ -135,9 +132,6 @@ class Assured:
             curves = take(monitor.backup.legs if backup else monitor.plan.legs, 0)
             self._guide = Guide(Path(curves, self._frame, began), self._gains)
             self._flies = flies
-
-    def _near(self, own: VehicleState) -> bool:
-        return math.hypot(self._route.x[1] - own.x, self._route.y[1] - own.y) <= self._rules.goal_radius
 
     def _planner(self, clock: int, own: VehicleState, decision: Decision) -> Planner:
         """Return what plans from the middle of the flight: to the goal from where it is, or along the route."""

@@ -12,6 +12,7 @@ from eval.hifi.rows import HifiFolder, columns
 from eval.hifi.summary import summarise
 from eval.runner.command import Command, run
 from eval.runner.options import first_options, last_options, named_evaluation, whole
+from eval.stats.intervals import percent
 
 _DESCRIPTION = """\
 Fly what the planner, the policy or the assured loop decide on the true aircraft, a Cessna 208B in JSBSim, and say how
@@ -92,8 +93,8 @@ def _show(summary: Mapping[str, Any]) -> None:
     )
     for key, found in summary.items():
         if isinstance(found, dict) and "total" in found and found["value"] is not None:
-            ends = f"{100.0 * found['low']:6.2f} .. {100.0 * found['high']:.2f} %"
-            print(f"{key:22} {100.0 * found['value']:7.2f} %  {ends:20} {found['count']} of {found['total']}")
+            text = percent(found, "{:>7} %  {:>6} .. {} %")
+            print(f"{key:22} {text:31} {found['count']} of {found['total']}")
     print(f"smallest separation    {_number(summary['min_separation_m_quantiles']['0'])} m")
     for name, found in summary["errors"].items():
         if found["1"] is not None:

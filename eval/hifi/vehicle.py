@@ -87,10 +87,7 @@ class Navigation:
 
 
 def begin(kind: str, own: VehicleState, drawn: Drawn, limits: Limits, viewer: FlightGear | None = None) -> Airborne:
-    """Return a vehicle, a key of :data:`VARIANT_OF`, at the beginning of its flight over the ground.
-
-    A viewer shows the Cessna; ``FlightError``: the aircraft cannot fly so, or is lost before the start.
-    """
+    """Return a kind of vehicle at its start; a viewer shows the Cessna; ``FlightError``: it is lost or cannot fly."""
     wind = drawn.air.wind_east, drawn.air.wind_north
     if kind == "surrogate":
         return _Kinematic(own, limits, wind, drawn.altitude)

@@ -6,7 +6,7 @@ times and plan agree, to within the metres by which manoeuvres enter the goal's 
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,8 +36,7 @@ class Made(NamedTuple):
 
     plans: Plans  # [1], in the air mass
     request: Request | None  # that it answers, [1]; None where none could be made
-    problem: str | None
-    """Why there is no plan although the planner was not asked, or its answer does not count; None: there is."""
+    problem: str | None  # why the planner was not asked, or its answer does not count; None: it does
 
 
 def made_good(airspeed: float, course: float, wind: Wind) -> float:
@@ -60,7 +59,9 @@ def plan_for(
     course = math.atan2(route.y[-1] - route.y[0], route.x[-1] - route.x[0])
     if not made_good(own.speed, course, wind) >= _SLOWEST:
         return Made(none, None, f"the wind of {math.hypot(*wind):.1f} m/s cannot be made good along the route")
-    ahead = _ahead(own, route, course, clock, wind)
+    # How far each point lies ahead along the route, m.
+    x, y = own.x + wind[0] * clock, own.y + wind[1] * clock
+    ahead = (route.x - x) * math.cos(course) + (route.y - y) * math.sin(course)
     times = np.maximum(ahead, 0.0) / made_good(own.speed, course, wind)
     one = VehicleState(*(np.array([float(field)]) for field in own))
     points = np.array([route.x.size])
@@ -95,9 +96,3 @@ def unflyable(legs: Legs, reach: tuple[float, float]) -> str | None:
     if low <= slow and fast <= high:
         return None
     return f"the plan asks for air speeds of {slow:.1f} to {fast:.1f} m/s, the vehicle has {low:.1f} to {high:.1f} m/s"
-
-
-def _ahead(own: VehicleState, route: Route, course: float, clock: float, wind: Wind) -> Any:
-    """Return how far each point lies ahead along the route, m."""
-    x, y = own.x + wind[0] * clock, own.y + wind[1] * clock
-    return (route.x - x) * math.cos(course) + (route.y - y) * math.sin(course)

@@ -45,18 +45,11 @@ def ratio(
     resamples: int = 2_000,
     seed: int = 0,
 ) -> Ratio:
-    """Return the risk ratio of the same encounters with and without a resolver: NMAC, loss of well clear, any event.
+    """Return the risk ratio of events, bool ``[N]``, with and without a resolver: NMAC, loss of well clear, any event.
 
     The interval is a paired percentile bootstrap over encounters. With no event at all a resample cannot show one: the
     upper end is then the Clopper-Pearson end of the rate at the effective sample size, over the rate without.
-
-    Args:
-        event, event_without: with the resolver and without it, bool ``[N]``.
-        weights: importance weights ``[N]``, not negative; None for equal ones.
-        confidence, resamples, seed: of the interval and its bootstrap.
-
-    Raises:
-        ValueError: shapes or types do not fit, a weight is negative or not finite, or all are 0.
+    Importance weights ``[N]`` are finite, not negative and not all 0, else ``ValueError``; None: equal ones.
     """
     cells = pairs(event, event_without)
     counts = cells.both + cells.first_only, cells.both + cells.second_only, sum(cells)
@@ -70,10 +63,8 @@ def ratio(
     induced = float(weight @ (event & ~event_without)) / without
     value = float(weight @ event) / without
     if counts[0] == 0:
-        low, high = (
-            0.0,
-            clopper_pearson(0, max(math.floor(effective), 1), confidence)[1] * float(weight.sum()) / without,
-        )
+        rate = clopper_pearson(0, max(math.floor(effective), 1), confidence)[1]
+        low, high = 0.0, rate * float(weight.sum()) / without
     else:
         sums = resampled_sums(np.stack([weight * event, weight * event_without], axis=-1), resamples, seed)
         known = sums[:, 1] > 0.0

@@ -37,14 +37,13 @@ def sheet(panels: Sequence[Panel], rules: Rules, columns: int, size: tuple[float
     figure = Figure(figsize=(size[0] * columns, size[1] * lines + 0.6), layout="constrained")
     for i, panel in enumerate(panels):
         axes = figure.add_subplot(lines, columns, i + 1)
-        _draw(axes, panel, rules)
+        draw(axes, panel.track, rules, panel.witness)
         axes.set_title(panel.title, fontsize=fontsize, color=panel.colour)
         if i % columns == 0:
             axes.set_ylabel("north, km", fontsize=8)
         if i + columns >= len(panels):
             axes.set_xlabel("east, km", fontsize=8)
-    handles = _handles(rules, witnessed=any(panel.witness is not None for panel in panels))
-    legend(figure, handles, len(handles) if figure.get_figwidth() > 2.1 * len(handles) else 3)
+    explain(figure, rules, witnessed=any(panel.witness is not None for panel in panels))
     return figure
 
 
@@ -76,21 +75,21 @@ def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
     return [*picked.tolist(), *spread(successes, room - len(picked)).tolist()]
 
 
-def _draw(axes: Axes, panel: Panel, rules: Rules) -> None:
+def draw(axes: Axes, track: Track, rules: Rules, witness: np.ndarray | None = None) -> None:
     """Draw a flight in km: tracks, goal, and the closest approach with the required separation."""
-    own, intruders = _KM * panel.track.own, _KM * panel.track.intruders
+    own, intruders = _KM * track.own, _KM * track.intruders
     minute = slice(None, None, max(1, round(60.0 / rules.dt)))
-    goal = _KM * panel.track.goal[0], _KM * panel.track.goal[1]
+    goal = _KM * track.goal[0], _KM * track.goal[1]
     axes.plot([own[0, 0], goal[0]], [own[1, 0], goal[1]], color=GREY, linewidth=0.8, linestyle=":")
     axes.add_patch(Circle(goal, _KM * rules.goal_radius, color=GREEN, alpha=0.35, linewidth=0))
-    if panel.witness is not None:
-        axes.plot(*(_KM * panel.witness), zorder=1.5, **_WITNESS)
-    for track, style in ((own, _OWN), *((each, _INTRUDER) for each in intruders)):
-        axes.plot(*track, color=style["color"], linewidth=style["linewidth"], linestyle=style["linestyle"])
-        axes.plot(*track[:, minute], ".", color=style["color"], markersize=4)
-        axes.plot(*track[:, 0], style["marker"], color=style["color"], markersize=style["markersize"])
-    if panel.track.separation.size:
-        closest = int(np.argmin(panel.track.separation)) + 1
+    if witness is not None:
+        axes.plot(*(_KM * witness), zorder=1.5, **_WITNESS)
+    for path, style in ((own, _OWN), *((each, _INTRUDER) for each in intruders)):
+        axes.plot(*path, color=style["color"], linewidth=style["linewidth"], linestyle=style["linestyle"])
+        axes.plot(*path[:, minute], ".", color=style["color"], markersize=4)
+        axes.plot(*path[:, 0], style["marker"], color=style["color"], markersize=style["markersize"])
+    if track.separation.size:
+        closest = int(np.argmin(track.separation)) + 1
         apart = np.hypot(*np.moveaxis(intruders[:, :, closest] - own[:, closest], -1, 0))
         at = intruders[int(np.argmin(apart)), :, closest]
         ring = Circle((at[0], at[1]), _KM * rules.separation, fill=False, edgecolor=VERMILION, linewidth=0.9)
@@ -106,10 +105,11 @@ def _draw(axes: Axes, panel: Panel, rules: Rules) -> None:
     axes.set_axisbelow(True)
 
 
-def _handles(rules: Rules, *, witnessed: bool) -> list[Line2D]:
+def explain(figure: Figure, rules: Rules, *more: Line2D, witnessed: bool = False) -> None:
+    """Draw the legend of what :func:`draw` draws, and of more, below all panels."""
     mark: dict[str, Any] = {"linestyle": ""}
     ring = {"marker": "o", "markersize": 10, "markerfacecolor": "none"}
-    return [
+    handles = [
         sample("ownship, from its start", **_OWN),
         sample("intruder, from its start", **_INTRUDER),
         *([sample("a flight that succeeds", **_WITNESS)] if witnessed else []),
@@ -117,4 +117,6 @@ def _handles(rules: Rules, *, witnessed: bool) -> list[Line2D]:
         sample("goal", color=GREEN, alpha=0.45, marker="o", markersize=9, **mark),
         sample("closest approach", color="black", marker="D", markerfacecolor="white", **mark),
         sample(f"{rules.separation:.0f} m around the intruder then", color=VERMILION, **ring, **mark),
+        *more,
     ]
+    legend(figure, handles, len(handles) if figure.get_figwidth() > 2.1 * len(handles) else 3)

@@ -76,9 +76,7 @@ class Cluster:
     ) -> Iterator[tuple[Chunk, dict[str, np.ndarray]]]:
         """Fly chunks and yield the table of each as it gets ready, in any order; arguments as of :func:`fly_chunks`.
 
-        Raises:
-            InputError: an encounter cannot be drawn.
-            WorkerError: the scheduler has gone, a worker does not fit or has failed, or several died of a chunk.
+        ``WorkerError`` also: the scheduler has gone, a worker does not fit, or several died of a chunk.
         """
         name = uuid.uuid4().hex
         # A task and not scattered data: what a task has made is made again when the worker that holds it dies.

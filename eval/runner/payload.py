@@ -63,8 +63,7 @@ class Payload:
 def packed(name: str, task: Task, work: Any, sha256: str) -> bytes:
     """Return the payload of a run as bytes; ``work`` names its policy's file, None: the one that ships.
 
-    Raises:
-        PolicyFileError: the policy's file cannot be read again, or is no longer the one with this digest.
+    ``PolicyFileError``: the file cannot be read again, or is no longer the one with this digest.
     """
     path = resources.files("agents").joinpath(_SHIPPED) if work.policy is None else Path(work.policy)
     try:
@@ -87,9 +86,7 @@ def unpacked(data: bytes) -> Payload:
 def fly(payload: Payload, first: int, count: int) -> dict[str, np.ndarray]:
     """Fly the chunk of ``count`` encounters from ``first`` on and return its table.
 
-    Raises:
-        InputError: an encounter cannot be drawn.
-        WorkerError: anything else, with its traceback, or one sentence where the worker does not fit the run.
+    ``InputError``: an encounter cannot be drawn; ``WorkerError``: anything else, with its traceback.
     """
     # Of several threads of a worker one flies: a step is hundreds of short array operations, and threads would
     # mostly wait for the interpreter's lock.

@@ -37,9 +37,7 @@ def fly_chunks(
     With one worker everything happens in this process. ``stopped`` is asked before each chunk: once it is true, none is
     begun and those in the air are finished.
 
-    Raises:
-        InputError: the policy cannot be loaded, or an encounter cannot be drawn.
-        WorkerError: a worker has failed.
+    ``InputError``: the policy cannot be loaded, or an encounter cannot be drawn; ``WorkerError``: a worker has failed.
     """
     waiting = deque(chunks)
     if workers == 1 or len(waiting) <= 1:

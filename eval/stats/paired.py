@@ -25,11 +25,7 @@ class Pairs(NamedTuple):
 
 
 def pairs(first: np.ndarray, second: np.ndarray) -> Pairs:
-    """Count the four cells of two deciders' successes, bool ``[N]``, of the same encounters in the same order.
-
-    Raises:
-        ValueError: they are not two bool arrays of one length.
-    """
+    """Count the cells of two deciders' successes on the same encounters, bool ``[N]`` both, else ``ValueError``."""
     first, second = np.asarray(first), np.asarray(second)
     if first.ndim != 1 or first.shape != second.shape or first.dtype != bool or second.dtype != bool:
         found = " and ".join(f"{each.dtype} {list(each.shape)}" for each in (first, second))
@@ -42,10 +38,8 @@ def tango(counts: Pairs, confidence: float = 0.95) -> Interval:
     """Return the second's success rate less the first's, with Tango's score interval.
 
     The interval holds every difference that the score test does not reject (T. Tango, Statistics in Medicine 17
-    (1998) 891). The statistic falls as the supposed difference rises, so that its ends are found by bisection.
-
-    Raises:
-        ValueError: there is no pair, or the confidence is out of its range.
+    (1998) 891). The statistic falls as the supposed difference rises, so that its ends are found by bisection. No pair,
+    or a confidence out of its range, raises ``ValueError``.
     """
     if not 0.0 < confidence < 1.0:
         raise ValueError(f"confidence {confidence} is outside (0, 1)")
