@@ -31,8 +31,7 @@ class PlannerConfig(Strict):
     """How plans are made and flown in the modes that plan."""
 
     margin: float | None = Field(default=None, ge=0.0)
-    """Added to the required separation, m: how far the vehicle may be from its plan; null: 0.02 m for the paper's
-    aircraft, others in proportion."""
+    """Added to the required separation, m; null: 0.02 m for the paper's aircraft, others in proportion."""
     goal_radius: float | None = Field(default=None, gt=0.0)
     """Distance from a point of the route at which the route is rejoined, m; null: the aircraft's."""
     rejoin_by: float | None = Field(default=None, gt=0.0)
@@ -42,16 +41,14 @@ class PlannerConfig(Strict):
     direct: bool = True
     """Whether the policy's flight ends as soon as the direct way to the goal is clear; otherwise only at the goal."""
     fallback_cost_threshold: float | None = Field(default=None, ge=0.0)
-    """Cost of a safe plan of the policy's above which the fallback is searched too, m; 0: always; null: 1.5 required
-    separations."""
+    """Cost of the policy's safe plan above which the fallback is searched too, m; 0: always; null: 1.5 separations."""
     exhaustive: bool = True
     """Whether the slow refinement is tried before a request is given up."""
     vehicle: VehicleConfig | None = Field(
         default=None,
         json_schema_extra={"expected": "null, the path of a YAML file, a name that ships, or a group of keys"},
     )
-    """Limits of the legs and of the vehicle that follows them; manoeuvres keep inside the aircraft's, too; null: the
-    aircraft's with the reserve that the paper's Cessna 208 has."""
+    """Limits of the legs and of the vehicle that follows them; null: the aircraft's with the paper's reserve."""
 
     def options(self, aircraft: Aircraft) -> Options:
         """Return this as the planner takes it: manoeuvres inside both the aircraft's limits and the vehicle's."""
@@ -125,16 +122,14 @@ class MonteCarloConfig(Strict):
     """Scenarios of files that can be flown."""
 
     policy: Path | None = None
-    """Policy file (.safetensors), looked for beside the configuration file and then in the working directory; null:
-    the policy that ships with the toolkit."""
+    """Policy file (.safetensors), beside the configuration file or in the working directory; null: the shipped one."""
     policy_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
     """Digest that the policy must have, so that a repeated run flies the same one; null: any."""
     mode: Literal["policy", "plan", "assured"] = "policy"
     """What decides: policy, the network alone, once a second; plan, the planner once at the start, then the plan is
     followed; assured, the same under a monitor that asks for new plans and falls back to a backup."""
     baseline: Literal["none", "rules", "mvp", "mvp_speed"] = "none"
-    """What decides in the policy's place, in mode policy; none: the policy itself. The flight straight along the route
-    is always flown too."""
+    """What decides in the policy's place, in mode policy; none: the policy. The straight flight is always flown too."""
     backend: Literal["auto", "numpy", "jax"] = "auto"
     """What computes the policy's decisions in mode policy: numpy; or jax, compiled and some three times as fast, with
     flights that differ by rounding. auto: jax where it is installed, for 2000 encounters or more on this machine."""
@@ -165,11 +160,9 @@ class MonteCarloConfig(Strict):
         default=None,
         json_schema_extra={"expected": "null, the path of a YAML file, a name that ships, or a group of keys"},
     )
-    """The ownship and its task, which rules, scenarios and plans follow; null: the one that the policy was trained for.
-    """
+    """The ownship and its task, which rules, scenarios and plans follow; null: the policy's own."""
     allow_outside_domain: bool = False
-    """Whether an aircraft outside the family that the policy was trained for is flown all the same, and more intruders
-    than it was trained with."""
+    """Whether aircraft, and more intruders, than the policy was trained for are flown all the same."""
     planner: PlannerConfig = PlannerConfig()
     tracks: TracksConfig = TracksConfig()
     figures: bool = True

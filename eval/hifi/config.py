@@ -34,8 +34,7 @@ CONDITIONS: dict[str, dict[str, Any]] = {
     "mixed": _MIXED,
     "noisy": _MIXED | {"position_std": 30.0, "velocity_std": 3.0, "latency": (1.0, 2.0)},
 }
-"""The families by name, as what they change of calm: each thing alone, then everything but the intruders' sensors, then
-everything."""
+"""The families by name, as what they change of calm: each thing alone, all but the intruders' sensors, everything."""
 
 _BOUNDS: dict[str, _Range] = {
     "weight_lb": (5500.0, 8900.0),
