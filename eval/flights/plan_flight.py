@@ -20,8 +20,7 @@ from envs.trees import column
 from envs.world import State, move_intruders
 from eval.flights.simulate import OUTCOMES, Flights, reversal_rate, turned_to
 
-SUBSTEPS = round(1.0 / PERIOD)
-"""Periods of the follower in a time step."""
+SUBSTEPS = round(1.0 / PERIOD)  # periods of the follower in a time step
 
 
 class Flown(NamedTuple):
@@ -29,8 +28,7 @@ class Flown(NamedTuple):
 
     flights: Flights
     error: np.ndarray  # largest distance from where the plan was at the time, m; 0 without a plan
-    whole_separation: np.ndarray
-    """Smallest distance to any intruder from the request to the plan's end, m; nan without a plan."""
+    whole_separation: np.ndarray  # smallest distance to any intruder until the plan's end, m; nan without a plan
 
 
 class Air(NamedTuple):

@@ -17,11 +17,8 @@ from envs.world import begin, perceived
 from eval.flights.plan_flight import SUBSTEPS, Air, Flown, Tally, fly_step, request_of
 from eval.flights.trajectories import TrajectoryRecorder
 
-SOURCES = ("none", "policy", "fallback")
-"""Names of a plan's sources by their codes."""
-
-STATUSES = ("unresolved", "safe")
-"""Names of a plan's statuses by whether it is safe."""
+SOURCES = ("none", "policy", "fallback")  # names of a plan's sources by their codes
+STATUSES = ("unresolved", "safe")  # names of a plan's statuses by whether it is safe
 
 
 def perceived_at_start(encounters: Encounter, dt: float, noise: Any = None) -> VehicleState:

@@ -1,7 +1,4 @@
-"""Encounters of an evaluation flown again by their numbers, with their trajectories.
-
-An encounter follows from seed and number alone and a flight from its encounter, so that the same flights come out.
-"""
+"""Encounters of an evaluation flown again by their numbers, with their trajectories."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple

@@ -23,8 +23,7 @@ from envs.world import State, World, begin, perceived, smallest
 from envs.world import step as advance
 from eval.flights.trajectories import TrajectoryRecorder
 
-OUTCOMES = ("violation", "reached", "timeout")
-"""Names of the outcome codes 0, 1, 2."""
+OUTCOMES = ("violation", "reached", "timeout")  # names of the outcome codes 0, 1, 2
 
 
 class ByPolicy(NamedTuple):

@@ -1,7 +1,4 @@
-"""The flights of a report, flown once more, because the files of a run hold only how each ended.
-
-Each flight is compared with its row of the table, and those that differ are marked.
-"""
+"""The flights of a report, flown once more and compared with their rows: a run's files hold only how each ended."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple

@@ -1,7 +1,4 @@
-"""The folder of a run: its configuration, finished parts, the table of encounters and the summary.
-
-Every file is written under another name and renamed, so that it is whole or not there, whatever happens.
-"""
+"""The folder of a run: its configuration, finished parts, the table of encounters and the summary, each whole."""
 
 import hashlib
 import json
@@ -18,8 +15,7 @@ from envs.edge.files import write_file, written
 from envs.edge.installation import versions
 from eval.config import MonteCarloConfig
 
-SCHEMA_VERSION = 1
-"""Of summary.json."""
+SCHEMA_VERSION = 1  # of summary.json
 
 _PARTS, _CONFIG = "parts", "config.yaml"
 _ROW_GROUP = 65_536
