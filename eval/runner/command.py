@@ -1,6 +1,7 @@
 """The frame of the commands that fly many encounters: workers, the run's folder, chunks, interrupts, files."""
 
 import argparse
+import json
 import os
 import signal
 import sys
@@ -16,11 +17,10 @@ from agents.config.folder_lock import locked
 from agents.config.keys import help_text
 from agents.config.load import ConfigError
 from agents.config.progress import Progress, spaced
-from envs.edge.files import check_space
+from envs.edge.files import check_space, write_file
 from envs.edge.installation import versions
 from eval.config import MonteCarloConfig
 from eval.flights.aircraft import described, lines_about
-from eval.plots.save import write
 from eval.runner.options import loaded, named_policy
 from eval.runner.outputs import SCHEMA_VERSION, RunFolder, check_unused
 from eval.runner.payload import DECISIVE, Chunk, Task, WorkerError
@@ -94,7 +94,7 @@ def run(command: Command, options: argparse.Namespace) -> int:
                 f"{command.unit}_per_s": flown / wall_s if flown else None,
                 "versions": versions("numpy", "safetensors", "pyarrow", "scipy", *packages),
             }
-            write(folder.path, "summary", summary)
+            write_file(folder.path / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
             # Imported only now: matplotlib takes a second.
             draw_all = import_module(command.figures).draw_all if config.figures else lambda *_: []
             figures = draw_all(folder.path, table, work)
