@@ -82,9 +82,7 @@ def learner_alone(config: TrainConfig) -> Work:
     """Return a function that learns by one update from samples of the same shapes that are made once."""
     settings = task.ppo_settings(config)
     hidden, feature_set = tuple(config.network.hidden), config.network.feature_set
-    parts = ppo.learner(
-        Actor(hidden, feature_set, config.network.log_std_initial), Critic(hidden, feature_set), settings
-    )
+    parts = ppo.learner(Actor(hidden, feature_set), Critic(hidden, feature_set), settings)
     shape = (config.ppo.environments, config.ppo.rollout)
     start_key, seen_key, noise_key, advantage_key, key = jax.random.split(jax.random.key(config.seed), 5)
 

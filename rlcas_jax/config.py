@@ -32,8 +32,6 @@ class NetworkConfig(Strict):
     (mirror)."""
     encoder: tuple[Annotated[int, Field(ge=1, le=1024)], ...] = Field(default=(64, 64), min_length=1, max_length=4)
     """Widths of the layers that every intruder of a set passes, before the greatest of each number is taken."""
-    log_std_initial: float = Field(default=-0.5, ge=-5.0, le=2.0)
-    """Natural logarithm of the initial standard deviation of both actions (full deflection is 1)."""
 
 
 class PpoConfig(Strict):
@@ -62,8 +60,9 @@ class PpoConfig(Strict):
     """How far an update may move the ratio of new to old action probability from 1 before its gradient stops."""
     entropy: Weight = 0.0
     """Weight of the entropy bonus in the loss."""
-    max_grad_norm: float = Field(default=0.5, gt=0.0, le=1e6)
-    """The gradients of actor and critic are each scaled down to this norm."""
+    bound: Weight = 0.0
+    """Weight in the loss of the square of what the mean action is beyond its limits, where it is clipped and noise
+    around it teaches nothing."""
     reward_scale: float = Field(default=0.01, gt=0.0)
     """Factor on the task's reward before learning; logged scores are unscaled."""
 
@@ -98,6 +97,8 @@ class WorldConfig(Strict):
     separation_spread: float = Field(default=0.0, ge=0.0, le=10.0)
     """Each environment requires a separation of 1 to 1 + this times the aircraft's, spread evenly; the observation does
     not show it."""
+    time_share: float = Field(default=1.0, gt=0.0, le=1.0)
+    """Share of the aircraft's time limit within which training requires the goal; the observation does not show it."""
     reward_violation: float = -100.0
     """Score of a lost separation."""
     reward_goal: float = 100.0

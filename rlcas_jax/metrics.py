@@ -25,11 +25,12 @@ METRICS = {
     "timeout": "Share of those episodes that ran out of time.",
     "episodes": "How many episodes ended during the update.",
     "episode_length": "Environment steps of the update per episode that ended in it, 1 s each.",
-    "loss": "What the optimiser minimises: policy_loss + value_loss / 2 - ppo.entropy * entropy; mean"
-    " over the last epoch of the update.",
+    "loss": "What the optimiser minimises: policy_loss + value_loss / 2 - ppo.entropy * entropy + ppo.bound *"
+    " beyond_limits; mean over the last epoch of the update.",
     "policy_loss": "PPO's clipped surrogate objective, negated.",
     "value_loss": "Half the critic's mean squared error, in units of the scaled reward squared.",
     "entropy": "Entropy of the action distribution, nats; it falls as the policy becomes deterministic.",
+    "beyond_limits": "Mean square of what the mean action is beyond its limits, where it is clipped.",
     "neg_log_prob": "Mean negative logarithm of the density of the actions taken, nats.",
     "approx_kl": "Estimate of the divergence between the policy before and after the update, nats; above about 0.05 the"
     " updates are too large.",
@@ -37,7 +38,7 @@ METRICS = {
     "explained_variance": "Share of the returns' variance that the critic predicts: 1 at best, at or below 0 it is of"
     " no use.",
     "learning_rate": "Step size of Adam in this update.",
-    "grad_norm": "Global norm of the gradient before it is limited to ppo.max_grad_norm, mean over the last epoch.",
+    "grad_norm": "Global norm of the gradient before it is limited, mean over the last epoch.",
     "std_acceleration": "Standard deviation of the acceleration action; full deflection is 1.",
     "std_yaw_rate": "Standard deviation of the yaw rate action; full deflection is 1.",
     "eval_success": "Share of the evaluation's encounters in which the deterministic policy reaches the goal.",

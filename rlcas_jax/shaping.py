@@ -12,6 +12,9 @@ from envs.relative import distance
 from envs.surrogate import State
 from rlcas_jax.config import ShapingConfig, TrainConfig
 
+DETOUR = 4.0
+"""Way round per metre by which the goal lies inside the turning circle; from its centre 4.5 radii are the shortest."""
+
 
 def learning_reward(
     reward: jax.Array, before: State, after: State, yaw_rate: jax.Array, config: TrainConfig, aircraft: Aircraft
@@ -40,9 +43,18 @@ def learning_reward(
 
 
 def potential(state: State, weights: ShapingConfig, aircraft: Aircraft) -> jax.Array:
-    """Return the potential of each encounter, ``[N]``, in units of the scaled reward."""
-    left = distance(state.goal_x - state.own.x, state.goal_y - state.own.y, jnp)
-    return -weights.goal * left * (0.1 / aircraft.separation)
+    """Return the potential of each encounter, ``[N]``, in units of the scaled reward.
+
+    It counts the distance to the goal, and the way round where the goal lies inside the turning circle: without that,
+    circling the goal for ever is no worse than leaving it to come back.
+    """
+    own, x, y = state.own, state.goal_x - state.own.x, state.goal_y - state.own.y
+    radius = own.speed / aircraft.limits.yaw_rate_max
+    sine, cosine = jnp.sin(own.heading), jnp.cos(own.heading)
+    # The centre of the turning circle on the goal's side lies abeam.
+    from_centre = distance(x * cosine + y * sine, jnp.abs(y * cosine - x * sine) - radius, jnp)
+    inside = jnp.maximum(radius - aircraft.goal_radius - from_centre, 0.0)
+    return -weights.goal * (distance(x, y, jnp) + DETOUR * inside) * (0.1 / aircraft.separation)
 
 
 def shaped(before: jax.Array, after: jax.Array, terminated: jax.Array, discount: float) -> jax.Array:

@@ -72,7 +72,7 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
     settings = ppo_settings(config)
     network = config.network
     hidden, feature_set, encoder = tuple(network.hidden), network.feature_set, tuple(network.encoder)
-    actor = Actor(hidden, feature_set, network.log_std_initial, encoder)
+    actor = Actor(hidden, feature_set, encoder=encoder)
     parts = ppo.learner(actor, Critic(hidden, feature_set, encoder), settings)._replace(axis=devices.axis)
     world = surrogate.World(config.rules(), config.aircraft.aircraft())
     scenarios, flown_by = config.drawn(), fleet(config)
@@ -91,9 +91,9 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
     def iterate(state: Any, drawn: _Drawn, rate: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
         """Roll out and learn; on several devices with the encounters of one of them."""
         learner, flying = state
-        flying_in = world
+        flying_in = world._replace(rules=world.rules._replace(t_max=config.world.time_share * world.rules.t_max))
         if flown_by.other.any():
-            flying_in = world._replace(aircraft=world.aircraft._replace(limits=drawn.fleet.limits))
+            flying_in = flying_in._replace(aircraft=world.aircraft._replace(limits=drawn.fleet.limits))
         environment = _training_environment(config, flying_in, drawn.pool, scenarios)
         key = drawn.observe_key if axis is None else jax.random.fold_in(drawn.observe_key, jax.lax.axis_index(axis))
         flown, samples, statistics, figures = collect(
@@ -176,7 +176,7 @@ def ppo_settings(config: TrainConfig) -> ppo.PpoSettings:
         segment=chosen.segment,
         clip=chosen.clip,
         entropy=chosen.entropy,
-        max_grad_norm=chosen.max_grad_norm,
+        bound=chosen.bound,
     )
 
 

@@ -27,6 +27,8 @@ class PpoSettings:
     """Steps that stay together when a rollout is shuffled; sorting single samples is slow on a CPU."""
     clip: float = 0.2
     entropy: float = 0.0
+    bound: float = 0.0
+    """Weight of what the mean action is beyond [-1, 1]: there it is clipped, and noise around it teaches nothing."""
     value: float = 0.5
     max_grad_norm: float = 0.5
     adam_epsilon: float = 1e-5
@@ -180,12 +182,14 @@ def losses(
     policy_loss = -jnp.mean(jnp.minimum(ratio * batch.advantage, clipped * batch.advantage))
     value_loss = 0.5 * jnp.mean(jnp.square(value - batch.target))
     entropy = gaussian_entropy(log_std)
-    loss = policy_loss + settings.value * value_loss - settings.entropy * entropy
+    beyond = jnp.mean(jnp.square(mean - jnp.clip(mean, -1.0, 1.0)).sum(axis=-1))
+    loss = policy_loss + settings.value * value_loss - settings.entropy * entropy + settings.bound * beyond
     return loss, {
         "loss": loss,
         "policy_loss": policy_loss,
         "value_loss": value_loss,
         "entropy": entropy,
+        "beyond_limits": beyond,
         "neg_log_prob": -jnp.mean(log_prob),
         "approx_kl": jnp.mean(ratio - 1.0 - log_ratio),
         "clip_fraction": jnp.mean(jnp.abs(ratio - 1.0) > settings.clip),

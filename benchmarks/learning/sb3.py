@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from gymnasium import spaces
 
+from agents.learning.networks import Actor
 from agents.policy import features
 from envs.gym.gymnasium_contract import action_space
 from envs.gym.gymnasium_vector import DeconflictionVectorEnv
@@ -186,12 +187,12 @@ def numbers(config: TrainConfig, cell: Cell, activation: Any) -> dict[str, Any]:
         "clip_range": config.ppo.clip,
         "ent_coef": config.ppo.entropy,
         "vf_coef": 0.5 * task.ppo_settings(config).value,  # of the squared error, which our loss halves first
-        "max_grad_norm": config.ppo.max_grad_norm,
+        "max_grad_norm": task.ppo_settings(config).max_grad_norm,
         "normalize_advantage": task.ppo_settings(config).normalize_advantage,
         "policy_kwargs": {
             "net_arch": {"pi": hidden, "vf": hidden},
             "activation_fn": activation,
-            "log_std_init": config.network.log_std_initial,
+            "log_std_init": Actor.log_std_initial,
             "optimizer_kwargs": {"eps": task.ppo_settings(config).adam_epsilon},
         },
         "seed": config.seed,

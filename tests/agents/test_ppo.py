@@ -137,6 +137,20 @@ def test_value_loss_entropy_and_total_by_hand() -> None:
     assert found["loss"] == pytest.approx(-2.0 + 0.7 * 0.5 - 0.3 * math.log(2.0 * math.pi * math.e), rel=1e-5)
 
 
+def test_a_mean_action_beyond_its_limits_costs_its_square_by_hand() -> None:
+    """Means of 3 times (0.5, 0), (0, -0.5) and (1, 1) are 0.5, 0.5, and twice 2 beyond the limits."""
+    batch = tiny_batch([1.0, 1.0, 1.0], [1.0, 2.0, 3.0])
+    beyond = (0.25 + 0.25 + 8.0) / 3.0
+    critic, steep = UNIT[1], {"gain": jnp.float32(3.0), "log_std": jnp.zeros(2)}
+
+    def loss(bound: float) -> tuple[float, dict]:
+        return ppo.losses((steep, critic), batch, BY_HAND, PpoSettings(bound=bound))
+
+    assert float(loss(0.0)[1]["beyond_limits"]) == pytest.approx(beyond)
+    assert float(loss(0.5)[0] - loss(0.0)[0]) == pytest.approx(0.5 * beyond, rel=1e-5)
+    assert losses(batch)["beyond_limits"] == 0.0, "at the limit nothing is beyond"
+
+
 def test_advantages_are_normalised_within_each_minibatch() -> None:
     """By hand: 1, 2, 6 have mean 3 and standard deviation sqrt(14/3); so have they shifted and scaled."""
     found = ppo.normalized(jnp.array([[1.0, 2.0, 6.0], [107.0, 112.0, 132.0]]))

@@ -20,6 +20,7 @@ from envs.outcome import RULES
 from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import ShapingConfig
 from rlcas_jax.shaping import (
+    DETOUR,
     heading_change_cost,
     path_excess_cost,
     potential,
@@ -288,3 +289,31 @@ def test_potential_by_hand() -> None:
     own = state.own._replace(x=jnp.zeros(2), y=jnp.zeros(2))
     scene = state._replace(own=own, goal_x=jnp.full(2, 8_000.0), goal_y=jnp.zeros(2))
     np.testing.assert_allclose(worth(scene, goal=2.0), [-1.6, -1.6], atol=1e-5)
+
+
+def left(x: float, y: float, *, speed: float = 90.0, scale: float = 1.0) -> float:
+    """Return the potential's way to a goal ahead at x and left at y, m, for an aircraft that turns at 3 deg/s."""
+    aircraft = PAPER._replace(separation=scale * PAPER.separation, goal_radius=scale * PAPER.goal_radius)
+    aircraft = aircraft._replace(limits=aircraft.limits._replace(yaw_rate_max=math.radians(3.0) / scale))
+    state = state_of("head_on", count=1)
+    own = state.own._replace(
+        x=jnp.zeros(1), y=jnp.zeros(1), heading=jnp.full(1, 0.5), speed=jnp.full(1, speed, jnp.float32)
+    )
+    cosine, sine = math.cos(0.5), math.sin(0.5)
+    goal = (jnp.full(1, scale * v, jnp.float32) for v in (x * cosine - y * sine, x * sine + y * cosine))
+    scene = state._replace(own=own, goal_x=next(goal), goal_y=next(goal))
+    return -1e4 * scale * float(potential(scene, ShapingConfig(goal=1.0), aircraft)[0])
+
+
+def test_a_goal_that_the_next_turn_cannot_meet_counts_the_way_round() -> None:
+    """A goal that is met by turning at the limit is as far as its distance, one inside the circle is farther."""
+    radius = 90.0 / math.radians(3.0)
+    assert left(-3_000.0, 1_000.0) == pytest.approx(math.hypot(3_000.0, 1_000.0), rel=1e-5)
+    assert left(0.0, 2.0 * radius) == pytest.approx(2.0 * radius, rel=1e-5)
+    centre = left(0.0, radius)
+    assert centre == pytest.approx(radius + DETOUR * (radius - PAPER.goal_radius), rel=1e-5)
+    assert left(0.0, -radius) == pytest.approx(centre, rel=1e-5)
+    assert left(0.0, radius, scale=7.0) == pytest.approx(7.0 * centre, rel=1e-5)
+    # Flying straight on from there is progress though the goal gets farther, and so is slowing down.
+    assert left(-300.0, radius) < centre
+    assert left(0.0, radius, speed=60.0) < centre
