@@ -237,13 +237,11 @@ def _rates(found: dict[str, np.ndarray], count: int) -> dict[str, Any]:
 
 
 def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
-    """Return the box of the network's inputs in flights of the scenarios of configs/best.yaml, of many aircraft."""
-    import yaml
-
+    """Return the box of the network's inputs in flights of the scenarios that it was trained with, of many aircraft."""
     from agents.config.world import ScenarioConfig
 
-    listed = yaml.safe_load(Path("configs/best.yaml").read_text(encoding="utf-8"))
-    wanted = [*listed["scenarios"], *listed["phases"][-1]["scenarios"]]
+    trained = policy.metadata["training"]["config"]
+    wanted = [one for part in (trained, *trained["phases"]) for one in part.get("scenarios", ())]
     low: list[np.ndarray] = [np.full(len(names), np.inf) for names in (novelty.OWN, novelty.EACH)]
     high = [-each for each in low]
     for number in range(count):
