@@ -4,12 +4,11 @@ The whole of ``agents.planner.plan``, from states and route to the validated ans
 one core, over random circle encounters; those that the policy solves and those that need the fallback apart. Beside it,
 in turns with it, the floor: 380 times the matrix-vector products of the network in float32 and the tanh between them,
 preallocated, features excluded. ``_cpu_`` figures count the processor's time alone, which other work on the machine
-does not lengthen so much. With ``--former FILE``, the policy file that shipped before, decisions of both are timed too.
+does not lengthen so much.
 """
 
 import os
 import time
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -61,39 +60,11 @@ def question(
     return own, others, [RoutePoint(i, x, y) for i, (x, y) in enumerate(points)]
 
 
-def decisions(policy: Policy, former: Policy, repeats: int = 15) -> dict[str, float]:
-    """Return what a decision with 1 and 8 intruders takes, in decisions of the former policy with one.
-
-    Of ``command`` for 256 scenes and of ``command_one``; medians of the ratios within each turn, processor time.
-    """
-    policy, ratios = policy.for_aircraft(PAPER, outside="allow"), {}
-    works: dict[str, Any] = {}
-    for name, decider, most in (("former", former, 1), ("with_1", policy, 1), ("with_8", policy, 8)):
-        e = numbered(scenario("multi", PAPER, intruders=(most, most)), 0, 0, 256)
-        single = [question(e, request_of(e, PAPER), number)[:2] for number in range(64)]
-        batch = (e.own, e.intruders, e.mask, e.goal_x, e.goal_y)
-        works[name] = (
-            partial(decider.command, *batch),
-            lambda p=decider, single=single: [p.command_one(own, others, 9e3, 0.0) for own, others in single],
-        )
-    for kind, number in (("batch", 0), ("one", 1)):
-        taken: dict[str, list[float]] = {name: [] for name in works}
-        for turn in range(-1, repeats):
-            for name, each in works.items():
-                began = time.process_time()
-                each[number]()
-                taken[name] += [time.process_time() - began] * (turn >= 0)
-        for name in ("with_1", "with_8"):
-            ratios[f"decision_{kind}_{name}_over_former"] = float(np.median(np.divide(taken[name], taken["former"])))
-    return ratios
-
-
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
     parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
     parser.add_argument("--requests", type=int, default=2_000, help="requests timed (default 2000)")
-    parser.add_argument("--former", type=Path, help="policy file of one intruder whose decisions are timed beside")
     parser.add_argument("--scenario", default="circle", help="family of encounters (default circle)")
     options = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):
@@ -127,9 +98,6 @@ def main() -> None:
                 figures[f"{kind}_{name}_ms"] = 1e3 * float(np.percentile(values, share))
                 figures[f"{kind}_cpu_{name}_ms"] = 1e3 * float(np.percentile(busy[kind], share))
     figures["policy_median_over_floor"] = float(np.median(times["policy"])) / base if times["policy"] else None
-    if options.former:
-        with threadpool_limits(1):
-            figures |= decisions(policy, Policy.load(options.former))
     for name, value in figures.items():
         print(f"{name:28} {value:.4g}" if isinstance(value, float) else f"{name:28} {value}")
     report(figures, ("numpy",))
