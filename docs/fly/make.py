@@ -84,7 +84,7 @@ def film(page_file: Path, out: Path) -> None:
     with importlib.import_module("playwright.sync_api").sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         page = browser.new_page(viewport=_VIEW, reduced_motion="reduce")
-        page.add_init_script("let drawn = 7; Math.random = () => (drawn = (drawn * 16807) % 2147483647) / 2147483647;")
+        page.add_init_script("let drawn = 9; Math.random = () => (drawn = (drawn * 16807) % 2147483647) / 2147483647;")
         page.goto(page_file.resolve().as_uri())
         page.check("[name=decides][value=all]", force=True)
         page.select_option("#scene", "sides")
