@@ -24,7 +24,6 @@ from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_files import read_daidalus
 from envs.traffic.track_units import FOOT
 from envs.traffic.tracks import TrackError, summed
-from eval.runner.options import real, whole
 
 _DESCRIPTION = """\
 Turn encounters from one form of file into another; the names' ends say which:
@@ -59,6 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
+    from eval.runner.options import real, whole
+
     parser = Parser(prog="python -m eval.convert", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
     add("source", type=Path, metavar="FROM", help="file to read")

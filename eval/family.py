@@ -11,22 +11,20 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.config.load import dump
-from agents.config.world import AircraftConfig
 from agents.policy.domain import TRAFFIC_SPEED
 from agents.policy.inference import Policy
 from envs.aircraft import ratios
 from envs.draws import uniforms
 from envs.edge.command import ConfigError, Parser, run_cli
 from envs.edge.files import write_file
-from eval.monte_carlo.run import run_quietly
-from eval.plots import save as picture_folder
-from eval.runner.options import check_digest, whole
 from eval.stats.intervals import share
+
+if TYPE_CHECKING:
+    from agents.config.world import AircraftConfig
 
 FAMILY = {
     "speed_max": (25.0, 240.0),  # m/s
@@ -55,8 +53,10 @@ examples:
   python -m eval.family --policy runs/set/policy.safetensors --intruders 2 4 --turning --out runs/family_turning"""
 
 
-def drawn(seed: int, number: int) -> AircraftConfig:
+def drawn(seed: int, number: int) -> "AircraftConfig":
     """Return an aircraft of a seed by its number."""
+    from agents.config.world import AircraftConfig
+
     u = uniforms(seed, number, 1, (len(FAMILY),), stream=_STREAM)[0]
     of = {name: low + (high - low) * float(draw) for (name, (low, high)), draw in zip(FAMILY.items(), u, strict=True)}
     # Rounded, so that the file says the same aircraft.
@@ -78,6 +78,11 @@ def _rounded(value: float) -> float:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fly the family of the command line and return the exit status; bad input raises ``InputError``."""
+    from agents.config.load import dump
+    from eval.monte_carlo.run import run_quietly
+    from eval.plots import save as picture_folder
+    from eval.runner.options import check_digest
+
     options = _parser().parse_args(arguments)
     if options.intruders[0] > options.intruders[1]:
         raise ConfigError("--intruders: expected the fewest first, then the most")
@@ -105,6 +110,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
+    from eval.runner.options import whole
+
     parser = Parser(prog="python -m eval.family", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
@@ -125,7 +132,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _arguments(options: argparse.Namespace, aircraft: AircraftConfig, file: Path) -> list[str]:
+def _arguments(options: argparse.Namespace, aircraft: "AircraftConfig", file: Path) -> list[str]:
     """Return what ``eval.monte_carlo`` is to fly of one aircraft."""
     fast = aircraft.speed_max_mps
     speeds = [part * fast for part in TRAFFIC_SPEED]
@@ -139,7 +146,7 @@ def _arguments(options: argparse.Namespace, aircraft: AircraftConfig, file: Path
 
 
 def _found(
-    options: argparse.Namespace, aircraft: Sequence[AircraftConfig], summaries: Sequence[Mapping[str, Any]]
+    options: argparse.Namespace, aircraft: Sequence["AircraftConfig"], summaries: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
     rows = []
     for number, (one, summary) in enumerate(zip(aircraft, summaries, strict=True)):

@@ -9,16 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from agents.policy.inference import Policy
 from agents.policy.set_network import check_one_layer
 from envs.edge.command import ConfigError, Parser, run_cli
 from envs.edge.files import write_file
-from eval.evidence.domain import COURSES, RATIOS
-from eval.plots import save as picture_folder
 from eval.policy_map.proof import Scenes, answers, box_of, decide
-from eval.runner.options import real, whole
 from eval.stats.intervals import share
 
 VERDICTS = ("verified", "counterexample", "open")
@@ -44,6 +40,10 @@ examples:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Examine what the command line asks for and return the exit status; bad input raises ``InputError``."""
+    from threadpoolctl import threadpool_limits
+
+    from eval.plots import save as picture_folder
+
     options = _parser().parse_args(arguments)
     for name in ("course", "loss"):
         low, high = getattr(options, name)
@@ -98,6 +98,8 @@ def examine(policy: Policy, options: argparse.Namespace) -> dict[str, Any]:
 
 def draw(policy: Policy, options: argparse.Namespace) -> tuple[Scenes, np.ndarray, list[str]]:
     """Return scenes spread evenly over the cells, the cell of each, and the names of the cells."""
+    from eval.evidence.domain import COURSES, RATIOS
+
     low, high = options.course
     edges = [low, *(edge for edge in COURSES if low < edge < high), high]
     cells = [(course, ratio) for course in pairwise(edges) for ratio in pairwise(RATIOS)]
@@ -168,6 +170,8 @@ def _figure(found: dict[str, Any]) -> Any:
 
 
 def _parser() -> argparse.ArgumentParser:
+    from eval.runner.options import real, whole
+
     parser = Parser(prog="python -m eval.local", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")

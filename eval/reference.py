@@ -1,20 +1,22 @@
 """Writes the tables of every key of an evaluation: ``python -m eval.reference docs/reference``."""
 
-from agents.config.keys import markdown
-from agents.config.pages import write_tables
 from envs.edge.command import run_cli
-from eval.config import MonteCarloConfig, TrafficConfig
-from eval.hifi.config import HifiConfig
 
 
 def tables() -> dict[str, list[str]]:
     """Return the tables by the name of their page."""
+    from agents.config.keys import markdown
+    from eval.config import MonteCarloConfig, TrafficConfig
+    from eval.hifi.config import HifiConfig
+
     hifi = markdown(HifiConfig, beside=MonteCarloConfig)
     return {"configuration-evaluation.md": [markdown(MonteCarloConfig), hifi, markdown(TrafficConfig)]}
 
 
 def main() -> None:
     """Write the tables into the page of the directory that the command line names; raises a ConfigError."""
+    from agents.config.pages import write_tables
+
     write_tables("python -m eval.reference", __doc__, tables())
 
 

@@ -41,13 +41,8 @@ def collect(
 ) -> tuple[Any, Batch, Any, dict]:
     """Roll the policy out and prepare the samples of an update.
 
-    Args:
-        environment_state: ``[N]``.
-        noise: standard normal draws of the actions, ``[T, N, 2]``.
-        key: of what the environment's observations draw.
-
-    Returns:
-        The environments' new state, samples ``[N, T, ...]``, stacked statistics ``[T, ...]`` and figures.
+    The noise of the actions is standard normal, ``[T, N, 2]``; the observations draw by the key. Returns the
+    environments' new state ``[N]``, samples ``[N, T, ...]``, stacked statistics ``[T, ...]`` and figures.
     """
     steps = noise.shape[0]
 

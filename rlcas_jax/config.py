@@ -228,11 +228,7 @@ class TrainConfig(Strict):
         return Rules(*self.aircraft.aircraft().rules()[:4], *scores)
 
     def drawn(self) -> list[Scenario]:
-        """Return the scenarios that training draws from.
-
-        Raises:
-            ConfigError: one contradicts the aircraft.
-        """
+        """Return the scenarios that training draws from, or raise a ConfigError where one contradicts the aircraft."""
         aircraft, found = self.aircraft.aircraft(), []
         for number, entry in enumerate(self.scenarios):
             try:
@@ -242,11 +238,7 @@ class TrainConfig(Strict):
         return found
 
     def in_phases(self) -> tuple["TrainConfig", ...]:
-        """Return the configuration of each phase, itself without phases; of a training without any, its own.
-
-        Raises:
-            ConfigError: a phase's keys are not valid.
-        """
+        """Return the configuration of each phase, itself without phases; of a training without any, its own."""
         whole = self.model_dump(exclude={"phases"})
         return tuple(self._phase(whole, number, changes) for number, changes in enumerate(self.phases)) or (self,)
 

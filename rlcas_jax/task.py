@@ -30,26 +30,20 @@ class TrainState(NamedTuple):
 
     learner: ppo.LearnerState
     environment: surrogate.State
-    key: jax.Array
-    """Raw key data, so that it is an array like any other."""
-    update: jax.Array
-    """Number of updates done."""
+    key: jax.Array  # raw key data, so that it is an array like any other
+    update: jax.Array  # number of updates done
 
 
 class Task(NamedTuple):
     """The compiled functions of a configuration."""
 
     initial: Callable[[], TrainState]
-    update: Callable[[TrainState], tuple[TrainState, dict[str, jax.Array]]]
-    """Donates its argument."""
-    evaluate: Callable[[Any, Encounter], Outcome]
-    """(actor's variables, starts ``[N]``) -> how the deterministic policy ends them."""
+    update: Callable[[TrainState], tuple[TrainState, dict[str, jax.Array]]]  # donates its argument
+    evaluate: Callable[[Any, Encounter], Outcome]  # (actor, starts [N]) -> how they end by its means
     updates: int
     steps_per_update: int
-    rules: Rules
-    """Of the task itself, by which policies are evaluated."""
-    placed: Any = None
-    """Where the state's arrays belong; None on one device."""
+    rules: Rules  # of the task itself, by which policies are evaluated
+    placed: Any = None  # where the state's arrays belong; None on one device
 
     def shapes(self) -> Any:
         """Return shapes and dtypes of the state as a :class:`TrainState`."""
@@ -59,13 +53,8 @@ class Task(NamedTuple):
 def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -> Task:
     """Assemble the task of a configuration; its functions are compiled when they are first called.
 
-    Args:
-        devices: to split the encounters over; one by default. The same encounters are flown with the same draws
-            whatever their number, and each device shuffles its own.
-        phase: number of the phase of training; each has draws of its own.
-
-    Raises:
-        ConfigError: encounters or minibatches cannot be split over so many devices.
+    The encounters are split over the devices, one by default, or a ConfigError says that they cannot be. The same are
+    flown with the same draws whatever the devices' number; each device shuffles its own. A phase has draws of its own.
     """
     devices = Devices(None) if devices is None else devices
     _check_split(config, devices.count)
@@ -157,27 +146,17 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
 class _Drawn(NamedTuple):
     """What is drawn for an update."""
 
-    pool: Any
-    """Starts, ``[rows, N]``."""
-    noise: Any
-    """Of the actions, ``[T, N, 2]``."""
+    pool: Any  # starts, [rows, N]
+    noise: Any  # of the actions, [T, N, 2]
     observe_key: Any
     shuffle_key: Any
-    fleet: Any
-    """The ownships, :class:`rlcas_jax.fleet.Fleet`."""
+    fleet: Any  # the ownships
 
 
 def ppo_settings(config: TrainConfig) -> ppo.PpoSettings:
     """Return the settings of the algorithm under a configuration."""
-    chosen = config.ppo
-    return ppo.PpoSettings(
-        epochs=chosen.epochs,
-        minibatches=chosen.minibatches,
-        segment=chosen.segment,
-        clip=chosen.clip,
-        entropy=chosen.entropy,
-        bound=chosen.bound,
-    )
+    of = config.ppo
+    return ppo.PpoSettings(of.epochs, of.minibatches, of.segment, of.clip, of.entropy, of.bound)
 
 
 def _check_split(config: TrainConfig, devices: int) -> None:
@@ -194,9 +173,7 @@ def _check_split(config: TrainConfig, devices: int) -> None:
 def seen(state: surrogate.State, aircraft: Aircraft, feature_set: str, noise: jax.Array | None = None) -> Seen:
     """Return what networks with a feature set take of encounters ``[N]``.
 
-    Args:
-        aircraft: the ownship; floats, or limits ``[N]``.
-        noise: standard normal draws ``[4, N, K]`` of the reports; None for perfect knowledge.
+    The aircraft's limits are floats or ``[N]``; noise is of the reports, standard normal ``[4, N, K]``, or None.
     """
     if feature_set != "set":
         return derived(surrogate.observe(state, aircraft, noise), feature_set)
@@ -206,11 +183,9 @@ def seen(state: surrogate.State, aircraft: Aircraft, feature_set: str, noise: ja
 
 
 def fly(policy: Callable[[surrogate.State], jax.Array], encounter: Encounter, world: surrogate.World) -> Outcome:
-    """Fly encounters ``[N]`` to their end with a deterministic policy that sees them perfectly.
+    """Fly encounters ``[N]`` to their end with a deterministic policy, states -> actions ``[N, 2]``.
 
-    Args:
-        policy: states -> actions ``[N, 2]``.
-        world: parameters; the time limit must be a whole number of steps, known when this is compiled.
+    The time limit must be a whole number of steps, known when this is compiled.
     """
     none = jnp.zeros(encounter.goal_x.shape, bool)
 

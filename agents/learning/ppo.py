@@ -41,8 +41,7 @@ class Learner(NamedTuple):
     actor: Actor
     critic: Critic
     optimizer: optax.GradientTransformation
-    axis: str | None = None
-    """Name of the devices' axis inside ``shard_map``; None on one device."""
+    axis: str | None = None  # name of the devices' axis inside shard_map; None on one device
 
     def policy(self, variables: Any, observation: Seen) -> tuple[jax.Array, jax.Array]:
         """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
@@ -66,15 +65,11 @@ class LearnerState(NamedTuple):
 class Batch(NamedTuple):
     """Samples for the losses; leading axes are free."""
 
-    observation: Seen
-    """``[..., 8]``, or what the networks derive from it."""
-    action: jax.Array
-    """As drawn, before it is clipped to the limits, ``[..., 2]``."""
-    log_prob: jax.Array
-    """Of that action under the policy that drew it, ``[...]``."""
+    observation: Seen  # [..., 8], or what the networks derive from it
+    action: jax.Array  # as drawn, before it is clipped to the limits, [..., 2]
+    log_prob: jax.Array  # of that action under the policy that drew it, [...]
     advantage: jax.Array
-    target: jax.Array
-    """Return that the critic is fitted to, ``[...]``."""
+    target: jax.Array  # return that the critic is fitted to, [...]
 
 
 def learner(actor: Actor, critic: Critic, settings: PpoSettings) -> Learner:
@@ -126,14 +121,10 @@ def advantages(
     discount: float,
     gae_lambda: float,
 ) -> jax.Array:
-    """Return generalised advantage estimates, ``[T, N]`` (Schulman et al. 2016).
+    """Return generalised advantage estimates, ``[T, N]`` (Schulman et al. 2016), of which ``gae_lambda`` is the decay.
 
-    Args:
-        reward_t: of each step, ``[T, N]``.
-        value_t: of the observation before the step, ``[T, N]``.
-        value_tp1: of the observation after the step and before any reset, ``[T, N]``.
-        terminated_t: the step ended the episode for good: nothing is worth anything after it, ``[T, N]``.
-        gae_lambda: decay of the estimate; cut at the end.
+    Of each step, ``[T, N]``: its reward, the values of the observations before it and after it (before any reset), and
+    whether it ended the episode for good, after which nothing is worth anything.
     """
     goes_on = 1.0 - terminated_t
     delta_t = reward_t + discount * value_tp1 * goes_on - value_t
@@ -151,10 +142,7 @@ def advantages(
 def normalized(advantage: jax.Array, axis: str | None = None) -> jax.Array:
     """Return the advantages of minibatches ``[B, M]``, each with mean 0 and standard deviation 1 over its samples.
 
-    Args:
-        advantage: of the samples that each minibatch has on this device.
-        axis: of the devices that have the others, which then get all minibatches in one message; None: there are
-            none.
+    The devices of an axis have a part of each minibatch's samples each, and get all moments in one message.
     """
     mean, std = _moments(advantage, axis)
     return (advantage - mean[:, None]) / (std[:, None] + 1e-8)
@@ -166,11 +154,7 @@ def losses(
     parts: Learner,
     settings: PpoSettings,
 ) -> tuple[jax.Array, dict]:
-    """Return the scalar loss of a minibatch and its parts (means over the samples of this device).
-
-    Args:
-        batch: samples, their advantages already normalised if wanted.
-    """
+    """Return the scalar loss of a minibatch and its parts, means over this device's samples; advantages as given."""
     actor_variables, critic_variables = parameters
     mean, log_std = parts.policy(actor_variables, batch.observation)
     value = parts.value(critic_variables, batch.observation)
@@ -207,14 +191,9 @@ def update(
     """Improve the networks by some epochs over a rollout.
 
     On several devices each shuffles and cuts up the encounters that it has flown; gradients and the advantages'
-    statistics are taken over all of them, so that every device makes the same step.
-
-    Args:
-        rollout: ``[N, T, ...]``, encounters first, so that a segment of time is contiguous.
-        settings: ``segment`` must divide T, and ``minibatches`` the number of segments.
-
-    Returns:
-        The new state and the mean of each part of the loss over the last epoch, with the gradient's norm.
+    statistics are taken over all of them, so that every device makes the same step. The rollout is ``[N, T, ...]``, so
+    that a segment of time is contiguous; ``segment`` must divide T, and ``minibatches`` the number of segments. Returns
+    the new state and the mean of each part of the loss over the last epoch, with the gradient's norm.
     """
     encounters, steps = rollout.log_prob.shape
     segments = encounters * steps // settings.segment
