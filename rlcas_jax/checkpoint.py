@@ -33,11 +33,8 @@ class CheckpointError(InputError):
 def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any]) -> Path:
     """Write a checkpoint, remove all but the newest three, and return its path.
 
-    Args:
-        directory: of the run's checkpoints; made if it is not there.
-        number: orders the checkpoints, for instance the number of updates done, >= 0.
-        tree: a pytree whose leaves are arrays of dtypes that numpy knows.
-        meta: anything that JSON can hold.
+    The directory is made if it is not there. The number, >= 0, orders the checkpoints; leaves of the tree are arrays of
+    dtypes that numpy knows; meta is anything that JSON can hold.
     """
     tensors = {name: np.array(leaf, order="C") for name, leaf in _leaves(tree).items()}
     directory.mkdir(parents=True, exist_ok=True)

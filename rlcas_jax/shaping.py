@@ -21,12 +21,8 @@ def learning_reward(
 ) -> jax.Array:
     """Return the reward that is learned from, ``[N]``: the scaled one of the task, shaping and costs.
 
-    Args:
-        reward: the task's.
-        before, after: encounters before the step and after it, ended or not.
-        yaw_rate: as commanded, 1 at the limit.
-        config: scale, discount and shaping.
-        aircraft: the ownship; floats, or limits ``[N]``.
+    Encounters before and after the step, ended or not; the yaw rate as commanded, 1 at the limit; the aircraft's limits
+    are floats or ``[N]``.
     """
     weights = config.shaping
     potentials = potential(before, weights, aircraft), potential(after, weights, aircraft)
