@@ -1,7 +1,6 @@
 """Rare losses of separation as a problem of importance splitting: the smallest separation of the flight decided on."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -34,7 +33,7 @@ class FlightProblem:
         scenario = pilot.evaluation.source
         if not isinstance(scenario, Scenario):
             raise ValueError("expected a sampled scenario")
-        self._pilot = replace(pilot, evaluation=pilot.evaluation._replace(mode=mode))
+        self._pilot = Pilot(pilot.evaluation._replace(mode=mode), pilot.policy)
         self._scenario, self._aircraft = scenario, pilot.evaluation.aircraft
         self._resolvable_only, self._endless = resolvable_only, closer_than is not None
         self.level = self._aircraft.separation if closer_than is None else closer_than
