@@ -156,15 +156,19 @@ class _Drawn(NamedTuple):
 def ppo_settings(config: TrainConfig) -> ppo.PpoSettings:
     """Return the settings of the algorithm under a configuration."""
     of = config.ppo
-    return ppo.PpoSettings(of.epochs, of.minibatches, of.segment, of.clip, of.entropy, of.bound)
+    return ppo.PpoSettings(
+        epochs=of.epochs,
+        minibatches=of.minibatches,
+        segment=of.segment,
+        clip=of.clip,
+        entropy=of.entropy,
+        bound=of.bound,
+    )
 
 
 def _check_split(config: TrainConfig, devices: int) -> None:
-    ppo_config = config.ppo
-    for name, value, unit in (
-        ("environments", ppo_config.environments, 1),
-        ("minibatch", ppo_config.minibatch, ppo_config.segment),
-    ):
+    of = config.ppo
+    for name, value, unit in (("environments", of.environments, 1), ("minibatch", of.minibatch, of.segment)):
         if value % (devices * unit):
             what = f"{devices} devices" if unit == 1 else f"{devices} devices times segment, {devices * unit}"
             raise ConfigError(f"ppo.{name} is {value}; expected a multiple of {what}")

@@ -23,8 +23,7 @@ class PpoSettings:
 
     epochs: int = 4
     minibatches: int = 32
-    segment: int = 16
-    """Steps that stay together when a rollout is shuffled; sorting single samples is slow on a CPU."""
+    segment: int = 16  # steps that stay together when a rollout is shuffled; sorting single ones is slow on a CPU
     clip: float = 0.2
     entropy: float = 0.0
     bound: float = 0.0

@@ -30,6 +30,7 @@ from envs.kinematics import Limits, VehicleState
 from envs.perception import carried_back, perceive
 from envs.starts import joined, numbered
 from envs.trees import mapped, take
+from eval.family import drawn as aircraft_drawn
 from eval.stats.intervals import share
 
 _REASONS = {"range": Cause.OUTSIDE_RANGE, "rate": Cause.IMPOSSIBLE_RATE, "consistency": Cause.CONTRADICTION}
@@ -275,9 +276,7 @@ def _of_family(policy: Policy, seed: int, number: int) -> Aircraft:
     if number == 0:
         return policy.aircraft
     if number > len(("low", "high")):
-        from eval.family import drawn
-
-        return drawn(seed, number).aircraft()
+        return aircraft_drawn(seed, number).aircraft()
     of, fast, unit = policy.metadata["family"], policy.aircraft.limits.speed_max, policy.aircraft.time_unit
     slow, brake, gain, radius = (of[name][number - 1] for name in Ratios._fields)
     limits = Limits(slow * fast, fast, brake * fast / unit, gain * fast / unit, 1.0 / (radius * unit))
