@@ -1,4 +1,4 @@
-# pyright: reportMissingImports=false
+# pyright: reportMissingImports=false, reportIncompatibleMethodOverride=false
 """The surrogate under gymnax's interface; importing this module registers it (docs/howto/gymnasium.md).
 
 Everything is a pure function of keys, state and parameters, so that a learner compiles the environment with itself.
@@ -56,8 +56,8 @@ class Deconfliction(Environment[EnvState, EnvParams]):
         EncounterError: the scenario or the number of intruders is impossible.
     """
 
-    name: str = ENV_ID  # pyright: ignore[reportIncompatibleMethodOverride]
-    num_actions: int = 2  # pyright: ignore[reportIncompatibleMethodOverride]
+    name: str = ENV_ID
+    num_actions: int = 2
 
     def __init__(
         self, scenario: str | Scenario = "circle", aircraft: Aircraft | None = None, intruders: int = 1

@@ -21,8 +21,7 @@ def learning_reward(
 ) -> jax.Array:
     """Return the reward that is learned from, ``[N]``: the scaled one of the task, shaping and costs.
 
-    Encounters before and after the step, ended or not; the yaw rate as commanded, 1 at the limit; the aircraft's limits
-    are floats or ``[N]``.
+    Of encounters that may have ended, the yaw rate as commanded, 1 at the limit; limits are floats or ``[N]``.
     """
     weights = config.shaping
     potentials = potential(before, weights, aircraft), potential(after, weights, aircraft)

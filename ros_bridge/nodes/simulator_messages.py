@@ -1,4 +1,4 @@
-# pyright: reportMissingImports=false
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """What the simulator publishes: the filed route, and what receivers make of states."""
 
 import math

@@ -16,6 +16,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any, cast
 
 from mcap.writer import Writer
 from rclpy.node import Node
@@ -101,7 +102,7 @@ class Recorder:
             what = "exists already" if isinstance(error, FileExistsError) else f"cannot be written: {error.strerror}"
             raise RecordingError(f"{path} {what}") from error
         self.path = path  # of the file; another one once the recording has failed
-        self._writer: Writer | None = Writer(self._file)  # pyright: ignore[reportArgumentType] - it writes, tells and flushes
+        self._writer: Writer | None = Writer(cast(Any, self._file))  # it writes, tells and flushes
         self._now, self._latest, self._shift = now, 0, 0
         self._settled = time.monotonic()
         self._counts: Counter[int] = Counter()
