@@ -98,7 +98,11 @@ def _code(root: Path) -> Iterator[tuple[str, str]]:
 
 
 def _has_public_names(tree: ast.Module) -> bool:
-    return any(isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name[0] != "_" for node in tree.body)
+    """Return whether a module has public functions or classes, or constants that a text below describes."""
+    described = zip(tree.body, tree.body[1:], strict=False)
+    return any(isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name[0] != "_" for node in tree.body) or any(
+        isinstance(node, ast.Assign | ast.AnnAssign) and ast.unparse(text)[0] in "'\"" for node, text in described
+    )
 
 
 def _target(link: str, origin: Path) -> Path:

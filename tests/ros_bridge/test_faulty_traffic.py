@@ -189,8 +189,8 @@ def damaged(message, name: str, now: int, draw: random.Random) -> None:
 @pytest.mark.slow
 def test_damaged_states_never_move_what_is_planned_with():
     draw, rows, planned = random.Random(0), 0, 0
-    start = updates.geo_reference(Situation(), geo_reference(), NOW)
-    start = updates.route(start, published(route_points()), NOW)
+    start = updates.geo_reference(Situation(), geo_reference(), NOW, RULES)
+    start = updates.route(start, published(route_points()), NOW, RULES)
     while rows < ROWS:
         situation = start
         for tick in range(TICKS):
