@@ -6,14 +6,17 @@
 - In ``nav`` a folder stands for all its pages.
 - The numbers of the shipped policy, for the page that flies it (``docs/fly/make.py``).
 - Roles of our docstrings (``:func:`size```) are links, and double backticks code: an extension of griffe.
+- A comment on the line of a class's annotated field is the field's text where it has no docstring: another one.
 
 A link to what does not exist is left as it is, so that the strict build refuses it.
 """
 
 import ast
+import io
 import posixpath
 import re
 import runpy
+import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -32,6 +35,7 @@ ALWAYS_OUTSIDE = ("CHANGELOG.md", "CONTRIBUTING.md", "README.md")
 _LINK = re.compile(r"(?<=\]\()(?![a-z]+:|[#/<])([^)\s#]+)((?:#[^)\s]*)?)(?=\))")
 _ROLE = re.compile(r":[a-z]+:(?=`)")
 _NAMED_ROLE = re.compile(r":(?:attr|class|data|exc|func|meth|mod):`~?([\w.]+)`")
+_FOR_TOOLS = re.compile(r"noqa\b|pyright:|type:|fmt:")
 _LANGUAGES = {".csv": "text", ".py": "python", ".toml": "toml", ".yaml": "yaml", ".yml": "yaml"}
 
 
@@ -187,6 +191,29 @@ def _pages(folder: str, files: Files) -> list[Any]:
     index = f"{folder}README.md"
     entries: list[Any] = sorted(here, key=lambda uri: (uri != index, uri))
     return entries + [{name: _pages(f"{folder}{name}/", files)} for name in folders]
+
+
+class FieldComments(griffe.Extension):
+    """Takes the comment behind an annotated field of a class for its docstring, where it has none."""
+
+    def on_module_node(self, *, node: Any, agent: Any, **_: Any) -> None:
+        """Read the comments of a module before its fields, because its syntax tree has none."""
+        tokens = tokenize.generate_tokens(io.StringIO(agent.code).readline)
+        self._comments = {each.start[0]: each.string[1:].strip() for each in tokens if each.type == tokenize.COMMENT}
+
+    def on_attribute_instance(self, *, node: Any, attr: griffe.Attribute, agent: Any, **_: Any) -> None:
+        """Give a field its text."""
+        if attr.docstring is None and isinstance(node, ast.AnnAssign) and agent.current.is_class:
+            text = self._comments.get(node.end_lineno, "")
+            if text and not _FOR_TOOLS.match(text):
+                attr.docstring = griffe.Docstring(
+                    text,
+                    lineno=node.end_lineno,
+                    endlineno=node.end_lineno,
+                    parent=attr,
+                    parser=agent.docstring_parser,
+                    parser_options=agent.docstring_options,
+                )
 
 
 class Roles(griffe.Extension):

@@ -296,6 +296,8 @@ def test_docstrings_become_pages_whose_roles_are_links(site: Path) -> None:
     text = (site / "reference/code/agents/policy/features.html").read_text(encoding="utf-8")
     assert 'id="agents.policy.features.features"' in text
     assert 'href="#agents.policy.features.FEATURE_SETS"' in text
+    fields = (site / "reference/code/agents/policy/set_features.html").read_text(encoding="utf-8")
+    assert "<p>[..., 37]</p>" in fields.partition('<h3 id="agents.policy.set_features.SetInputs.own"')[2][:1_000]
     # Modules whose imports are not installed everywhere have pages too: nothing is imported.
     assert 'id="ros_bridge.transport.qos.LATCHED"' in (site / "reference/code/ros_bridge/transport/qos.html").read_text(
         encoding="utf-8"
@@ -306,6 +308,33 @@ def test_docstrings_become_pages_whose_roles_are_links(site: Path) -> None:
         if re.search(r":(func|class|data|mod):", page_text)
     ]
     assert not unread
+
+
+FIELDS = """
+class Seen:
+    x: float  # m
+    y: tuple[
+        float, ...
+    ] = ()  # of each, m
+    z: int = 0  # not this
+    \"\"\"But this.\"\"\"
+    bare: int
+    held: list = []  # noqa: RUF012
+    COUNT = 3  # no annotation
+
+    def __init__(self):
+        self.own: int = 0  # no field
+"""
+
+
+def test_comments_behind_fields_are_their_texts_on_the_site() -> None:
+    griffe = pytest.importorskip("griffe", reason="griffe is not installed; to have it: make docs")
+    pytest.importorskip("mkdocs", reason="mkdocs is not installed; to have it: make docs")
+    extensions = griffe.load_extensions(DOCS / "site_hooks.py")
+    with griffe.temporary_visited_module(FIELDS, extensions=extensions) as module:
+        texts = {name: field.docstring and field.docstring.value for name, field in module["Seen"].attributes.items()}
+    wanted = {"x": "m", "y": "of each, m", "z": "But this."}
+    assert texts == dict.fromkeys(("x", "y", "z", "bare", "held", "COUNT", "own")) | wanted
 
 
 def test_every_page_has_its_place() -> None:
