@@ -136,7 +136,7 @@ def _planned(
     if evaluation.mode == "plan":
         return flown.flights, more
     assured = fly_assured(starts, plans, pilot.policy, aircraft, options, noise=noise)
-    more |= _beside({"plan": flown.flights})
+    more |= _beside({"plan": flown.flights}) | {"plan_min_separation_m": made.min_separation}
     more |= {"replans": assured.replans, "backup_s": assured.backup}
     return assured.flown.flights, more
 

@@ -163,6 +163,8 @@ def test_plans_and_the_assured_loop_fly_as_in_the_evaluation(name: str) -> None:
     assert reached.sum() > 15
     np.testing.assert_array_equal(ours["ours, assured.path_excess"][reached], theirs["path_excess"][reached])
     np.testing.assert_array_equal(ours["ours, assured.min_separation_m"][reached], theirs["min_separation_m"][reached])
+    as_validated = chunks.columns(Pilot.load(evaluation._replace(mode="plan")), 20, 25)["plan_min_separation_m"]
+    np.testing.assert_array_equal(theirs["plan_min_separation_m"], as_validated)
 
 
 def test_a_request_without_any_trajectory_is_a_time_out(monkeypatch: pytest.MonkeyPatch) -> None:
