@@ -26,8 +26,7 @@ Group the encounters in which a run of eval.monte_carlo failed and that are not 
 distance at the start; and draw some of each group beside a flight that would have succeeded.
 
 Written to --out, a new or empty folder: failures.json (the groups), failures.csv (a row a failure, all columns of the
-run), encounters.csv (their starts, to be flown again by eval.monte_carlo --scenario file:F, or to be practised in a
-training: practice.encounters) and failures.png, .svg (the cases, taken evenly from each group)."""
+run), encounters.csv (their starts, for eval.monte_carlo --scenario file:F) and failures.png, .svg (of each group)."""
 
 _EPILOG = """\
 example:

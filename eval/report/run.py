@@ -80,7 +80,7 @@ def _made(run: Run, options: argparse.Namespace) -> str:
 
 
 def _flights(run: Run, chosen: Sequence[Choice], policy: Path | None) -> dict[int, dict[str, Any]]:
-    """Fly the chosen encounters and return what the page shows of each, by number, as many as fit."""
+    """Fly the chosen encounters and return what the page shows of each, by number."""
     numbers = [int(number) for choice in chosen for number in choice.numbers]
     resolvable = run.table["verdict"] != "unresolvable"
     failed = [number for number in numbers if run.kinds[number] != "success" and resolvable[number]]
