@@ -9,8 +9,9 @@ def tables() -> dict[str, list[str]]:
     from eval.config import MonteCarloConfig, TrafficConfig
     from eval.hifi.config import HifiConfig
 
+    flown = markdown(MonteCarloConfig, but=("aircraft.", "planner.vehicle."))
     hifi = markdown(HifiConfig, beside=MonteCarloConfig)
-    return {"configuration-evaluation.md": [markdown(MonteCarloConfig), hifi, markdown(TrafficConfig)]}
+    return {"configuration-evaluation.md": [flown, hifi, markdown(TrafficConfig)]}
 
 
 def main() -> None:

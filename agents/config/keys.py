@@ -77,12 +77,12 @@ def help_text(model: type[BaseModel]) -> str:
     return "\n".join(lines)
 
 
-def markdown(model: type[BaseModel], *, beside: type[BaseModel] | None = None) -> str:
-    """Return the keys as a Markdown table, but for those that ``beside`` has as well."""
+def markdown(model: type[BaseModel], *, beside: type[BaseModel] | None = None, but: tuple[str, ...] = ()) -> str:
+    """Return the keys as a Markdown table, without those that ``beside`` has too and those that begin with ``but``."""
     rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
     known = set(keys(beside)) if beside is not None else set[Key]()
     for key in keys(model):
-        if key not in known:
+        if key not in known and not key.name.startswith(but):
             cells = (f"`{key.name}`", _short(key.expected), f"`{key.default}`", key.text)
             rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(rows) + "\n"

@@ -161,7 +161,7 @@ def reference() -> str:
             if one not in known
         ]
         known.update(of(node))
-        parts.append("\n".join(rows))
+        parts += ["\n".join(rows)] if len(rows) > 2 else []
     return "\n\n".join(parts) + "\n"
 
 
