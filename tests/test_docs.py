@@ -24,7 +24,7 @@ OURS = ("envs", "agents", "rlcas_jax", "eval", "ros_bridge")
 SLOW = ("docs/explanation/resolvability.md",)
 LIBRARIES = {
     "docs/tutorial/first-report.md": ("gymnasium",),
-    "docs/howto/gymnasium.md": ("gymnasium", "jax", "PIL"),
+    "docs/howto/gymnasium.md": ("gymnasium", "jax"),
     "docs/explanation/aircraft.md": ("jsbsim",),
 }
 
