@@ -33,11 +33,11 @@ class CheckpointError(InputError):
 def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any]) -> Path:
     """Write a checkpoint, remove all but the newest three, and return its path.
 
-    The directory is made if it is not there. The number, >= 0, orders the checkpoints; leaves of the tree are arrays of
-    dtypes that numpy knows; meta is anything that JSON can hold.
+    The directory is made if it is not there, its parent is not: that of a run may have gone. The number, >= 0, orders
+    the checkpoints; leaves of the tree are arrays of dtypes that numpy knows; meta is anything that JSON can hold.
     """
     tensors = {name: np.array(leaf, order="C") for name, leaf in _leaves(tree).items()}
-    directory.mkdir(parents=True, exist_ok=True)
+    directory.mkdir(exist_ok=True)
     written = json.dumps(dict(meta))
     header = {"schema": SCHEMA, "meta": written, "sha256": _digest(tensors, written)}
     path = directory / _NAME.format(number)

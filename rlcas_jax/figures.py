@@ -53,7 +53,7 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
         out: directory of the files; made if it is not there.
 
     Raises:
-        ValueError: no run has a metric yet.
+        ConfigError: no run has a metric yet.
     """
     import matplotlib as mpl
 
@@ -61,7 +61,7 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
 
     logs = [log for log in map(read, runs) if "step" in log]
     if not logs:
-        raise ValueError(f"no metrics to draw in {', '.join(map(str, runs))}")
+        raise ConfigError(f"no metrics to draw in {', '.join(map(str, runs))}")
     out.mkdir(parents=True, exist_ok=True)
     sheets = {name: [[name, "success"]] for name in FIGURES}
     sheets["training"] = [[*FIGURES][:2], [*FIGURES][2:], ["success", "success"]]
@@ -148,7 +148,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             raise ConfigError(f"{run}: there is no such folder; expected that of a training")
     try:
         files = training_figures(options.runs, options.out)
-    except (ValueError, OSError) as problem:
+    except OSError as problem:
         raise ConfigError(str(problem)) from None
     print("\n".join(map(str, files)))
 

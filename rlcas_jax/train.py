@@ -57,7 +57,7 @@ def _train(options: "Options", interrupt: Interrupt) -> int:
                 print(f"error: {problem}", file=sys.stderr)
                 return FAILED
             except (OSError, PolicyFileError) as problem:
-                return _unwritten(job.directory, problem)
+                return unwritten(options.directory, problem, f"train --resume {options.directory}")
             if not summaries[-1]["finished"]:
                 break
         finished = summaries[-1]["finished"]
@@ -88,14 +88,12 @@ def _job(job: "Job", options: "Options", devices: "Devices", interrupt: Interrup
     return finish(done) if first() else {"finished": done.finished}
 
 
-def _unwritten(directory: Path, problem: Exception) -> int:
+def unwritten(directory: Path, problem: Exception, again: str) -> int:
     """Say that a run's files cannot be written (a full disk, a folder that has gone), and return the exit status."""
     what = f"{problem.filename or directory}: {problem.strerror}" if isinstance(problem, OSError) else str(problem)
-    print(
-        f"error: {what}; once it can be written again, go on from the last checkpoint with  "
-        f"python -m rlcas_jax.train --resume {directory}",
-        file=sys.stderr,
-    )
+    if not directory.is_dir():
+        what = f"{directory} has been moved or deleted"
+    print(f"error: {what}; once it can be written again, go on with  python -m rlcas_jax.{again}", file=sys.stderr)
     return FAILED
 
 

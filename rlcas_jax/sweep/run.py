@@ -3,6 +3,7 @@
 The search is an Optuna study in ``study.db`` (SQLite) of the sweep's directory, which Optuna's own tools read, too.
 """
 
+import errno
 import gc
 import json
 import math
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import optuna
+from optuna.exceptions import StorageInternalError
 from optuna.study import Study
 from optuna.trial import Trial, TrialState
 
@@ -25,9 +27,9 @@ from rlcas_jax.interrupt import INTERRUPTED, Interrupt
 from rlcas_jax.progress import Reporter
 from rlcas_jax.sweep.cli import CONFIG, SETTINGS, Options, parse
 from rlcas_jax.sweep.space import overrides
+from rlcas_jax.train import FAILED, unwritten
 
 STUDY = "study.db"
-FAILED = 1
 
 STARTUP = 10
 """Trials that are drawn evenly from the space and never stopped early, before the sampler's model is asked."""
@@ -37,16 +39,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return 0 when done, 1 when no trial succeeded, 130 when interrupted."""
     options = parse(argv)
     keep_compiled()
-    with Interrupt() as interrupt, locked(options.directory):
-        write_file(options.directory / SETTINGS, dump(options.settings))
-        if not options.resumed:
-            write_file(options.directory / CONFIG, dump(options.base))
-        study = _opened(options)
-        while _counted(study) < options.settings.trials and not interrupt.requested:
-            _try(study, options, interrupt)
-        best = _written(options, study)
+    again = f"sweep --resume --out {options.directory}"
+    try:
+        with Interrupt() as interrupt, locked(options.directory):
+            write_file(options.directory / SETTINGS, dump(options.settings))
+            if not options.resumed:
+                write_file(options.directory / CONFIG, dump(options.base))
+            study = _opened(options)
+            while _counted(study) < options.settings.trials and not interrupt.requested:
+                _try(study, options, interrupt)
+            best = _written(options, study)
+    except OSError as problem:
+        return unwritten(options.directory, problem, again)
+    except StorageInternalError as problem:  # by SQLite, whose words are those of the cause
+        why = OSError(errno.EIO, str(getattr(problem.__cause__, "orig", problem)), str(options.directory / STUDY))
+        return unwritten(options.directory, why, again)
     if interrupt.requested:
-        print(f"interrupted: go on with  python -m rlcas_jax.sweep --resume --out {options.directory}")
+        print(f"interrupted: go on with  python -m rlcas_jax.{again}")
         return INTERRUPTED
     return 0 if best else FAILED
 

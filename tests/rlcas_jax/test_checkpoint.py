@@ -60,6 +60,11 @@ def assert_same(one: Any, other: Any) -> None:
         assert bits(a) == bits(b)
 
 
+def test_a_run_whose_folder_has_gone_is_not_begun_anew_by_a_checkpoint(tmp_path: Path):
+    with pytest.raises(FileNotFoundError, match="gone"):
+        save(tmp_path / "gone" / "checkpoints", 3, tree(), {})
+
+
 def test_a_tree_comes_back_bit_for_bit_with_its_kinds_of_leaves(tmp_path: Path):
     meta = {"config": "name: é\n", "numbers": [1, 0.5, None]}
     path = save(tmp_path / "made", 3, tree(), meta)

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import jax
@@ -18,6 +19,7 @@ from agents.policy.inference import Policy
 from rlcas_jax import checkpoint, metrics
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.finish import table
+from rlcas_jax.progress import Reporter
 from rlcas_jax.task import build
 from rlcas_jax.train import main
 
@@ -186,6 +188,26 @@ def test_a_run_whose_files_cannot_be_written_says_so_and_goes_on_later(uninterru
     (copy / "policy.safetensors").rmdir()
     assert train("--resume", copy, "--quiet").returncode == 0
     assert (copy / "policy.safetensors").read_bytes() == (uninterrupted / "policy.safetensors").read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("every_seconds", [0.0, 3_600.0])
+def test_a_run_whose_folder_is_moved_says_so_and_goes_on_later(
+    every_seconds: float, config_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+
+    def update(reporter: Reporter, row: Mapping[str, float]) -> None:
+        if row["update"] == 3:
+            out.rename(elsewhere)
+
+    monkeypatch.setattr(Reporter, "update", update)
+    given = ["--config", str(config_file), "--set", f"checkpoint.every_seconds={every_seconds}", "--quiet"]
+    assert main([*given, "--out", str(out)]) == 1
+    assert not out.exists()
+    elsewhere.rename(out)
+    monkeypatch.undo()
+    assert main(["--resume", str(out), "--quiet"]) == 0
 
 
 @pytest.mark.slow

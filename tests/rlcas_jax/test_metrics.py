@@ -188,7 +188,7 @@ def test_a_long_curve_is_drawn_by_means_that_keep_its_own(count: int):
 
 
 def test_without_metrics_there_is_nothing_to_draw(tmp_path: Path):
-    with pytest.raises(ValueError, match="no metrics to draw in"):
+    with pytest.raises(ConfigError, match="no metrics to draw in"):
         training_figures([tmp_path], tmp_path / "figures")
 
 

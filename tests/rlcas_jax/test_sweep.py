@@ -5,6 +5,7 @@ Most tests put a stand-in for the training, which is tested by itself; one train
 
 import json
 import math
+import shutil
 import signal
 import subprocess
 import sys
@@ -202,6 +203,28 @@ def test_a_trial_that_diverges_does_not_end_the_sweep(
     monkeypatch.setattr(loop, "run", wrong)
     assert sweep.main(arguments(tmp_path, trials=2)) == 0
     assert trials(tmp_path / "out")[0].user_attrs["reason"] == "a loss is not finite"
+
+
+@pytest.mark.parametrize("moved", [True, False])
+def test_a_sweep_whose_folder_goes_says_so(
+    quick: None, moved: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+
+    def gone(training: Any, reporter: Any, interrupt: Any) -> Any:
+        out.rename(tmp_path / "elsewhere") if moved else shutil.rmtree(out)
+        return stand_in(training, reporter)
+
+    monkeypatch.setattr(loop, "run", gone)
+    assert sweep.main(arguments(tmp_path, trials=2)) == 1
+    said = capsys.readouterr().err
+    assert f"error: {out} has been moved or deleted" in said
+    assert f"--resume --out {out}" in said
+    assert not out.exists()
+    if moved:
+        (tmp_path / "elsewhere").rename(out)
+        monkeypatch.setattr(loop, "run", stand_in)
+        assert sweep.main(["--resume", "--out", str(out), "--quiet"]) == 0
 
 
 def test_an_interrupted_trial_is_repeated_on_resume(
