@@ -10,9 +10,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from agents.learning.export import write
+from agents.learning.export import to_policy_file
 from agents.policy import file as policy_file
-from agents.policy.schema import SetOf
+from agents.policy.schema import SetOf, new_metadata
 from agents.resolvability.classify import Verdict, classify
 from envs.aircraft import Ratios, ratios
 from envs.edge.files import write_file
@@ -77,9 +77,7 @@ def evaluate(run: Run) -> dict[str, Any]:
 def export(run: Run, score: float | None) -> Path:
     """Write the policy file of a run and return its path."""
     config, path = run.config, run.directory / POLICY
-    write(
-        path,
-        jax.device_get(run.state.learner.actor),
+    metadata = new_metadata(
         hidden=tuple(config.network.hidden),
         feature_set=config.network.feature_set,
         limits=config.aircraft.limits(),
@@ -88,6 +86,7 @@ def export(run: Run, score: float | None) -> Path:
         steps=run.steps,
         score=score,
     )
+    policy_file.write(path, to_policy_file(jax.device_get(run.state.learner.actor), metadata))
     return path
 
 

@@ -1,6 +1,5 @@
 """From a trained flax actor to a policy file, with parity vectors that flax itself computes."""
 
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
@@ -16,7 +15,6 @@ from agents.policy import file as policy_file
 from agents.policy.file import PolicyFile, PolicyFileError
 from agents.policy.inference import Policy
 from agents.policy.scene import unpacked_rows
-from agents.policy.schema import new_metadata
 from agents.policy.set_features import set_inputs
 from envs.aircraft import Ratios
 from envs.edge.installation import versions
@@ -26,19 +24,17 @@ _RANDOM_VECTORS = 64
 _SEED = 20
 
 
-def to_policy_file(actor_variables: Mapping[str, Any], *described: Any, **more: Any) -> PolicyFile:
+def to_policy_file(actor_variables: Mapping[str, Any], metadata: Mapping[str, Any]) -> PolicyFile:
     """Return the policy file of an actor.
 
     Args:
         actor_variables: of :class:`agents.learning.networks.Actor`: ``{"params": {"trunk": {...}, "log_std": [2]}}``.
-        described, more: as for :func:`agents.policy.schema.new_metadata`, but for the versions.
+        metadata: of :func:`agents.policy.schema.new_metadata`; gets the versions of what computes the file.
 
     Raises:
-        PolicyFileError: parameters are not finite or not those of the architecture, the metadata cannot be written
-            as JSON, or the numpy network disagrees with flax.
+        PolicyFileError: parameters are not finite or not those of the architecture, or numpy disagrees with flax.
     """
-    made_with = versions("jax", "flax", "optax", "numpy", "safetensors")
-    metadata = new_metadata(*described, versions=made_with, **more)
+    metadata = {**metadata, "versions": versions("jax", "flax", "optax", "numpy", "safetensors")}
     actor = _tensors(actor_variables)
     for name, tensor in actor.items():
         if not np.isfinite(tensor).all():
@@ -51,13 +47,6 @@ def to_policy_file(actor_variables: Mapping[str, Any], *described: Any, **more: 
     policy_file.serialise(content)
     content = replace(content, parity_action=_flax_actions(content).astype(np.float32))
     Policy(content, source="new policy")
-    return content
-
-
-def write(path: str | os.PathLike[str], actor_variables: Mapping[str, Any], **description: Any) -> PolicyFile:
-    """Write an actor to a policy file and return its content; arguments and errors as of :func:`to_policy_file`."""
-    content = to_policy_file(actor_variables, **description)
-    policy_file.write(path, content)
     return content
 
 

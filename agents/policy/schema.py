@@ -96,7 +96,7 @@ def new_metadata(  # noqa: PLR0913 - it describes a file
     *,
     steps: int,
     score: float | None = None,
-    versions: Mapping[str, str],
+    versions: Mapping[str, str] = {},
     notes: str = "",
     of_set: SetOf | None = None,
 ) -> dict[str, Any]:

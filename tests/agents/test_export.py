@@ -9,14 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents.learning.export import parity_observations, to_policy_file, write
+from agents.learning.export import parity_observations, to_policy_file
 from agents.learning.networks import Actor, Critic
 from agents.policy import escapes, inference
 from agents.policy.domain import OutsideDomainError, departures, excess
-from agents.policy.file import PolicyFileError, parse, read, serialise
+from agents.policy.file import PolicyFileError, parse, read, serialise, write
 from agents.policy.inference import Policy
 from agents.policy.scene import scene
-from agents.policy.schema import ACTION, OBSERVATION, SetOf
+from agents.policy.schema import ACTION, OBSERVATION, SetOf, new_metadata
 from agents.policy.set_features import set_inputs
 from envs.aircraft import PAPER, Ratios, new_aircraft, ratios
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, advance, commands
@@ -34,13 +34,14 @@ def made(hidden=HIDDEN, feature_set="cpa", module=Actor):
 
 
 def description(**changes):
-    return {
+    described = {
         "hidden": HIDDEN,
         "feature_set": "cpa",
         "limits": SURROGATE,
         "config": {"ppo": {"epochs": 4}, "widths": (1, 2)},
         "steps": 7,
-    } | changes
+    }
+    return new_metadata(**described | changes)
 
 
 @pytest.mark.parametrize(
@@ -54,9 +55,9 @@ def description(**changes):
 def test_written_policy_decides_as_flax(tmp_path, hidden, feature_set):
     variables = made(hidden, feature_set)
     path = tmp_path / "p.safetensors"
-    written = write(
-        path, jax.tree.map(jnp.asarray, variables), **description(hidden=hidden, feature_set=feature_set, score=3)
-    )
+    described = description(hidden=hidden, feature_set=feature_set, score=3)
+    written = to_policy_file(jax.tree.map(jnp.asarray, variables), described)
+    write(path, written)
     assert read(path).sha256 == written.sha256
     policy = Policy.load(path)
     observation = np.random.default_rng(0).uniform(-1, 1, (500, 8)).astype(np.float32)
@@ -67,7 +68,7 @@ def test_written_policy_decides_as_flax(tmp_path, hidden, feature_set):
 
 def test_metadata(tmp_path):
     path = tmp_path / "p.safetensors"
-    write(path, made(), **description(limits=C208_PUBLISHED, score=-1.5, notes="a note"))
+    write(path, to_policy_file(made(), description(limits=C208_PUBLISHED, score=-1.5, notes="a note")))
     metadata = read(path).metadata
     assert read(path).limits == C208_PUBLISHED
     assert metadata["architecture"] == {"hidden": [16, 8], "activation": "tanh", "feature_set": "cpa", "output": "clip"}
@@ -88,7 +89,7 @@ def test_parity_vectors():
     np.testing.assert_array_equal(observation, parity_observations())
     assert (observation.min(0) == -1.0).all()
     assert (observation.max(0) == 1.0).all()
-    content = to_policy_file(made(), **description())
+    content = to_policy_file(made(), description())
     np.testing.assert_array_equal(content.parity_observation, observation)
     mean, _ = jax.jit(Actor(HIDDEN).apply)(made(), observation)
     np.testing.assert_allclose(content.parity_action, np.clip(mean, -1, 1), atol=2e-5)
@@ -99,26 +100,25 @@ def test_parity_vectors():
 
 def test_equal_actors_give_equal_files(tmp_path):
     for name in ("a", "b"):
-        write(tmp_path / name, made(), **description())
+        write(tmp_path / name, to_policy_file(made(), description()))
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
 def test_double_precision_is_left_as_it_was():
-    to_policy_file(made(), **description())
+    to_policy_file(made(), description())
     assert jnp.zeros(1).dtype == jnp.float32
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 @pytest.mark.parametrize("where", ["hidden_1", "log_std"])
-def test_diverged_parameters_are_refused(tmp_path, bad, where):
+def test_diverged_parameters_are_refused(bad, where):
     variables = made()
     if where == "log_std":
         variables["params"]["log_std"][1] = bad
     else:
         variables["params"]["trunk"][where]["kernel"][2, 3] = bad
     with pytest.raises(PolicyFileError, match=rf"parameter {where}.* is not finite"):
-        write(tmp_path / "p.safetensors", variables, **description())
-    assert list(tmp_path.iterdir()) == []
+        to_policy_file(variables, description())
 
 
 @pytest.mark.parametrize(
@@ -139,7 +139,7 @@ def test_diverged_parameters_are_refused(tmp_path, bad, where):
 )
 def test_what_cannot_be_exported(variables, changes, message):
     with pytest.raises(PolicyFileError, match=message):
-        to_policy_file(variables(), **description(**changes))
+        to_policy_file(variables(), description(**changes))
 
 
 # The network for any number of intruders: invariances, backends, files, and the aircraft that it refuses.
@@ -156,7 +156,7 @@ def content():
     rng = np.random.default_rng(3)
     weights = jax.tree.map(lambda leaf: rng.normal(0.0, 1.2 / np.sqrt(leaf.shape[0]), leaf.shape).astype("f4"), shapes)
     described = SetOf(ENCODER, MOST, PAPER, FAMILY)
-    return to_policy_file(weights, LAYERS, "set", PAPER.limits, {"seed": 0}, steps=0, of_set=described)
+    return to_policy_file(weights, new_metadata(LAYERS, "set", PAPER.limits, {"seed": 0}, steps=0, of_set=described))
 
 
 @cache

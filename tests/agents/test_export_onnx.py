@@ -20,7 +20,7 @@ from agents.policy import file as policy_file
 from agents.policy.file import PolicyFile
 from agents.policy.inference import Policy
 from agents.policy.scene import scene
-from agents.policy.schema import SetOf
+from agents.policy.schema import SetOf, new_metadata
 from agents.policy.set_features import set_inputs
 from envs.aircraft import PAPER, Ratios
 from envs.edge.command import run_cli
@@ -59,7 +59,7 @@ def random_policy(feature_set: str) -> PolicyFile:
     )
     family = Ratios((0.4, 0.75), (-0.4, -0.03), (0.03, 0.4), (0.3, 2.5))._asdict()
     of_set = SetOf(encoder, 3, PAPER, family) if encoder else None
-    return to_policy_file(weights, (16, 24), feature_set, PAPER.limits, {}, steps=0, of_set=of_set)
+    return to_policy_file(weights, new_metadata((16, 24), feature_set, PAPER.limits, {}, steps=0, of_set=of_set))
 
 
 @cache

@@ -20,6 +20,7 @@ from agents.learning.networks import Actor
 from agents.policy import eight_network
 from agents.policy.file import PolicyFileError, write
 from agents.policy.inference import PARITY_TOLERANCE, Policy
+from agents.policy.schema import new_metadata
 from envs import surrogate
 from envs.aircraft import PAPER
 from envs.encounters import scenario
@@ -42,7 +43,7 @@ def variables():
 
 @cache
 def content():
-    return to_policy_file(variables(), HIDDEN, "cpa", SURROGATE, {"seed": 0}, steps=0)
+    return to_policy_file(variables(), new_metadata(HIDDEN, "cpa", SURROGATE, {"seed": 0}, steps=0))
 
 
 @cache

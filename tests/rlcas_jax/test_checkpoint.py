@@ -18,6 +18,7 @@ from agents.config.load import ConfigError, load
 from agents.learning import export
 from agents.policy import file as policy_file
 from agents.policy.file import claims
+from agents.policy.schema import new_metadata
 from rlcas_jax import checkpoint
 from rlcas_jax.checkpoint import CheckpointError, latest, restore, save
 from rlcas_jax.checkpoint import meta as stored_meta
@@ -286,14 +287,9 @@ def policy(earlier: Run) -> Path:
     """The policy of the earlier run, alone."""
     path = earlier.directory / "alone.safetensors"
     config = earlier.config
-    content = export.to_policy_file(
-        earlier.state.learner.actor,
-        config.network.hidden,
-        config.network.feature_set,
-        config.aircraft.limits(),
-        {},
-        steps=1,
-    )
+    network = config.network
+    metadata = new_metadata(tuple(network.hidden), network.feature_set, config.aircraft.limits(), {}, steps=1)
+    content = export.to_policy_file(earlier.state.learner.actor, metadata)
     policy_file.write(path, content)
     return path
 
