@@ -99,7 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         file = options.out / f"aircraft_{number:02}.yaml"
         write_file(file, dump(one))
         print(f"aircraft {number} of {options.count}", file=sys.stderr, flush=True)
-        status = run_quietly(_arguments(options, one, file), file.with_suffix(""))
+        status = run_quietly(*_flown(options, one, file), file.with_suffix(""))
         if status:
             return status
         summaries.append(json.loads((file.with_suffix("") / "summary.json").read_text(encoding="utf-8")))
@@ -132,17 +132,16 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _arguments(options: argparse.Namespace, aircraft: "AircraftConfig", file: Path) -> list[str]:
-    """Return what ``eval.monte_carlo`` is to fly of one aircraft."""
+def _flown(options: argparse.Namespace, aircraft: "AircraftConfig", file: Path) -> tuple[dict[str, Any], list[str]]:
+    """Return the options and the keys of the run of ``eval.monte_carlo`` with one aircraft."""
     fast = aircraft.speed_max_mps
     speeds = [part * fast for part in TRAFFIC_SPEED]
     changes = {"intruders": options.intruders, "intruder_speed": speeds, "attempts": 200}
     changes |= {"turn_rate_deg_s": aircraft.yaw_rate_max_deg_s} if options.turning else {}
     named = {"aircraft": file, "mode": options.mode, "scenario": "noisy" if options.noisy else "circle"}
     named |= {name: getattr(options, name) for name in ("policy", "encounters", "seed", "workers")}
-    given = [part for name, value in named.items() if value is not None for part in (f"--{name}", str(value))]
-    sets = (f"changes={json.dumps(changes)}", f"confidence={options.confidence}", "resamples=100")
-    return [*given, "--allow-outside-domain", *(part for text in sets for part in ("--set", text))]
+    sets = [f"changes={json.dumps(changes)}", f"confidence={options.confidence}", "resamples=100"]
+    return named, [*sets, "allow_outside_domain=true"]
 
 
 def _found(

@@ -15,13 +15,10 @@ from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.intruder import IntruderState, start, step
 from envs.kinematics import Limits, VehicleState
-from envs.outcome import Rules, judge
+from envs.outcome import Outcome, Rules, judge
 from envs.relative import distance, leg_separation
 from envs.starts import joined
 from envs.trees import column, scatter, take
-
-OUTCOMES = ("violation", "reached", "timeout")
-"""Names of the outcome codes 0, 1, 2."""
 
 ENOUGH = 1.5
 """A distance, in separations, beyond which more is not worth a detour."""
@@ -42,7 +39,7 @@ _FAMILY = concatenated(STAGES[0], COARSE)
 class Causal(NamedTuple):
     """Flights of the oracle; fields ``[N]``."""
 
-    outcome: Any  # code, an index into OUTCOMES, int8
+    outcome: Any  # code, the place of the one that is true in Outcome, int8
     separation: Any  # smallest distance to any intruder, m
     arrival: Any  # time at which the goal was reached, s; nan if it was not
     path: Any  # length flown until the end, m
@@ -51,7 +48,7 @@ class Causal(NamedTuple):
     @property
     def solved(self) -> Any:
         """Whether the goal was reached without a violation, bool ``[N]``."""
-        return self.outcome == OUTCOMES.index("reached")
+        return self.outcome == Outcome._fields.index("reached")
 
 
 class _Air(NamedTuple):

@@ -11,10 +11,10 @@ from gymnasium import error, spaces
 from envs.aircraft import Aircraft
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario, scenario
 from envs.observation import ROW, SIZE
-from envs.outcome import Rules
+from envs.outcome import Outcome, Rules
 from envs.world import World
 
-OUTCOMES = ("flying", "violation", "reached", "timeout")
+OUTCOMES = ("flying", *Outcome._fields)
 """Names of the outcomes in ``info``."""
 
 _OPTIONS = ("scenario", "encounter")

@@ -17,13 +17,14 @@ from envs.draws import normals
 from envs.encounters import Encounter
 from envs.intruder import GAINS
 from envs.kinematics import Limits, commands
+from envs.outcome import Outcome
 from envs.relative import bearing, distance
 from envs.trees import scatter, take
 from envs.world import State, World, begin, perceived, smallest
 from envs.world import step as advance
 from eval.flights.trajectories import TrajectoryRecorder
 
-OUTCOMES = ("violation", "reached", "timeout")  # names of the outcome codes 0, 1, 2
+OUTCOMES = Outcome._fields  # names of the outcome codes 0, 1, 2
 
 
 class ByPolicy(NamedTuple):

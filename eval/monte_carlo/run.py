@@ -1,7 +1,7 @@
 """Monte Carlo evaluation of a policy: ``python -m eval.monte_carlo --encounters 10000 --out runs/first``."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -47,11 +47,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run(_COMMAND, _parser().parse_args(arguments))
 
 
-def run_quietly(arguments: Sequence[str], folder: Path, *, resume: bool = False) -> int:
-    """Fly an evaluation of several without figures and without its table for a person; return the exit status."""
-    again = ["--resume"] if resume and (folder / "config.yaml").is_file() else []
+def run_quietly(named: Mapping[str, Any], sets: Iterable[str], folder: Path, *, resume: bool = False) -> int:
+    """Fly one of several evaluations, without figures and its table for a person; return the exit status.
+
+    ``named`` holds its options (None: the default), ``sets`` are its ``KEY=VALUE``.
+    """
+    given = [part for name, value in named.items() if value is not None for part in (f"--{name}", str(value))]
+    given += [part for text in (*sets, "figures=false") for part in ("--set", text)]
+    given += ["--resume"] if resume and (folder / "config.yaml").is_file() else []
     with redirect_stdout(StringIO()):
-        return main([*arguments, "--set", "figures=false", *again, "--out", str(folder)])
+        return main([*given, "--out", str(folder)])
 
 
 def _parser() -> argparse.ArgumentParser:

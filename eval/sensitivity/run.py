@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     begun = time.perf_counter()
     for sweep in sweeps:
         print(f"flying {sweep.name} = {', '.join(f'{value:g}' for value in sweep.values)}", file=sys.stderr, flush=True)
-        status = fly(sweep, _passed_on(options), options.out / _SWEEPS, resume=options.resume)
+        status = fly(sweep, _passed_on(options), options.set, options.out / _SWEEPS, resume=options.resume)
         if status:
             print("Go on with the same command and --resume", file=sys.stderr)
             return status
@@ -105,12 +105,10 @@ def _check(options: argparse.Namespace, sweeps: Sequence[Sweep]) -> None:
         raise ConfigError(f"--scenario: {options.scenario!r} has no numbers to vary; expected a sampled scenario")
 
 
-def _passed_on(options: argparse.Namespace) -> list[str]:
-    """Return the arguments of ``eval.monte_carlo`` that all values share."""
+def _passed_on(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of ``eval.monte_carlo`` that all values share."""
     named = {name: getattr(options, name) for name in ("mode", "scenario", "policy", "seed", "workers")}
-    named["encounters"] = options.encounters or 1_000
-    given = [part for name, value in named.items() if value is not None for part in (f"--{name}", str(value))]
-    return [*given, *(part for text in options.set for part in ("--set", text))]
+    return named | {"encounters": options.encounters or 1_000}
 
 
 def _found(options: argparse.Namespace, run: Run | None, sweeps: Sequence[Sweep]) -> dict[str, Any]:

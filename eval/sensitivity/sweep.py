@@ -2,7 +2,7 @@
 
 import math
 from argparse import ArgumentTypeError
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -74,11 +74,11 @@ def swept(text: str) -> Sweep:
     return Sweep(name, tuple(values))
 
 
-def fly(sweep: Sweep, arguments: Sequence[str], out: Path, *, resume: bool) -> int:
+def fly(sweep: Sweep, named: Mapping[str, Any], sets: Sequence[str], out: Path, *, resume: bool) -> int:
     """Fly the run of every value below ``out``, or go on; return the status of the first that did not finish, or 0."""
     for value in sweep.values:
-        sets = [part for key, text in changed(sweep.name, value).items() for part in ("--set", f"changes.{key}={text}")]
-        status = run_quietly([*arguments, *sets], _folder(out, sweep.name, value), resume=resume)
+        own = [f"changes.{key}={text}" for key, text in changed(sweep.name, value).items()]
+        status = run_quietly(named, [*sets, *own], _folder(out, sweep.name, value), resume=resume)
         if status:
             return status
     return 0
