@@ -44,7 +44,7 @@ SCENARIOS = ("circle", "crossing_left", "crossing_right", "head_on", "same_cours
 
 @dataclass(frozen=True)
 class Scenario:
-    """A family of encounters around a common conflict point (the paper's "circle" and DESIGN's variants).
+    """A family of encounters around a common conflict point (the paper's "circle" and variants of it).
 
     Ownship and intruders start so far from the centre that they would meet there at the same time; then every
     start is displaced. Pairs (low, high) are ranges of a uniform draw; SI units. :func:`scenario` makes them.

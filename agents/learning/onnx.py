@@ -45,8 +45,7 @@ _EPILOG = """\
 example:
   python -m agents.export_onnx agents/data/policy.safetensors runs/policy.onnx
 
-Contracts, limits, architecture and digest are in the model's metadata (docs/reference/policy-file.md). The extra "onnx"
-installs what the export needs."""
+Contracts, limits, architecture and digest are in the model's metadata (docs/reference/policy-file.md)."""
 
 
 class ExportError(InputError):
@@ -58,7 +57,8 @@ def model(content: PolicyFile) -> Any:
     onnx: Any = importlib.import_module("onnx")
     converter: Any = importlib.import_module("jax2onnx")
     function, shapes = _decision(content)
-    logging.getLogger("onnx_ir").setLevel(logging.ERROR)  # it warns of every shape that it leaves out
+    for each in ("onnx_ir", "jax2onnx"):  # the one warns of every shape that it leaves out, the other of unused plugins
+        logging.getLogger(each).setLevel(logging.ERROR)
     names = {"input_names": list(inputs_of(content)), "output_names": ["action"]}
     made = converter.to_onnx(function, shapes, model_name="rlcas_policy", opset=OPSET, **names)
     # The converter's shapes of what lies between are those of one batch; runtimes find them again.
