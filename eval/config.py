@@ -233,7 +233,7 @@ class MonteCarloConfig(Strict):
         if self.backend != "auto":
             return self.backend
         suits = self.mode == "policy" and self.baseline == "none" and "encoder" in policy.metadata["architecture"]
-        pays = encounters >= _COMPILED_FROM and find_spec("flax") is not None
+        pays = encounters >= _COMPILED_FROM and find_spec("jax") is not None
         return "jax" if suits and pays else "numpy"
 
     def chunk_for(self, encounters: int, workers: int) -> int:

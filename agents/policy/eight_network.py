@@ -75,7 +75,7 @@ class EightNetwork:
     def _block(self, observation: np.ndarray) -> np.ndarray:
         # Components become contiguous rows: elementwise work on strided columns is twice as slow.
         components = list(np.ascontiguousarray(observation.T))
-        x = rows_through(np.stack(features(components, self._feature_set, np)).T, self.layers)
+        x = rows_through(np.stack(features(components, self._feature_set, np), axis=-1), self.layers, np)
         x[:, 1] *= mirror_sign(components, self._feature_set, np)
         return x
 

@@ -45,7 +45,7 @@ class Policy:
         aircraft: that the policy was trained for, and
         limits: of it.
         most: intruders that it was trained with at once, 1 of schema 1.
-        tensors: of the network by their names in the file.
+        tensors, layers: of the network, by their names in the file and by their kind.
         dtype: in which the network is evaluated.
     """
 
@@ -61,7 +61,7 @@ class Policy:
             raise ValueError(f"dtype is {self.dtype}, expected float32 or float64")
         self.sha256, self.metadata = content.sha256, content.metadata
         self.limits, self.aircraft, self.tensors = content.limits, content.aircraft, content.actor
-        self._content, self._outside, self._unlike = content, "refuse", list[str]()
+        self.layers, self._content, self._outside, self._unlike = content.layers, content, "refuse", list[str]()
         self.most = int(self.domain["intruders"][1])
         kind = SetNetwork if content.of_set else EightNetwork
         # In float64 so that a difference is one of meaning, never of rounding.

@@ -1,7 +1,7 @@
-"""The network for any number of intruders, in numpy: scenes to actions (:class:`agents.learning.networks.Trunk`).
+"""The network for any number of intruders: scenes to actions (:class:`agents.learning.networks.Trunk`).
 
-Every row is a vector product of its own, because BLAS rounds the rows of a matrix product by the size of their batch: a
-scene gives the same bits in any company.
+In numpy every row is a vector product of its own, because BLAS rounds the rows of a matrix product by the size of their
+batch: a scene gives the same bits in any company.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from numpy.typing import DTypeLike
 from agents.policy.escapes import KeptByOne
 from agents.policy.file import PolicyFile
 from agents.policy.scene import Scene, mirrored_one, scene, scene_of_one, unpacked_rows
-from agents.policy.set_features import OWN, set_inputs, set_inputs_of_one
+from agents.policy.set_features import OWN, SetInputs, set_inputs, set_inputs_of_one
 from envs.aircraft import Aircraft, ratios
 from envs.angles import atan2
 from envs.edge.command import InputError
@@ -105,22 +105,26 @@ class SetNetwork:
         return np.concatenate([self._actions(part) for part in parts])
 
     def _actions(self, seen: Scene) -> np.ndarray:
-        own, each, present, sign = set_inputs(seen, np)
-        each = np.tanh(rows_through(each.reshape(-1, each.shape[-1]), self._encoder)).reshape(*present.shape, -1)
-        pooled = np.where(present[..., None], each, np.float32(-1.0)).max(axis=-2)
-        action = rows_through(np.concatenate([own, pooled], axis=-1), self._trunk)
-        action[:, 1] *= sign
-        return action
+        return actions(set_inputs(seen, np), self._encoder, self._trunk, np)
 
 
-def rows_through(rows: np.ndarray, layers: Layers) -> np.ndarray:
+def actions(inputs: SetInputs, encoder: Layers, trunk: Layers, xp: Any) -> Any:
+    """Return the actions ``[N, 2]`` of the network's layers for inputs ``[N]``."""
+    own, each, present, sign = inputs
+    each = xp.tanh(rows_through(each.reshape(-1, each.shape[-1]), encoder, xp)).reshape(*present.shape, -1)
+    pooled = xp.where(present[..., None], each, -1.0).max(axis=-2)
+    action = rows_through(xp.concatenate([own, pooled], axis=-1), trunk, xp)
+    return action * xp.stack([xp.ones_like(sign), sign], axis=-1)
+
+
+def rows_through(rows: Any, layers: Layers, xp: Any) -> Any:
     """Return the outputs ``[N, out]`` of layers with tanh between them, for rows ``[N, in]``."""
-    x = np.ascontiguousarray(rows)[:, np.newaxis, :]
+    x = rows[:, None, :]
     *before, (kernel, bias) = layers
     for each_kernel, each_bias in before:
         x = x @ each_kernel
         x += each_bias
-        np.tanh(x, out=x)
+        x = xp.tanh(x)
     return (x @ kernel + bias)[:, 0, :]
 
 

@@ -12,6 +12,7 @@ from agents.baselines.baselines import Sight
 from agents.policy.inference import Policy
 from agents.policy.scene import OWN_NUMBERS, scene, unpacked_rows, width
 from agents.policy.set_features import set_inputs
+from agents.policy.set_network import actions
 from envs.edge.command import InputError
 from envs.edge.compiled import keep_compiled
 
@@ -28,17 +29,12 @@ class Compiled:
         keep_compiled()
         import jax
 
-        from agents.learning.export import variables
-        from agents.learning.networks import Actor
+        def decided(layers: Any, rows: Any) -> Any:
+            action = actions(set_inputs(unpacked_rows(rows), jax.numpy), layers[0], layers[1], jax.numpy)
+            return jax.numpy.clip(action, -1.0, 1.0)
 
-        layers = policy.metadata["architecture"]
-        actor = Actor(tuple(layers["hidden"]), "set", encoder=tuple(layers["encoder"]))
-
-        def decided(weights: Any, rows: Any) -> Any:
-            mean: Any = actor.apply(weights, set_inputs(unpacked_rows(rows), jax.numpy))
-            return jax.numpy.clip(mean[0], -1.0, 1.0)
-
-        self._weights, self._decided = jax.device_put(variables(policy.tensors)), jax.jit(decided)
+        each, hidden, head = (policy.layers(kind, np.float32) for kind in ("each", "hidden", "head"))
+        self._weights, self._decided = jax.device_put((each, hidden + head)), jax.jit(decided)
         self._limits, self._separation = policy.aircraft.limits, policy.aircraft.separation
         self._checked: set[int] = set()
 

@@ -1,6 +1,8 @@
 """Flights end as the rules say, do not depend on their company, and are those of the jax surrogate."""
 
 import math
+import subprocess
+import sys
 
 import jax
 import jax.numpy as jnp
@@ -164,6 +166,17 @@ def test_backends_decide_alike(name: str, shipped: Policy) -> None:
 def test_a_compiled_policy_takes_any_number_of_intruders(policy: Policy) -> None:
     with pytest.raises(InputError, match="one intruder only"):
         Compiled(policy)
+
+
+def test_compiled_decisions_need_no_training_framework() -> None:
+    code = """
+import sys
+from agents.policy.inference import Policy
+from eval.flights.compiled import Compiled
+Compiled(Policy.load())
+assert not {"flax", "optax"} & sys.modules.keys()
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
 
 
 def test_rows_that_depend_on_their_place_are_refused(shipped: Policy) -> None:
