@@ -22,11 +22,12 @@ ARCS = 10
 CLOSED = 1e-3
 """A leg that misses its end by more than this, m, does not exist (the waypoints contradict each other)."""
 
-_TURN_SCALE, _SPEED_SCALE = 0.02, 0.2  # rad/s and m/s^2 that count alike in the sum of squares
+_TURN, _SPEED = 0.02**2, 0.2**2  # weights: 0.02 rad/s and 0.2 m/s^2 count alike
 _ITERATIONS, _EXACT = 12, 5e-4
 # Gauss-Legendre's rule on [0, 1]: good to 1e-9 m on an arc of a leg of 20 s, to 1e-6 m on one that turns by 1 rad.
 _NODES = 0.5 + 0.5 * np.polynomial.legendre.leggauss(4)[0]
 _WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(4)[1]
+_QUARTER = np.array([-1.0, 1.0])[:, None, None]  # with x and y exchanged, a quarter turn to the left
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,54 +102,49 @@ def legs(knots: Knots) -> Legs:
     turn, gain = wrap(end[2] - start[2], np), end[3] - start[3]
     yaw_rate = np.repeat((turn / (ARCS * step))[:, None], ARCS, axis=1)
     acceleration = np.repeat((gain / (ARCS * step))[:, None], ARCS, axis=1)
-    target_x, target_y = end[0] - start[0], end[1] - start[1]
+    target = np.stack([end[0] - start[0], end[1] - start[1]])
 
-    x, y, heading, speed, miss = (np.zeros((step.size, ARCS)) for _ in range(5))
-    miss = miss[:, 0]
-    left = np.arange(step.size)
+    # Places and what moves them have x and y on their first axis: [2, M] and [2, M, ARCS].
+    place, (heading, speed) = np.zeros((2, step.size, ARCS)), np.zeros((2, step.size, ARCS))
+    miss, left = np.zeros(step.size), np.arange(step.size)
     for iteration in range(_ITERATIONS + 1):
         part = left if left.size < step.size else slice(None)  # a view while nothing is finished
         h, psi0, v0 = step[part, None], start[2][part, None], start[3][part, None]
         mean_turn, mean_gain = turn[part, None] / (ARCS * h), gain[part, None] / (ARCS * h)
         omega, accel = yaw_rate[part], acceleration[part]
         psi, v = psi0 + _before(omega * h), v0 + _before(accel * h)
-        dx, dy = _arc(psi, v, omega, accel, h)
-        px, py = np.cumsum(dx, axis=1), np.cumsum(dy, axis=1)
-        off_x, off_y = target_x[part] - px[:, -1], target_y[part] - py[:, -1]
-        off = np.hypot(off_x, off_y)
-        x[part], y[part], heading[part], speed[part], miss[part] = px - dx, py - dy, psi, v, off
+        flown = _arc(psi, v, omega, accel, h)
+        ends = flown.cumsum(axis=-1)
+        off = target[:, part] - ends[..., -1]
+        missed = np.hypot(*off)
+        place[:, part], heading[part], speed[part], miss[part] = ends - flown, psi, v, missed
         # Written so that what is not finite stays unfinished, and shows in its miss.
-        going_on = ~(off <= _EXACT)
+        going_on = ~(missed <= _EXACT)
         if iteration == _ITERATIONS or not going_on.any():
             break
         if not going_on.all():
             left = left[going_on]
             h, mean_turn, mean_gain = h[going_on], mean_turn[going_on], mean_gain[going_on]
-            omega, accel, dx, dy = omega[going_on], accel[going_on], dx[going_on], dy[going_on]
-            px, py, off_x, off_y = px[going_on], py[going_on], off_x[going_on], off_y[going_on]
+            omega, accel = omega[going_on], accel[going_on]
+            flown, ends, off = flown[:, going_on], ends[:, going_on], off[:, going_on]
         # What a change of each arc's yaw rate does to the end position is a rotation of the rest of the leg; of its
         # acceleration, a push along the rest. Less their means, because the sums of both controls are fixed.
-        turn_x = _centred(-(py[:, -1:] - py + 0.5 * dy) * h)
-        turn_y = _centred((px[:, -1:] - px + 0.5 * dx) * h)
-        length = np.maximum(np.hypot(dx, dy), 1e-9)
-        along_x, along_y = dx / length * h * h, dy / length * h * h
-        push_x, push_y = _centred(_from_here(along_x)), _centred(_from_here(along_y))
-        wt, wa = _TURN_SCALE**2, _SPEED_SCALE**2
-        a11 = wt * np.sum(turn_x * turn_x, axis=1) + wa * np.sum(push_x * push_x, axis=1)
-        a12 = wt * np.sum(turn_x * turn_y, axis=1) + wa * np.sum(push_x * push_y, axis=1)
-        a22 = wt * np.sum(turn_y * turn_y, axis=1) + wa * np.sum(push_y * push_y, axis=1)
-        b1 = np.sum(turn_x * omega, axis=1) + np.sum(push_x * accel, axis=1) + off_x
-        b2 = np.sum(turn_y * omega, axis=1) + np.sum(push_y * accel, axis=1) + off_y
+        rest = ends[..., -1:] - ends + 0.5 * flown
+        turned = _centred(rest[::-1] * _QUARTER * h)
+        pushed = _centred(_from_here(flown / np.maximum(np.hypot(*flown), 1e-9) * h * h))
+        a11, a22 = _TURN * (turned * turned).sum(axis=-1) + _SPEED * (pushed * pushed).sum(axis=-1)
+        a12 = _TURN * (turned[0] * turned[1]).sum(axis=-1) + _SPEED * (pushed[0] * pushed[1]).sum(axis=-1)
+        b1, b2 = (turned * omega).sum(axis=-1) + (pushed * accel).sum(axis=-1) + off
         determinant = np.maximum(a11 * a22 - a12 * a12, 1e-12)
         m1 = ((a22 * b1 - a12 * b2) / determinant)[:, None]
         m2 = ((a11 * b2 - a12 * b1) / determinant)[:, None]
-        yaw_rate[left] = mean_turn + wt * (turn_x * m1 + turn_y * m2)
-        acceleration[left] = mean_gain + wa * (push_x * m1 + push_y * m2)
+        yaw_rate[left] = mean_turn + _TURN * (turned[0] * m1 + turned[1] * m2)
+        acceleration[left] = mean_gain + _SPEED * (pushed[0] * m1 + pushed[1] * m2)
 
     def shaped(field: Any) -> Any:
         return field.reshape(*shape[:-1], shape[-1] - 1, *field.shape[1:])
 
-    fields = (start[4], ARCS * step, miss, start[0][:, None] + x, start[1][:, None] + y, heading, speed)
+    fields = (start[4], ARCS * step, miss, *(np.stack(start[:2])[..., None] + place), heading, speed)
     return Legs(*(shaped(field) for field in (*fields, yaw_rate, acceleration)))
 
 
@@ -167,24 +163,24 @@ def at(legs: Legs, time: Any) -> VehicleState:
     return VehicleState(x + dx, y + dy, wrap(psi + omega * t, np), v + accel * t)
 
 
-def _arc(heading: Any, speed: Any, yaw_rate: Any, acceleration: Any, duration: Any) -> tuple[Any, Any]:
-    """Return the displacement of an arc, m: its velocity integrated by Gauss-Legendre's rule."""
+def _arc(heading: Any, speed: Any, yaw_rate: Any, acceleration: Any, duration: Any) -> Any:
+    """Return the displacement of an arc, m, ``[2, ...]``: its velocity integrated by Gauss-Legendre's rule."""
     # The nodes lead, so that the sum over them is the same whatever the other axes hold.
     seconds = np.multiply.outer(_NODES, duration)
     psi = yaw_rate * seconds + heading
     covered = (acceleration * seconds + speed) * np.multiply.outer(_WEIGHTS, duration)
-    return np.add.reduce(covered * np.cos(psi), axis=0), np.add.reduce(covered * np.sin(psi), axis=0)
+    return np.add.reduce(covered * np.stack([np.cos(psi), np.sin(psi)]), axis=1)
 
 
 def _before(parts: Any) -> Any:
-    """Return the sum of the parts before each, ``[M, ARCS]``."""
-    return np.cumsum(parts, axis=1) - parts
+    """Return the sum of the parts before each, ``[..., ARCS]``."""
+    return parts.cumsum(axis=-1) - parts
 
 
 def _from_here(parts: Any) -> Any:
-    """Return the sum of the parts after each and half of itself, ``[M, ARCS]``."""
-    return np.sum(parts, axis=1, keepdims=True) - np.cumsum(parts, axis=1) + 0.5 * parts
+    """Return the sum of the parts after each and half of itself, ``[..., ARCS]``."""
+    return parts.sum(axis=-1, keepdims=True) - parts.cumsum(axis=-1) + 0.5 * parts
 
 
 def _centred(effect: Any) -> Any:
-    return effect - np.sum(effect, axis=1, keepdims=True) * (1.0 / ARCS)
+    return effect - effect.sum(axis=-1, keepdims=True) * (1.0 / ARCS)

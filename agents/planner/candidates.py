@@ -54,9 +54,8 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     """Complete the manoeuvres ``[M]`` of requests to plans for the goals numbered ``[M]``, and validate them."""
     whole = complete(request, rollout, goal, options)
     rows = np.flatnonzero(whole.last >= 0)
-    proposals = empty(goal.size, options.waypoints)._replace(too_short=whole.too_short)
     if rows.size == 0:
-        return proposals
+        return empty(goal.size, options.waypoints)._replace(too_short=whole.too_short)
     knots = take(whole.knots, rows)
     findings = validate(knots, take(request.traffic, rows), options.requirement, options.limits)
     goal_x, goal_y = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
@@ -66,6 +65,9 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     late = np.maximum(time * request.own.speed[rows] - np.maximum(straight, 0.0), 0.0)
     cost = excess + TIME_WEIGHT * late + REVERSAL_WEIGHT * options.aircraft.separation * whole.reversals[rows]
     made = Proposals(knots, goal[rows], whole.last[rows], findings, whole.too_short[rows], time, path, cost)
+    if rows.size == goal.size:
+        return made
+    proposals = empty(goal.size, options.waypoints)._replace(too_short=whole.too_short)
     scatter(proposals, rows, made)
     return proposals
 

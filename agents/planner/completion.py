@@ -100,7 +100,7 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
         scatter((now, time), on, (VehicleState(x, y, wrap(course, np), speed), arrived))
         done = arrived >= finished_by
         whole.last[rows[on[done]]] = number[done]
-        left = np.setdiff1d(left, on[done])
+        left = np.sort(np.concatenate([left[~reached], on[~done]]))
     whole.too_short[rows[left]] = True
     finished = np.flatnonzero(whole.last[rows] >= 0)
     if finished.size:
@@ -167,7 +167,7 @@ def _read_off(
     # The last part begun by each time; parts that are not flown begin never.
     begun = parts[0][:, None] <= times[:, None]
     number = np.where(begun.any(axis=-1), begun.shape[-1] - 1 - np.argmax(begun[..., ::-1], axis=-1), 0)
-    began, x, y, heading, speed, rate, gain = (np.take_along_axis(field, number, axis=-1) for field in parts)
+    began, x, y, heading, speed, rate, gain = np.take_along_axis(parts, number[None], axis=-1)
     seconds = np.where(begun.any(axis=-1), times - began, 0.0)
     arc = rate * seconds
     there = arc_end(VehicleState(x, y, heading, speed), arc, (speed + 0.5 * gain * seconds) * seconds)

@@ -137,8 +137,8 @@ def eligible(request: Request, options: Options) -> Any:
     x, y, points = request.route_x, request.route_y, request.points
     number = np.arange(x.shape[1])
     exists = number < points[:, None]
-    leg = np.minimum(number, points[:, None] - 2)
-    dx, dy = (np.take_along_axis(field, leg + 1, 1) - np.take_along_axis(field, leg, 1) for field in (x, y))
+    rows, leg = np.arange(points.size)[:, None], np.minimum(number, points[:, None] - 2)
+    dx, dy = (field[rows, leg + 1] - field[rows, leg] for field in (x, y))
     off_x, off_y = request.own.x[:, None] - x, request.own.y[:, None] - y
     far = np.hypot(off_x, off_y) - options.aircraft.goal_radius
     passed = ((off_x * dx + off_y * dy > 0.0) | (far <= 0.0)) & exists

@@ -21,7 +21,7 @@ from envs.kinematics import VehicleState, advance, commands
 from envs.relative import distance
 from envs.trees import column, mapped, scatter, take
 
-_AHEAD = 32  # time steps for which the intruders are predicted at once; most flights take fewer
+_AHEAD = 64  # time steps for which the intruders are predicted at once; most flights take fewer
 
 
 class Rollout(NamedTuple):
@@ -94,8 +94,7 @@ def _roll_one(
     flown: list[list[VehicleState]] = []
     state, (goal_x, goal_y) = VehicleState(*map(float, own)), map(float, goal)
     path, turn_sign, reversals = 0.0, 0.0, 0
-    square = task.radius * task.radius
-    threshold = 0.1 * limits.yaw_rate_max
+    square, threshold = task.radius * task.radius, 0.1 * limits.yaw_rate_max
     knots = []
     for step in range(steps + 1):
         if step % _AHEAD == 0:
@@ -106,11 +105,13 @@ def _roll_one(
         dx, dy = goal_x - state.x, goal_y - state.y
         arrived = dx * dx + dy * dy <= square
         # Without intruders nothing is in the way, but the goal may be inside the turning circle.
-        way = zip(seen or [state], owed or [-math.inf], strict=True)
         if arrived or (
             options.direct
             and step % EVERY == 0
-            and all(clear(state, (goal_x, goal_y), other, far, step * dt, task, FLOATS) for other, far in way)
+            and all(
+                clear(state, (goal_x, goal_y), other, far, step * dt, task, FLOATS)
+                for other, far in zip(seen or [state], owed or [-math.inf], strict=True)
+            )
         ):
             scatter(result[1:], 0, (state, step * dt, not arrived, path, turn_sign, reversals))
             break

@@ -76,7 +76,7 @@ def excess(allowed: tuple[float, float], values: Any) -> np.ndarray:
 def departures(allowed: Mapping[str, tuple[float, float]], values: Mapping[str, Sequence[float]]) -> list[str]:
     """Return a sentence for each quantity of :func:`domain` that has values outside its range, with the furthest."""
     said = []
-    for name, given in values.items():
+    for name, given in ((name, given) for name, given in values.items() if len(given)):
         (low, high), found = allowed[name], np.asarray(given, float)
         beyond = excess(allowed[name], found)
         if beyond.any():

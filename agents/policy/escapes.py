@@ -130,17 +130,21 @@ class KeptByOne:
         speed, ratios, known = seen.own_speed, self._ratios, self._fixed.copy()
         to_goal = _chords(math.atan2(seen.goal_y, seen.goal_x), ratios.turn_radius)
         known[0, -3:, 1:], known[1, -3:, 1:], known[2, -3:, 1:], known[3, -3:, 1:] = to_goal
-        whole, (ahead, aside, short) = known[0], known[1:, :, 1:]
+        whole, courses, short = known[0], known[1:3, :, 1:], known[3, :, 1:]
         times, spans = whole[:, 1:], whole[:, 1:] - whole[:, :-1]
         speeds = speed + self._rate * whole
         np.maximum(speeds, min(ratios.speed_min, speed), out=speeds)
         np.minimum(speeds, max(speed, 1.0), out=speeds)
-        way = (speeds[:, 1:] + speeds[:, :-1]) * spans * short
-        step_x, step_y = way * ahead, way * aside
-        own_x, own_y = step_x.cumsum(axis=1), step_y.cumsum(axis=1)
-        intruders = np.array((seen.x, seen.y, seen.vx, seen.vy))[:, :, None, None]
-        squares = _squares(intruders, (times, spans, step_x, step_y, own_x, own_y), np)
-        return np.sqrt(squares.min(axis=(0, 2), initial=1e6))
+        # Both axes at once, [2, 22, 10] and for intruders [2, K, 22, 10]: half the calls, the same bits.
+        steps = (speeds[:, 1:] + speeds[:, :-1]) * spans * short * courses
+        own, steps = steps.cumsum(axis=2)[:, None], steps[:, None]
+        place, velocity = np.array(((seen.x, seen.y), (seen.vx, seen.vy)))[..., None, None]
+        there, over = place + velocity * times - own, velocity * spans - steps
+        (ahead, aside), (along, across) = there * over, over * over
+        back = np.minimum(np.maximum((ahead + aside) / (along + across + 1e-8), 0.0), 1.0)
+        there -= back * over
+        there *= there
+        return np.sqrt((there[0] + there[1]).min(axis=(0, 2), initial=1e6))
 
 
 def steering(seen: Scene, xp: Any) -> Any:

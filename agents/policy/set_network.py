@@ -97,15 +97,11 @@ class SetNetwork:
     def _of_scenes(self, seen: Scene) -> np.ndarray:
         """Return the actions ``[N, 2]`` for scenes ``[N]`` with K >= 1 places for intruders."""
         seen = mapped(lambda field: field if np.asarray(field).dtype == bool else np.asarray(field, self._dtype), seen)
-        count = len(seen.own_speed)
-        if count <= _SCENES:
-            return self._actions(seen)
-        blocks = [slice(first, first + _SCENES) for first in range(0, count, _SCENES)]
+        if len(seen.own_speed) <= _SCENES:
+            return actions(set_inputs(seen, np), self._encoder, self._trunk, np)
+        blocks = [slice(first, first + _SCENES) for first in range(0, len(seen.own_speed), _SCENES)]
         parts = (mapped(lambda field, at=at: field[at] if np.ndim(field) else field, seen) for at in blocks)
-        return np.concatenate([self._actions(part) for part in parts])
-
-    def _actions(self, seen: Scene) -> np.ndarray:
-        return actions(set_inputs(seen, np), self._encoder, self._trunk, np)
+        return np.concatenate([self._of_scenes(part) for part in parts])
 
 
 def actions(inputs: SetInputs, encoder: Layers, trunk: Layers, xp: Any) -> Any:
