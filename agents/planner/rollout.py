@@ -91,11 +91,10 @@ def _roll_one(
     steps = int(task.until / dt + 1e-9)
     result = _empty(1, steps // spacing + 1)
     traffic, owed = take(traffic, traffic.mask), owed[traffic.mask].tolist()
-    flown: list[list[VehicleState]] = []
+    flown, knots = list[list[VehicleState]](), list[VehicleState]()
     state, (goal_x, goal_y) = VehicleState(*map(float, own)), map(float, goal)
     path, turn_sign, reversals = 0.0, 0.0, 0
     square, threshold = task.radius * task.radius, 0.1 * limits.yaw_rate_max
-    knots = []
     for step in range(steps + 1):
         if step % _AHEAD == 0:
             flown = _tracks(traffic, step, dt)

@@ -13,10 +13,11 @@ from agents.policy.inference import Policy
 from agents.policy.scene import OWN_NUMBERS, scene, unpacked_rows, width
 from agents.policy.set_features import set_inputs
 from agents.policy.set_network import actions
+from envs.aircraft import Ratios, ratios
 from envs.edge.command import InputError
 from envs.edge.compiled import keep_compiled
 
-_TILE = 128
+_TILE = 256
 
 
 class Compiled:
@@ -29,30 +30,30 @@ class Compiled:
         keep_compiled()
         import jax
 
-        def decided(layers: Any, rows: Any) -> Any:
-            action = actions(set_inputs(unpacked_rows(rows), jax.numpy), layers[0], layers[1], jax.numpy)
-            return jax.numpy.clip(action, -1.0, 1.0)
+        def decided(known: Any, rows: Any) -> Any:
+            encoder, trunk, numbers = known
+            # What hangs on the aircraft alone is computed once for all rows of a tile.
+            seen = unpacked_rows(rows)._replace(ratios=Ratios(*numbers))
+            return jax.numpy.clip(actions(set_inputs(seen, jax.numpy), encoder, trunk, jax.numpy), -1.0, 1.0)
 
         each, hidden, head = (policy.layers(kind, np.float32) for kind in ("each", "hidden", "head"))
-        self._weights, self._decided = jax.device_put((each, hidden + head)), jax.jit(decided)
-        self._limits, self._separation = policy.aircraft.limits, policy.aircraft.separation
+        self._units = policy.aircraft.limits, policy.aircraft.separation
+        known = each, hidden + head, np.array(ratios(*self._units), np.float32)
+        self._known, self._decided = jax.device_put(known), jax.jit(decided)
         self._checked: set[int] = set()
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        seen = scene(
-            sight.own, sight.intruders, sight.mask, sight.goal_x, sight.goal_y, self._limits, self._separation, np
-        )
+        seen = scene(sight.own, sight.intruders, sight.mask, sight.goal_x, sight.goal_y, *self._units, np)
         count, places = sight.mask.shape
         rows = np.zeros((-(-count // _TILE) * _TILE, width(places)), np.float32)
-        for i, field in enumerate((seen.own_speed, seen.goal_x, seen.goal_y, *seen.ratios)):
-            rows[:count, i] = field
+        rows[:count, :3] = np.stack((seen.own_speed, seen.goal_x, seen.goal_y), axis=-1)
         for i, field in enumerate((seen.x, seen.y, seen.vx, seen.vy, seen.present)):
             rows[:count, OWN_NUMBERS + i :: 5] = field
         if places not in self._checked:
             self._check(np.resize(rows[:count], (_TILE, rows.shape[1])))
             self._checked.add(places)
-        tiles = [self._decided(self._weights, rows[first : first + _TILE]) for first in range(0, count, _TILE)]
+        tiles = [self._decided(self._known, rows[first : first + _TILE]) for first in range(0, count, _TILE)]
         actions = np.concatenate([np.asarray(tile) for tile in tiles])[:count]
         if not np.isfinite(actions).all():
             raise ValueError("the policy gives an action that is not finite; expected finite states")
@@ -60,6 +61,6 @@ class Compiled:
 
     def _check(self, tile: np.ndarray) -> None:
         """Refuse a processor on which the bits of a row depend on its place in the tile."""
-        there, back = (np.asarray(self._decided(self._weights, rows)) for rows in (tile, tile[::-1]))
+        there, back = (self._decided(self._known, rows) for rows in (tile, tile[::-1]))
         if not np.array_equal(there, back[::-1]):
             raise InputError("backend is 'jax', which rounds a row by its place on this processor; expected numpy")
