@@ -41,14 +41,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     listed = load(Evidence, options.list)
     names = listed.chosen(options.only)
     policy = Policy.load().sha256
+    store = ROOT / "docs/reference/evidence.json"
+    results = published(listed, policy, read_results(store), options.out)
     if options.tables:
-        store = ROOT / "docs/reference/evidence.json"
-        results = published(listed, policy, read_results(store), options.out)
         write_file(store, written_results(results))
         print("\n".join(f"written: {path.relative_to(ROOT)}" for path in publish(ROOT, listed, results)))
         return 0
     if options.dossier is not None:
-        results = published(listed, policy, read_results(ROOT / "docs/reference/evidence.json"), options.out)
         about = {"policy": policy, "commit": str(_commit())}
         print(write(ROOT, options.dossier, listed, results, about, options.out, options.junit))
         return 0
@@ -120,8 +119,8 @@ def _result(name: str, listed: Evidence, policy: str, options: argparse.Namespac
 def _said(command: str, reading: Reading, folder: Path, scheduler: str | None) -> dict[str, Any] | None:
     """Run a command and return what it says in JSON; None where it fails."""
     words = [sys.executable, "-m", *shlex.split(os.path.expandvars(command))]
+    words += ["--out", str(folder.absolute())] if reading.file is not None or reading.chunks else []
     if reading.file is not None:
-        words += ["--out", str(folder.absolute())]
         if reading.chunks and (folder / "config.yaml").exists():
             words += ["--resume"]
         elif folder.exists():

@@ -151,6 +151,24 @@ def test_a_finished_result_is_not_made_again(tmp_path: Path, capfd: pytest.Captu
     assert "one: there already" in capfd.readouterr().out
 
 
+def test_an_attack_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
+    some, command = (tmp_path / "list.yaml"), "benchmarks.safety --workers 1 --single 0 --block 100 --requests {n}"
+    entry = {"title": "attack", "command": command, "n": 200}
+    reading = {"chunks": True, "keys": ["requests", "violations"]}
+    listed = {"readings": {"benchmarks.safety": reading}, "results": {"attack": entry}, "tables": {}}
+    some.write_text(json.dumps(listed), encoding="utf-8")
+    asked = ["--list", str(some), "--out", str(tmp_path), "--only", "attack"]
+    assert main(asked) == 0
+    whole = read_results(tmp_path / "attack.json")["attack"]["figures"]
+    done = next(tmp_path.glob("attack-*/batches.jsonl"))
+    lines = done.read_text(encoding="utf-8").splitlines(keepends=True)
+    done.write_text("".join(lines[:-1]), encoding="utf-8")  # as if stopped before the last batch
+    (tmp_path / "attack.json").unlink()
+    assert main(asked) == 0
+    assert done.read_text(encoding="utf-8").startswith("".join(lines[:-1]))
+    assert read_results(tmp_path / "attack.json")["attack"]["figures"] == whole == {"requests": 200, "violations": 0}
+
+
 CASE = """\
 claim: {says: top, strategy: over parts, context: [C1]}
 contexts: {C1: "a < b"}
