@@ -60,8 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     problem = FlightProblem(Pilot(evaluation, policy), mode, **how)
     picture_folder.create(options.out)
     begun = time.perf_counter()
-    seeds = np.random.SeedSequence((config.seed, _STREAM))
-    first, *others = map(np.random.default_rng, seeds.spawn(options.repetitions + 1))
+    seeds = np.random.SeedSequence((config.seed, _STREAM)).spawn(options.repetitions + 1)
+    first, *others = map(np.random.default_rng, seeds)
     sizes = (options.particles, options.moves)
     made: list[Repetition] = []
     with threadpool_limits(1):
@@ -70,11 +70,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for number, rng in enumerate(others, 1):
             made.append(repetition(problem, plan, *sizes, rng))
             print(f"repetition {number} of {len(others)}: {made[-1].probability[-1]:.3g}", file=sys.stderr)
-        blamed = [~problem.unresolvable(problem.sampled(one.last)[0]) for one in made]
-    asked = {"scenario": config.scenario, "changes": config.changes, "seed": config.seed}
-    found = {"schema_version": 1, "mode": mode, **asked, **_found(options, plan, made, blamed)}
-    found |= {"policy_sha256": policy.sha256} | described(evaluation.aircraft, policy)
-    found |= {"wall_s": time.perf_counter() - begun}
+        blamed = [np.ones(len(one.last), bool) for one in made]
+        if not options.resolvable_only:  # else all that are left are judged already
+            blamed = [~problem.unresolvable(problem.sampled(one.last)[0]) for one in made]
+    found = {"schema_version": 1, "mode": mode, "scenario": config.scenario, "changes": config.changes}
+    found |= {"seed": config.seed, **_found(options, plan, made, blamed), "policy_sha256": policy.sha256}
+    found |= described(evaluation.aircraft, policy) | {"wall_s": time.perf_counter() - begun}
     # Equally many of each repetition.
     rows = [one.last[kept][: max(1, _WORST // len(made))] for one, kept in zip(made, blamed, strict=True)]
     if any(map(len, rows)):
