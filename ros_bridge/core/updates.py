@@ -66,11 +66,6 @@ def geo_reference(situation: Situation, message: Any, now: int, rules: Rules) ->
     return replace(situation, origin=_held(situation.origin, lambda: conversions.geo_reference(message), now))
 
 
-def reset(situation: Situation) -> Situation:
-    """Return what holds after the clock has stepped back: route and geo-reference, for they have no age."""
-    return Situation(origin=situation.origin, route=situation.route)
-
-
 def _near(own: Report, seen: Sighting | None, rules: Rules) -> bool:
     """Return whether an aircraft of the ownship's id may be the ownship: where it is expected, or at no known place."""
     if seen is None or seen.time is None or seen.place is None:

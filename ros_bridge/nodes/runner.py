@@ -41,7 +41,7 @@ from agents.policy.inference import Policy
 from ros_bridge.core import conversions, updates
 from ros_bridge.core.aircraft import loaded
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.situation import Code, Refusal, Task, refusal_of, task
+from ros_bridge.core.situation import Code, Refusal, Situation, Task, refusal_of, task
 from ros_bridge.core.tracks import Verdict
 from ros_bridge.nodes.requests import NO_PLAN, check, planned, rehearsed
 from ros_bridge.transport import process, qos, topics, views
@@ -135,7 +135,8 @@ class Runner(ListeningNode):
         return super().on_shutdown(state)
 
     def _stepped_back(self) -> None:
-        self._situation = updates.reset(self._situation)
+        before = self._situation  # route and geo-reference have no age
+        self._situation = Situation(origin=before.origin, route=before.route)
         self._era += 1
         self._withdraw()
 

@@ -13,7 +13,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.qos import QoSPolicyKind
 
 from ros_bridge.core import updates
-from ros_bridge.core.fields import SECOND
+from ros_bridge.core.fields import SECOND, nanoseconds
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import forgotten
 from ros_bridge.transport import topics, views
@@ -21,19 +21,19 @@ from ros_bridge.transport.settings import aircraft_text, declare, planning_optio
 from ros_bridge.transport.topics import Topic
 
 _BACKWARD = SECOND // 2  # by how much the clock may step back before everything received is forgotten
+_IN_FLIGHT = SECOND  # for how long after that messages may arrive that were sent before
+_AGING = updates.ownship, updates.traffic, updates.alert  # take in what belongs to a moment
 
 
 class ListeningNode(LifecycleNode):
     """A lifecycle node whose subscriptions, publishers and timers last from its configuration to its cleaning up."""
 
-    kind: str
-    """Of the nodes, such as ``runner``."""
+    kind: str  # such as "runner"
 
     def __init__(self, **more: Any) -> None:
         super().__init__(f"rlcas_{self.kind}", **more)
         self._entities: list[Callable[[], Any]] = []  # how each of them is destroyed
-        self._qos_problems: dict[str, str] = {}
-        """Sentences on qualities of service that do not fit, by topic; kept until the node is configured anew."""
+        self._qos_problems: dict[str, str] = {}  # sentences, by topic; kept until the node is configured anew
         self._active = False
         aircraft = declare(self, self.kind)
         assert aircraft is not None, "runner and monitor have an aircraft"
@@ -45,7 +45,7 @@ class ListeningNode(LifecycleNode):
     def _start(self) -> None:
         """Forget everything that was received."""
         self._situation = Situation()
-        self._latest = 0
+        self._latest = self._settled = 0
 
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value if self.has_parameter(name) else None
@@ -123,9 +123,13 @@ class ListeningNode(LifecycleNode):
         """Return what takes a message into the situation, and logs an origin or a route that cannot be used."""
 
         def take(message: Any) -> None:
-            now = self._now()  # may reset the situation
+            now, rules = self._now(), report_rules(self._value)  # may reset the situation
+            # Just after the clock has stepped back, what is ahead of it was sent before that.
+            late = now < self._settled and update in _AGING
+            if late and nanoseconds(message.header.stamp) > now + rules.future * SECOND:
+                return
             before = self._situation
-            self._situation = after = update(before, message, now, report_rules(self._value))
+            self._situation = after = update(before, message, now, rules)
             for held, new in ((before.origin, after.origin), (before.route, after.route)):
                 if new is not held and new.fault is not None:
                     self.get_logger().error(new.fault.message)
@@ -159,8 +163,8 @@ class ListeningNode(LifecycleNode):
         if now < self._latest - _BACKWARD:
             back = (self._latest - now) / SECOND
             self.get_logger().warning(f"the clock stepped back by {back:.1f} s: all that was received is forgotten")
-            self._latest = now
             self._stepped_back()
+            self._latest, self._settled = now, now + _IN_FLIGHT
         self._latest = max(self._latest, now)
         return now
 

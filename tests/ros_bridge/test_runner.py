@@ -362,6 +362,14 @@ def test_simulated_time_that_is_zero_or_steps_back_voids_everything():
             world.ownship(time=20 * 10**9)
             client.idle(0.3)
             assert asked(client).status == Code.SAFE
+
+            # What was sent before, from somewhere else, and comes late is no report of the new time.
+            clock(10)
+            client.idle(0.3)
+            world.ownship(x=20_000.0, time=20 * 10**9)
+            world.ownship(time=10 * 10**9)
+            client.idle(0.3)
+            assert asked(client).status == Code.SAFE
         finally:
             client.close()
             process.stop()
