@@ -148,7 +148,7 @@ def eligible(request: Request, options: Options) -> Any:
     chosen = first[:, None] + np.arange(options.goals)
     inside = chosen < points[:, None]
     chosen = np.where(inside, chosen, 0)
-    return np.where(inside & np.take_along_axis(near & exists, chosen, 1), chosen, -1)
+    return np.where(inside & (near & exists)[rows, chosen], chosen, -1)
 
 
 def _state(name: str, state: Any) -> VehicleState:

@@ -14,7 +14,8 @@ from envs.waypoints import ARCS, Legs
 FINE = 32
 """Parts into which an arc of a leg is cut where it matters: 0.06 s of a leg of 20 s, 4 mm of uncertainty."""
 
-_NODES = list(zip(*(part.tolist() for part in np.polynomial.legendre.leggauss(4)), strict=True))
+_NODES, _FACTORS = (part[:, None, None] for part in np.polynomial.legendre.leggauss(4))  # the nodes lead
+_SHARES, _WEIGHTS = 0.5 * (1.0 + _NODES), 0.5 * _FACTORS
 _SAME_PLACE = 1e-6  # m by which an intruder may leave its report's flight for rounding's sake
 _STRAIGHT = 1e-30  # rad/s of a turn that is none
 
@@ -42,11 +43,15 @@ def chords(
     The parts begin at some times and last some seconds, ``[n, A]``, between own positions, m, ``[n, A]`` each; ``pull``
     is the largest relative acceleration, m/s^2, and broadcasts against ``[n, A, K]``.
     """
-    x0, y0 = _relative(start, begin, traffic)
-    x1, y1 = _relative(end, begin + length, traffic)
+    # Beginnings and ends in one array, [2, n, A] and [2, n, A, K]: half the calls, the same bits.
+    own_x, own_y, times = np.stack([(*start, begin), (*end, begin + length)], axis=1)
+    x, y = _flown(mapped(lambda field: field[:, None], traffic), times[..., None])
+    (x0, x1), (y0, y1) = x, y = x - own_x[..., None], y - own_y[..., None]
     dx, dy = x1 - x0, y1 - y0
     s = np.clip(-(x0 * dx + y0 * dy) / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
-    near, first, last = (np.sqrt(x * x + y * y) for x, y in ((x0 + s * dx, y0 + s * dy), (x0, y0), (x1, y1)))
+    first, last = np.sqrt(x * x + y * y)
+    near_x, near_y = x0 + s * dx, y0 + s * dy
+    near = np.sqrt(near_x * near_x + near_y * near_y)
     # A share s of the part from its beginning, the motion leaves the chord by 4 bow s (1 - s) at most. Where the chord
     # is nearest at an end, from which the range opens by at least g s, the distance is smaller than there by at most
     # (4 bow - g)^2 / (16 bow).
@@ -57,19 +62,14 @@ def chords(
     return near - loss, np.minimum(first, last)
 
 
-def _relative(own: tuple[Any, Any], time: Any, traffic: Traffic) -> tuple[Any, Any]:
-    """Return the intruders' positions less the own ones, m, ``[n, A, K]``: an intruder turns, then flies on."""
-    x, y = _flown(mapped(lambda field: field[:, None], traffic), time[..., None])
-    return x - own[0][..., None], y - own[1][..., None]
-
-
 def _flown(traffic: Traffic, time: Any) -> tuple[Any, Any]:
     """Return the positions of intruders ``[...]`` at times that broadcast, m: they turn, then fly straight."""
     state = traffic.state
     x, y = (start + state.speed * part(state.heading) * time for start, part in ((state.x, np.cos), (state.y, np.sin)))
     # Only turning ones are treated apart, so that the rounding of one does not depend on the others.
-    turns = np.nonzero(np.broadcast_to((np.abs(traffic.turn_rate) > _STRAIGHT) & (traffic.turn_time > 0.0), x.shape))
-    if turns[0].size:
+    turning = (np.abs(traffic.turn_rate) > _STRAIGHT) & (traffic.turn_time > 0.0)
+    if turning.any():
+        turns = np.nonzero(np.broadcast_to(turning, x.shape))
         one = mapped(lambda field: np.broadcast_to(field, x.shape)[turns], traffic)
         x[turns], y[turns] = _turning(one, np.broadcast_to(time, x.shape)[turns])
     return x, y
@@ -101,14 +101,11 @@ def along(x: Any, y: Any, heading: Any, speed: Any, yaw_rate: Any, acceleration:
     time = np.arange(FINE + 1) * part
     # Velocities as complex numbers: the course at a node of the rule turns by the same from part to part, and turning
     # it takes less than half the time of another sine and cosine. The error grows to some 1e-14.
-    start = np.cos(heading) + 1j * np.sin(heading)
-    moved: Any = np.zeros(time.shape, dtype=complex)
-    for node, weight in _NODES:
-        share = 0.5 * (1.0 + node)
-        turn = yaw_rate * (share * part)
-        turns = np.broadcast_to(np.cos(turn) + 1j * np.sin(turn), (len(time), FINE))
-        courses = np.multiply.accumulate(np.concatenate([start, turns], axis=1), axis=1)
-        moved += (speed + acceleration * (share * time)) * (0.5 * weight) * courses
+    start, turn = np.cos(heading) + 1j * np.sin(heading), yaw_rate * (_SHARES * part)
+    turns = np.broadcast_to(np.cos(turn) + 1j * np.sin(turn), (len(_SHARES), len(time), FINE))
+    starts = np.broadcast_to(start, (len(_SHARES), len(time), 1))
+    courses = np.multiply.accumulate(np.concatenate([starts, turns], axis=2), axis=2)
+    moved = np.add.reduce((speed + acceleration * (_SHARES * time)) * _WEIGHTS * courses, axis=0)
     return x + moved.real * time, y + moved.imag * time
 
 
