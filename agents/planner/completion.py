@@ -84,8 +84,10 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
             whole.reversals[there] += np.sign(arc[which]) * rollout.turn_sign[there] < 0.0
         target[left] += 1
         on = left[reached]
-        number, x, y, state, at = take((number, x, y, state, at), reached)
-        turned, speed, arc, length, course = take((turned, speed, arc, length, course), reached)
+        if not reached.all():
+            number, x, y, state, at, turned, speed, arc, length, course = take(
+                (number, x, y, state, at, turned, speed, arc, length, course), reached
+            )
         none, gain = np.zeros(on.size), np.where(speed > state.speed, task.limits.acceleration_max, 0.0)
         middle = _turned(state, arc, task.turn_rate)
         pieces += [_piece(rows.size, on, at, *state, np.sign(arc) * task.turn_rate, none)]

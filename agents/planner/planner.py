@@ -17,7 +17,7 @@ from agents.planner.answer import Plan, RequestError
 from agents.planner.budget import Budget
 from agents.planner.candidates import empty, evaluate, keep_best
 from agents.planner.certificate import certificate
-from agents.planner.options import Options
+from agents.planner.options import Options, check
 from agents.planner.publish import Plans, published
 from agents.planner.request import Altitude, Intruder, Request, checked, eligible, finite
 from agents.planner.rollout import roll
@@ -55,7 +55,9 @@ def plan(
         RequestError: the request is incomplete, out of range or inconsistent, or has more intruders than the policy was
             trained with (``policy.for_aircraft(..., outside="allow")`` takes them); it names the field.
     """
-    options = Options.for_aircraft(policy.aircraft) if options is None else options
+    if options is not None:
+        check(options)
+    options = options or Options.for_aircraft(policy.aircraft)
     request, excluded, kept = checked(own, intruders, route, options, own_altitude)
     try:
         policy.check_intruders(len(kept))

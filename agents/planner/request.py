@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.planner.answer import Excluded, RequestError
 from agents.planner.fields import real, sequence, shown
-from agents.planner.options import Options, check, speed_range
+from agents.planner.options import Options, speed_range
 from agents.planner.separation import same_flight
 from agents.planner.traffic import Traffic, advanced
 from envs.kinematics import FASTEST, VehicleState
@@ -69,7 +69,7 @@ def checked(
     options: Options,
     own_altitude: Altitude | None = None,
 ) -> tuple[Request, tuple[Excluded, ...], list[int]]:
-    """Check one request.
+    """Check one request, whose options are (:func:`agents.planner.options.check`).
 
     Returns:
         The request as arrays with N = 1, the intruders left out, and the numbers of those that are in.
@@ -77,7 +77,6 @@ def checked(
     Raises:
         RequestError: something is missing, not finite, out of range or inconsistent.
     """
-    check(options)
     state = _state("own", own)
     low, high = speed_range(options.aircraft.limits)
     if not low <= state.speed <= high:

@@ -119,7 +119,7 @@ def _advice(spare: Any, steering: Any, xp: Any) -> tuple[Any, Any, Any]:
     behind = (most[..., None] - spare) * (1.0 / ALIKE)
     share = 1.0 / (1.0 + behind * behind)
     whole = share.sum(axis=-1)
-    throttles = xp.asarray(escapes.THROTTLES.astype(most.dtype))
+    throttles = xp.asarray(escapes.THROTTLES.astype(most.dtype, copy=False))
     return most, (share * throttles).sum(axis=-1) / whole, (share * steering).sum(axis=-1) / whole
 
 

@@ -27,6 +27,7 @@ from threadpoolctl import threadpool_limits
 from agents import check
 from agents.planner.answer import Excluded, RequestError
 from agents.planner.certificate import certificate
+from agents.planner.options import check as check_options
 from agents.planner.planner import plan_many
 from agents.planner.request import Request, checked
 from benchmarks.measure import report
@@ -68,6 +69,7 @@ def certified(seed: int, block: int) -> list[tuple[int, bytes]]:
     for row in range(BLOCK):
         question = published.question(seed, first + row, take(requests, row))
         try:
+            check_options(options)
             request, excluded, _ = checked(question.own, question.intruders, question.route, options, question.altitude)
         except RequestError:
             continue
