@@ -189,7 +189,7 @@ def test_intruders_fly_the_proven_closed_form() -> None:
         row = [np.full((1, 1), value) for value in (0.0, 0.0, psi, v, w, lasts, 0.0, 0.0, 0.0)]
         traffic = Traffic(VehicleState(*row[:4]), np.ones((1, 1), dtype=bool), *row[4:])
         now = advanced(traffic, np.full((1, 1), age))
-        place = separation._relative((np.zeros((1, 1)), np.zeros((1, 1))), np.array([[time]]), now)
+        place = separation._flown(now, np.array([[time]]))
         assert (place[0].item(), place[1].item()) == pytest.approx((x, y), abs=1e-6)
         report = [check.ball(0.0, 0.0), check.spin(check.ball(psi)), *map(check.ball, (v, age, w, lasts))]
         ball = check.other(report, check.ball(time))
