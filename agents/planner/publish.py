@@ -12,7 +12,7 @@ import numpy as np
 from agents.planner.answer import Excluded, Kind, Plan, Reason, RequestError, Source, Status
 from agents.planner.audit import audit
 from agents.planner.candidates import Proposals
-from agents.planner.options import Options
+from agents.planner.options import Options, check
 from agents.planner.request import Altitude, Intruder, Request, checked, eligible
 from agents.planner.validator import CHECKS, Findings, validate
 from envs.kinematics import VehicleState
@@ -106,6 +106,7 @@ def rechecked(
     least = JOIN * options.aircraft.dt
     left = [replace(point, time=point.time - late) for point in plan.waypoints if point.time - late >= least]
     try:
+        check(options)
         request, excluded, _ = checked(own, intruders, route, options, own_altitude)
     except RequestError as error:
         return _void(plan, late, str(error))
@@ -157,7 +158,7 @@ def _reasons(request: Request, best: Proposals, next_goal: int, kept: list[int],
         what = f"cannot be rejoined within {options.rejoin_by:g} s by any manoeuvre that was tried"
         return [*reasons, Reason.of(Kind.NO_REJOIN, "route", what)]
     wanted, wrong = requirement.separation + requirement.margin, np.flatnonzero(best.findings.wrong)
-    return reasons + [_finding(best.findings, check, kept, wanted) for check in wrong.tolist()]
+    return reasons + [_finding(best.findings, number, kept, wanted) for number in wrong.tolist()]
 
 
 def _no_goal(request: Request, options: Options) -> Reason:

@@ -59,10 +59,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     how = {"resolvable_only": options.resolvable_only, "closer_than": options.closer_than}
     problem = FlightProblem(Pilot(evaluation, policy), mode, **how)
     picture_folder.create(options.out)
-    begun = time.perf_counter()
+    begun, sizes = time.perf_counter(), (options.particles, options.moves)
     seeds = np.random.SeedSequence((config.seed, _STREAM)).spawn(options.repetitions + 1)
     first, *others = map(np.random.default_rng, seeds)
-    sizes = (options.particles, options.moves)
     made: list[Repetition] = []
     with threadpool_limits(1):
         plan = pilot(problem, problem.level, *sizes, _SHARE, first)
