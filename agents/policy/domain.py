@@ -76,9 +76,9 @@ def excess(allowed: tuple[float, float], values: Any) -> np.ndarray:
 def departures(allowed: Mapping[str, tuple[float, float]], values: Mapping[str, Sequence[float]]) -> list[str]:
     """Return a sentence for each quantity of :func:`domain` that has values outside its range, with the furthest."""
     said = []
-    for name, given in ((name, given) for name, given in values.items() if len(given)):
+    for name, given in values.items():
         (low, high), found = allowed[name], np.asarray(given, float)
-        beyond = excess(allowed[name], found)
+        beyond = excess((low, high), found)
         if beyond.any():
             worst, unit = found[np.argmax(beyond)], _UNITS.get(name, " m/s")
             said.append(f"outside_domain: {name} is {worst:.4g}{unit}; expected {low:.4g} to {high:.4g}{unit}")
