@@ -93,7 +93,7 @@ def test_layers_are_those_of_the_shipped_network():
 def test_deadlines_are_measured_once_and_lateness_is_counted(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ):
-    monkeypatch.setattr(deadline, "BLOCK", len(deadline.KINDS))
+    monkeypatch.setattr(deadline, "EACH", 1)
     monkeypatch.setattr(deadline, "DEADLINES_MS", (50.0, math.inf))
     monkeypatch.setattr("sys.argv", ["deadline", "--out", str(tmp_path), "--requests", "5"])
     deadline.main()
@@ -102,8 +102,15 @@ def test_deadlines_are_measured_once_and_lateness_is_counted(
     lateness = [found[kind]["slowest_ms"][0] - 50.0 for kind in deadline.KINDS]
     assert found["latest_after_its_deadline_ms"] == pytest.approx(max(lateness))
     monkeypatch.setattr(deadline, "answers", None)  # what is there is not measured again
+    stored = tmp_path / "block-00000.json"
+    block = json.loads(stored.read_text())
+    block["ms"]["noisy"][0][0] = 60.0
+    stored.write_text(json.dumps(block))
     deadline.main()
-    assert last_line(capsys)["1 intruder"] == found["1 intruder"]
+    again = last_line(capsys)
+    assert again["1 intruder"] == found["1 intruder"]
+    assert again["more_than_5_ms_late"] == found["more_than_5_ms_late"] + 1
+    assert 0 <= again["late_when_asked_again"] <= again["more_than_5_ms_late"]
 
 
 @pytest.mark.slow
