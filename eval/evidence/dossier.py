@@ -256,9 +256,9 @@ def _diagram(name: str, case: Case, items: Mapping[str, Item], states: Mapping[s
     assumed = "".join(f"<div>{_RIGHT}{oval}</div>" for oval in ovals.values())
     below = ""
     for one, child in (goal.requirements or case.goals).items():
-        kinds = ("tests", "results", "documents") if one in items else ()
-        signs = {kind: len(getattr(items[one], kind)) for kind in kinds}
-        circles = "".join(f"<div>{_DOWN}<p>{n}<br>{kind}</p></div>" for kind, n in signs.items() if n)
+        kinds = ("test", "result", "document") if one in items else ()
+        signs = [(len(getattr(items[one], f"{kind}s")), kind) for kind in kinds]
+        circles = "".join(f"<div>{_DOWN}<p>{n}<br>{kind}{'s' * (n > 1)}</p></div>" for n, kind in signs if n)
         below += f'<div>{_DOWN}{_box(one, child.says, states)}<div class="signs">{circles}</div></div>'
     return (
         f'<div class="gsn" id="{name}"><div class="top"><div class="side">{contexts}</div>'
