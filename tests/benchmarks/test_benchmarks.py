@@ -106,11 +106,12 @@ def test_deadlines_are_measured_once_and_lateness_is_counted(
     block = json.loads(stored.read_text())
     block["ms"]["noisy"][0][0] = 60.0
     stored.write_text(json.dumps(block))
+    late = sum(rows[0][0] > 50.0 + deadline.LATE_MS for rows in block["ms"].values())
     deadline.main()
     again = last_line(capsys)
     assert again["1 intruder"] == found["1 intruder"]
-    assert again["more_than_5_ms_late"] == found["more_than_5_ms_late"] + 1
-    assert 0 <= again["late_when_asked_again"] <= again["more_than_5_ms_late"]
+    assert again["more_than_5_ms_late"] == late >= 1
+    assert 0 <= again["late_when_asked_again"] <= late
 
 
 @pytest.mark.slow
